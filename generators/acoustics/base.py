@@ -1,0 +1,45 @@
+"""The protocol of an acoustic backend: open a scene and a source once, ask for an impulse response per pose."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench.geometry import Pose
+from generators.scenes.scene import Scene
+
+
+class AcousticSession(Protocol):
+    """An open scene with one source."""
+
+    sample_rate: int
+
+    def impulse_response(self, pose: Pose) -> NDArray[np.float32]:
+        """Binaural room impulse response (2, n) float32 at the session's sample rate; channel 0 is left.
+
+        Responses are deterministic for the same *sequence* of calls in a fresh session.
+        """
+        ...
+
+    def close(self) -> None:
+        """Free what the session holds."""
+        ...
+
+
+class AcousticBackend(Protocol):
+    """An acoustic engine."""
+
+    name: str
+    version: str
+
+    def open(
+        self, scene: Scene, source: tuple[float, float, float], *, room: str, sample_rate: int = 44_100
+    ) -> AcousticSession:
+        """Load ``scene`` with a point source at ``source`` (world, metres) standing in ``room``."""
+        ...
+
+    def describe(self) -> dict[str, object]:
+        """The settings that go into observation.json."""
+        ...

@@ -1,0 +1,1 @@
+"""Assets: shapes, textures, furniture, objects, sounds."""

@@ -1,0 +1,1 @@
+"""Scenes: procedural apartments, scans, light."""

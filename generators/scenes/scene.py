@@ -1,0 +1,218 @@
+"""What every renderer and every acoustic engine gets: a `Scene`.
+
+World frame: right-handed, metres, Y up. A mesh is stored by face corners (no index buffer), because texture, normal
+and light-map coordinates are seldom shared between faces, and because every consumer wants them per face anyway.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench.errors import Avs3dError
+
+F32 = NDArray[np.float32]
+I32 = NDArray[np.int32]
+
+SupportKind = Literal["floor", "worktop", "shelf", "side_table", "wall"]
+
+
+@dataclass(frozen=True, eq=False)
+class Texture:
+    """An sRGB image that repeats; ``pixels`` (H, W, 3) uint8, row 0 at v = 1 (the image's top)."""
+
+    name: str
+    pixels: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """How a face looks and sounds.
+
+    Attributes:
+        name: e.g. ``oak``, ``white_tiles``.
+        acoustic: label of an acoustic material (see generators/acoustics/materials.py).
+        colour: linear-light albedo in [0, 1], multiplied with the texture.
+        texture: optional; sampled at the mesh's uv.
+        emission: radiance (3,) in the scene's light unit; lamps and window panes.
+        gloss: 0 = matte; towards 1 the bake gathers a narrower lobe round the normal (metal, enamel, glass).
+    """
+
+    name: str
+    acoustic: str
+    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    texture: Texture | None = None
+    emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gloss: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A textured triangle mesh by face corners.
+
+    Attributes:
+        positions: (F, 3, 3) float32, metres; counter-clockwise seen from outside.
+        normals: (F, 3, 3) float32 unit shading normals.
+        uv: (F, 3, 2) float32 texture coordinates in repeats (v up).
+        face_material: (F,) int32 index into ``materials``.
+        materials: the materials.
+        acoustic_positions: (A, 3, 3) float32, the same surface at the resolution that sound resolves (boxes for
+            furniture, eight-sided cylinders, no detail below about 10 cm).
+        acoustic_labels: one acoustic material label per acoustic face.
+    """
+
+    positions: F32
+    normals: F32
+    uv: F32
+    face_material: I32
+    materials: tuple[Material, ...]
+    acoustic_positions: F32
+    acoustic_labels: tuple[str, ...]
+
+    @property
+    def bounds(self) -> F32:
+        """(2, 3) lowest and highest corner."""
+        flat = self.positions.reshape(-1, 3)
+        return np.stack([flat.min(axis=0), flat.max(axis=0)])
+
+    def transformed(self, rotation: NDArray[np.float64], translation: NDArray[np.float64], scale: float = 1.0) -> Mesh:
+        """The mesh after p → rotation · (scale · p) + translation."""
+        r = np.asarray(rotation, dtype=np.float64)
+
+        def move(points: F32) -> F32:
+            return ((points.astype(np.float64) * scale) @ r.T + translation).astype(np.float32)
+
+        return replace(
+            self,
+            positions=move(self.positions),
+            acoustic_positions=move(self.acoustic_positions),
+            normals=(self.normals.astype(np.float64) @ r.T).astype(np.float32),
+        )
+
+    def check(self, name: str) -> None:
+        """Refuse numbers that make the engines hang, crash or lie.
+
+        Raises:
+            Avs3dError: if a coordinate is not finite, the mesh is empty, or shapes do not fit together.
+        """
+        count = len(self.positions)
+        if count == 0:
+            raise Avs3dError(f"{name}: the mesh has no faces; expected at least one triangle")
+        shapes = {
+            "positions": (self.positions.shape, (count, 3, 3)),
+            "normals": (self.normals.shape, (count, 3, 3)),
+            "uv": (self.uv.shape, (count, 3, 2)),
+            "face_material": (self.face_material.shape, (count,)),
+            "acoustic_labels": ((len(self.acoustic_labels),), (len(self.acoustic_positions),)),
+        }
+        for field_name, (found, expected) in shapes.items():
+            if found != expected:
+                raise Avs3dError(f"{name}: {field_name} has shape {found}, expected {expected}")
+        for field_name in ("positions", "normals", "uv", "acoustic_positions"):
+            bad = int((~np.isfinite(getattr(self, field_name))).sum())
+            if bad:
+                raise Avs3dError(f"{name}: {field_name} has {bad} values that are NaN or infinite; repair the mesh")
+        if self.face_material.min() < 0 or self.face_material.max() >= len(self.materials):
+            raise Avs3dError(f"{name}: a face names material {int(self.face_material.max())} of {len(self.materials)}")
+
+
+@dataclass(frozen=True, eq=False)
+class LightMap:
+    """Light baked per texel.
+
+    Attributes:
+        uv: (F, 3, 2) float32 in [0, 1], (0, 0) = the outer corner of texel [0, 0] (row 0 at v = 0).
+        texels: (H, W, 3) float16, reflected radiance of a white diffuse surface (irradiance / π) in scene light units.
+    """
+
+    uv: F32
+    texels: NDArray[np.float16]
+
+
+@dataclass(frozen=True)
+class Licence:
+    """Where a part comes from and what may be done with it."""
+
+    name: str = "Apache-2.0"
+    author: str = "avs3d-bench"
+    source: str = "procedural"
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One mesh of a scene: the shell of a flat, a piece of furniture, or a placed instance.
+
+    ``instance_id`` is 0 for what belongs to the scan, 1… for placed instances. ``light`` is None where the texture
+    already holds the light (a scan, or a material that only emits): colour is then texture × material colour.
+    """
+
+    name: str
+    mesh: Mesh
+    instance_id: int = 0
+    category: str | None = None
+    light: LightMap | None = None
+    licence: Licence = field(default_factory=Licence)
+
+
+@dataclass(frozen=True)
+class Room:
+    """A room: its type, its inner box (metres) and the exposure that suits its light."""
+
+    name: str
+    low: tuple[float, float, float]
+    high: tuple[float, float, float]
+    exposure: float = 1.0
+
+
+@dataclass(frozen=True)
+class Support:
+    """A rectangle on which an object can stand (or hang): ``origin`` + a·``u`` + b·``v``, a, b in [0, 1].
+
+    ``normal`` is up for horizontal supports and points into the room for walls; ``front`` is the horizontal direction
+    in which an object standing there looks. ``clearance`` is the free height above (or depth before) the surface.
+    """
+
+    kind: SupportKind
+    room: str
+    origin: tuple[float, float, float]
+    u: tuple[float, float, float]
+    v: tuple[float, float, float]
+    normal: tuple[float, float, float]
+    front: tuple[float, float, float]
+    clearance: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Everything a renderer and an acoustic engine need.
+
+    ``exposure`` multiplies linear light before the tone curve (`Scene.for_room` sets the room's own).
+    """
+
+    name: str
+    parts: tuple[Part, ...]
+    rooms: tuple[Room, ...]
+    supports: tuple[Support, ...]
+    exposure: float = 1.0
+
+    def room(self, name: str) -> Room:
+        """The first room called ``name``.
+
+        Raises:
+            Avs3dError: if there is none.
+        """
+        for room in self.rooms:
+            if room.name == name:
+                return room
+        raise Avs3dError(f"{self.name}: no room {name!r}; it has {', '.join(r.name for r in self.rooms) or 'none'}")
+
+    def for_room(self, name: str) -> Scene:
+        """The same scene exposed for one room."""
+        return replace(self, exposure=self.room(name).exposure)
+
+    def with_parts(self, parts: tuple[Part, ...]) -> Scene:
+        """The scene with further parts (placed instances)."""
+        return replace(self, parts=self.parts + parts)

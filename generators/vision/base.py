@@ -1,0 +1,50 @@
+"""The protocol of a vision backend: open a scene once, render it from many poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench.geometry import Intrinsics, Pose
+from generators.scenes.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One rendered view.
+
+    Attributes:
+        rgb: (H, W, 3) uint8, sRGB.
+        depth: (H, W) float32, metres along the optical axis; 0 where nothing was hit.
+        instance_ids: (H, W) uint16 at pixel centres; 0 = scan or nothing.
+    """
+
+    rgb: NDArray[np.uint8]
+    depth: NDArray[np.float32]
+    instance_ids: NDArray[np.uint16]
+
+
+class VisionSession(Protocol):
+    """An open scene."""
+
+    def render(self, pose: Pose) -> Frame:
+        """Render the scene from ``pose``; the same pose gives the same bytes."""
+        ...
+
+    def close(self) -> None:
+        """Free what the session holds."""
+        ...
+
+
+class VisionBackend(Protocol):
+    """A renderer."""
+
+    name: str
+    version: str
+
+    def open(self, scene: Scene, intrinsics: Intrinsics) -> VisionSession:
+        """Load ``scene`` for a camera with ``intrinsics``."""
+        ...
