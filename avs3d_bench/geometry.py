@@ -3,6 +3,10 @@
 World: right-handed, metres, Y up. Camera: looks down −Z, +X right, +Y up (OpenGL, Habitat). A pose is the
 camera-to-world transform: position (3,) and unit quaternion (w, x, y, z). The centre of pixel (column u, row v) lies
 at (u + 0.5, v + 0.5). Depth is metric z along the optical axis. Azimuth: 0 ahead, positive to the right, degrees.
+
+COLMAP (`to_colmap`, `from_colmap`, `flip_world`): OpenCV cameras (+Y down, +Z ahead) in a world turned by 180° about
+X, so that Y points down: (x, y, z) → (x, −y, −z). Gravity stays on an axis, because the official pipeline reads the
+xz plane as the floor; with Y up its left/right test would come out mirrored. COLMAP's pixel centres are ours.
 """
 
 from __future__ import annotations
@@ -110,6 +114,12 @@ class Intrinsics:
         pixels[depth <= 0] = np.nan
         return pixels, depth
 
+    def unproject(self, pose: Pose, pixels: ArrayLike, depth: ArrayLike) -> Array:
+        """World points (N, 3) at continuous ``pixels`` (N, 2) (column, row) and ``depth`` (N,) along the axis."""
+        uv, z = np.asarray(pixels, dtype=np.float64), np.asarray(depth, dtype=np.float64)
+        camera = np.stack([(uv[:, 0] - self.cx) / self.fx * z, -(uv[:, 1] - self.cy) / self.fy * z, -z], axis=1)
+        return np.asarray(camera @ pose.rotation_matrix.T + np.asarray(pose.position))
+
 
 @dataclass(frozen=True)
 class Direction:
@@ -129,3 +139,55 @@ def direction_to(pose: Pose, point: ArrayLike) -> Direction:
         elevation=math.degrees(math.atan2(y, horizontal)),
         distance=math.sqrt(x * x + y * y + z * z),
     )
+
+
+def flip_world(points: ArrayLike) -> Array:
+    """Points (..., 3) from our world (Y up) to COLMAP's (Y down) or back: (x, y, z) → (x, −y, −z)."""
+    # Adding 0 turns −0 into 0: files then hold the same bytes for the same points.
+    return np.asarray(np.asarray(points, dtype=np.float64) * np.array([1.0, -1.0, -1.0]) + 0.0)
+
+
+def canonical(quaternion: ArrayLike) -> Array:
+    """The one of q and −q (the same rotation) whose first component that is not 0 is positive; norm 1."""
+    q = np.asarray(quaternion, dtype=np.float64)
+    first = q[np.flatnonzero(q)[0]]
+    return np.asarray(q / (np.linalg.norm(q) * np.sign(first)) + 0.0)
+
+
+def to_colmap(pose: Pose) -> tuple[Array, Array]:
+    """Our camera-to-world as COLMAP's world-to-camera.
+
+    With F = diag(1, −1, −1), the camera-to-world rotation becomes F·R·F (F on the left turns the world, on the right
+    the camera axes), which maps the quaternion (w, x, y, z) to (w, x, −y, −z); its inverse is (w, −x, y, z).
+
+    Returns:
+        qvec (4,) unit (w, x, y, z) with w ≥ 0, and tvec (3,): p_camera = R(qvec) · p_world + tvec, OpenCV axes.
+    """
+    w, x, y, z = pose.rotation
+    qvec = canonical([w, -x, y, z])
+    rotation = Rotation.from_quat(qvec[[1, 2, 3, 0]]).as_matrix()
+    return qvec, np.asarray(-rotation @ flip_world(pose.position) + 0.0)
+
+
+def from_colmap(qvec: ArrayLike, tvec: ArrayLike) -> Pose:
+    """The inverse of `to_colmap`.
+
+    Raises:
+        Avs3dError: if a number is not finite or the quaternion is zero.
+    """
+    q, t = np.asarray(qvec, dtype=np.float64), np.asarray(tvec, dtype=np.float64)
+    if q.shape != (4,) or t.shape != (3,) or not (np.isfinite(q).all() and np.isfinite(t).all()) or not q.any():
+        raise Avs3dError(f"COLMAP pose {q.tolist()} {t.tolist()}: expected a finite quaternion (w, x, y, z) and (3,)")
+    w, x, y, z = (float(c) for c in canonical(q))
+    rotation = Rotation.from_quat([x, y, z, w]).as_matrix()
+    px, py, pz = (float(c) for c in flip_world(-rotation.T @ t))
+    rw, rx, ry, rz = (float(c) for c in canonical([w, -x, y, z]))
+    return Pose((px, py, pz), (rw, rx, ry, rz))
+
+
+def rotation_angle(first: Pose, second: Pose) -> float:
+    """Degrees between two orientations; the same for q and −q."""
+    a, b = canonical(first.rotation), canonical(second.rotation)
+    # From the chord: arccos of the dot product loses half of the digits near 0.
+    chord = min(float(np.linalg.norm(a - b)), float(np.linalg.norm(a + b)))
+    return math.degrees(4.0 * math.asin(min(1.0, chord / 2.0)))

@@ -1,0 +1,48 @@
+# make demo | dataset | test | lint | bench; `make setup` builds ./.venv with everything for the rest.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+MANIFEST ?= scenes_manifest/open-s34-o7.yaml
+NAME := $(basename $(notdir $(MANIFEST)))
+OUT ?= data/$(NAME)
+WORKERS ?= $(shell nproc 2>/dev/null || echo 2)
+
+.PHONY: setup demo dataset test lint bench schemas clean
+
+setup: $(STAMP)
+
+$(STAMP): pyproject.toml
+	$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(v < (3, 11) and f"Python 3.11 or newer is needed, this is {v.major}.{v.minor}: make PYTHON=python3.11")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[generate,dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[soundspaces]' || \
+	  echo "The SoundSpaces engine did not compile (a C++ compiler is needed); sound falls back to --audio analytic."
+	touch $@
+
+demo: setup
+	$(BIN)/avs3d generate scenes_manifest/demo.yaml -o data/demo --workers $(WORKERS)
+	$(BIN)/avs3d validate data/demo --deep
+	$(BIN)/avs3d contact-sheet data/demo -o data/demo-sheets
+	@echo "Look at data/demo-sheets/*.png; the dataset is in data/demo."
+
+dataset: setup
+	$(BIN)/avs3d generate $(MANIFEST) -o $(OUT) --workers $(WORKERS)
+	$(BIN)/avs3d validate $(OUT)
+
+test: setup
+	$(BIN)/python -m pytest
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: setup
+	$(BIN)/python -m benchmarks.run
+
+schemas: setup
+	$(BIN)/avs3d schema -o avs3d_bench/schemas
+
+clean:
+	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache

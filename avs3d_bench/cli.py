@@ -1,0 +1,195 @@
+"""The `avs3d` command: `validate` and `schema` live here, the rest is found through entry points.
+
+A package adds a subcommand with an entry point in the group ``avs3d.commands`` that names a click command. It is
+imported only when it is called or asked for its own help, so that ``avs3d --help`` stays fast whatever it drags in.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import NoReturn
+
+import click
+
+from avs3d_bench import __version__
+from avs3d_bench.errors import Avs3dError, UsageError
+
+GROUP = "avs3d.commands"
+#: One line per command of this project, so that the list of commands needs no import.
+SUMMARIES = {
+    "generate": "Generate a dataset from a manifest.",
+    "contact-sheet": "Draw frames, masks, map and sound of every observation.",
+    "validate": "Check a dataset; name every problem by file.",
+    "schema": "Write the JSON Schema of every file of the contract.",
+    "baseline": "Run a baseline on a dataset and write its submission.",
+}
+#: Which extra brings a package that the core install lacks; others are named as they are.
+_EXTRA_OF = {"generators": "generate", "baselines": "baselines", "evaluators": "generate"}
+
+
+def _entry_points() -> dict[str, metadata.EntryPoint]:
+    return {point.name: point for point in metadata.entry_points(group=GROUP)}
+
+
+def _load(point: metadata.EntryPoint) -> click.Command:
+    try:
+        command = point.load()
+    except ModuleNotFoundError as error:
+        package = point.module.split(".")[0]
+        raise Avs3dError(missing_extra(error, package)) from error
+    except AttributeError:
+        raise Avs3dError(f"avs3d {point.name}: {point.value} does not exist; reinstall avs3d-bench") from None
+    if not isinstance(command, click.Command):
+        raise Avs3dError(f"avs3d {point.name}: {point.value} is no click command; fix the entry point")
+    return command
+
+
+def missing_extra(error: ModuleNotFoundError, package: str) -> str:
+    """One line for a module that is not installed, on the way into ``package``."""
+    missing = (error.name or str(error)).split(".")[0]
+    extra = _EXTRA_OF.get(package)
+    if missing == "rlr_audio_propagation":
+        extra = "soundspaces"
+    way = f"pip install 'avs3d-bench[{extra}]'" if extra else f"pip install {missing}"
+    return f"{missing} is not installed; this command needs {way}"
+
+
+class LazyGroup(click.Group):
+    """A group whose foreign subcommands are imported when they are used, not when they are listed."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names, sorted."""
+        return sorted({*super().list_commands(ctx), *_entry_points()})
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Our own command, or the entry point's, imported now."""
+        own = super().get_command(ctx, cmd_name)
+        if own is not None:
+            return own
+        point = _entry_points().get(cmd_name)
+        return _load(point) if point else None
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """As click does it, with a hint at the nearest name."""
+        from difflib import get_close_matches
+
+        known = self.list_commands(ctx)
+        if args and not args[0].startswith("-") and args[0] not in known:
+            near = get_close_matches(args[0], known, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            raise UsageError(f"no command {args[0]!r}: expected one of {', '.join(known)}{hint}")
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The list of commands, without importing any."""
+        rows = []
+        for name in self.list_commands(ctx):
+            own = super().get_command(ctx, name)
+            rows.append((name, own.get_short_help_str(limit=90) if own else SUMMARIES.get(name, "")))
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="avs3d")
+def avs3d() -> None:
+    """The benchmark toolkit for 3D audio-visual segmentation."""
+
+
+@avs3d.command(short_help=SUMMARIES["validate"])
+@click.argument("root", type=click.Path(path_type=Path))
+@click.option("--deep", is_flag=True, help="Decode every file: contents, hashes, sound against geometry.")
+@click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write the findings to this file as well.")
+@click.option("--workers", type=click.IntRange(1, 256), default=None, help="Processes of --deep [one per core].")
+def validate(root: Path, deep: bool, json_file: Path | None, workers: int | None) -> None:
+    """Check the dataset at ROOT and name every problem by file.
+
+    Exit status: 0 valid, 1 problems found, 2 usage. The official release is checked as what it is.
+    """
+    from avs3d_bench.report import print_report
+    from avs3d_bench.validate import validate as check
+
+    report = check(root, deep=deep, workers=workers, progress=sys.stderr.isatty())
+    if json_file is not None:
+        from avs3d_bench.files import write_json
+
+        write_json(json_file, report.as_dict())
+    print_report(report)
+    if not report.valid:
+        raise SystemExit(1)
+
+
+@avs3d.command(short_help=SUMMARIES["schema"])
+@click.option("-o", "--output", "folder", type=click.Path(path_type=Path), required=True, help="Folder for the files.")
+def schema(folder: Path) -> None:
+    """Write the JSON Schema of every JSON file of a dataset and of a submission."""
+    from avs3d_bench.files import write_bytes
+    from avs3d_bench.schema import schema_texts
+
+    for name, text in schema_texts().items():
+        write_bytes(folder / name, text.encode())
+        click.echo(str(folder / name))
+
+
+def _fail(message: str, code: int, program: str) -> NoReturn:
+    line = " ".join(message.split())
+    click.echo(f"{program}: error: {line}", err=True)
+    raise SystemExit(code)
+
+
+def run(command: click.Command, arguments: Sequence[str] | None = None, *, program: str = "avs3d") -> NoReturn:
+    """Run a click command as a program of this project and exit.
+
+    An `Avs3dError` becomes the one line ``<program>: error: …`` on stderr and the process ends with its exit code; so
+    do errors of the operating system (full disk, read-only folder; 1), a missing extra (1) and click's own usage
+    errors (2). An interrupt ends with 130. Anything else is a bug and keeps its traceback.
+
+    Args:
+        command: e.g. the group of `avs3d`, or the command of another entry point of the project.
+        arguments: instead of the process's own.
+        program: its name in messages.
+    """
+    try:
+        code = command.main(
+            args=None if arguments is None else list(arguments), prog_name=program, standalone_mode=False
+        )
+    except Avs3dError as error:
+        _fail(str(error), error.exit_code, program)
+    except click.ClickException as error:
+        _fail(error.format_message(), UsageError.exit_code if isinstance(error, click.UsageError) else 1, program)
+    except (KeyboardInterrupt, click.Abort):
+        _fail("interrupted", 130, program)
+    except BrokenPipeError:
+        # The reader of our output has gone (`| head`): not an error; keep Python from complaining at exit.
+        sys.stderr.close()
+        raise SystemExit(0) from None
+    except ModuleNotFoundError as error:
+        package = (error.name or "").split(".")[0]
+        if package in ("avs3d_bench", "generators", "evaluators", "baselines", ""):
+            raise
+        _fail(missing_extra(error, _package_of(error)), 1, program)
+    except OSError as error:
+        from avs3d_bench.files import os_error_line
+
+        _fail(os_error_line(error), 1, program)
+    raise SystemExit(code if isinstance(code, int) else 0)
+
+
+def _package_of(error: ModuleNotFoundError) -> str:
+    """The package of this project whose code asked for the missing module."""
+    trace, package = error.__traceback__, ""
+    while trace is not None:
+        name = str(trace.tb_frame.f_globals.get("__name__", "")).split(".")[0]
+        package = name if name in _EXTRA_OF else package
+        trace = trace.tb_next
+    return package
+
+
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """The `avs3d` program."""
+    run(avs3d, arguments)

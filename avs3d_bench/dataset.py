@@ -1,0 +1,342 @@
+"""Reading a dataset: `Dataset` → `Observation` → `Frame`, lazily.
+
+    dataset = Dataset("open-s34-o7")
+    for observation in dataset:
+        for frame in observation.test:
+            frame.rgb(), frame.mask(), frame.audio(), frame.pose
+
+Our trees and the official release are read alike. The release has no `dataset.json`, `observation.json`, instance
+masks or meshes; its poses come from `sparse/0`, and `camera_splits.json` may name files with their extension, under
+``train``/``test`` or ``train_cameras``/``test_cameras``.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench import layout, media
+from avs3d_bench.colmap import ColmapImage, ColmapModel, read_model
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.geometry import Intrinsics, Pose
+from avs3d_bench.ply import Ply
+from avs3d_bench.schema import DatasetRecord, FrameRecord, ObservationRecord
+from avs3d_bench.taxonomy import PARTS
+
+Split = Literal["train", "test"]
+_EXTENSIONS = (".png", ".jpg", ".jpeg")
+
+
+def parse_splits(data: Any, where: str | Path) -> dict[str, Split]:
+    """Frame stem → split, from any of the forms of `camera_splits.json`.
+
+    Raises:
+        Avs3dError: if keys are missing, a name is no text, or a frame stands in both splits.
+    """
+    lists: dict[Split, Any] = {}
+    for split in ("train", "test"):
+        value = data.get(split, data.get(f"{split}_cameras")) if isinstance(data, Mapping) else None
+        if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
+            raise Avs3dError(f"{where}: no list of frame names under {split!r} (or '{split}_cameras')")
+        lists[split] = value  # type: ignore[index]
+    out: dict[str, Split] = {}
+    for split, names in lists.items():
+        for name in names:
+            stem = PurePosixPath(name).name
+            for suffix in _EXTENSIONS:
+                stem = stem.removesuffix(suffix)
+            if stem in out:
+                raise Avs3dError(f"{where}: {stem} is listed twice; expected every frame in one split")
+            out[stem] = split
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One frame of an observation; pictures and sound are read when asked for.
+
+    Attributes:
+        observation: where it belongs.
+        name: e.g. ``frame_007``.
+        index: e.g. 7; also the second of its clip.
+    """
+
+    observation: Observation
+    name: str
+    index: int
+
+    def __repr__(self) -> str:
+        return f"Frame({self.observation.key}, {self.name})"
+
+    @property
+    def split(self) -> Split | None:
+        """``train`` or ``test``; None where the official release leaves a frame out of both."""
+        return self.observation.splits.get(self.name)
+
+    @property
+    def record(self) -> FrameRecord | None:
+        """The frame's entry in observation.json; None in the official release."""
+        return self.observation._frame_records.get(self.name)
+
+    @property
+    def pose(self) -> Pose:
+        """Camera-to-world, from observation.json, else from `sparse/0`.
+
+        Raises:
+            Avs3dError: if the frame has no pose (COLMAP did not register it).
+        """
+        if self.record is not None:
+            return self.record.pose
+        image = self.observation._colmap_images.get(self.name)
+        if image is None:
+            raise Avs3dError(f"{self.observation.path / layout.COLMAP}: {self.name} is not registered, it has no pose")
+        return image.pose
+
+    @property
+    def has_pose(self) -> bool:
+        """Whether `pose` is known."""
+        return self.record is not None or self.name in self.observation._colmap_images
+
+    def path(self, folder: str) -> Path:
+        """The frame's picture in an image folder (`layout.INPUT`, `layout.SEMANTIC_MASKS`, …)."""
+        base = self.observation.path / folder
+        if not base.is_dir():
+            raise Avs3dError(f"{base}: missing; this observation has no such folder")
+        return base / f"{self.name}.png"
+
+    def rgb(self) -> NDArray[np.uint8]:
+        """(H, W, 3) uint8 RGB, from `input/` (or `images/` where there is no input)."""
+        has_input = (self.observation.path / layout.INPUT).is_dir()
+        return media.read_png_rgb(self.path(layout.INPUT if has_input else layout.IMAGES))
+
+    def mask(self) -> NDArray[np.bool_]:
+        """(H, W) bool: where the sounding instance is visible."""
+        return media.read_png_mask(self.path(layout.SEMANTIC_MASKS))
+
+    def instance_ids(self) -> NDArray[np.uint16]:
+        """(H, W) instance ids, 0 = scan; not in the official release."""
+        return media.read_png_ids(self.path(layout.INSTANCE_MASKS))
+
+    def depth(self) -> NDArray[np.float32]:
+        """(H, W) metres along the optical axis, 0 = nothing met; only in trees made `--with depth`."""
+        return media.read_png_depth(self.path(layout.DEPTH))
+
+    def audio(self) -> NDArray[np.float32]:
+        """(2, 44100) the binaural clip, channel 0 left."""
+        return self._clip(layout.BINAURAL)
+
+    def mono(self) -> NDArray[np.float32]:
+        """(88200,) the two-second mono clip."""
+        return np.asarray(self._clip(layout.MONO).mean(axis=0), dtype=np.float32)
+
+    def impulse_response(self) -> NDArray[np.float32]:
+        """(2, n) binaural room impulse response; only in trees made `--with rirs`."""
+        return media.read_rir(self.observation.path / layout.rir_path(self.index)).samples
+
+    def _clip(self, folder: str) -> NDArray[np.float32]:
+        path = self.observation.path / layout.audio_path(folder, self.index)
+        clip = media.read_wav(path)
+        if clip.rate != layout.SAMPLE_RATE:
+            raise Avs3dError(f"{path}: {clip.rate} Hz, expected {layout.SAMPLE_RATE} Hz")
+        return clip.samples
+
+
+class Observation:
+    """One observation: the frames that an agent saw and heard on its path past one sounding object."""
+
+    def __init__(self, root: str | Path, key: str) -> None:
+        """Open the observation ``key`` below ``root``; nothing is read yet.
+
+        Raises:
+            UsageError: if ``key`` is no observation key.
+            Avs3dError: if there is no such folder.
+        """
+        self.place = layout.parse_key(key)
+        self.key = key
+        self.path = Path(root) / key
+        if not self.path.is_dir():
+            raise Avs3dError(f"{self.path}: missing; expected the folder of an observation")
+
+    def __repr__(self) -> str:
+        what = "" if self._has_record else ", official release"
+        return f"Observation({self.key}, {len(self.frame_names)} frames{what})"
+
+    def __len__(self) -> int:
+        return len(self.frame_names)
+
+    @property
+    def _has_record(self) -> bool:
+        return (self.path / layout.OBSERVATION_JSON).exists()
+
+    @cached_property
+    def record(self) -> ObservationRecord | None:
+        """observation.json; None in the official release.
+
+        Raises:
+            Avs3dError: if it does not fit the schema.
+        """
+        path = self.path / layout.OBSERVATION_JSON
+        return media.read_record(path, ObservationRecord) if self._has_record else None
+
+    @cached_property
+    def _frame_records(self) -> dict[str, FrameRecord]:
+        return {frame.name: frame for frame in self.record.frames} if self.record else {}
+
+    @cached_property
+    def colmap(self) -> ColmapModel:
+        """The sparse model, in our conventions."""
+        return read_model(self.path / layout.COLMAP)
+
+    @cached_property
+    def _colmap_images(self) -> dict[str, ColmapImage]:
+        return {PurePosixPath(image.name).stem: image for image in self.colmap.images}
+
+    @cached_property
+    def frame_names(self) -> tuple[str, ...]:
+        """Stems of the pictures in `input/` (else `images/`), sorted: the order in time."""
+        for folder in (layout.INPUT, layout.IMAGES):
+            base = self.path / folder
+            if base.is_dir():
+                return tuple(sorted(p.stem for p in base.glob("*.png") if not p.name.startswith(".")))
+        return ()
+
+    @cached_property
+    def frames(self) -> tuple[Frame, ...]:
+        """All frames in the order of time.
+
+        Raises:
+            Avs3dError: if there are none, or a picture's name is no frame name.
+        """
+        if not self.frame_names:
+            raise Avs3dError(f"{self.path / layout.INPUT}: no pictures; expected frame_000.png and on")
+        try:
+            return tuple(Frame(self, name, layout.frame_index(name)) for name in self.frame_names)
+        except Avs3dError as error:
+            raise Avs3dError(f"{self.path / layout.INPUT}: {error}") from None
+
+    @cached_property
+    def splits(self) -> dict[str, Split]:
+        """Frame name → split, from camera_splits.json; every eighth sorted name is test where that is missing."""
+        path = self.path / layout.SPLITS_JSON
+        if path.exists():
+            return parse_splits(media.read_json(path), path)
+        train, test = layout.split_names(self.frame_names)
+        return dict.fromkeys(train, "train") | dict.fromkeys(test, "test")
+
+    @property
+    def train(self) -> tuple[Frame, ...]:
+        """The train frames."""
+        return tuple(frame for frame in self.frames if frame.split == "train")
+
+    @property
+    def test(self) -> tuple[Frame, ...]:
+        """The test frames."""
+        return tuple(frame for frame in self.frames if frame.split == "test")
+
+    @cached_property
+    def intrinsics(self) -> Intrinsics:
+        """The camera, from observation.json, else from `sparse/0`."""
+        if self.record is not None:
+            return self.record.intrinsics.camera
+        cameras = self.colmap.cameras
+        if not cameras:
+            raise Avs3dError(f"{self.path / layout.COLMAP / 'cameras.bin'}: no camera; expected one")
+        return cameras[min(cameras)]
+
+    @property
+    def category(self) -> str | None:
+        """Category of the sounding object; None in the official release, which does not say it."""
+        return self.record.category if self.record else None
+
+    def mesh(self) -> Ply:
+        """The sounding instance's mesh in the world; not in the official release."""
+        return media.read_ply(self.path / layout.SOUNDING_OBJECT)
+
+
+class Dataset:
+    """A dataset on disk: iterating yields its observations, sorted by key; ``dataset[key]`` is one of them.
+
+    Observations are found by walking the folders, so a part of a dataset, or the official release, is one too.
+
+    Attributes:
+        root: the dataset's folder.
+        keys: the keys of its observations, sorted.
+    """
+
+    def __init__(self, root: str | Path) -> None:
+        """Open the dataset at ``root``.
+
+        Raises:
+            UsageError: if it is no folder, or holds neither observations nor a dataset.json.
+        """
+        self.root = Path(root)
+        if not self.root.is_dir():
+            raise UsageError(f"{self.root}: no such folder; expected the root of a dataset")
+        self.keys = find_keys(self.root)
+        if not self.keys and not (self.root / layout.DATASET_JSON).exists():
+            raise UsageError(
+                f"{self.root}: no dataset; expected {layout.DATASET_JSON} or part_1/<scan>/<room>/<index>/"
+            )
+
+    @cached_property
+    def record(self) -> DatasetRecord | None:
+        """dataset.json; None in the official release.
+
+        Raises:
+            Avs3dError: if it does not fit the schema.
+        """
+        path = self.root / layout.DATASET_JSON
+        return media.read_record(path, DatasetRecord) if path.exists() else None
+
+    @property
+    def name(self) -> str:
+        """The dataset's name; the folder's where there is no dataset.json."""
+        return self.record.name if self.record else self.root.resolve().name
+
+    def __repr__(self) -> str:
+        kind = "" if (self.root / layout.DATASET_JSON).exists() else ", no dataset.json"
+        return f"Dataset({str(self.root)!r}, {len(self)} observations{kind})"
+
+    def __getitem__(self, key: str) -> Observation:
+        if key not in self.keys:
+            near = get_close_matches(key, self.keys, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            raise UsageError(f"{self.root}: no observation {key!r} among {len(self)}{hint}")
+        return Observation(self.root, key)
+
+    def __iter__(self) -> Iterator[Observation]:
+        return (Observation(self.root, key) for key in self.keys)
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    def __contains__(self, key: object) -> bool:
+        return key in self.keys
+
+    def select(self, *patterns: str) -> tuple[Observation, ...]:
+        """Observations whose key matches one of the shell patterns (all where none is given), sorted by key."""
+        chosen = (k for k in self.keys if not patterns or any(fnmatch.fnmatchcase(k, p) for p in patterns))
+        return tuple(self[key] for key in chosen)
+
+
+def find_keys(root: str | Path) -> tuple[str, ...]:
+    """Keys of the observation folders below ``root``, sorted; folders with other names are passed over."""
+    found = []
+    for part in PARTS:
+        for path in sorted((Path(root) / part).glob("*/*/*")):
+            key = path.relative_to(root).as_posix()
+            try:
+                layout.parse_key(key)
+            except UsageError:
+                continue
+            if path.is_dir():
+                found.append(key)
+    return tuple(sorted(found))

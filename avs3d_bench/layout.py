@@ -1,0 +1,172 @@
+"""Where everything lies in a dataset and in a submission: every folder and file name of the contract, in one place.
+
+    <root>/dataset.json
+    <root>/part_1|part_2/<scan>/<room>/<index>/   one observation; its path is its key
+        input/frame_000.png …  audio_clips_binaural/frame_0.wav …                 (`expected_files` lists all)
+
+Image folders pad the frame number to three digits, audio folders do not pad it: the official tools look them up so.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.taxonomy import PARTS, check_room
+
+DATASET_JSON = "dataset.json"
+OBSERVATION_JSON = "observation.json"
+SPLITS_JSON = "camera_splits.json"
+SUBMISSION_JSON = "submission.json"
+
+INPUT = "input"
+IMAGES = "images"
+BINAURAL = "audio_clips_binaural"
+MONO = "audio_clips_mono"
+SEMANTIC_MASKS = "semantic_masks"
+INSTANCE_MASKS = "instance_masks"
+DEPTH = "depth"
+RIRS = "rirs"
+GT_3D = "gt_3d"
+SOUNDING_OBJECT = f"{GT_3D}/sounding_object.ply"
+COLMAP = "sparse/0"
+COLMAP_FILES = tuple(f"{COLMAP}/{name}.bin" for name in ("cameras", "images", "points3D"))
+
+#: Folders of a submission's observation.
+SUBMISSION_MASKS = "masks"
+SUBMISSION_POINTS = "points.ply"
+
+#: The benchmark's numbers: frames per observation, image side, clip rate and lengths (samples), frames per second.
+FRAME_COUNT = 120
+IMAGE_SIZE = 1008
+SAMPLE_RATE = 44_100
+BINAURAL_SAMPLES = SAMPLE_RATE
+MONO_SAMPLES = 2 * SAMPLE_RATE
+FRAME_RATE = 1.0
+#: Every eighth frame of the sorted names is a test frame.
+TEST_EVERY = 8
+#: Three digits keep the order of names and of time the same.
+MAX_FRAMES = 1000
+#: Depth pictures hold millimetres in 16 bits; 0 means that the ray met nothing.
+DEPTH_UNITS_PER_METRE = 1000
+
+#: Scan ids end up in paths: letters, digits, ``_``, ``-``, ``.``; they start with a letter or a digit.
+SCAN_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.\-]*$"
+FRAME_PATTERN = r"^frame_[0-9]{3}$"
+_SCAN = re.compile(SCAN_PATTERN)
+_INDEX = re.compile(r"[1-9][0-9]*")
+_FRAME = re.compile(r"frame_([0-9]+)")
+
+
+@dataclass(frozen=True, order=True)
+class ObservationKey:
+    """An observation's place: ``str(key)`` is ``part_1/<scan>/<room>/<index>``, also its folder below the root."""
+
+    part: str
+    scan: str
+    room: str
+    index: int
+
+    def __str__(self) -> str:
+        return f"{self.part}/{self.scan}/{self.room}/{self.index}"
+
+
+def observation_key(part: str, scan: str, room: str, index: int) -> str:
+    """The key (and relative folder) of an observation.
+
+    Raises:
+        UsageError: if the part or the room is unknown, the scan id cannot be a folder name or the index is below 1.
+    """
+    if part not in PARTS:
+        raise UsageError(f"unknown part {part!r}: expected one of {', '.join(PARTS)}")
+    if not _SCAN.fullmatch(scan):
+        raise UsageError(f"scan id {scan!r} cannot be a folder name: expected letters, digits, '_', '-' or '.'")
+    check_room(room)
+    if not isinstance(index, int) or isinstance(index, bool) or index < 1:
+        raise UsageError(f"observation index {index!r}: expected a whole number from 1 on")
+    return str(ObservationKey(part, scan, room, index))
+
+
+def parse_key(key: str) -> ObservationKey:
+    """Split ``part_1/<scan>/<room>/<index>`` into its parts.
+
+    Raises:
+        UsageError: if it has another form or a name in it is unknown.
+    """
+    pieces = key.split("/")
+    if len(pieces) != 4 or not _INDEX.fullmatch(pieces[3]):
+        raise UsageError(f"observation key {key!r}: expected part_1|part_2/<scan>/<room>/<index>")
+    part, scan, room, index = pieces[0], pieces[1], pieces[2], int(pieces[3])
+    observation_key(part, scan, room, index)
+    return ObservationKey(part, scan, room, index)
+
+
+def frame_name(index: int) -> str:
+    """``frame_000``: the stem of frame ``index`` in every image folder.
+
+    Raises:
+        Avs3dError: if ``index`` is outside [0, 1000), where names would no longer sort in time.
+    """
+    if not 0 <= index < MAX_FRAMES:
+        raise Avs3dError(f"frame {index} has no name: an observation holds frames 0 to {MAX_FRAMES - 1}")
+    return f"frame_{index:03d}"
+
+
+def audio_name(index: int) -> str:
+    """``frame_0``: the stem of frame ``index`` in the two audio folders and in ``rirs/`` (no padding)."""
+    frame_name(index)
+    return f"frame_{index}"
+
+
+def frame_index(name: str) -> int:
+    """The number in ``frame_007`` or ``frame_7``.
+
+    Raises:
+        Avs3dError: if ``name`` has another form.
+    """
+    match = _FRAME.fullmatch(name)
+    if not match:
+        raise Avs3dError(f"frame name {name!r}: expected frame_000 (images) or frame_0 (audio)")
+    return int(match.group(1))
+
+
+def is_test(index: int) -> bool:
+    """Whether the frame at ``index`` of the sorted names belongs to the test split."""
+    return index % TEST_EVERY == 0
+
+
+def split_names(names: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """(train, test) of frame names: sorted as strings, every eighth is test."""
+    ordered = sorted(names)
+    train = tuple(name for position, name in enumerate(ordered) if not is_test(position))
+    test = tuple(name for position, name in enumerate(ordered) if is_test(position))
+    return train, test
+
+
+def image_path(folder: str, index: int) -> str:
+    """``<folder>/frame_000.png`` relative to the observation."""
+    return f"{folder}/{frame_name(index)}.png"
+
+
+def audio_path(folder: str, index: int) -> str:
+    """``<folder>/frame_0.wav`` relative to the observation."""
+    return f"{folder}/{audio_name(index)}.wav"
+
+
+def rir_path(index: int) -> str:
+    """``rirs/frame_0.npz`` relative to the observation."""
+    return f"{RIRS}/{audio_name(index)}.npz"
+
+
+def expected_files(frames: int, *, depth: bool = False, rirs: bool = False) -> tuple[str, ...]:
+    """Every file of an observation with ``frames`` frames, relative, sorted; ``observation.json`` excluded."""
+    files = [SPLITS_JSON, SOUNDING_OBJECT, *COLMAP_FILES]
+    folders = [INPUT, IMAGES, SEMANTIC_MASKS, INSTANCE_MASKS] + ([DEPTH] if depth else [])
+    for index in range(frames):
+        files += [image_path(folder, index) for folder in folders]
+        files += [audio_path(folder, index) for folder in (BINAURAL, MONO)]
+        if rirs:
+            files.append(rir_path(index))
+    return tuple(sorted(files))

@@ -1,0 +1,119 @@
+"""What a check found: problems by file, with a count at the end."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+Severity = Literal["error", "warning", "note"]
+_RANK: dict[Severity, int] = {"error": 0, "warning": 1, "note": 2}
+_STYLE: dict[Severity, str] = {"error": "bold red", "warning": "yellow", "note": "dim"}
+#: The screen shows this many problems; `--json` holds all.
+SHOWN = 200
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One finding.
+
+    Attributes:
+        severity: ``error`` makes the dataset invalid, ``warning`` does not, ``note`` says what could not be checked.
+        path: file or folder relative to the dataset's root.
+        message: what was found, what was expected.
+    """
+
+    severity: Severity
+    path: str
+    message: str
+
+
+@dataclass(frozen=True)
+class Report:
+    """All findings of a check.
+
+    Attributes:
+        root: the dataset.
+        deep: whether contents were checked too.
+        observations: how many were looked at.
+        files: how many files were looked at.
+        problems: sorted by path, then severity.
+    """
+
+    root: Path
+    deep: bool
+    observations: int
+    files: int
+    problems: tuple[Problem, ...] = field(default=())
+
+    def count(self, severity: Severity) -> int:
+        """How many findings of one severity."""
+        return sum(problem.severity == severity for problem in self.problems)
+
+    @property
+    def valid(self) -> bool:
+        """Whether there is no error."""
+        return self.count("error") == 0
+
+    @property
+    def summary(self) -> str:
+        """The last line: ``2 errors, 1 warning, 0 notes in 34 observations (28,662 files, deep): not valid``."""
+        counts = ", ".join(
+            f"{self.count(s)} {s}{'' if self.count(s) == 1 else 's'}" for s in ("error", "warning", "note")
+        )
+        where = f"{self.observations} observation{'' if self.observations == 1 else 's'}"
+        verdict = "valid" if self.valid else "not valid"
+        return f"{counts} in {where} ({self.files:,} files, {'deep' if self.deep else 'shallow'}): {verdict}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """For `--json`."""
+        return {
+            "root": str(self.root),
+            "deep": self.deep,
+            "valid": self.valid,
+            "observations": self.observations,
+            "files": self.files,
+            "counts": {severity: self.count(severity) for severity in _RANK},
+            "problems": [{"severity": p.severity, "path": p.path, "message": p.message} for p in self.problems],
+        }
+
+
+def ordered(problems: list[Problem]) -> tuple[Problem, ...]:
+    """By path, then severity, each once."""
+    return tuple(sorted(dict.fromkeys(problems), key=lambda p: (p.path, _RANK[p.severity], p.message)))
+
+
+def _group(path: str) -> tuple[str, str]:
+    """(observation, file within) of a path, or ("", path) above the observations."""
+    pieces = path.split("/")
+    return ("/".join(pieces[:4]), "/".join(pieces[4:])) if len(pieces) >= 4 else ("", path)
+
+
+def print_report(report: Report, console: Console | None = None) -> None:
+    """Print the findings grouped by observation, one line each, the graver first, and the count at the end.
+
+    More than `SHOWN` findings are counted, not shown.
+    """
+    from rich.console import Console as RichConsole
+    from rich.text import Text
+
+    out = console or RichConsole(highlight=False)
+    shown = sorted(report.problems, key=lambda p: _RANK[p.severity])[:SHOWN]
+    heading: str | None = None
+    for problem in sorted(shown, key=lambda p: (_group(p.path)[0], _RANK[p.severity], p.path)):
+        group, inside = _group(problem.path)
+        if group != heading:
+            heading = group
+            out.print(Text(group or str(report.root), style="bold"), soft_wrap=True)
+        line = Text("  ").append(f"{problem.severity:<8}", style=_STYLE[problem.severity])
+        out.print(line.append(f"{inside or '.'}: ").append(problem.message), soft_wrap=True)
+    left = Counter(p.severity for p in report.problems) - Counter(p.severity for p in shown)
+    if left:
+        rest = ", ".join(f"{left[s]} {s}s" for s in _RANK if left[s])
+        out.print(Text(f"  … and {rest} more (--json FILE holds all)"), soft_wrap=True)
+    style = "bold green" if report.valid else "bold red"
+    out.print(Text(f"{report.root}: ").append(report.summary, style=style), soft_wrap=True)

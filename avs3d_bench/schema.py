@@ -1,0 +1,358 @@
+"""The records behind every JSON file of the contract (pydantic v2, frozen, unknown keys refused, numbers finite).
+
+| file                 | record              |
+|----------------------|---------------------|
+| `dataset.json`       | `DatasetRecord`     |
+| `observation.json`   | `ObservationRecord` |
+| `camera_splits.json` | `CameraSplits`      |
+| `submission.json`    | `SubmissionRecord`  |
+
+Units: metres, seconds, degrees, pixels. World: right-handed, Y up; quaternions are (w, x, y, z), camera-to-world for
+frames and object-to-world for instances. `json_schemas` gives the JSON Schema of each file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, TypeVar
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from avs3d_bench import layout
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.geometry import Intrinsics, Pose
+
+#: Version of the file formats; it changes when a key changes its name or its meaning.
+SCHEMA_VERSION = "1.0"
+
+Part = Literal["part_1", "part_2"]
+Room = Literal["bathroom", "kitchen", "living_room"]
+Category = Literal["washing_machine", "toilet", "vacuum_cleaner", "microwave", "coffee_machine", "clock", "telephone"]
+InstanceCategory = Literal[
+    "washing_machine", "toilet", "vacuum_cleaner", "microwave", "coffee_machine", "clock", "telephone", "oven"
+]
+Scalar = bool | int | float | str | None
+Text = Annotated[str, Field(min_length=1)]
+Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+Scan = Annotated[str, Field(pattern=layout.SCAN_PATTERN)]
+FrameName = Annotated[str, Field(pattern=layout.FRAME_PATTERN)]
+Vector3 = tuple[float, float, float]
+NonNegative = Annotated[float, Field(ge=0)]
+Positive = Annotated[float, Field(gt=0)]
+
+
+def _unit(q: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    norm = math.sqrt(sum(c * c for c in q))
+    if abs(norm - 1.0) > 1e-4:
+        raise ValueError(f"norm {norm:.6f}, expected a unit quaternion (w, x, y, z)")
+    return q
+
+
+def _relative(path: str) -> str:
+    if not path or path.startswith("/") or "\\" in path or any(p in ("", ".", "..") for p in path.split("/")):
+        raise ValueError(f"{path!r} is not a relative path with forward slashes")
+    return path
+
+
+Quaternion = Annotated[tuple[float, float, float, float], AfterValidator(_unit)]
+RelativePath = Annotated[str, AfterValidator(_relative)]
+
+
+class Record(BaseModel):
+    """Base of all records."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class LicenceRecord(Record):
+    """Where an asset comes from and what may be done with it."""
+
+    name: Text = Field(description="licence, SPDX identifier where there is one")
+    author: Text
+    source: Text = Field(description="URL, collection and id, or 'procedural'")
+
+
+class AttributionRecord(LicenceRecord):
+    """One asset that the dataset holds, with its licence."""
+
+    asset: Text
+
+
+class IntrinsicsRecord(Record):
+    """Pinhole camera without distortion, pixels; the centre of pixel (u, v) lies at (u + 0.5, v + 0.5)."""
+
+    width: Annotated[int, Field(gt=0)]
+    height: Annotated[int, Field(gt=0)]
+    fx: Positive
+    fy: Positive
+    cx: float
+    cy: float
+
+    @classmethod
+    def of(cls, camera: Intrinsics) -> Self:
+        """The record of a camera."""
+        return cls(width=camera.width, height=camera.height, fx=camera.fx, fy=camera.fy, cx=camera.cx, cy=camera.cy)
+
+    @property
+    def camera(self) -> Intrinsics:
+        """The camera that projects."""
+        return Intrinsics(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
+
+
+class InstanceRecord(Record):
+    """One placed object. Its id is its value in `instance_masks/`; 0 there is the scan."""
+
+    id: Annotated[int, Field(ge=1, le=65535)]
+    category: InstanceCategory
+    sounding: bool
+    position: Vector3 = Field(description="origin of the model in the world, metres")
+    rotation: Quaternion = Field(description="model-to-world (w, x, y, z)")
+    bounds: tuple[Vector3, Vector3] = Field(description="lowest and highest corner in the world, metres")
+    asset: Text = Field(description="which model, e.g. 'procedural:clock/round'")
+    licence: LicenceRecord
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if any(low > high for low, high in zip(*self.bounds, strict=True)):
+            raise ValueError(f"bounds {self.bounds}: the lowest corner comes first")
+        return self
+
+
+class SoundRecord(Record):
+    """The recording or synthesis that the sounding instance plays."""
+
+    asset: Text
+    licence: LicenceRecord
+
+
+class AcousticsRecord(Record):
+    """How the clips were made."""
+
+    backend: Text
+    version: Text
+    sample_rate: Annotated[int, Field(gt=0)]
+    gain: Positive = Field(description="the one factor applied to every clip of the observation")
+    settings: dict[str, Scalar] = Field(default_factory=dict, description="rays, depth, … of the backend")
+    t30: Positive | None = Field(default=None, description="reverberation time of the room, seconds (ISO 3382-2)")
+    notes: str = ""
+
+
+class VisionRecord(Record):
+    """What rendered the pictures."""
+
+    backend: Text
+    version: Text
+
+
+class FrameRecord(Record):
+    """One frame: where the agent's sensor was, what it saw and heard."""
+
+    name: FrameName
+    time: NonNegative = Field(description="seconds from the start; the clip covers [time, time + 1)")
+    position: Vector3 = Field(description="sensor in the world, metres")
+    rotation: Quaternion = Field(description="camera-to-world (w, x, y, z); the camera looks down −Z")
+    visible_pixels: Annotated[int, Field(ge=0)] = Field(description="pixels of the sounding instance in this frame")
+    azimuth: Annotated[float, Field(ge=-180, le=180)] = Field(description="of the source; 0 ahead, positive right")
+    elevation: Annotated[float, Field(ge=-90, le=90)] = Field(description="of the source; positive up")
+    distance: NonNegative = Field(description="to the source, metres")
+    line_of_sight: bool = Field(description="nothing stands between sensor and source")
+    rms_left: NonNegative
+    rms_right: NonNegative
+
+    @property
+    def pose(self) -> Pose:
+        """The sensor's camera-to-world pose."""
+        return Pose(self.position, self.rotation)
+
+
+class ObservationRecord(Record):
+    """`observation.json`."""
+
+    schema_version: Literal["1.0"] = "1.0"
+    key: Text
+    part: Part
+    scan: Scan
+    room: Room
+    index: Annotated[int, Field(ge=1)]
+    category: Category = Field(description="of the sounding instance")
+    seed: Annotated[int, Field(ge=0)]
+    plan_sha256: Sha256 | None = Field(
+        default=None, description="of everything that decided these bytes; a rerun reuses it"
+    )
+    notes: tuple[str, ...] = Field(default=(), description="what could not be had as asked, e.g. twins closer than 1 m")
+    source_position: Vector3 = Field(description="where the sound comes from, world, metres")
+    intrinsics: IntrinsicsRecord
+    instances: Annotated[tuple[InstanceRecord, ...], Field(min_length=1)]
+    sound: SoundRecord | None = None
+    acoustics: AcousticsRecord
+    vision: VisionRecord
+    frames: Annotated[tuple[FrameRecord, ...], Field(min_length=1, max_length=layout.MAX_FRAMES)]
+    files: dict[RelativePath, Sha256] = Field(description="sha256 of every file beside observation.json")
+
+    @property
+    def sounding(self) -> InstanceRecord:
+        """The instance that sounds."""
+        return next(instance for instance in self.instances if instance.sounding)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        place = layout.ObservationKey(self.part, self.scan, self.room, self.index)
+        if self.key != str(place):
+            raise ValueError(f"key {self.key!r} does not fit part, scan, room and index: expected {place}")
+        sounding = [instance for instance in self.instances if instance.sounding]
+        if len(sounding) != 1:
+            raise ValueError(f"{len(sounding)} instances are sounding, expected exactly one")
+        if sounding[0].category != self.category:
+            raise ValueError(f"the sounding instance is a {sounding[0].category}, but category is {self.category}")
+        ids = [instance.id for instance in self.instances]
+        if len(set(ids)) != len(ids):
+            raise ValueError(f"instance ids {ids} are not unique")
+        twins = sum(instance.category == self.category for instance in self.instances)
+        if (twins == 1) != (self.part == "part_1"):
+            expected = "exactly one (single-instance)" if self.part == "part_1" else "several (multi-instance)"
+            raise ValueError(f"{twins} instances of {self.category} in {self.part}, expected {expected}")
+        for position, frame in enumerate(self.frames):
+            if frame.name != layout.frame_name(position):
+                raise ValueError(f"frames[{position}].name is {frame.name}, expected {layout.frame_name(position)}")
+        if any(a.time >= b.time for a, b in zip(self.frames, self.frames[1:], strict=False)):
+            raise ValueError("frame times do not increase")
+        return self
+
+
+class CameraSplits(Record):
+    """`camera_splits.json`: names of the image frames, without extension."""
+
+    train: tuple[FrameName, ...]
+    test: tuple[FrameName, ...]
+
+    @classmethod
+    def of(cls, frames: int) -> Self:
+        """The split of an observation with ``frames`` frames: every eighth of the sorted names is test."""
+        train, test = layout.split_names(layout.frame_name(index) for index in range(frames))
+        return cls(train=train, test=test)
+
+
+class DatasetEntry(Record):
+    """One observation in `dataset.json`."""
+
+    key: Text
+    category: Category
+    part: Part
+    scan: Scan
+    room: Room
+    digest: Sha256 = Field(description="sha256 of the observation's observation.json")
+
+    @classmethod
+    def of(cls, record: ObservationRecord, digest: str) -> Self:
+        """The entry of an observation; ``digest`` is the sha256 of its observation.json."""
+        return cls(
+            key=record.key,
+            category=record.category,
+            part=record.part,
+            scan=record.scan,
+            room=record.room,
+            digest=digest,
+        )
+
+
+class DatasetRecord(Record):
+    """`dataset.json`. It holds no time stamp: the same manifest and backends give the same bytes."""
+
+    schema_version: Literal["1.0"] = "1.0"
+    name: Text
+    version: Text
+    toolkit_version: Text
+    created_by: str | None = None
+    manifest: str = Field(description="the manifest, verbatim")
+    manifest_sha256: Sha256 = Field(description="sha256 of the manifest's UTF-8 bytes")
+    backends: dict[str, Text] = Field(description="backend name → version")
+    licence: Text
+    attributions: tuple[AttributionRecord, ...] = ()
+    observations: tuple[DatasetEntry, ...]
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if hashlib.sha256(self.manifest.encode()).hexdigest() != self.manifest_sha256:
+            raise ValueError("manifest_sha256 is not the sha256 of manifest")
+        keys = [entry.key for entry in self.observations]
+        if keys != sorted(set(keys)):
+            raise ValueError("observations are not sorted by key, or a key stands twice")
+        for entry in self.observations:
+            head = f"{entry.part}/{entry.scan}/{entry.room}/"
+            if not (entry.key.startswith(head) and entry.key[len(head) :].isdigit()):
+                raise ValueError(f"key {entry.key!r} does not fit its part, scan and room: expected {head}<index>")
+        return self
+
+
+class SubmissionRecord(Record):
+    """`submission.json`."""
+
+    method: Text
+    dataset: Text
+    dataset_version: Text
+    url: str | None = None
+    authors: str | tuple[str, ...] | None = None
+    notes: str | None = None
+    runtime: float | str | dict[str, Scalar] | None = None
+
+
+#: File name → record.
+RECORDS: dict[str, type[Record]] = {
+    layout.DATASET_JSON: DatasetRecord,
+    layout.OBSERVATION_JSON: ObservationRecord,
+    layout.SPLITS_JSON: CameraSplits,
+    layout.SUBMISSION_JSON: SubmissionRecord,
+}
+
+_R = TypeVar("_R", bound=Record)
+
+
+def describe(error: ValidationError) -> list[str]:
+    """One line per finding of pydantic: ``frames.3.rotation: …``."""
+    lines = []
+    for finding in error.errors(include_url=False):
+        where = ".".join(str(step) for step in finding["loc"])
+        message = finding["msg"].removeprefix("Value error, ")
+        value = repr(finding.get("input"))
+        found = f" (found {value})" if len(value) <= 60 and finding["type"] != "missing" else ""
+        lines.append(f"{where}: {message}{found}" if where else f"{message}")
+    return lines
+
+
+def parse_record(text: str | bytes, record: type[_R], where: str | Path) -> _R:
+    """Parse the JSON ``text`` of the file ``where``.
+
+    Raises:
+        Avs3dError: naming the file, the first wrong field and how many more there are.
+    """
+    try:
+        return record.model_validate_json(text)
+    except ValidationError as error:
+        first, *rest = describe(error)
+        more = f" (and {len(rest)} more)" if rest else ""
+        raise Avs3dError(f"{where}: {first}{more}; expected a {record.__name__} (see `avs3d schema`)") from None
+
+
+def json_schemas() -> dict[str, dict[str, Any]]:
+    """JSON Schema (2020-12) of every file, by the schema's own file name (``observation.schema.json``)."""
+    schemas: dict[str, dict[str, Any]] = {}
+    for file_name, record in RECORDS.items():
+        schema = record.model_json_schema(mode="validation")
+        name = file_name.removesuffix(".json") + ".schema.json"
+        schemas[name] = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": name} | schema
+    return schemas
+
+
+def schema_texts() -> dict[str, str]:
+    """The same as the text of files: what `avs3d schema` writes and `avs3d_bench/schemas/` holds."""
+    return {name: json.dumps(schema, indent=2, ensure_ascii=False) + "\n" for name, schema in json_schemas().items()}
+
+
+def unique_attributions(attributions: Iterable[AttributionRecord]) -> tuple[AttributionRecord, ...]:
+    """Sorted, each asset once."""
+    found = {(a.asset, a.name, a.author, a.source): a for a in attributions}
+    return tuple(found[key] for key in sorted(found))

@@ -1,0 +1,86 @@
+"""Reverberation time from impulse responses, and Eyring's formula to compare it with.
+
+T30 after ISO 3382-2: the octave-filtered response is squared and integrated backwards (Schroeder 1965); a straight line
+through the decay from −5 to −35 dB, extrapolated to 60 dB.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
+
+from generators.acoustics.geometry import SPEED_OF_SOUND
+
+#: Octaves whose mean is quoted as "the" reverberation time (ISO 3382-2: 500 Hz and 1 kHz).
+MID_BANDS = (500.0, 1000.0)
+_FIT_FROM, _FIT_TO = -5.0, -35.0
+
+
+def octave_filtered(response: NDArray[np.floating], sample_rate: int, centre: float) -> NDArray[np.float64]:
+    """The response (..., n) in the octave about ``centre`` Hz; forward and backward, so that no decay is added."""
+    low, high = centre / math.sqrt(2), min(centre * math.sqrt(2), 0.49 * sample_rate)
+    sections = butter(3, [low, high], btype="bandpass", fs=sample_rate, output="sos")
+    # Room for the filter's own ringing at both ends.
+    pad = int(4 * sample_rate / low)
+    widths = [(0, 0)] * (np.ndim(response) - 1) + [(pad, pad)]
+    return np.asarray(sosfiltfilt(sections, np.pad(np.asarray(response, dtype=np.float64), widths), axis=-1))
+
+
+def decay_curve(response: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Schroeder's backward integration of a response (n,): dB below its whole energy, −inf after its end."""
+    energy = np.square(np.asarray(response, dtype=np.float64))
+    remaining = np.cumsum(energy[::-1])[::-1]
+    if len(remaining) == 0 or not remaining[0] > 0:
+        return np.full(len(remaining), -np.inf)
+    with np.errstate(divide="ignore"):
+        return np.asarray(10 * np.log10(remaining / remaining[0]))
+
+
+def t30(response: NDArray[np.floating], sample_rate: int) -> float | None:
+    """Reverberation time in s of one (filtered) response (n,).
+
+    Returns:
+        None where it cannot be told: silence, numbers that are not finite, or a response that does not fall by 35 dB
+        over at least 20 samples.
+    """
+    if not np.isfinite(response).all():
+        return None
+    curve = decay_curve(response)
+    inside = np.flatnonzero((curve <= _FIT_FROM) & (curve >= _FIT_TO))
+    if len(inside) < 20 or not np.any(curve < _FIT_TO):
+        return None
+    slope = float(np.polyfit(inside / sample_rate, curve[inside], 1)[0])
+    return -60.0 / slope if slope < 0 else None
+
+
+def reverberation_time(
+    responses: Iterable[NDArray[np.floating]], sample_rate: int, bands: tuple[float, ...] = MID_BANDS
+) -> float | None:
+    """Mean T30 in s over responses (channels, n), their channels and ``bands``; None where none can be told.
+
+    A few poses spread over the room are enough: T30 hardly depends on the place.
+    """
+    times = [
+        time
+        for response in responses
+        for band in bands
+        if np.isfinite(response).all()
+        for channel in octave_filtered(np.atleast_2d(response), sample_rate, band)
+        if (time := t30(channel, sample_rate)) is not None
+    ]
+    return float(np.mean(times)) if times else None
+
+
+def eyring(volume: float, surface: float, absorption: float) -> float:
+    """Eyring's reverberation time in s: 24·ln 10·V / (−c·S·ln(1 − ᾱ)), without absorption in the air.
+
+    Args:
+        volume: m³.
+        surface: m².
+        absorption: area-weighted mean absorption coefficient, in (0, 1).
+    """
+    return 24 * math.log(10) * volume / (-SPEED_OF_SOUND * surface * math.log1p(-absorption))

@@ -1,0 +1,136 @@
+"""Floors, walls and worktops: which texture a named finish of a style becomes, and how it sounds."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from avs3d_bench.errors import UsageError
+from generators.assets.styles import Style
+from generators.assets.textures import ceramic, surfaces, wood
+from generators.assets.textures.noise import Field, Image, grid, hex_colour, mix, shift_colour
+from generators.scenes.scene import Material, Texture
+
+
+def _material(role: str, acoustic: str, pixels: Image, gloss: float) -> Material:
+    return Material(role, acoustic, texture=Texture(role, pixels), gloss=gloss)
+
+
+#: Acoustic label and gloss of the floors of `dry_floor`.
+DRY_FLOORS = {
+    "strips": ("parquet", 0.15),
+    "strips_wide": ("parquet", 0.15),
+    "strips_narrow": ("parquet", 0.2),
+    "herringbone": ("parquet", 0.2),
+    "herringbone_straight": ("parquet", 0.2),
+    "concrete": ("concrete", 0.2),
+    "terracotta": ("tile", 0.1),
+}
+
+
+def dry_floor(kind: str, spec: str, rng: np.random.Generator) -> Image:
+    """The floor of a living room, hall or bedroom: 2.4 m per repeat; ``spec`` is a species or a colour."""
+    if kind == "strips":
+        return wood.strips(rng, spec, width=0.12, length=1.2)
+    if kind == "strips_wide":
+        return wood.strips(rng, spec, width=0.2, length=2.4, tone=0.12)
+    if kind == "strips_narrow":
+        return wood.strips(rng, spec, width=0.08, length=0.6)
+    if kind == "herringbone":
+        return wood.herringbone(rng, spec)
+    if kind == "herringbone_straight":
+        return wood.herringbone(rng, spec, diagonal=False, repeats=3)
+    if kind == "concrete":
+        return surfaces.concrete(rng, hex_colour(spec))
+    if kind == "terracotta":
+        return ceramic.terracotta(rng, hex_colour(spec), hex_colour("#b7a58c"))
+    raise UsageError(f"unknown floor {kind!r}: expected one of {', '.join(DRY_FLOORS)}")
+
+
+def _checker(rng: np.random.Generator, colours: tuple[Field, ...]) -> Image:
+    """Light and dark squares of 30 cm, each slightly its own."""
+    light = ceramic.tiles(rng, colours[0], colours[0] * 0.7, columns=8, rows=8, joint=2.5, tone=0.012)
+    dark = ceramic.tiles(rng, colours[1], colours[0] * 0.7, columns=8, rows=8, joint=2.5, tone=0.03, mottle=0.04)
+    x, y = grid(*light.shape[:2])
+    odd = (np.floor(x * 8) + np.floor(y * 8)) % 2
+    return np.where(odd[..., None] > 0, dark, light)
+
+
+def wet_floor(role: str, kind: str, colours: tuple[Field, ...], rng: np.random.Generator) -> Material:
+    """The floor of a kitchen or bathroom: 2.4 m per repeat."""
+    gloss = 0.3
+    if kind == "hex":
+        pixels = ceramic.hexagons(rng, colours, shift_colour(colours[0], value=-0.2), columns=16)
+    elif kind == "square":
+        pixels = ceramic.tiles(rng, colours[0], colours[1], columns=6, rows=6, mottle=0.03, tone=0.015)
+    elif kind == "slate":
+        pixels = ceramic.tiles(rng, colours[0], colours[1], columns=4, rows=8, mottle=0.06, tone=0.04)
+    elif kind == "concrete_tile":
+        pixels = ceramic.tiles(rng, colours[0], colours[1], columns=4, rows=4, mottle=0.05, tone=0.02, joint=2.5)
+    elif kind == "marble":
+        pixels = ceramic.tiles(rng, colours[0], colours[1], columns=4, rows=4, vein=colours[1] * 0.9, joint=2.0)
+    elif kind == "checker":
+        pixels = _checker(rng, colours)
+    elif kind == "terrazzo":
+        pixels, gloss = surfaces.terrazzo(rng, colours[0], colours[1:]), 0.25
+    elif kind == "cement":
+        pixels, gloss = ceramic.cement(rng, (colours[0], colours[1], colours[2]), columns=12), 0.15
+    elif kind == "terracotta":
+        pixels, gloss = ceramic.terracotta(rng, colours[0], colours[1]), 0.1
+    else:
+        raise UsageError(f"unknown wet floor {kind!r}: see the wet_floors of generators/assets/styles.py")
+    return _material(role, "tile", pixels, gloss)
+
+
+def wall_tiles(role: str, kind: str, colour: Field, grout: Field, rng: np.random.Generator) -> Material:
+    """The tiles of a bathroom's walls or a kitchen's splash-back: 1.2 m per repeat."""
+    if kind == "metro":
+        pixels = ceramic.tiles(rng, colour, grout, columns=6, rows=12, stagger=0.5, bevel=9.0, tone=0.012, joint=3.5)
+    elif kind == "metro_v":
+        # Upright bricks in a straight bond.
+        pixels = ceramic.tiles(rng, colour, grout, columns=16, rows=6, bevel=5.0, tone=0.03, mottle=0.03, joint=3.0)
+    elif kind == "square":
+        pixels = ceramic.tiles(rng, colour, grout, columns=8, rows=8, bevel=4.0, tone=0.010, joint=3.5, mottle=0.01)
+    elif kind == "square_small":
+        pixels = ceramic.tiles(rng, colour, grout, columns=12, rows=12, bevel=6.0, tone=0.025, joint=3.5)
+    elif kind == "mosaic":
+        near = (shift_colour(colour, value=0.16, saturation=-0.3), shift_colour(colour, value=-0.18, saturation=0.15))
+        pixels = ceramic.tiles(rng, colour, grout, columns=40, rows=40, palette=near, tone=0.035, joint=4.0)
+    elif kind == "marble":
+        pixels = ceramic.tiles(rng, colour, colour * 0.85, columns=2, rows=4, vein=grout, joint=2.5, tone=0.006)
+    elif kind == "slate":
+        pixels = ceramic.tiles(rng, colour, grout, columns=2, rows=4, mottle=0.05, joint=3.0)
+    else:
+        raise UsageError(f"unknown wall tile {kind!r}: see the wall_tiles of generators/assets/styles.py")
+    return _material(role, "tile", pixels, 0.35)
+
+
+def accent_wall(role: str, finish: str, style: Style, rng: np.random.Generator) -> Material:
+    """A feature wall, 2.12 m per repeat: wallpaper in half of the flats whose style has some, else paint or brick."""
+    if finish == "brick":
+        return _material(role, "brick", surfaces.brick(rng, hex_colour("#96583f"), hex_colour("#b3aa9d")), 0.0)
+    if style.papers and rng.random() < 0.5:
+        motif, ground, ink = style.papers[int(rng.integers(len(style.papers)))]
+        paper = surfaces.wallpaper(rng, hex_colour(ground), hex_colour(ink), motif=motif)
+        return _material(role, "plaster", np.tile(paper, (2, 2, 1)), 0.0)
+    colour = hex_colour(style.accents[int(rng.integers(len(style.accents)))])
+    return _material(role, "plaster", surfaces.wall_paint(rng, colour, rough=3.0 if finish == "lime" else 1.0), 0.0)
+
+
+def worktop(role: str, spec: str, rng: np.random.Generator) -> Material:
+    """A kitchen's worktop, 0.9 m per repeat, of ``kind:value`` (see `Style.worktops`)."""
+    kind, value = spec.split(":")
+    if kind == "wood":
+        return _material(role, "wood", wood.butcher_block(rng, value), 0.15)
+    colour = hex_colour(value)
+    if kind == "granite":
+        minerals = (colour, shift_colour(colour, value=0.35), shift_colour(colour, value=1.0, saturation=-0.3))
+        return _material(role, "ceramic", surfaces.granite(rng, minerals), 0.4)
+    if kind == "marble":
+        sheet = ceramic.marble_sheet(rng, (512, 512), colour, mix(colour, np.full(3, 0.4), np.array([0.75]))[0])
+        return _material(role, "ceramic", np.asarray(np.clip(np.rint(sheet * 255), 0, 255), dtype=np.uint8), 0.4)
+    if kind == "terrazzo":
+        chips = (hex_colour("#8d7a66"), hex_colour("#b9785a"), hex_colour("#6d7a74"))
+        return _material(role, "ceramic", surfaces.terrazzo(rng, colour, chips, size=512), 0.3)
+    if kind == "steel":
+        return _material(role, "metal", surfaces.brushed(rng, colour), 0.5)
+    raise UsageError(f"unknown worktop {spec!r}: expected wood:, granite:, marble:, terrazzo: or steel:")

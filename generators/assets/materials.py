@@ -1,0 +1,378 @@
+"""`Palette`: the materials of one flat, harmonised by a style, varied by a seed, made when they are first asked for.
+
+A material is asked for by its role (`ROLES`), e.g. ``palette.material("worktop")``; the walls and floors of a room come
+together as ``palette.finish("kitchen")``. Each role has its own random stream, derived from the palette's seed and the
+role's name, so that the result does not depend on the order in which roles are asked for. A role's material is one
+object, and its name is the role's: `TILES` tells `MeshBuilder` how large its texture is.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench.errors import UsageError
+from generators.assets import finishes
+from generators.assets.styles import STYLES, Style
+from generators.assets.textures import cloth, pictures, surfaces, wood
+from generators.assets.textures.noise import Image, hex_colour, shift_colour, to_linear
+from generators.scenes.scene import Material, Texture
+
+ROOM_KINDS = ("bathroom", "kitchen", "living_room", "hall", "bedroom")
+#: Variants of roles that come in several.
+RUGS, PICTURES, PRINTS, TOWELS, CUSHIONS = 3, 6, 3, 3, 4
+
+#: Metres per repeat of each material's texture (1 where a material is not named: fitted or plain).
+TILES: dict[str, float] = {
+    **{f"floor_{room}": 2.4 for room in ROOM_KINDS},
+    **{f"wall_{room}": 1.06 for room in ROOM_KINDS},
+    **{f"accent_{room}": 2.12 for room in ROOM_KINDS},
+    **{f"tiles_{room}": 1.2 for room in ("bathroom", "kitchen")},
+    **dict.fromkeys(("ceiling", "skirting", "door", "door_frame", "window_frame", "window_sill"), 1.0),
+    **dict.fromkeys(("wood", "wood_alt", "front", "front_upper", "bath_front"), 0.8),
+    **dict.fromkeys(("worktop", "butcher"), 0.9),
+    **dict.fromkeys(("sofa", "armchair", "curtain", "sheer", "throw", "bedding", "sheet", "chair_fabric"), 0.5),
+    **{f"{kind}_{k}": 0.4 for kind, n in (("towel", TOWELS), ("cushion", CUSHIONS)) for k in range(n)},
+    **{f"print_{k}": 0.45 for k in range(PRINTS)},
+    **dict.fromkeys(("bath_mat", "leather", "steel", "wicker", "carpet"), 0.4),
+    "lamp_shade": 0.5,
+    "soil": 0.2,
+}
+
+
+@dataclass(frozen=True)
+class RoomFinish:
+    """The surfaces of one room.
+
+    Attributes:
+        floor, wall, ceiling, skirting: as named.
+        accent_wall: a feature wall (another paint, wallpaper or brick); the same as ``wall`` in wet rooms.
+        wall_tiles: tiles of a bathroom's walls or a kitchen's splash-back, else None.
+        tile_height: how high the tiles go up the walls, metres; 0 where only a splash-back is tiled.
+    """
+
+    floor: Material
+    wall: Material
+    accent_wall: Material
+    ceiling: Material
+    skirting: Material
+    wall_tiles: Material | None
+    tile_height: float
+
+
+def _linear(code: str | NDArray[np.float64]) -> tuple[float, float, float]:
+    r, g, b = to_linear(hex_colour(code) if isinstance(code, str) else code)
+    return float(r), float(g), float(b)
+
+
+class Palette:
+    """The materials of one flat.
+
+    Args:
+        style: a key of `STYLES`.
+        entropy: the seed all its random streams are derived from.
+
+    Raises:
+        UsageError: if there is no such style.
+    """
+
+    def __init__(self, style: str, entropy: int) -> None:
+        if style not in STYLES:
+            raise UsageError(f"unknown style {style!r}: expected one of {', '.join(STYLES)}")
+        self.style = style
+        self.entropy = entropy
+        self._made: dict[str, Material] = {}
+        self._shared: dict[str, Image] = {}
+
+    @classmethod
+    def from_seed(cls, rng: np.random.Generator, style: str | None = None) -> Palette:
+        """A palette drawn from ``rng`` (in the given style, or any)."""
+        chosen = tuple(STYLES)[int(rng.integers(len(STYLES)))]
+        return cls(style or chosen, int(rng.integers(2**62)))
+
+    def stream(self, purpose: str) -> np.random.Generator:
+        """The palette's own random numbers for one purpose; the same on every call."""
+        key = (zlib.crc32(purpose.encode()),)
+        return np.random.default_rng(np.random.SeedSequence(self.entropy, spawn_key=key))
+
+    def material(self, role: str) -> Material:
+        """The material of a role (`ROLES`), made on first use.
+
+        Raises:
+            UsageError: if there is no such role.
+        """
+        if role not in self._made:
+            recipe = _RECIPES.get(role)
+            if recipe is None:
+                raise UsageError(f"unknown material role {role!r}: expected one of {', '.join(_RECIPES)}")
+            self._made[role] = recipe(self, STYLES[self.style], role, self.stream(role))
+        return self._made[role]
+
+    def shared(self, purpose: str, make: Callable[[np.random.Generator], Image]) -> Image:
+        """Pixels that several roles have in common, made once."""
+        if purpose not in self._shared:
+            self._shared[purpose] = make(self.stream(purpose))
+        return self._shared[purpose]
+
+    def finish(self, room: str) -> RoomFinish:
+        """The surfaces of a room of ``ROOM_KINDS``.
+
+        Raises:
+            UsageError: if there is no such kind of room.
+        """
+        if room not in ROOM_KINDS:
+            raise UsageError(f"unknown room {room!r}: expected one of {', '.join(ROOM_KINDS)}")
+        wet = room in ("bathroom", "kitchen")
+        height = float(self.stream("tile_height").choice([1.2, 1.44, 2.1])) if room == "bathroom" else 0.0
+        return RoomFinish(
+            floor=self.material(f"floor_{room}"),
+            wall=self.material(f"wall_{room}"),
+            accent_wall=self.material(f"wall_{room}" if wet else f"accent_{room}"),
+            ceiling=self.material("ceiling"),
+            skirting=self.material("skirting"),
+            wall_tiles=self.material(f"tiles_{room}") if wet else None,
+            tile_height=height,
+        )
+
+    def choose(self, purpose: str, options: tuple) -> object:  # type: ignore[type-arg]
+        """One of ``options``, the palette's choice for ``purpose``."""
+        return options[int(self.stream(f"choose {purpose}").integers(len(options)))]
+
+
+Recipe = Callable[[Palette, Style, str, np.random.Generator], Material]
+
+
+def _textured(role: str, acoustic: str, pixels: Image, gloss: float = 0.0, **more: object) -> Material:
+    return Material(role, acoustic, texture=Texture(role, pixels), gloss=gloss, **more)  # type: ignore[arg-type]
+
+
+def _board(role: str, spec: str, rng: np.random.Generator, gloss: float = 0.15) -> Material:
+    """A wooden or lacquered board: ``wood:<species>`` or a paint's hex."""
+    if spec.startswith("wood:"):
+        return _textured(role, "wood", wood.veneer(rng, spec[5:]), gloss)
+    return _textured(role, "wood", wood.painted(rng, hex_colour(spec)), gloss)
+
+
+def _plain(acoustic: str, colour: str, gloss: float = 0.0, emission: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Recipe:
+    return lambda palette, style, role, rng: Material(role, acoustic, _linear(colour), None, emission, gloss)
+
+
+def _boards(field: str, gloss: float = 0.15) -> Recipe:
+    def make(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
+        spec = str(palette.choose(field, getattr(style, field)))
+        if field in ("wood", "wood_alt"):
+            spec = f"wood:{spec}"
+        return _board(role, spec, rng, gloss)
+
+    return make
+
+
+def _metal(field: str) -> Recipe:
+    def make(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
+        return Material(role, "metal", _linear(str(palette.choose(field, getattr(style, field)))), gloss=0.6)
+
+    return make
+
+
+def _upholstery(index: int) -> Recipe:
+    def make(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
+        order = palette.stream("upholstery").permutation(len(style.upholstery))
+        kind, code = style.upholstery[int(order[index % len(order)])]
+        colour = hex_colour(code)
+        if kind == "leather":
+            return _textured(role, "upholstery", surfaces.leather(rng, colour), 0.2)
+        if kind == "weave":
+            other = shift_colour(colour, value=0.14, saturation=-0.2)
+            return _textured(role, "upholstery", cloth.weave(rng, colour, second=other))
+        return _textured(role, "upholstery", {"boucle": cloth.boucle, "velvet": cloth.velvet}[kind](rng, colour))
+
+    return make
+
+
+def _cushion(index: int) -> Recipe:
+    def make(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
+        order = palette.stream("cushions").permutation(len(style.cushions))
+        colour = hex_colour(style.cushions[int(order[index % len(order)])])
+        made = (cloth.weave, cloth.velvet, cloth.knit)[int(rng.integers(3))]
+        return _textured(role, "upholstery", made(rng, colour))
+
+    return make
+
+
+def _print(index: int) -> Recipe:
+    def make(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
+        order = palette.stream("cushions").permutation(len(style.cushions))
+        ink = hex_colour(style.cushions[int(order[(index + 1) % len(order)])])
+        motif = ("stripes", "checks", "zigzag", "dots")[int(rng.integers(4))]
+        return _textured(role, "fabric", cloth.printed(rng, hex_colour("#dfd9cb"), ink, motif=motif))
+
+    return make
+
+
+def _textile(field: str, make: Callable[..., Image], label: str, index: int = 0) -> Recipe:
+    def recipe(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
+        options = getattr(style, field)
+        order = palette.stream(field).permutation(len(options))
+        return _textured(role, label, make(rng, hex_colour(options[int(order[index % len(order)])])))
+
+    return recipe
+
+
+def _rug(index: int) -> Recipe:
+    def make(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
+        pattern, codes = style.rugs[index % len(style.rugs)]
+        colours = tuple(hex_colour(c if len(c) == 7 else "#dcd6ca") for c in codes)
+        return _textured(role, "carpet", cloth.rug(rng, colours, pattern=pattern))
+
+    return make
+
+
+def _picture(index: int) -> Recipe:
+    def make(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
+        colours = tuple(hex_colour(style.art[int(k)]) for k in rng.permutation(len(style.art)))
+        motif = pictures.PAINTINGS[index % len(pictures.PAINTINGS)]
+        return _textured(role, "paper", pictures.painting(rng, colours, motif=motif))
+
+    return make
+
+
+def _paint(field: str) -> Recipe:
+    def make(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
+        return Material(role, "wood", _linear(str(palette.choose(field, getattr(style, field)))), gloss=0.2)
+
+    return make
+
+
+def _drawn(acoustic: str, make: Callable[[np.random.Generator], Image], gloss: float = 0.0) -> Recipe:
+    return lambda palette, style, role, rng: _textured(role, acoustic, make(rng), gloss)
+
+
+def _tinted(acoustic: str, make: Callable[..., Image], colour: str, gloss: float = 0.0) -> Recipe:
+    return lambda palette, style, role, rng: _textured(role, acoustic, make(rng, hex_colour(colour)), gloss)
+
+
+def _lamp_shade(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
+    return _textured(role, "fabric", cloth.curtain(rng, hex_colour("#efe2c8")), emission=(15.0, 11.5, 7.6))
+
+
+def _worktop(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
+    return finishes.worktop(role, str(palette.choose("worktops", style.worktops)), rng)
+
+
+def _floor(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
+    room = role.removeprefix("floor_")
+    if room in ("bathroom", "kitchen"):
+        # The kitchen takes the dry floor on in a third of the flats.
+        order = palette.stream("wet_floors").permutation(len(style.wet_floors))
+        if room == "bathroom" or palette.stream("kitchen floor").random() < 0.66:
+            kind, colours = style.wet_floors[int(order[0 if room == "bathroom" else 1])]
+            return finishes.wet_floor(role, kind, tuple(hex_colour(c) for c in colours), rng)
+    kind, spec = style.floors[int(palette.stream("floors").integers(len(style.floors)))]
+    pixels = palette.shared("dry floor", lambda stream: finishes.dry_floor(kind, spec, stream))
+    label, gloss = finishes.DRY_FLOORS[kind]
+    return _textured(role, label, pixels, gloss)
+
+
+def _wall(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
+    colour = hex_colour(style.walls[int(rng.integers(len(style.walls)))])
+    rough = 3.0 if "lime" in style.wall_finish else 1.0
+    return _textured(role, "plaster", surfaces.wall_paint(rng, colour, rough=rough))
+
+
+def _accent(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
+    finish = style.wall_finish[int(rng.integers(len(style.wall_finish)))]
+    return finishes.accent_wall(role, finish, style, rng)
+
+
+def _wall_tiles(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
+    order = palette.stream("wall_tiles").permutation(len(style.wall_tiles))
+    kind, colour, grout = style.wall_tiles[int(order[0 if role == "tiles_bathroom" else 1])]
+    return finishes.wall_tiles(role, kind, hex_colour(colour), hex_colour(grout), rng)
+
+
+def _books(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
+    codes = (*style.art, *style.cushions, "#e0d9c8", "#2f3336", "#7a2e2a")
+    return _textured(role, "paper", pictures.book_spines(rng, tuple(hex_colour(c) for c in codes)))
+
+
+_RECIPES: dict[str, Recipe] = {
+    **{f"floor_{room}": _floor for room in ROOM_KINDS},
+    **{f"wall_{room}": _wall for room in ROOM_KINDS},
+    **{f"accent_{room}": _accent for room in ROOM_KINDS},
+    "tiles_bathroom": _wall_tiles,
+    "tiles_kitchen": _wall_tiles,
+    "ceiling": _tinted("plaster", surfaces.wall_paint, "#edebe6"),
+    "skirting": _boards("skirting"),
+    "door_frame": _boards("skirting"),
+    "door": _boards("doors"),
+    "window_frame": _boards("frames", 0.25),
+    "window_sill": _tinted("wood", wood.painted, "#e8e6e0", 0.25),
+    "window_view": _drawn("glass", pictures.outdoor, 0.3),
+    "wood": _boards("wood", 0.12),
+    "wood_alt": _boards("wood_alt", 0.12),
+    "butcher": lambda palette, style, role, rng: finishes.worktop(role, "wood:oak", rng),
+    "front": _boards("fronts", 0.2),
+    "front_upper": _boards("fronts_upper", 0.2),
+    "bath_front": _boards("fronts", 0.25),
+    "white": _tinted("wood", wood.painted, "#e6e4df", 0.2),
+    "accent_paint": _paint("accent_paint"),
+    "worktop": _worktop,
+    "metal": _metal("metal"),
+    "tap": _metal("tap"),
+    "chrome": _plain("metal", "#c3c6c9", 0.75),
+    "black_metal": _plain("metal", "#3a3a3b", 0.35),
+    "steel": _tinted("metal", surfaces.brushed, "#b6b9bb", 0.5),
+    "enamel": _plain("metal", "#e6e6e3", 0.4),
+    "radiator": _plain("metal", "#e7e6e2", 0.3),
+    "ceramic": _plain("ceramic", "#e9e8e4", 0.45),
+    "ceramic_accent": _paint("accent_paint"),
+    "mirror": _plain("glass", "#c3ced3", 0.9),
+    "glass": _plain("glass", "#b9c8ca", 0.6),
+    "black_glass": _plain("glass", "#353638", 0.7),
+    "screen": _drawn("glass", pictures.tv_screen, 0.6),
+    "hob": _drawn("glass", pictures.hob, 0.6),
+    "oven_panel": lambda palette, style, role, rng: _textured(
+        role, "metal", pictures.oven_panel(rng, hex_colour("#b6b9bb")), 0.4
+    ),
+    "plastic_white": _plain("plastic", "#e2e1dc", 0.15),
+    "plastic_black": _plain("plastic", "#333334", 0.15),
+    "wicker": _tinted("wood", surfaces.wicker, "#c49c68"),
+    "leather": _tinted("upholstery", surfaces.leather, "#6f462e", 0.2),
+    "sofa": _upholstery(0),
+    "armchair": _upholstery(1),
+    "chair_fabric": _upholstery(2),
+    **{f"cushion_{k}": _cushion(k) for k in range(CUSHIONS)},
+    **{f"print_{k}": _print(k) for k in range(PRINTS)},
+    "throw": _textile("cushions", cloth.knit, "fabric", 1),
+    "curtain": _textile("textiles", cloth.curtain, "curtain"),
+    "sheer": _tinted("curtain", cloth.curtain, "#e9e6df"),
+    "bedding": _textile("bedding", cloth.weave, "fabric"),
+    "sheet": _tinted("fabric", cloth.curtain, "#e6e4de"),
+    **{f"towel_{k}": _textile("towels", cloth.terry, "fabric", k) for k in range(TOWELS)},
+    "bath_mat": _textile("towels", cloth.carpet, "carpet", 1),
+    **{f"rug_{k}": _rug(k) for k in range(RUGS)},
+    **{f"picture_{k}": _picture(k) for k in range(PICTURES)},
+    "mount_board": _plain("paper", "#e9e6dd"),
+    "books": _books,
+    "paper": _plain("paper", "#e2dccb"),
+    "leaf": _tinted("foliage", pictures.leaf, "#4b7440"),
+    "leaf_alt": _tinted("foliage", pictures.leaf, "#6b8a4a"),
+    "stem": _plain("wood", "#6d5a3c"),
+    "soil": _tinted("plaster", surfaces.soil, "#55432f"),
+    "pot": _plain("ceramic", "#b5714d"),
+    "pot_white": _plain("ceramic", "#dedbd3", 0.3),
+    "fruit_orange": _plain("foliage", "#dd8a35", 0.1),
+    "fruit_green": _plain("foliage", "#8aa843", 0.1),
+    "fruit_red": _plain("foliage", "#b23a32", 0.1),
+    "lamp_shade": _lamp_shade,
+    "lamp_glass": _plain("glass", "#f2ead8", 0.3, (19.0, 15.5, 11.0)),
+    "bulb": _plain("glass", "#fff1d6", 0.3, (60.0, 46.0, 30.0)),
+    "hood_light": _plain("glass", "#efe6d6", 0.3, (22.0, 19.0, 14.5)),
+}
+
+#: Every role a palette has a material for.
+ROLES = tuple(_RECIPES)

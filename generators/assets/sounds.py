@@ -1,0 +1,130 @@
+"""Mono sources: synthesised per category, or any recording, at one loudness.
+
+All sources have the same integrated loudness (ITU-R BS.1770-4) and a limited true peak, so that no category is louder
+than another and, with the clips' fixed gain, none clips.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import soundfile
+from numpy.random import Generator
+from numpy.typing import NDArray
+from scipy.signal import resample_poly
+
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.taxonomy import check_category
+from generators.assets.synthesis import signals
+from generators.assets.synthesis.loudness import integrated_loudness, normalised
+from generators.assets.synthesis.voices import VOICES
+
+SAMPLE_RATE = 44_100
+#: Loudness of every source.
+TARGET_LUFS = -20.0
+#: No source passes this true peak (dBTP).
+CEILING_DB = -1.0
+#: No second of a source is quieter than this (dBFS, RMS).
+SECOND_FLOOR_DB = -45.0
+#: A recording must last this long, and its loop is cross-faded over at most half a second.
+_SHORTEST = 0.5
+_CROSS_FADE = 0.5
+#: A recording below this loudness is taken for silence (LUFS).
+_SILENCE = -60.0
+
+
+def synthesise(category: str, seconds: float, rng: Generator) -> NDArray[np.float32]:
+    """A source of ``category`` whose variant is drawn from ``rng``.
+
+    Args:
+        category: one of the seven.
+        seconds: length, at least 1.
+        rng: settles everything.
+
+    Returns:
+        (seconds · 44100,) float32 mono at `TARGET_LUFS`, true peak below `CEILING_DB`; every second of it above
+        `SECOND_FLOOR_DB`.
+
+    Raises:
+        UsageError: for an unknown category.
+        Avs3dError: for a length below one second or above an hour.
+    """
+    check_category(category)
+    if not 1.0 <= seconds <= 3600.0:
+        raise Avs3dError(f"sound of {category}: {seconds} s were asked for, expected 1 to 3600 s")
+    raw = VOICES[category](round(seconds * signals.SAMPLE_RATE), rng)
+    return normalised(raw, SAMPLE_RATE, TARGET_LUFS, CEILING_DB)
+
+
+def second_levels(signal: NDArray[np.floating], sample_rate: int = SAMPLE_RATE) -> NDArray[np.float64]:
+    """(whole seconds,) RMS level of each second in dBFS; −inf for silence."""
+    whole = len(signal) // sample_rate
+    blocks = np.asarray(signal[: whole * sample_rate], dtype=np.float64).reshape(whole, sample_rate)
+    with np.errstate(divide="ignore"):
+        return np.asarray(10 * np.log10(np.mean(np.square(blocks), axis=1)))
+
+
+def load_sound(path: Path | str, seconds: float, sample_rate: int = SAMPLE_RATE) -> NDArray[np.float32]:
+    """A recording as a source: mixed to mono, resampled, looped with a cross-fade, brought to `TARGET_LUFS`.
+
+    Args:
+        path: any WAV or FLAC.
+        seconds: length wanted; a longer recording is cut, a shorter one looped.
+        sample_rate: rate wanted, Hz.
+
+    Returns:
+        (seconds · sample_rate,) float32.
+
+    Raises:
+        Avs3dError: if the file is missing, not a sound file, truncated, holds NaN, is silent or too short.
+    """
+    file = Path(path)
+    samples, rate = _read(file)
+    mono = samples.mean(axis=1)
+    bad = int((~np.isfinite(mono)).sum())
+    if bad:
+        raise Avs3dError(f"{file}: {bad} samples are NaN or infinite; repair or replace the recording")
+    if len(mono) < _SHORTEST * rate:
+        raise Avs3dError(f"{file}: the recording lasts {len(mono) / rate:.2f} s; expected at least {_SHORTEST} s")
+    if rate != sample_rate:
+        divisor = int(np.gcd(rate, sample_rate))
+        mono = resample_poly(mono, sample_rate // divisor, rate // divisor)
+    looped = loop(mono, round(seconds * sample_rate), round(_CROSS_FADE * sample_rate))
+    loudness = integrated_loudness(looped, sample_rate)
+    if loudness < _SILENCE:
+        raise Avs3dError(f"{file}: the recording is silent ({loudness:.1f} LUFS); expected at least {_SILENCE:g} LUFS")
+    return normalised(looped, sample_rate, TARGET_LUFS, CEILING_DB)
+
+
+def loop(signal: NDArray[np.float64], count: int, fade: int) -> NDArray[np.float64]:
+    """Repeat ``signal`` to ``count`` samples; each end fades into the next beginning over ``fade`` samples.
+
+    The fade is of equal power (sine and cosine) and at most a quarter of the signal.
+    """
+    if len(signal) >= count:
+        return signal[:count].copy()
+    fade = min(fade, len(signal) // 4)
+    hop = len(signal) - fade
+    t = (np.arange(fade) + 0.5) / max(fade, 1) * (np.pi / 2)
+    body = signal.copy()
+    body[:fade] = signal[:fade] * np.sin(t) + signal[hop:] * np.cos(t)
+    repeats = -(-count // hop)
+    out = np.tile(body[:hop], repeats)[:count]
+    out[: min(fade, count)] = signal[: min(fade, count)]  # nothing comes before the first time
+    return out
+
+
+def _read(file: Path) -> tuple[NDArray[np.float64], int]:
+    """(n, channels) float64 and the sample rate; refuses a file whose data stop before its header says."""
+    if not file.is_file():
+        raise Avs3dError(f"{file}: no such sound file; expected a WAV or FLAC")
+    try:
+        with soundfile.SoundFile(file) as handle:
+            promised, rate = handle.frames, handle.samplerate
+            samples = handle.read(dtype="float64", always_2d=True)
+    except (soundfile.SoundFileError, RuntimeError, OSError) as error:
+        raise Avs3dError(f"{file}: not a readable WAV or FLAC ({error}); replace the file") from error
+    if len(samples) == 0 or len(samples) < promised:
+        raise Avs3dError(f"{file}: truncated, {len(samples)} of {promised} samples can be read; fetch it again")
+    return samples, rate

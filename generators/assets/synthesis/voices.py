@@ -1,0 +1,318 @@
+"""The seven categories as sounding machines.
+
+A voice is a function (samples, Generator) → signal at `signals.SAMPLE_RATE`, of any level; its variant (speeds,
+pitches, timbre, programme) is drawn from the Generator. None is ever silent: a pump, a fan, a refill or a ringing body
+goes on in every second. Levels inside a voice are relative RMS or peak values chosen by ear and spectrogram.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.random import Generator
+from scipy.signal import fftconvolve
+
+from generators.assets.synthesis.signals import (
+    SAMPLE_RATE,
+    Array,
+    add_at,
+    band_noise,
+    bubbles,
+    drift,
+    harmonics,
+    phase_of,
+    ramp,
+    resonance,
+    strike,
+    time_axis,
+    unit,
+)
+
+
+def washing_machine(count: int, rng: Generator) -> Array:
+    """Drum turning back and forth: motor whine under load, rumble that beats with the drum, falling laundry, slosh."""
+    t = time_axis(count)
+    seconds = count / SAMPLE_RATE
+    turns = rng.uniform(0.7, 1.0)  # drum revolutions per second
+    drive = rng.uniform(9.0, 13.0)  # motor revolutions per drum revolution
+    # The drum runs one way for a few seconds, slows down, and runs the other way.
+    times, speeds, now = [0.0], [1.0], 0.0
+    while now < seconds + 1:
+        run, pause = rng.uniform(6.0, 10.0), rng.uniform(0.5, 0.9)
+        times += [now + run, now + run + 0.5, now + run + 0.5 + pause, now + run + 1.1 + pause]
+        speeds += [1.0, 0.12, 0.12, 1.0]
+        now += run + 1.1 + pause
+    speed = ramp(count, times, speeds, soft=0.25)
+    angle = phase_of(turns * speed, count)
+    beat = 0.5 + 0.5 * np.cos(angle)
+    rumble = band_noise(count, rng, 32, 130) * (0.35 + 0.65 * beat) * (0.25 + 0.75 * speed)
+    # Three ribs lift the laundry and let it drop.
+    falls = np.zeros(count)
+    ribs = np.flatnonzero(np.diff(np.floor(3 * angle / (2 * np.pi)))) if count > 1 else np.zeros(0, int)
+    for start in ribs:
+        weight = rng.uniform(0.3, 1.0) * float(speed[start])
+        modes = [(f * rng.uniform(0.9, 1.1), d, a) for f, d, a in ((62, 0.28, 1.0), (118, 0.2, 0.7), (240, 0.1, 0.3))]
+        add_at(falls, int(start + rng.integers(0, 2500)), weight * strike(modes, 0.4, rng, attack=4e-3))
+    slosh_swing = 0.5 + 0.5 * np.cos(angle * 2 + 1.0 + drift(count, rng, 0.7, 0.8))
+    slosh = band_noise(count, rng, 350, 2600) * slosh_swing**2.5 * (0.2 + 0.8 * speed)
+    splash = bubbles(count, rng, 60.0 * slosh_swing**3 * speed + 3.0, (1.2, 7.0))
+    pitch = turns * drive * 12 * speed * (1 + 0.03 * np.cos(angle) + drift(count, rng, 1.0, 0.004))
+    motor = harmonics(phase_of(np.maximum(pitch, 12.0), count), [1, 0.5, 0.7, 0.25, 0.35, 0.1, 0.12, 0.06], rng)
+    mains = harmonics(phase_of(50.0, count), [0.2, 1.0, 0.1, 0.5, 0.05, 0.2], rng)
+    panel = resonance(motor + 0.3 * falls, rng.uniform(380, 620), 6.0)
+    hiss = band_noise(count, rng, 900, 6500) * (0.5 + 0.5 * speed)
+    del t
+    return (
+        1.0 * rumble
+        + 1.1 * falls
+        + 0.30 * slosh
+        + 0.30 * splash
+        + (0.20 * motor + 0.25 * panel) * (0.15 + 0.85 * speed)
+        + 0.10 * mains
+        + 0.05 * hiss
+    )
+
+
+def toilet(count: int, rng: Generator) -> Array:
+    """Flush after flush: a roar of falling water, the gulp of the siphon, the hiss of the refill that chokes at last."""
+    out = np.zeros(count)
+    body = rng.uniform(0.85, 1.25)  # bowl and pipe resonances
+    now = -rng.uniform(0.0, 0.4)
+    while now < count / SAMPLE_RATE:
+        flush, refill = rng.uniform(3.5, 5.0), rng.uniform(8.0, 12.0)
+        length = int((flush + refill) * SAMPLE_RATE)
+        roar_env = ramp(length, [0, 0.25, 0.9, flush - 1.0, flush, flush + 1.2], [0.1, 1.0, 0.9, 0.7, 0.15, 0.0], 0.15)
+        flutter = np.exp(drift(length, rng, 9.0, 0.28))
+        low = band_noise(length, rng, 120 * body, 650 * body) * np.exp(drift(length, rng, 5.0, 0.4))
+        high = band_noise(length, rng, 650 * body, 4800)
+        roar = roar_env * flutter * (0.9 * low + 0.6 * high)
+        rush = bubbles(length, rng, 160.0 * roar_env, (1.0, 6.0))
+        gulp_env = ramp(length, [flush - 1.3, flush - 0.7, flush, flush + 0.9], [0.0, 1.0, 0.8, 0.0], 0.1)
+        gulps = bubbles(length, rng, 26.0 * gulp_env, (6.0, 17.0))
+        throat = resonance(band_noise(length, rng, 90, 900), 210 * body, 5.0)
+        throat *= gulp_env * (0.5 + 0.5 * np.cos(phase_of(7.0 + drift(length, rng, 2.0, 1.2), length)))
+        fill_env = ramp(
+            length,
+            [0.8, 2.0, flush + refill - 2.2, flush + refill - 0.25, flush + refill],
+            [0.0, 1.0, 0.85, 0.35, 0.3],
+            0.2,
+        )
+        hiss = band_noise(length, rng, 1700 * body, 8500) * np.exp(drift(length, rng, 12.0, 0.12))
+        # The float closes the valve: the pipe whistles higher and higher.
+        whistle_pitch = ramp(length, [0, flush + refill - 3, flush + refill], [820 * body, 900 * body, 1750 * body], 0.3)
+        whistle = harmonics(phase_of(whistle_pitch + drift(length, rng, 6.0, 9.0), length), [1.0, 0.25, 0.1], rng)
+        whistle *= ramp(length, [flush + refill - 3.2, flush + refill - 1.2, flush + refill], [0.0, 1.0, 0.2], 0.2)
+        trickle = bubbles(length, rng, 90.0 * fill_env, (0.7, 3.0))
+        add_at(
+            out,
+            int(now * SAMPLE_RATE),
+            roar + 0.5 * rush + 0.9 * gulps + 0.5 * throat + fill_env * 0.34 * hiss + 0.05 * whistle + 0.3 * trickle,
+        )
+        now += flush + refill - 0.25
+    return out
+
+
+def vacuum_cleaner(count: int, rng: Generator) -> Array:
+    """Universal motor and its fan blades over a roar of air; the pitch sags as the nozzle is pushed and pulled."""
+    base = rng.uniform(210.0, 330.0)  # motor revolutions per second
+    blades = int(rng.integers(7, 10))
+    stroke = phase_of(rng.uniform(0.35, 0.6) * np.exp(drift(count, rng, 0.3, 0.15)), count)
+    push = np.cos(stroke)
+    pitch = base * (1.0 + 0.012 * push + drift(count, rng, 0.4, 0.006) + drift(count, rng, 14.0, 0.0008))
+    phase = phase_of(pitch, count)
+    # Universal motors have strong low orders; the impeller adds its blade-passing tone and the octave above.
+    orders = np.array([1.0, 0.55, 0.22, 0.3, 0.1, 0.12, 0.05, 0.06])
+    motor = harmonics(phase, orders, rng)
+    whine = harmonics(phase * blades, [1.0, 0.35, 0.15], rng)
+    swing = 1.0 + 0.25 * push
+    rush = band_noise(count, rng, 300, 3800)
+    hiss = band_noise(count, rng, 2200, 11_000, 1)
+    tube = resonance(rush, rng.uniform(480, 760), 4.0) + 0.7 * resonance(rush, rng.uniform(1100, 1700), 5.0)
+    floor = band_noise(count, rng, 60, 260) * (0.5 + 0.5 * np.abs(np.sin(stroke)))
+    brush = band_noise(count, rng, 900, 2600) * np.abs(np.sin(stroke)) ** 1.5
+    return (
+        0.30 * motor
+        + 0.16 * whine
+        + 0.55 * swing * rush
+        + 0.30 * (2.0 - swing) * hiss
+        + 0.6 * tube
+        + 0.35 * floor
+        + 0.2 * brush
+    )
+
+
+def microwave(count: int, rng: Generator) -> Array:
+    """Transformer and magnetron hum at twice the mains frequency, cooling fan, turntable; it pulses at part power."""
+    mains = float(rng.choice([50.0, 60.0]))
+    period, share = rng.uniform(9.0, 14.0), rng.uniform(0.6, 0.85)
+    seconds = count / SAMPLE_RATE
+    times, levels, now = [], [], rng.uniform(-0.4, 0.0) * period
+    clicks = np.zeros(count)
+    while now < seconds:
+        times += [now, now + 0.08, now + share * period, now + share * period + 0.1]
+        levels += [0.12, 1.0, 1.0, 0.12]
+        for moment, strength in ((now, 1.0), (now + share * period, 0.6)):
+            modes = [(180, 0.12, 1.0), (760, 0.05, 0.6), (2300, 0.02, 0.4)]
+            add_at(clicks, int(moment * SAMPLE_RATE), strength * strike(modes, 0.2, rng))
+        now += period
+    power = ramp(count, times, levels, soft=0.06)
+    # 100/120 Hz and its harmonics, the even ones stronger: a saturating core on a half-wave doubler.
+    levels_of = np.array([1.0, 0.7, 0.32, 0.42, 0.16, 0.22, 0.09, 0.12, 0.05, 0.07, 0.03, 0.04]) * rng.uniform(0.7, 1.3, 12)
+    hum = harmonics(phase_of(2 * mains + drift(count, rng, 0.2, 0.02), count), levels_of, rng)
+    half = harmonics(phase_of(mains, count), [0.6, 0.0, 0.35, 0.0, 0.2, 0.0, 0.1], rng)
+    buzz = resonance(hum + half, rng.uniform(520, 900), 3.5)
+    fan_turns = rng.uniform(38.0, 46.0)
+    fan_phase = phase_of(fan_turns * (1 + drift(count, rng, 0.5, 0.004)), count)
+    blade = harmonics(fan_phase * int(rng.integers(5, 8)), [1.0, 0.4, 0.2], rng)
+    air = band_noise(count, rng, 180, 2400, 1) * (1 + 0.12 * np.cos(fan_phase))
+    hiss = band_noise(count, rng, 2400, 8000, 1)
+    table = phase_of(rng.uniform(0.085, 0.1), count)
+    rollers = band_noise(count, rng, 700, 2200) * (0.3 + 0.7 * np.abs(np.sin(1.5 * table)) ** 8)
+    return (
+        power * (0.55 * hum + 0.3 * half + 0.5 * buzz) * (1 + 0.08 * np.cos(table))
+        + 0.38 * air
+        + 0.10 * hiss
+        + 0.14 * blade
+        + 0.10 * rollers
+        + 0.5 * clicks
+    )
+
+
+def coffee_machine(count: int, rng: Generator) -> Array:
+    """Espresso after espresso: vibrating pump, the coffee dripping and gurgling, steam that froths the milk."""
+    out = np.zeros(count)
+    mains = float(rng.choice([50.0, 60.0]))
+    body, cup = rng.uniform(300.0, 480.0), rng.uniform(1.0, 1.5)
+    nozzle = rng.uniform(2600.0, 4200.0)
+    now = -rng.uniform(0.0, 2.0)
+    while now < count / SAMPLE_RATE:
+        pump, drip, steam = rng.uniform(8, 12), rng.uniform(3.5, 5.5), rng.uniform(5, 8)
+        total = pump + drip + steam
+        length = int((total + 0.6) * SAMPLE_RATE)
+        # The plunger is driven by half waves: a buzz with all harmonics, duller as the pressure builds up.
+        pump_env = ramp(length, [0, 0.15, 2.5, pump - 0.2, pump], [0, 1.0, 0.75, 0.8, 0], 0.05)
+        buzz = harmonics(phase_of(mains + drift(length, rng, 0.3, 0.05), length), 1.0 / np.arange(1, 41) ** 0.7, rng)
+        case = 0.5 * buzz + 1.6 * resonance(buzz, body, 5.0) + 1.0 * resonance(buzz, 2.3 * body, 7.0)
+        chatter = band_noise(length, rng, 1500, 5000) * np.maximum(0, np.sin(phase_of(mains, length))) ** 4
+        flow_env = ramp(length, [2.5, 4.0, pump, pump + drip - 1, pump + drip], [0.0, 0.7, 1.0, 0.6, 0.3], 0.2)
+        drops = bubbles(length, rng, 45.0 * flow_env, (1.6 * cup, 6.0 * cup))
+        gurgle_env = ramp(length, [pump, pump + 0.8, pump + drip, pump + drip + 0.7], [0.0, 1.0, 0.8, 0.0], 0.15)
+        sputter = np.maximum(0.0, drift(length, rng, 11.0, 1.0)) ** 1.5
+        gurgle = gurgle_env * sputter * resonance(band_noise(length, rng, 200, 2500), 520 / cup, 2.0)
+        plops = bubbles(length, rng, 16.0 * gurgle_env, (4.0 * cup, 11.0 * cup))
+        steam_env = ramp(
+            length, [pump + drip - 0.6, pump + drip + 0.3, total, total + 0.5], [0.06, 1.0, 0.9, 0.0], 0.12
+        )
+        hiss = band_noise(length, rng, nozzle, 13_000, 1) + 0.8 * resonance(
+            band_noise(length, rng, 800, 9000), 0.6 * nozzle, 2.5
+        )
+        roll = np.exp(drift(length, rng, 18.0, 0.25))
+        froth = band_noise(length, rng, 300, 1400) * np.exp(drift(length, rng, 24.0, 0.5))
+        warm = band_noise(length, rng, 150, 900) * ramp(length, [0, 0.2, total, total + 0.5], [0, 1, 1, 0], 0.1)
+        add_at(
+            out,
+            int(now * SAMPLE_RATE),
+            pump_env * (0.32 * unit(case) + 0.12 * chatter)
+            + 0.5 * drops
+            + 0.6 * gurgle
+            + 0.6 * plops
+            + steam_env * roll * (0.30 * hiss + 0.22 * froth)
+            + 0.02 * warm,
+        )
+        now += total + 0.15
+    return out
+
+
+def clock(count: int, rng: Generator) -> Array:
+    """Tick and tock of an escapement in its case: two or three small strokes each, wheels purring faintly beneath."""
+    beats = float(rng.choice([2.0, 2.5, 3.0, 4.0]))
+    bright, wood = rng.uniform(0.8, 1.3), rng.uniform(0.8, 1.25)
+    dry = np.zeros(count)
+
+    def stroke(scale: float) -> Array:
+        """Unlocking, impulse and drop of one beat (milliseconds apart), each a click with the case's modes."""
+        out = np.zeros(int(0.2 * SAMPLE_RATE))
+        for delay, force in ((0.0, 0.45), (0.0042, 0.3), (0.0095, 1.0)):
+            modes = [
+                (2450 * bright * scale, 0.035, 0.8),
+                (3900 * bright * scale, 0.022, 0.7),
+                (6100 * bright * scale, 0.012, 0.45),
+                (920 * wood * scale, 0.07, 0.55),
+                (430 * wood * scale, 0.12, 0.4),
+            ]
+            add_at(out, int(delay * SAMPLE_RATE), force * strike(modes, 0.16, rng, attack=1e-4))
+        return out
+
+    # A few recordings of each stroke, so that no two neighbours are the same to the sample.
+    ticks = [stroke(1.0) for _ in range(4)]
+    tocks = [stroke(0.86) for _ in range(4)]
+    number, now = 0, rng.uniform(0.02, 0.2)
+    while now * SAMPLE_RATE < count:
+        kind = (ticks if number % 2 == 0 else tocks)[int(rng.integers(0, 4))]
+        add_at(dry, int((now + rng.normal(0, 6e-4)) * SAMPLE_RATE), rng.uniform(0.85, 1.0) * kind)
+        number += 1
+        # An escapement out of beat limps a little.
+        now += (1.0 + (0.05 if number % 2 else -0.05)) / beats
+    # The movement's plates and the case ring on: a faint, fast decaying diffuse tail.
+    tail_time = time_axis(int(0.5 * SAMPLE_RATE))
+    tail = band_noise(len(tail_time), rng, 350 * wood, 5200 * bright) * np.exp(-6.91 * tail_time / 0.45)
+    ringing = fftconvolve(dry, unit(tail) * 0.004)[:count]
+    wheels = band_noise(count, rng, 1800, 6000) * (1 + 0.6 * np.cos(phase_of(beats * 7, count)))
+    return dry + 0.8 * ringing + 0.0035 * wheels
+
+
+def telephone(count: int, rng: Generator) -> Array:
+    """A two-tone ring in bursts of about 0.7 s every second: an electronic warble or two gongs and a clapper."""
+    on, period = rng.uniform(0.66, 0.74), 1.0
+    seconds = count / SAMPLE_RATE
+    low = rng.uniform(780.0, 1150.0)
+    high = low * float(rng.choice([6 / 5, 5 / 4, 4 / 3]))
+    out = np.zeros(count)
+    start = rng.uniform(0.0, 0.2)
+    if rng.random() < 0.5:  # electronic
+        warble = rng.uniform(14.0, 22.0)
+        t = time_axis(count)
+        square = np.tanh(6.0 * np.sin(2 * np.pi * warble * t))
+        phase = phase_of(low + (high - low) * (0.5 + 0.5 * square), count)
+        tone = harmonics(phase, [1.0, 0.12, 0.4, 0.05, 0.2, 0.0, 0.08], rng)
+        starts = np.arange(-1, seconds + 1, period) + start
+        times = [moment for s in starts for moment in (s, s + 0.012, s + on, s + on + 0.03)]
+        gate = ramp(count, times, [0.0, 1.0, 1.0, 0.0] * len(starts), soft=0.004)
+        shell = resonance(tone * gate, 2.0 * low, 3.0)
+        out = gate * tone + 0.5 * shell
+        tail_time = time_axis(int(0.35 * SAMPLE_RATE))
+        tail = band_noise(len(tail_time), rng, 500, 5000) * np.exp(-6.91 * tail_time / 0.3)
+        out += 0.35 * fftconvolve(out, unit(tail) * 0.004)[:count]
+    else:  # mechanical: the clapper hits the two gongs in turn
+        rate = rng.uniform(20.0, 25.0)
+
+        def gong(base: float) -> Array:
+            modes = [
+                (base, 1.1, 1.0),
+                (base * 1.006, 0.9, 0.5),
+                (base * 2.31, 0.6, 0.6),
+                (base * 3.92, 0.35, 0.4),
+                (base * 5.63, 0.2, 0.25),
+            ]
+            return strike(modes, 1.0, rng)
+
+        gongs = (gong(low), gong(high))
+        for s in np.arange(-1, seconds + 1, period) + start:
+            for hit in range(int(on * rate)):
+                moment = s + hit / rate + rng.normal(0, 8e-4)
+                add_at(out, int(moment * SAMPLE_RATE), rng.uniform(0.75, 1.0) * gongs[hit % 2])
+        relay = band_noise(count, rng, 120, 1500) * 0.01
+        out = out + relay
+    return out
+
+
+VOICES: dict[str, Callable[[int, Generator], Array]] = {
+    "washing_machine": washing_machine,
+    "toilet": toilet,
+    "vacuum_cleaner": vacuum_cleaner,
+    "microwave": microwave,
+    "coffee_machine": coffee_machine,
+    "clock": clock,
+    "telephone": telephone,
+}

@@ -1,0 +1,53 @@
+"""The vision and acoustic backends by name; each is imported only when it is asked for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from avs3d_bench import __version__
+from avs3d_bench.errors import UsageError
+from generators.acoustics.base import AcousticBackend
+from generators.vision.base import VisionBackend
+
+
+def vision_backend(name: str) -> VisionBackend:
+    """The renderer called ``name``.
+
+    Raises:
+        UsageError: if there is none of that name.
+        Avs3dError: if what it needs is not installed.
+    """
+    if name == "embree":
+        from generators.vision.embree import EmbreeBackend
+
+        return EmbreeBackend()
+    raise UsageError(f"unknown vision backend {name!r}: expected embree")
+
+
+def acoustic_backend(name: str) -> AcousticBackend:
+    """The acoustic engine called ``name``.
+
+    Raises:
+        UsageError: if there is none of that name.
+        Avs3dError: if what it needs is not installed.
+    """
+    if name == "soundspaces":
+        from generators.acoustics.soundspaces import SoundSpacesBackend
+
+        return SoundSpacesBackend()
+    if name == "analytic":
+        from generators.acoustics.analytic import AnalyticBackend
+
+        return AnalyticBackend()
+    raise UsageError(f"unknown acoustic backend {name!r}: expected soundspaces or analytic")
+
+
+def backend_versions(vision: str, audio: str) -> dict[str, str]:
+    """Name → version of everything whose change may change an observation's bytes."""
+    sight, sound = vision_backend(vision), acoustic_backend(audio)
+    return {
+        "avs3d-bench": __version__,
+        "numpy": np.__version__,
+        sight.name: sight.version,
+        sound.name: sound.version,
+    }

@@ -1,0 +1,83 @@
+"""`avs3d generate` and `avs3d contact-sheet`."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import click
+
+from avs3d_bench.errors import UsageError
+
+
+@click.command()
+@click.argument("manifest", type=click.Path(path_type=Path))
+@click.option("-o", "--output", "root", required=True, type=click.Path(path_type=Path), help="The dataset's folder.")
+@click.option("--workers", type=click.IntRange(1, 256), default=None, help="Worker processes (default: one per core).")
+@click.option("--only", multiple=True, metavar="KEY_GLOB", help="Only observations whose key matches; repeatable.")
+@click.option("--vision", type=click.Choice(["embree"]), default="embree", show_default=True)
+@click.option("--audio", type=click.Choice(["soundspaces", "analytic"]), default="soundspaces", show_default=True)
+@click.option("--frames", type=click.IntRange(1, 999), default=None, help="Frames per observation (manifest: 120).")
+@click.option("--size", type=click.IntRange(16, 8192), default=None, help="Pixels per side (manifest: 1008).")
+@click.option("--with", "extras", multiple=True, type=click.Choice(["depth", "rirs"]), help="Optional folders.")
+@click.option("--cache", type=click.Path(path_type=Path), default=None, help="Baked homes (default: $AVS3D_CACHE).")
+def generate(
+    manifest: Path,
+    root: Path,
+    workers: int | None,
+    only: tuple[str, ...],
+    vision: str,
+    audio: str,
+    frames: int | None,
+    size: int | None,
+    extras: tuple[str, ...],
+    cache: Path | None,
+) -> None:
+    """Generate the dataset that MANIFEST describes into a folder; run it again to go on after an interruption.
+
+    The same manifest and the same versions give the same bytes, whatever the number of workers. Sound from the
+    SoundSpaces engine (RLRAudioPropagation, CC-BY-NC 4.0) is for non-commercial research; --audio analytic is free.
+    """
+    # One thread per process: parallel work is spread over processes, and results stay the same on any machine.
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
+    from generators.homes import default_cache
+    from generators.plan import make_plans, read_manifest
+    from generators.progress import reporting
+    from generators.runner import run
+
+    source = read_manifest(manifest)
+    plans = make_plans(
+        source,
+        only=only,
+        vision=vision,
+        audio=audio,
+        frames=frames,
+        size=size,
+        depth="depth" in extras,
+        rirs="rirs" in extras,
+    )
+    count = workers or len(os.sched_getaffinity(0))
+    with reporting(plans) as listen:
+        outcome = run(source, plans, root, workers=count, cache=cache or default_cache(), listen=listen)
+    click.echo(f"{root}: {len(outcome.made)} made, {len(outcome.kept)} kept, {len(outcome.failed)} failed")
+    for key, message in outcome.failed:
+        click.echo(f"avs3d: error: {key}: {message}", err=True)
+    if outcome.failed:
+        raise SystemExit(1)
+
+
+@click.command("contact-sheet")
+@click.argument("root", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for one PNG each.")
+@click.option("--only", multiple=True, metavar="KEY_GLOB", help="Only observations whose key matches; repeatable.")
+@click.option("--frames", "columns", type=click.IntRange(2, 24), default=8, show_default=True, help="Frames shown.")
+def contact_sheet(root: Path, output: Path, only: tuple[str, ...], columns: int) -> None:
+    """Draw every observation of the dataset ROOT: frames with their masks, a map of path, source and heading, sound."""
+    from generators.contact_sheet import draw_contact_sheets
+
+    drawn = draw_contact_sheets(root, output, only=only, columns=columns)
+    if not drawn:
+        raise UsageError(f"{root}: no observation to draw" + (f" matches {', '.join(only)}" if only else ""))
+    for path in drawn:
+        click.echo(path)

@@ -1,0 +1,253 @@
+"""The kitchen: a run of base units with tall units at its end, wall cabinets above, and a place to eat."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generators.assets.furniture import Furniture
+from generators.scenes.arrange import Arranger, Placed, Spot
+from generators.scenes.floorplan import SIDES, Side, WallFrame
+from generators.scenes.shell import RoomShell
+
+Array = NDArray[np.float64]
+COUNTER_DEPTH = 0.65
+LONGEST = 3.6
+LONGEST_LEG = 1.9
+#: Wall cabinets hang this high; below them appliances stand.
+CABINET_BOTTOM = 1.45
+WORKTOP = 0.9
+#: Worktop that a kitchen should have in all, metres.
+WANTED = 2.6
+#: Clockwise neighbours: the wall at a wall's right end (its own left end), and at its left end.
+RIGHT: dict[Side, Side] = {"north": "east", "east": "south", "south": "west", "west": "north"}
+LEFT: dict[Side, Side] = {b: a for a, b in RIGHT.items()}
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Base units on one wall, ``counter`` (from, to), tall units ``tall`` (left ends), and a leg round a corner."""
+
+    wall: WallFrame
+    counter: tuple[float, float]
+    tall: tuple[tuple[str, float], ...]
+    leg_wall: WallFrame | None
+    leg: tuple[float, float]
+
+    @property
+    def worktop(self) -> float:
+        """Metres of worktop."""
+        return self.counter[1] - self.counter[0] + self.leg[1] - self.leg[0]
+
+
+def _size(furniture: Furniture) -> Array:
+    bounds = furniture.mesh.bounds.astype(np.float64)
+    return np.asarray(bounds[1] - bounds[0])
+
+
+def _stand(a: Arranger, furniture: Furniture, wall: WallFrame, left: float, height: float = 0.0) -> Placed | None:
+    """Put a piece with its left end at ``left``, its back on the wall."""
+    low = furniture.mesh.bounds[0].astype(np.float64)
+    at = wall.point(left - float(low[0]), 0.0, -float(low[2]))
+    return a.place_free(furniture, at[[0, 2]], wall.yaw, height=height)
+
+
+def _layouts(a: Arranger) -> list[_Layout]:
+    """All ways to put the units along the room's walls."""
+    free = {
+        side: [s for s in a.stretches(a.room.wall(side), (0.05, WORKTOP + 0.03), COUNTER_DEPTH) if s[1] - s[0] > 0.5]
+        for side in SIDES
+    }
+    out = []
+    for side in SIDES:
+        wall = a.room.wall(side)
+        for start, stop in free[side]:
+            for kinds in (("fridge", "oven_unit"), ("fridge",)):
+                for tall_left in (True, False):
+                    layout = _layout(a, wall, (start, stop), kinds, tall_left, free)
+                    if layout is not None:
+                        out.append(layout)
+    return out
+
+
+def _layout(
+    a: Arranger,
+    wall: WallFrame,
+    stretch: tuple[float, float],
+    kinds: tuple[str, ...],
+    tall_left: bool,
+    free: dict[Side, list[tuple[float, float]]],
+) -> _Layout | None:
+    """Tall units at one end of the stretch, base units beside them, a leg where the other end is a corner."""
+    start, stop = stretch[0] + 0.005, stretch[1] - 0.005
+    widths = [float(_size(a.model(kind))[0]) + 0.005 for kind in kinds]
+    tall = sum(widths)
+    length = min(stop - start - tall, LONGEST)
+    if length < 1.5:
+        return None
+    touches = stop > wall.length - 0.03 if tall_left else start < 0.03
+    # Slide along the wall: into the corner for the leg, else with the tall units at their end.
+    offset = stop - start - tall - length if touches == tall_left else 0.0
+    first = start + offset
+    ordered = kinds if tall_left else kinds[::-1]
+    sizes = widths if tall_left else widths[::-1]
+    cursor = first if tall_left else first + length
+    places = []
+    for kind, width in zip(ordered, sizes, strict=True):
+        places.append((kind, cursor))
+        cursor += width
+    for kind, left in places:
+        box = _size(a.model(kind))
+        ends = [wall.point(left, 0.0), wall.point(left + float(box[0]), float(box[1]), float(box[2]))]
+        if not a.free(np.minimum(*ends)[None], np.maximum(*ends)[None])[0]:
+            return None
+    counter = (first + tall, first + tall + length) if tall_left else (first, first + length)
+    leg_wall, leg = None, (0.0, 0.0)
+    if touches:
+        other = a.room.wall(RIGHT[wall.side] if tall_left else LEFT[wall.side])
+        for low, high in free[other.side]:
+            if tall_left and low < 0.03 and high - COUNTER_DEPTH > 0.7:
+                leg_wall, leg = other, (COUNTER_DEPTH, min(high - 0.02, COUNTER_DEPTH + LONGEST_LEG))
+            if not tall_left and high > other.length - 0.03 and other.length - COUNTER_DEPTH - low > 0.7:
+                end = other.length - COUNTER_DEPTH
+                leg_wall, leg = other, (max(low + 0.02, end - LONGEST_LEG), end)
+    return _Layout(wall, counter, tuple(places), leg_wall, leg)
+
+
+def _build(a: Arranger, layout: _Layout) -> list[Placed]:
+    """Stand the units; returns the counters."""
+    wall = layout.wall
+    for kind, left in layout.tall:
+        _stand(a, a.model(kind), wall, left)
+    counters = []
+    length = layout.counter[1] - layout.counter[0]
+    main = _stand(a, a.model("kitchen_counter", length=round(length, 3)), wall, layout.counter[0])
+    if main is not None:
+        counters.append(main)
+    if layout.leg_wall is not None:
+        leg = a.model("kitchen_counter", length=round(layout.leg[1] - layout.leg[0], 3), features=())
+        placed = _stand(a, leg, layout.leg_wall, layout.leg[0])
+        if placed is not None:
+            counters.append(placed)
+    return counters
+
+
+def _cabinets(a: Arranger, wall: WallFrame, span: tuple[float, float]) -> None:
+    """Wall cabinets over a counter wherever the wall is free."""
+    for start, stop in a.stretches(wall, (CABINET_BOTTOM, CABINET_BOTTOM + 0.65), 0.36):
+        low, high = max(start, span[0]) + 0.005, min(stop, span[1]) - 0.005
+        if high - low >= 0.6:
+            cabinet = a.model("wall_cabinet", length=round(min(high - low, 2.4), 2))
+            _stand(a, cabinet, wall, low, height=CABINET_BOTTOM - float(cabinet.mesh.bounds[0, 1]))
+
+
+def _splashback(a: Arranger, spans: list[tuple[WallFrame, tuple[float, float]]]) -> None:
+    """Tiles between worktop and wall cabinets, lower below a window."""
+    tiles = a.palette.finish("kitchen").wall_tiles or a.palette.finish("bathroom").wall_tiles
+    if tiles is None:
+        return
+    shell = RoomShell()
+    drawn = False
+    for wall, (start, stop) in spans:
+        panes = [
+            (*wall.along(o.start, o.stop), o.bottom)
+            for o in a.plan.openings_of(a.room.name, wall.side)
+            if o.kind == "window"
+        ]
+        cuts = sorted({start, stop, *(c for p in panes for c in (p[0] - 0.12, p[1] + 0.12) if start < c < stop)})
+        for low, high in zip(cuts[:-1], cuts[1:], strict=True):
+            middle = (low + high) / 2
+            tops = [bottom - 0.035 for p0, p1, bottom in panes if p0 - 0.12 < middle < p1 + 0.12]
+            top = min([CABINET_BOTTOM + 0.02, *tops])
+            shell.block(wall, (low, high), (WORKTOP - 0.05, top), (0.0, 0.009), tiles, "front left right top")
+            drawn = True
+    if drawn:
+        a.extras.append(shell.part("splashback"))
+
+
+def _dining(a: Arranger, *, count: int = 4) -> Spot | None:
+    """A table with chairs, lengthwise or endwise at a wall, away from the units."""
+    table = a.model("dining_table")
+    solid = [p for p in a.placed if not p.flat and p.furniture.kind == "kitchen_counter"]
+    best: tuple[float, Spot] | None = None
+    for turn, bonus in ((0.0, 0.2), (90.0, 0.0)):
+        for spot in a.spots(table, gap=0.04, turn=turn):
+            away = min((float(np.linalg.norm((p.low + p.high)[[0, 2]] / 2 - spot.centre[[0, 2]])) for p in solid), default=0)
+            value = bonus + 0.6 * min(away, 3.0) - 0.6 * min(spot.corner, 0.8) + a.rng.uniform(0, 0.5)
+            if best is None or value > best[0]:
+                best = (value, spot)
+    if best is None:
+        return None
+    spot = best[1]
+    piece = a.put(table, spot)
+    chairs_round(a, piece, count)
+    return spot
+
+
+def chairs_round(a: Arranger, table: Placed, count: int, *, tucked: float = 0.2) -> int:
+    """Draw up to ``count`` chairs to the free sides of a table; returns how many found room."""
+    chair = a.model("chair")
+    low, high = chair.mesh.bounds.astype(np.float64)
+    centre, size = (table.low + table.high) / 2, table.high - table.low
+    seats = []
+    for axis, across in ((0, 2), (2, 0)):
+        places = int(size[across] // 0.6)
+        for sign in (-1.0, 1.0):
+            for k in range(places):
+                at = centre.copy()
+                at[across] += size[across] * ((k + 0.5) / places - 0.5)
+                at[axis] += sign * (size[axis] / 2 + high[2] - tucked)
+                # The chair's front (+Z) looks at the table.
+                toward = np.zeros(3)
+                toward[axis] = -sign
+                seats.append((float(size[across]) + a.rng.uniform(0, 0.05), at, float(np.degrees(np.arctan2(toward[0], toward[2])))))
+    done = 0
+    for _, at, yaw in sorted(seats, key=lambda seat: -seat[0]):
+        turn = yaw + float(a.rng.uniform(-6, 6))
+        if done < count and a.place_free(chair, at[[0, 2]], turn, ignore=(table,)) is not None:
+            done += 1
+    return done
+
+
+def furnish_kitchen(a: Arranger) -> float:
+    """Furnish a kitchen; returns how well it meets its demands (0 = not at all, 1 = fully)."""
+    layouts = _layouts(a)
+    if not layouts:
+        return 0.0
+
+    def value(layout: _Layout) -> float:
+        return (
+            2.0 * min(layout.worktop, WANTED)
+            + 0.3 * min(layout.worktop, 5.0)
+            + 0.4 * len(layout.tall)
+            + float(a.rng.uniform(0, 1.2))
+        )
+
+    layout = max(layouts, key=value)
+    _build(a, layout)
+    spans = [(layout.wall, layout.counter)]
+    if layout.leg_wall is not None:
+        near_corner = layout.leg[0] < COUNTER_DEPTH + 0.05 and RIGHT[layout.wall.side] == layout.leg_wall.side
+        start, stop = layout.leg
+        spans.append((layout.leg_wall, (start - COUNTER_DEPTH, stop) if near_corner else (start, stop + COUNTER_DEPTH)))
+    _cabinets(a, layout.wall, layout.counter)
+    _splashback(a, spans)
+    table = _dining(a)
+    if layout.leg_wall is not None:
+        shelf = a.model("kitchen_shelf")
+        for start, stop in a.stretches(layout.leg_wall, (1.4, 1.8), 0.3):
+            low, high = max(start, layout.leg[0]), min(stop, layout.leg[1])
+            if high - low > _size(shelf)[0] + 0.05:
+                left = (low + high - float(_size(shelf)[0])) / 2
+                _stand(a, shelf, layout.leg_wall, left, height=1.5)
+                break
+    a.place("waste_bin", score=lambda s: -2 * min(s.corner, 1.0))
+    furniture = a.model("radiator")
+    a.place("radiator", height=0.12 - float(furniture.mesh.bounds[0, 1]))
+    a.place("plant", score=lambda s: -2 * min(s.corner, 1.0))
+    a.place("picture", height=1.6, margin=0.15)
+    if a.walkable() < 2.5 or not a.free_rectangle(1.3, 1.8):
+        return 0.0
+    return 0.5 + 0.25 * min(layout.worktop / WANTED, 1.0) + (0.25 if table is not None else 0.0)

@@ -1,0 +1,385 @@
+"""Spots: where a model could stand or hang in a room, by support alone.
+
+Everything is measured on the room's triangles by ray casting, so that tidy apartments and noisy scans are treated alike.
+A spot already touches its support (the gap is `CONTACT`); whether it collides, blocks the way or is hidden is decided
+by generators/placement.py.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from avs3d_bench.errors import Avs3dError
+from generators.boxes import yaw_matrix
+from generators.freespace import CELL, FreeSpace, triangles_near
+from generators.scenes.scene import F32, Mesh, Room, Scene, Support, SupportKind
+from generators.vision.rays import RayCaster
+
+Array = NDArray[np.float64]
+
+#: Gap between an object and what it stands on or hangs from, metres: contact, without coincident faces.
+CONTACT = 0.0002
+#: How far the support may deviate from a plane under the footprint (scanned floors wave by a centimetre), metres.
+FLATNESS = 0.010
+#: How far a wall may deviate from a plane behind an appliance: a skirting board passes, a pipe or a shelf does not.
+BACK_FLATNESS = 0.030
+#: Spacing of the candidates, metres.
+SPACING = 0.04
+_AXES = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (-1.0, 0.0, 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """A room, measured.
+
+    Attributes:
+        scene: the scene.
+        room: the room.
+        triangles: (F, 3, 3) all triangles in and near the room.
+        caster: rays against them.
+        space: the free floor before anything is placed.
+        doors: (D, 2) x and z of points every 5 cm across the room's doorways.
+    """
+
+    scene: Scene
+    room: Room
+    triangles: F32
+    caster: RayCaster
+    space: FreeSpace
+    doors: Array
+
+    @classmethod
+    def of(cls, scene: Scene, room: str) -> Site:
+        """Measure ``room``.
+
+        Raises:
+            Avs3dError: if the room does not exist or holds no geometry.
+        """
+        box = scene.room(room)
+        triangles = triangles_near(scene, [(box.low, box.high)])
+        if not len(triangles):
+            raise Avs3dError(f"{scene.name}/{room}: no geometry inside the room's box {box.low}–{box.high}; mend it")
+        caster = RayCaster(triangles)
+        space = FreeSpace.of(scene, room, triangles=triangles, caster=caster)
+        return cls(scene, box, triangles, caster, space, find_doors(caster, box))
+
+    @property
+    def name(self) -> str:
+        """``scan/room``."""
+        return f"{self.scene.name}/{self.room.name}"
+
+    def supports(self, kind: SupportKind) -> tuple[Support, ...]:
+        """The room's supports of one kind: the scene's own, or, where it names none of the room, measured ones."""
+        own = tuple(s for s in self.scene.supports if s.room == self.room.name)
+        named = tuple(s for s in own if s.kind == kind)
+        if named or kind == "floor":
+            return named or (_floor_of(self.room),)
+        if kind == "wall":
+            return _walls_of(self.room)
+        if any(s.kind in ("worktop", "shelf", "side_table") for s in own):
+            return ()
+        return tuple(s for s in find_surfaces(self) if s.kind == kind)
+
+
+@dataclass(frozen=True, eq=False)
+class Spot:
+    """One candidate: the model's origin and yaw on a support; spots are tried in ascending ``rank``."""
+
+    support: Support
+    position: Array
+    yaw: float
+    rank: float
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """The rectangle by which a model touches its support, in its own frame: ``low`` and ``high`` (2,) along two axes."""
+
+    low: Array
+    high: Array
+
+    @classmethod
+    def below(cls, mesh: Mesh) -> Contact:
+        """x, z extent of what lies within 2 cm of the model's lowest point."""
+        return cls._near(mesh, 1, [0, 2], 0.02)
+
+    @classmethod
+    def behind(cls, mesh: Mesh) -> Contact:
+        """x, y extent of what lies within 2 cm of the model's rearmost point."""
+        return cls._near(mesh, 2, [0, 1], 0.02)
+
+    @classmethod
+    def _near(cls, mesh: Mesh, axis: int, others: list[int], depth: float) -> Contact:
+        points = mesh.positions.reshape(-1, 3).astype(np.float64)
+        touching = points[points[:, axis] <= points[:, axis].min() + depth][:, others]
+        return cls(touching.min(axis=0), touching.max(axis=0))
+
+    def grid(self, count: int) -> Array:
+        """(count², 2) points across the rectangle, its corners included."""
+        edge = np.minimum(0.002, (self.high - self.low) / 4)
+        x, y = (np.linspace(a, b, count) for a, b in zip(self.low + edge, self.high - edge, strict=True))
+        return np.stack([g.reshape(-1) for g in np.meshgrid(x, y, indexing="ij")], axis=1)
+
+
+def standing(site: Site, mesh: Mesh, origins: Array, yaws: Array, tolerance: float = 0.03) -> tuple[Array, Array]:
+    """Let a model down onto what is below it.
+
+    Args:
+        site: the room.
+        mesh: the model.
+        origins: (N, 3) the model's origin, y at the expected height of the support.
+        yaws: (N,) radians.
+        tolerance: how far the support may be from the expected height.
+
+    Returns:
+        indices (M,) of those that stand fully on one level surface, and their origins (M, 3) in contact.
+    """
+    grid = Contact.below(mesh).grid(5)
+    lowest = float(mesh.bounds[0, 1])
+    sin, cos = np.sin(yaws)[:, None], np.cos(yaws)[:, None]
+    x = origins[:, :1] + cos * grid[:, 0] + sin * grid[:, 1]
+    z = origins[:, 2:] - sin * grid[:, 0] + cos * grid[:, 1]
+    start = 0.10
+    y = np.broadcast_to(origins[:, 1:2] + start, x.shape)
+    rays = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+    distance, _ = site.caster.closest(rays, np.broadcast_to([0.0, -1.0, 0.0], rays.shape))
+    height = (start - distance.astype(np.float64)).reshape(x.shape)
+    top = height.max(axis=1)
+    good = (top - height.min(axis=1) <= FLATNESS) & (np.abs(top) <= tolerance)
+    keep = np.flatnonzero(good)
+    out = origins[keep].copy()
+    out[:, 1] += top[keep] + CONTACT - lowest
+    return keep, out
+
+
+def on_top(site: Site, mesh: Mesh, support: Support, rng: Generator, *, jitter: float, rear: float) -> list[Spot]:
+    """Spots on a worktop, shelf or table top; the model looks along the support's front, turned by up to ``jitter``.
+
+    ``rear`` (0–1) prefers spots at the back of the support.
+    """
+    origin, u, v = (np.asarray(c, dtype=np.float64) for c in (support.origin, support.u, support.v))
+    length = np.array([np.linalg.norm(u), np.linalg.norm(v)])
+    low, high = mesh.bounds.astype(np.float64)
+    if (length < 0.05).any() or high[1] - low[1] > support.clearance:
+        return []
+    front = np.asarray(support.front, dtype=np.float64)
+    a, b = (np.arange(0.0, n + 1e-9, SPACING / 2 if n < 0.5 else SPACING) / n for n in length)
+    ab = np.stack([g.reshape(-1) for g in np.meshgrid(a, b, indexing="ij")], axis=1)
+    centres = origin + ab[:, :1] * u + ab[:, 1:] * v
+    yaws = math.atan2(front[0], front[2]) + rng.uniform(-jitter, jitter, len(ab))
+    ranks = rng.uniform(0.0, 0.9, len(ab))
+    depth = (centres - origin) @ front
+    span = max(float(np.ptp(depth)), 1e-6)
+    ranks = (1 - rear) * ranks + rear * 0.9 * (depth - depth.min()) / span
+    # The footprint's centre goes to the sample; its corners must lie on the rectangle.
+    contact = Contact.below(mesh)
+    middle = (contact.low + contact.high) / 2
+    half = (contact.high - contact.low) / 2
+    sin, cos = np.sin(yaws)[:, None], np.cos(yaws)[:, None]
+    origins = centres.copy()
+    origins[:, 0] -= (cos * middle[0] + sin * middle[1])[:, 0]
+    origins[:, 2] -= (-sin * middle[0] + cos * middle[1])[:, 0]
+    inside = np.ones(len(ab), dtype=bool)
+    for sx in (-1, 1):
+        for sz in (-1, 1):
+            corner = centres.copy()
+            corner[:, 0] += (cos * sx * half[0] + sin * sz * half[1])[:, 0]
+            corner[:, 2] += (-sin * sx * half[0] + cos * sz * half[1])[:, 0]
+            for axis, n in ((u, length[0]), (v, length[1])):
+                t = (corner - origin) @ axis / n
+                inside &= (t >= -0.005) & (t <= n + 0.005)
+    kept = np.flatnonzero(inside)
+    stands, settled = standing(site, mesh, origins[kept], yaws[kept])
+    return [Spot(support, p, float(yaws[kept[i]]), float(ranks[kept[i]])) for i, p in zip(stands, settled, strict=True)]
+
+
+def against_wall(site: Site, mesh: Mesh, support: Support, rng: Generator, *, gap: tuple[float, float]) -> list[Spot]:
+    """Spots on the floor with the back to a wall, ``gap`` (least, most) metres before the first thing behind it.
+
+    A wall is what is flat behind the whole model and still there above it, up to 1.9 m (a window may be let in).
+    """
+    low, high = mesh.bounds.astype(np.float64)
+    width, height, depth = high - low
+    cells = site.space.points
+    cells = cells[np.unique(np.round(cells / (2 * CELL)).astype(np.int64), axis=0, return_index=True)[1]]
+    floor = site.space.floor
+    levels = floor + np.concatenate([np.array([0.06, 0.3, 0.6, 0.95]) * height, [1.3, 1.6, 1.9]])
+    if not len(cells):
+        return []
+    walls = {(round(s.normal[0], 3), 0.0, round(s.normal[2], 3)) for s in site.supports("wall")}
+    spots: list[Spot] = []
+    for normal in (*_AXES, *sorted(walls - set(_AXES))):
+        n = np.array([normal[0], normal[2]]) / math.hypot(normal[0], normal[2])
+        side = np.array([n[1], -n[0]])
+        offsets = np.array([-0.49, 0.0, 0.49]) * width
+        starts = cells[:, None, None, :] + offsets[:, None] * side
+        starts = np.broadcast_to(starts, (len(cells), len(levels), 3, 2))
+        y = np.broadcast_to(levels[:, None], starts.shape[:-1])
+        rays = np.stack([starts[..., 0], y, starts[..., 1]], axis=-1).reshape(-1, 3)
+        distance, _ = site.caster.closest(rays, np.broadcast_to([-n[0], 0.0, -n[1]], rays.shape))
+        distance = distance.astype(np.float64).reshape(len(cells), len(levels), 3)
+        behind, above = distance[:, :4].reshape(len(cells), -1), distance[:, 4:, 1]
+        nearest = behind.min(axis=1)
+        wall = ((above >= nearest[:, None] - BACK_FLATNESS) & (above <= nearest[:, None] + 0.35)).sum(axis=1) >= 2
+        good = wall & (behind.max(axis=1) - nearest <= BACK_FLATNESS) & (nearest <= depth + 1.0)
+        if not good.any():
+            continue
+        gaps = rng.uniform(*gap, size=len(cells))
+        middle = cells - n * (nearest - gaps - depth / 2)[:, None]
+        yaw = math.atan2(n[0], n[1])
+        centre = yaw_matrix(yaw) @ ((low + high) / 2)
+        origins = np.stack([middle[:, 0] - centre[0], np.full(len(cells), floor), middle[:, 1] - centre[2]], axis=1)
+        picked = np.flatnonzero(good)
+        along = np.round(middle[picked] @ side / (2 * CELL)).astype(np.int64)
+        back = np.round((middle[picked] @ n) / 0.02).astype(np.int64)
+        picked = picked[np.unique(np.stack([along, back], axis=1), axis=0, return_index=True)[1]]
+        ranks = rng.uniform(0.0, 0.9, len(picked))
+        stands, settled = standing(site, mesh, origins[picked], np.full(len(picked), yaw))
+        spots += [Spot(support, p, yaw, float(ranks[i])) for i, p in zip(stands, settled, strict=True)]
+    return spots
+
+
+def open_floor(site: Site, mesh: Mesh, support: Support, rng: Generator, *, jitter: float) -> list[Spot]:
+    """Spots on the free floor, near a wall first, looking towards the middle of the room within ``jitter`` radians."""
+    every = site.space.cell_centres()
+    low, high = np.asarray(site.room.low)[[0, 2]], np.asarray(site.room.high)[[0, 2]]
+    clearance = site.space.clearance(every)
+    every, clearance = (c[((every > low) & (every < high)).all(axis=1) & (clearance > 0.03)] for c in (every, clearance))
+    if not len(every):
+        return []
+    yaws = np.arctan2(*((low + high) / 2 - every).T) + rng.uniform(-jitter, jitter, len(every))
+    ranks = rng.uniform(0.0, 0.45, len(every)) + 0.45 * np.minimum(clearance, 1.0)
+    bottom = mesh.bounds.astype(np.float64)
+    middle = (bottom[0] + bottom[1]) / 2
+    sin, cos = np.sin(yaws), np.cos(yaws)
+    x = every[:, 0] - (cos * middle[0] + sin * middle[2])
+    z = every[:, 1] - (-sin * middle[0] + cos * middle[2])
+    origins = np.stack([x, np.full(len(every), site.space.floor), z], axis=1)
+    stands, settled = standing(site, mesh, origins, yaws)
+    return [Spot(support, p, float(yaws[i]), float(ranks[i])) for i, p in zip(stands, settled, strict=True)]
+
+
+def on_wall(site: Site, mesh: Mesh, support: Support, rng: Generator, *, heights: tuple[float, float]) -> list[Spot]:
+    """Spots on a wall with the middle of the model between two ``heights`` above the floor."""
+    origin, u, v = (np.asarray(c, dtype=np.float64) for c in (support.origin, support.u, support.v))
+    normal = np.asarray(support.normal, dtype=np.float64)
+    normal = normal * (1, 0, 1) / math.hypot(normal[0], normal[2])
+    yaw = math.atan2(normal[0], normal[2])
+    length = np.array([np.linalg.norm(u), np.linalg.norm(v)])
+    a, b = (np.arange(0.0, n + 1e-9, SPACING) / max(n, 1e-9) for n in length)
+    ab = np.stack([g.reshape(-1) for g in np.meshgrid(a, b, indexing="ij")], axis=1)
+    centres = origin + ab[:, :1] * u + ab[:, 1:] * v
+    above = centres[:, 1] - site.space.floor
+    centres = centres[(above >= heights[0]) & (above <= heights[1])]
+    ranks = rng.uniform(0.0, 0.9, len(centres))
+    low, high = mesh.bounds.astype(np.float64)
+    grid = Contact.behind(mesh).grid(3)
+    right = np.array([math.cos(yaw), 0.0, -math.sin(yaw)])
+    local = grid - ((low + high) / 2)[:2]
+    ahead = 0.25
+    points = centres[:, None] + local[:, :1] * right + local[:, 1:] * np.array([0.0, 1.0, 0.0]) + ahead * normal
+    distance, _ = site.caster.closest(points.reshape(-1, 3), np.broadcast_to(-normal, (points.size // 3, 3)))
+    out = ahead - distance.astype(np.float64).reshape(points.shape[:2])
+    top = out.max(axis=1) if len(out) else np.zeros(0)
+    reach = 0.03 if support.clearance < 50 else ahead
+    good = (top - out.min(axis=1) <= FLATNESS) & (np.abs(top) <= reach) if len(out) else np.zeros(0, dtype=bool)
+    rotation = yaw_matrix(yaw)
+    anchor = rotation @ np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
+    return [
+        Spot(support, centres[i] + normal * (top[i] + CONTACT) - anchor, yaw, float(ranks[i]))
+        for i in np.flatnonzero(good)
+    ]
+
+
+def find_doors(caster: RayCaster, room: Room) -> Array:
+    """(D, 2) points every 5 cm across the doorways in the room's outline: where a walker gets out at every height.
+
+    An opening wider than 2.4 m is where an open plan goes on, or a box that was drawn too large; it is no door.
+    """
+    low, high = np.asarray(room.low, dtype=np.float64), np.asarray(room.high, dtype=np.float64)
+    inset, beyond = 0.3, 0.3
+    levels = low[1] + np.array([0.3, 1.0, 1.7])
+    found: list[Array] = []
+    for normal in _AXES:
+        axis, other = (0, 2) if normal[0] else (2, 0)
+        edge = high[axis] if normal[axis] > 0 else low[axis]
+        along = np.arange(low[other] + 0.05, high[other], CELL)
+        starts = np.zeros((len(along), len(levels), 3))
+        starts[..., other] = along[:, None]
+        starts[..., axis] = edge - inset * normal[axis]
+        starts[..., 1] = levels
+        rays = starts.reshape(-1, 3)
+        distance, _ = caster.closest(rays, np.broadcast_to(normal, rays.shape))
+        free = (distance.reshape(len(along), -1) > inset + beyond).all(axis=1)
+        runs, count = ndimage.label(free)
+        for run in range(1, count + 1):
+            members = along[runs == run]
+            if 0.5 <= len(members) * CELL <= 2.4:
+                points = np.zeros((len(members), 2))
+                points[:, 0 if other == 0 else 1] = members
+                points[:, 1 if other == 0 else 0] = edge
+                found.append(points)
+    return np.concatenate(found) if found else np.zeros((0, 2))
+
+
+def _floor_of(room: Room) -> Support:
+    low, high = room.low, room.high
+    size = (high[0] - low[0], high[2] - low[2])
+    return Support("floor", room.name, low, (size[0], 0, 0), (0, 0, size[1]), (0, 1, 0), (0, 0, 1), high[1] - low[1])
+
+
+def _walls_of(room: Room) -> tuple[Support, ...]:
+    """The four sides of the room's box; their clearance is infinite to say that the wall must be looked for."""
+    (x0, y0, z0), (x1, _, z1) = room.low, room.high
+    w, d = x1 - x0, z1 - z0
+    rise = (0.0, 2.1, 0.0)
+    sides: Sequence[tuple[tuple[float, float, float], ...]] = (
+        ((x0, y0, z0), (w, 0, 0), (0, 0, 1)),
+        ((x1, y0, z0), (0, 0, d), (-1, 0, 0)),
+        ((x0, y0, z1), (w, 0, 0), (0, 0, -1)),
+        ((x0, y0, z0), (0, 0, d), (1, 0, 0)),
+    )
+    return tuple(Support("wall", room.name, o, u, rise, n, n, math.inf) for o, u, n in sides)
+
+
+def find_surfaces(site: Site) -> list[Support]:
+    """Table tops and worktops of a scene that names none, from a height map of the room.
+
+    Rays straight down from 1.9 m on a 5 cm grid; level patches 0.35–1.25 m high become supports (their bounding
+    rectangle; `standing` decides where it is really there). High and deep enough ones count as worktops.
+    """
+    centres = site.space.cell_centres()
+    shape = site.space.walkable.shape
+    top = site.space.floor + 1.9
+    rays = np.stack([centres[:, 0], np.full(len(centres), top), centres[:, 1]], axis=1)
+    distance, _ = site.caster.closest(rays, np.broadcast_to([0.0, -1.0, 0.0], rays.shape))
+    height = (1.9 - distance.astype(np.float64)).reshape(shape)
+    low, high = np.asarray(site.room.low)[[0, 2]], np.asarray(site.room.high)[[0, 2]]
+    inside = ((centres > low) & (centres < high)).all(axis=1).reshape(shape)
+    free = site.space.points
+    out: list[Support] = []
+    step = 0.02
+    for level in np.arange(0.35, 1.25, step):
+        patches, count = ndimage.label(inside & (np.abs(height - level - step / 2) <= step / 2))
+        for patch in range(1, count + 1):
+            cells = np.argwhere(patches == patch)
+            if len(cells) < 20 or not len(free):
+                continue
+            a = site.space.origin + cells.min(axis=0) * CELL
+            b = site.space.origin + (cells.max(axis=0) + 1) * CELL
+            y = site.space.floor + float(np.median(height[cells[:, 0], cells[:, 1]]))
+            middle = (a + b) / 2
+            near = free[np.argsort(((free - middle) ** 2).sum(axis=1))[:40]].mean(axis=0) - middle
+            front = (float(np.sign(near[0])), 0.0, 0.0) if abs(near[0]) > abs(near[1]) else (0.0, 0.0, float(np.sign(near[1])))
+            kind: SupportKind = "worktop" if level >= 0.8 and (b - a).min() >= 0.4 else "side_table"
+            corner = (float(a[0]), y, float(a[1]))
+            across, deep = (float(b[0] - a[0]), 0.0, 0.0), (0.0, 0.0, float(b[1] - a[1]))
+            out.append(Support(kind, site.room.name, corner, across, deep, (0, 1, 0), front or (0, 0, 1), 1.0))
+    return out

@@ -1,0 +1,182 @@
+"""The CPU renderer: Embree finds what each ray meets, numba kernels shade it.
+
+One ray through each pixel's centre gives depth, instance ids and, with a texture filtered over the pixel's footprint,
+the colour inside surfaces. Only pixels at edges are shot again, with several rays in fixed places, and averaged.
+"""
+
+from __future__ import annotations
+
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.geometry import Intrinsics, Pose
+from generators.scenes.scene import LightMap, Material, Part, Scene, Texture
+from generators.vision.base import Frame
+from generators.vision.rays import CHUNK, embree_scene, repeated
+from generators.vision.sampling import SUB_PIXELS
+from generators.vision.tables import build_tables
+from generators.vision.tone import srgb_table, tone_table
+
+if TYPE_CHECKING:
+    from generators.vision.kernels import View
+
+#: Largest picture side; pixel numbers must fit 32 bits with room to spare.
+MAX_SIDE = 16384
+
+
+class EmbreeBackend:
+    """Renders on the CPU, with nothing but packages from PyPI."""
+
+    name = "embree"
+
+    @property
+    def version(self) -> str:
+        """Version of embreex, which carries Embree itself."""
+        try:
+            return version("embreex")
+        except PackageNotFoundError:
+            return "missing"
+
+    def open(self, scene: Scene, intrinsics: Intrinsics) -> EmbreeSession:
+        """Load ``scene`` for a camera with ``intrinsics``.
+
+        Raises:
+            Avs3dError: for a scene or camera that cannot be rendered, or a missing package of ``[generate]``.
+        """
+        return EmbreeSession(scene, intrinsics)
+
+
+class EmbreeSession:
+    """An open scene. Not for several threads at once: frames share working memory."""
+
+    def __init__(self, scene: Scene, intrinsics: Intrinsics) -> None:
+        _check_camera(intrinsics)
+        from generators.vision import kernels
+
+        self._kernels = kernels
+        self._intrinsics = intrinsics
+        tables, triangles = build_tables(scene)
+        self._tables = tables
+        self._embree = embree_scene(triangles)
+        self._tone = tone_table()
+        self._srgb = srgb_table()
+        pixels = intrinsics.width * intrinsics.height
+        self._rows = max(1, CHUNK // intrinsics.width)
+        self._face = np.empty(pixels, dtype=np.int32)
+        self._directions = np.empty((max(CHUNK, intrinsics.width), 3), dtype=np.float32)
+        self._light = np.empty((max(CHUNK, intrinsics.width), 3), dtype=np.float32)
+
+    def render(self, pose: Pose) -> Frame:
+        """Render the scene from ``pose``; the same pose gives the same bytes.
+
+        Raises:
+            Avs3dError: if the session has been closed.
+        """
+        if self._embree is None:
+            raise Avs3dError("the renderer's session is closed; open the scene again")
+        width, height = self._intrinsics.width, self._intrinsics.height
+        view = self._view(pose)
+        rgb = np.empty((height * width, 3), dtype=np.uint8)
+        depth = np.empty(height * width, dtype=np.float32)
+        ids = np.empty(height * width, dtype=np.uint16)
+        self._shoot_centres(view, rgb, depth, ids)
+        self._refine_edges(view, rgb, depth)
+        return Frame(
+            rgb=rgb.reshape(height, width, 3),
+            depth=depth.reshape(height, width),
+            instance_ids=ids.reshape(height, width),
+        )
+
+    def close(self) -> None:
+        """Free what the session holds; closing twice is fine."""
+        self._embree = None
+        self.__dict__.pop("_tables", None)
+
+    def _view(self, pose: Pose) -> View:
+        camera = self._intrinsics
+        right, up, backward = pose.rotation_matrix.T
+        return self._kernels.View(
+            origin=np.array(pose.position, dtype=np.float64),
+            right=right / camera.fx,
+            down=-up / camera.fy,
+            corner=-backward - right * (camera.cx / camera.fx) + up * (camera.cy / camera.fy),
+            width=camera.width,
+            height=camera.height,
+        )
+
+    def _shoot_centres(self, view: View, rgb: np.ndarray, depth: np.ndarray, ids: np.ndarray) -> None:
+        """One ray through the centre of each pixel; fills the whole frame and ``self._face``."""
+        kernels, tables = self._kernels, self._tables
+        for first in range(0, view.height, self._rows):
+            rows = min(self._rows, view.height - first)
+            count = rows * view.width
+            block = slice(first * view.width, first * view.width + count)
+            directions, light = self._directions[:count], self._light[:count]
+            kernels.centre_directions(view, first, rows, directions)
+            hit = self._embree.run(repeated(view.origin, count), directions, query="INTERSECT", output=True)
+            face = hit["primID"]
+            self._face[block] = face
+            kernels.write_geometry(face, hit["tfar"], tables, depth[block], ids[block])
+            kernels.shade(face, hit["tfar"], hit["u"], hit["v"], directions, view, 1.0, tables, self._tone, light)
+            kernels.encode(light.reshape(-1), self._srgb, rgb[block].reshape(-1))
+
+    def _refine_edges(self, view: View, rgb: np.ndarray, depth: np.ndarray) -> None:
+        """Shoot the pixels at edges again and average."""
+        kernels, tables = self._kernels, self._tables
+        marks = np.zeros(len(rgb), dtype=np.uint8)
+        kernels.mark_edges(self._face, depth, rgb, view, tables, marks)
+        pixels = np.flatnonzero(marks).astype(np.int32)
+        samples = len(SUB_PIXELS)
+        step = CHUNK // samples
+        for first in range(0, len(pixels), step):
+            chunk = pixels[first : first + step]
+            count = len(chunk) * samples
+            directions, light = self._directions[:count], self._light[:count]
+            kernels.sub_pixel_directions(view, chunk, SUB_PIXELS, directions)
+            hit = self._embree.run(repeated(view.origin, count), directions, query="INTERSECT", output=True)
+            kernels.shade(
+                hit["primID"],
+                hit["tfar"],
+                hit["u"],
+                hit["v"],
+                directions,
+                view,
+                0.5,
+                tables,
+                self._tone,
+                light,
+            )
+            kernels.average(light, samples, self._srgb, chunk, rgb)
+
+
+def _check_camera(camera: Intrinsics) -> None:
+    if not (0 < camera.width <= MAX_SIDE and 0 < camera.height <= MAX_SIDE):
+        raise Avs3dError(f"camera: {camera.width}×{camera.height} pixels; expected 1 to {MAX_SIDE} on each side")
+    numbers = (camera.fx, camera.fy, camera.cx, camera.cy)
+    if not (np.isfinite(numbers).all() and camera.fx > 0 and camera.fy > 0):
+        raise Avs3dError(f"camera: fx, fy, cx, cy are {numbers}; expected finite numbers, focal lengths > 0")
+
+
+def warm_up() -> None:
+    """Compile all kernels, or load them from the cache, once, before workers start.
+
+    Renders a triangle of a few pixels. Processes that come at the same time wait for the first one and load its work.
+
+    Raises:
+        Avs3dError: if a package of ``[generate]`` is missing or no folder for compiled code can be written.
+    """
+    from generators.assets.shapes import MeshBuilder
+    from generators.vision.jit import compile_lock
+
+    texture = Texture("grey", np.full((4, 4, 3), 128, dtype=np.uint8))
+    mesh = MeshBuilder().box((1, 1, 1), (0, 0, 0), Material("grey", "plaster", texture=texture)).build()
+    light = LightMap(np.zeros_like(mesh.uv), np.ones((2, 2, 3), dtype=np.float16))
+    with compile_lock():
+        session = EmbreeBackend().open(
+            Scene("warm-up", (Part("box", mesh, light=light),), (), ()), Intrinsics.from_fov(16)
+        )
+        session.render(Pose.from_yaw((0.2, 0.1, 2.0), 0.0))
+        session.close()

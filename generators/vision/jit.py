@@ -1,0 +1,84 @@
+"""numba, set up for many processes: compiled code is kept in a cache folder that all of them share.
+
+numba writes its cache beside the source unless told otherwise, which fails in a read-only installation. The folder is
+``NUMBA_CACHE_DIR`` where that is set, else ``avs3d-bench/numba`` in the user's cache folder.
+
+Kernels are compiled without ``fastmath``: floating-point operations keep the order they are written in, and a frame
+its bytes.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, TypeVar
+
+from avs3d_bench.errors import Avs3dError
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def _cache_folder() -> Path:
+    """The first folder that can be written to."""
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    own = f"avs3d-bench-{os.getuid()}" if hasattr(os, "getuid") else "avs3d-bench"
+    candidates = [home / "avs3d-bench" / "numba", Path(tempfile.gettempdir()) / own / "numba"]
+    if chosen:
+        candidates.insert(0, Path(chosen))
+    for folder in candidates:
+        with suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+            if os.access(folder, os.W_OK | os.X_OK):
+                return folder
+    raise Avs3dError(
+        f"no folder for compiled kernels can be written: tried {', '.join(map(str, candidates))}; set NUMBA_CACHE_DIR"
+    )
+
+
+CACHE_FOLDER = _cache_folder()
+os.environ["NUMBA_CACHE_DIR"] = str(CACHE_FOLDER)
+try:
+    import numba
+except ImportError as _error:
+    raise Avs3dError(
+        f"rendering needs numba, which cannot be imported ({_error}): pip install 'avs3d-bench[generate]'"
+    ) from _error
+# numba reads the variable when it is imported, which somebody may have done before.
+numba.config.CACHE_DIR = str(CACHE_FOLDER)
+
+
+def njit(function: F) -> F:
+    """Compile ``function`` in nopython mode on its first call, or load it from the cache; releases the GIL."""
+    compiled: F = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    return compiled
+
+
+def inline(function: F) -> F:
+    """Compile a small function that only kernels of the same file call: LLVM makes it part of them."""
+    compiled: F = numba.njit(error_model="numpy")(function)
+    return compiled
+
+
+@contextmanager
+def compile_lock() -> Iterator[None]:
+    """Let one process at a time compile; the others then load what it has cached.
+
+    Advisory, by a lock on a file of the cache folder, which the system drops when the process ends. Where the platform
+    has no such locks nothing is guarded: compiling twice costs time, not correctness.
+    """
+    if sys.platform == "win32":
+        yield
+        return
+    import fcntl
+
+    with (CACHE_FOLDER / "compile.lock").open("w") as handle:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        try:
+            yield
+        finally:
+            fcntl.flock(handle, fcntl.LOCK_UN)

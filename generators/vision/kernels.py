@@ -1,0 +1,404 @@
+"""The compiled inner loops of the CPU renderer: rays, shading, edges, encoding.
+
+A ray's direction is (x, y, −1) in camera space, not normalised, so that Embree's ``tfar`` is the depth along the
+optical axis. Colours in here are linear display light (after the tone curve, before sRGB encoding).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generators.scenes.scene import F32, I32
+from generators.vision.jit import inline, njit
+from generators.vision.tables import SceneTables
+from generators.vision.tone import WHITE
+
+F64 = NDArray[np.float64]
+U8 = NDArray[np.uint8]
+
+#: Most texture samples along the long axis of a pixel's footprint.
+MAX_TAPS = 16
+#: Long over short axis, squared, up to which a footprint counts as round.
+ISOTROPIC = np.float32(2.0)
+#: Linear display light where a ray leaves the scene: a bright neutral, as an overexposed window.
+MISS = np.float32(0.82)
+#: Faces that meet at less than about 14° belong to one smooth surface (cosine).
+SMOOTH = np.float32(0.97)
+#: Relative difference in depth, beyond a face's own plane, that is a step.
+STEP = np.float32(0.01)
+#: Contrast of neighbours, in 8-bit levels, below which an edge is not worth more rays.
+VISIBLE = 3
+
+_WHITE_INVERSE = np.float32(1.0 / WHITE)
+_1, _2 = np.uint64(1), np.uint64(2)
+_ZERO, _ONE, _HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
+
+
+class View(NamedTuple):
+    """A pinhole camera in the world, for kernels.
+
+    Attributes:
+        origin: (3,) float64 world position.
+        right: (3,) float64 world vector of one pixel to the right at depth 1 (the camera's +X / fx).
+        down: (3,) float64 world vector of one pixel down at depth 1.
+        corner: (3,) float64 world vector, at depth 1, of the upper left corner of pixel (0, 0).
+        width: pixels.
+        height: pixels.
+    """
+
+    origin: F64
+    right: F64
+    down: F64
+    corner: F64
+    width: int
+    height: int
+
+
+@njit
+def centre_directions(view: View, first_row: int, rows: int, out: F32) -> None:
+    """World directions (rows·width, 3) of the rays through the pixel centres of some rows."""
+    for row in range(rows):
+        y = first_row + row + 0.5
+        for column in range(view.width):
+            x = column + 0.5
+            i = row * view.width + column
+            for k in range(3):
+                out[i, k] = view.corner[k] + x * view.right[k] + y * view.down[k]
+
+
+@njit
+def sub_pixel_directions(view: View, pixels: I32, offsets: F64, out: F32) -> None:
+    """World directions of ``offsets`` (N, 2: right, down, in pixels from the corner) within each of ``pixels``."""
+    count = offsets.shape[0]
+    for i in range(pixels.shape[0]):
+        row = pixels[i] // view.width
+        column = pixels[i] - row * view.width
+        for j in range(count):
+            x, y = column + offsets[j, 0], row + offsets[j, 1]
+            for k in range(3):
+                out[i * count + j, k] = view.corner[k] + x * view.right[k] + y * view.down[k]
+
+
+@njit
+def write_geometry(face: I32, distance: F32, tables: SceneTables, depth: F32, ids: NDArray[np.uint16]) -> None:
+    """Depth (0 for a miss) and instance ids of a run of pixels from Embree's answer."""
+    for i in range(face.shape[0]):
+        if face[i] < 0:
+            depth[i] = 0.0
+            ids[i] = 0
+        else:
+            depth[i] = distance[i]
+            ids[i] = tables.instance[tables.surface[face[i]]]
+
+
+@inline
+def _bilinear(
+    texels: U8, decode: F32, base: int, height: int, width: int, s: np.float32, t: np.float32
+) -> tuple[np.float32, np.float32, np.float32]:
+    """Linear light of one mip level, which begins at ``base``, at (s, t) repeats, wrapped."""
+    x = (s - np.floor(s)) * np.float32(width) - _HALF
+    y = (_ONE - (t - np.floor(t))) * np.float32(height) - _HALF
+    # Both are ≥ −½, so that truncation after adding 1 rounds down; and one step wraps them.
+    x0, y0 = np.int32(x + _ONE) - np.int32(1), np.int32(y + _ONE) - np.int32(1)
+    ax, ay = x - np.float32(x0), y - np.float32(y0)
+    x1 = x0 + 1 if x0 + 1 < width else 0
+    y1 = y0 + 1 if y0 + 1 < height else 0
+    x0 = x0 + width if x0 < 0 else x0
+    y0 = y0 + height if y0 < 0 else y0
+    upper, lower = base + y0 * width * 3, base + y1 * width * 3
+    # Unsigned, which spares numba's check for negative indices.
+    a, b, c, d = (
+        np.uint64(upper + x0 * 3),
+        np.uint64(upper + x1 * 3),
+        np.uint64(lower + x0 * 3),
+        np.uint64(lower + x1 * 3),
+    )
+    wd = ax * ay
+    wb, wc = ax - wd, ay - wd
+    wa = _ONE - ax - wc
+    return (
+        wa * decode[texels[a]] + wb * decode[texels[b]] + wc * decode[texels[c]] + wd * decode[texels[d]],
+        wa * decode[texels[a + _1]]
+        + wb * decode[texels[b + _1]]
+        + wc * decode[texels[c + _1]]
+        + wd * decode[texels[d + _1]],
+        wa * decode[texels[a + _2]]
+        + wb * decode[texels[b + _2]]
+        + wc * decode[texels[c + _2]]
+        + wd * decode[texels[d + _2]],
+    )
+
+
+@inline
+def _filtered(
+    texels: U8,
+    decode: F32,
+    offset: NDArray[np.int64],
+    size: I32,
+    level0: int,
+    last: int,
+    s: np.float32,
+    t: np.float32,
+    sx: np.float32,
+    tx: np.float32,
+    sy: np.float32,
+    ty: np.float32,
+) -> tuple[np.float32, np.float32, np.float32]:
+    """Linear light of a texture (levels ``level0`` to ``last``) averaged over a pixel's footprint.
+
+    (sx, tx) and (sy, ty) are the changes of the coordinates per pixel to the right and down. The footprint is the
+    ellipse with the semi-axes of that 2×2 matrix: trilinear samples are spread along its long axis, at the level that
+    suits its short one (after J. McCormack et al., "Feline: Fast Elliptical Lines for Anisotropic Texture Mapping",
+    SIGGRAPH 1999).
+    """
+    high, wide = size[level0, 0], size[level0, 1]
+    height, width = np.float32(high), np.float32(wide)
+    ax, ay, bx, by = sx * width, tx * height, sy * width, ty * height
+    xx, xy, yy = ax * ax + bx * bx, ax * ay + bx * by, ay * ay + by * by
+    mean, half = _HALF * (xx + yy), _HALF * (xx - yy)
+    root = np.float32(math.sqrt(half * half + xy * xy))
+    major2 = mean + root
+    if not major2 > _ONE:  # magnified
+        return _bilinear(texels, decode, offset[level0], high, wide, s, t)
+    determinant = ax * by - ay * bx
+    minor2 = max(determinant * determinant / major2, _ONE)
+    taps = 1
+    du = dv = _ZERO
+    if minor2 * ISOTROPIC < major2:
+        taps = min(MAX_TAPS, math.ceil(math.sqrt(major2 / minor2) - _HALF))
+        minor2 = max(minor2, major2 / np.float32(taps * taps))
+        if taps > 1:
+            # The long axis, in repeats: the eigenvector of the larger eigenvalue.
+            ux, uy = (root + half, xy) if half >= _ZERO else (xy, root - half)
+            scale = np.float32(math.sqrt(major2 / (ux * ux + uy * uy)))
+            du, dv = ux * scale / width, uy * scale / height
+    lod = max(_ZERO, min(np.float32(last - level0), _HALF * np.float32(math.log2(minor2))))
+    level = int(lod)
+    blend = lod - np.float32(level)
+    level += level0
+    base, high, wide = offset[level], size[level, 0], size[level, 1]
+    upper = min(level + 1, last)
+    base2, high2, wide2 = offset[upper], size[upper, 0], size[upper, 1]
+    red = green = blue = _ZERO
+    weight = _ONE / np.float32(taps)
+    for k in range(taps):
+        along = (np.float32(k) + _HALF) * weight - _HALF
+        x, y = s + along * du, t + along * dv
+        r, g, b = _bilinear(texels, decode, base, high, wide, x, y)
+        r2, g2, b2 = _bilinear(texels, decode, base2, high2, wide2, x, y)
+        red += r + blend * (r2 - r)
+        green += g + blend * (g2 - g)
+        blue += b + blend * (b2 - b)
+    return red * weight, green * weight, blue * weight
+
+
+@inline
+def _light(
+    texels: F32, base: int, height: int, width: int, x: np.float32, y: np.float32
+) -> tuple[np.float32, np.float32, np.float32]:
+    """A light map, which begins at ``base``, at (x, y) texels from its corner, bilinear, clamped at its rim."""
+    x = min(max(x - _HALF, _ZERO), np.float32(width - 1))
+    y = min(max(y - _HALF, _ZERO), np.float32(height - 1))
+    x0, y0 = int(x), int(y)
+    x1, y1 = min(x0 + 1, width - 1), min(y0 + 1, height - 1)
+    ax, ay = x - np.float32(x0), y - np.float32(y0)
+    upper, lower = base + y0 * width * 3, base + y1 * width * 3
+    a, b, c, d = (
+        np.uint64(upper + x0 * 3),
+        np.uint64(upper + x1 * 3),
+        np.uint64(lower + x0 * 3),
+        np.uint64(lower + x1 * 3),
+    )
+    wd = ax * ay
+    wb, wc = ax - wd, ay - wd
+    wa = _ONE - ax - wc
+    return (
+        wa * texels[a] + wb * texels[b] + wc * texels[c] + wd * texels[d],
+        wa * texels[a + _1] + wb * texels[b + _1] + wc * texels[c + _1] + wd * texels[d + _1],
+        wa * texels[a + _2] + wb * texels[b + _2] + wc * texels[c + _2] + wd * texels[d + _2],
+    )
+
+
+@inline
+def _tone(table: F32, radiance: np.float32) -> np.float32:
+    """The tone curve, interpolated in a table over the square root of radiance."""
+    last = np.float32(table.shape[0] - 1)
+    if not radiance > _ZERO:
+        return table[0]
+    x = np.float32(math.sqrt(radiance * _WHITE_INVERSE)) * last
+    if x >= last:
+        return table[table.shape[0] - 1]
+    i = int(x)
+    f = x - np.float32(i)
+    return table[i] + f * (table[i + 1] - table[i])
+
+
+@njit
+def shade(
+    face: I32,
+    distance: F32,
+    u: F32,
+    v: F32,
+    direction: F32,
+    view: View,
+    spread: float,
+    tables: SceneTables,
+    tone: F32,
+    out: F32,
+) -> None:
+    """Display light of hits: tone(exposure · (albedo · light + emission)), whichever side of the face is seen.
+
+    Args:
+        face: (N,) face, −1 where the ray missed.
+        distance: (N,) depth.
+        u: (N,) barycentric weight of corner 1.
+        v: (N,) barycentric weight of corner 2.
+        direction: (N, 3) of the rays.
+        view: the camera.
+        spread: width in pixels of what one ray stands for.
+        tables: the scene.
+        tone: table of the tone curve.
+        out: (N, 3), written.
+    """
+    rx, ry, rz = (
+        np.float32(view.right[0] * spread),
+        np.float32(view.right[1] * spread),
+        np.float32(view.right[2] * spread),
+    )
+    qx, qy, qz = (
+        np.float32(view.down[0] * spread),
+        np.float32(view.down[1] * spread),
+        np.float32(view.down[2] * spread),
+    )
+    # Arrays are taken out of the named tuples once: numba counts references whenever it does so.
+    surfaces, albedo, emission = tables.surface, tables.albedo, tables.emission
+    texture_of, light_of = tables.texture, tables.light
+    normal, gradient, uv, light_uv = tables.normal, tables.gradient, tables.uv, tables.light_uv
+    light_texels, light_offset, light_size = tables.light_texels, tables.light_offset, tables.light_size
+    pool = tables.textures
+    texels, decode, offset, size, first = pool.texels, pool.decode, pool.offset, pool.size, pool.first
+    for i in range(face.shape[0]):
+        if face[i] < 0:
+            out[i, 0] = out[i, 1] = out[i, 2] = MISS
+            continue
+        f = np.uint64(face[i])
+        surface = np.uint64(surfaces[f])
+        b1, b2 = u[i], v[i]
+        red, green, blue = albedo[surface, 0], albedo[surface, 1], albedo[surface, 2]
+        texture = texture_of[surface]
+        if texture >= 0:
+            s = uv[f, 0, 0] + b1 * uv[f, 1, 0] + b2 * uv[f, 2, 0]
+            t = uv[f, 0, 1] + b1 * uv[f, 1, 1] + b2 * uv[f, 2, 1]
+            # Ray differentials (H. Igehy, SIGGRAPH 1999): moving the ray by one pixel moves the hit within the face
+            # by dP = depth · (step − direction · (n·step) / (n·direction)).
+            dx, dy, dz = direction[i, 0], direction[i, 1], direction[i, 2]
+            nx, ny, nz = normal[f, 0], normal[f, 1], normal[f, 2]
+            facing = nx * dx + ny * dy + nz * dz
+            inverse = _ONE / facing if abs(facing) > np.float32(1e-6) else np.float32(1e6)
+            kr, kq = (nx * rx + ny * ry + nz * rz) * inverse, (nx * qx + ny * qy + nz * qz) * inverse
+            gx, gy, gz = gradient[f, 0, 0], gradient[f, 0, 1], gradient[f, 0, 2]
+            hx, hy, hz = gradient[f, 1, 0], gradient[f, 1, 1], gradient[f, 1, 2]
+            gd, hd = gx * dx + gy * dy + gz * dz, hx * dx + hy * dy + hz * dz
+            depth = distance[i]
+            r, g, b = _filtered(
+                texels,
+                decode,
+                offset,
+                size,
+                first[texture],
+                first[texture + 1] - 1,
+                s,
+                t,
+                depth * (gx * rx + gy * ry + gz * rz - gd * kr),
+                depth * (hx * rx + hy * ry + hz * rz - hd * kr),
+                depth * (gx * qx + gy * qy + gz * qz - gd * kq),
+                depth * (hx * qx + hy * qy + hz * qz - hd * kq),
+            )
+            red, green, blue = red * r, green * g, blue * b
+        light = light_of[surface]
+        if light >= 0:
+            x = light_uv[f, 0, 0] + b1 * light_uv[f, 1, 0] + b2 * light_uv[f, 2, 0]
+            y = light_uv[f, 0, 1] + b1 * light_uv[f, 1, 1] + b2 * light_uv[f, 2, 1]
+            r, g, b = _light(light_texels, light_offset[light], light_size[light, 0], light_size[light, 1], x, y)
+            red, green, blue = red * r, green * g, blue * b
+        out[i, 0] = _tone(tone, red + emission[surface, 0])
+        out[i, 1] = _tone(tone, green + emission[surface, 1])
+        out[i, 2] = _tone(tone, blue + emission[surface, 2])
+
+
+@inline
+def _level(srgb: U8, light: np.float32) -> int:
+    last = srgb.shape[0] - 1
+    return int(srgb[min(last, max(0, int(light * np.float32(last) + _HALF)))])
+
+
+@njit
+def encode(light: F32, srgb: U8, out: U8) -> None:
+    """8-bit sRGB (N,) of linear display light (N,)."""
+    for i in range(light.shape[0]):
+        out[i] = _level(srgb, light[i])
+
+
+@inline
+def _differs(rgb: U8, i: int, j: int) -> bool:
+    for k in range(3):
+        if abs(int(rgb[i, k]) - int(rgb[j, k])) > VISIBLE:
+            return True
+    return False
+
+
+@inline
+def _breaks(face: I32, depth: F32, view: View, tables: SceneTables, i: int, j: int) -> bool:
+    """Whether the surface breaks between pixel ``i`` and its neighbour ``j`` (another face is seen there)."""
+    a, b = face[i], face[j]
+    if a < 0 or b < 0:
+        return True
+    if tables.surface[a] != tables.surface[b]:
+        return True
+    n, m = tables.normal[a], tables.normal[b]
+    cosine = n[0] * m[0] + n[1] * m[1] + n[2] * m[2]
+    if abs(cosine) < SMOOTH:
+        return True
+    # The neighbour's depth if the face went on as a plane.
+    ix, iy = i % view.width, i // view.width
+    jx, jy = j % view.width, j // view.width
+    here = there = 0.0
+    for k in range(3):
+        here += n[k] * (view.corner[k] + (ix + 0.5) * view.right[k] + (iy + 0.5) * view.down[k])
+        there += n[k] * (view.corner[k] + (jx + 0.5) * view.right[k] + (jy + 0.5) * view.down[k])
+    return abs(depth[i] * here - depth[j] * there) > STEP * depth[j] * max(abs(there), 0.1)
+
+
+@njit
+def mark_edges(face: I32, depth: F32, rgb: U8, view: View, tables: SceneTables, marks: U8) -> None:
+    """Set ``marks`` (H·W,) at both pixels of each visible edge.
+
+    An edge is where neighbours show different surfaces, directions or depths, in colours that differ visibly.
+    """
+    width, height = view.width, view.height
+    for y in range(height):
+        for x in range(width):
+            i = y * width + x
+            if x + 1 < width and face[i] != face[i + 1] and _differs(rgb, i, i + 1):
+                if _breaks(face, depth, view, tables, i, i + 1):
+                    marks[i] = marks[i + 1] = 1
+            j = i + width
+            if y + 1 < height and face[i] != face[j] and _differs(rgb, i, j):
+                if _breaks(face, depth, view, tables, i, j):
+                    marks[i] = marks[j] = 1
+
+
+@njit
+def average(samples: F32, count: int, srgb: U8, pixels: I32, out: U8) -> None:
+    """Write the mean of each ``count`` samples (P·count, 3), encoded, to ``out`` (H·W, 3) at ``pixels`` (P,)."""
+    weight = _ONE / np.float32(count)
+    for i in range(pixels.shape[0]):
+        for k in range(3):
+            total = _ZERO
+            for j in range(count):
+                total += samples[i * count + j, k]
+            out[pixels[i], k] = _level(srgb, total * weight)

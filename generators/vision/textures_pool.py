@@ -1,0 +1,118 @@
+"""All textures of a scene in one flat buffer, each with its mip chain.
+
+Texels stay 8-bit sRGB (a quarter of float32's memory) and are decoded through a 256-entry table as they are read.
+Levels are filtered in linear light: a fine black-and-white pattern fades to the grey that emits the mean of its light.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench.errors import Avs3dError
+from generators.scenes.scene import F32, I32, Texture
+from generators.vision.tone import decode_table, srgb_encode
+
+
+class TexturePool(NamedTuple):
+    """Textures and their mip levels (a named tuple, for kernels take it as it is).
+
+    Attributes:
+        texels: flat uint8; a level is (height, width, 3), row 0 at v = 1.
+        offset: (L,) int64, where each level begins in ``texels``.
+        size: (L, 2) int32, height and width of each level.
+        first: (T + 1,) int32, the level 0 of each texture; its levels end where the next texture's begin.
+        decode: (256,) float32, linear light of an 8-bit sRGB value.
+    """
+
+    texels: NDArray[np.uint8]
+    offset: NDArray[np.int64]
+    size: I32
+    first: I32
+    decode: F32
+
+
+def build_pool(textures: Sequence[Texture]) -> TexturePool:
+    """Put ``textures`` and their mip chains in one buffer; texture i of the pool is ``textures[i]``.
+
+    Raises:
+        Avs3dError: if a texture is not (H, W, 3) uint8.
+    """
+    levels: list[NDArray[np.uint8]] = []
+    first = [0]
+    for texture in textures:
+        pixels = texture.pixels
+        if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] != 3 or 0 in pixels.shape:
+            raise Avs3dError(
+                f"texture {texture.name!r}: pixels are {pixels.dtype} of shape {pixels.shape}, expected uint8 (H, W, 3)"
+            )
+        levels.extend(mip_chain(pixels))
+        first.append(len(levels))
+    if not levels:  # kernels want arrays of their type even where nothing is textured
+        levels.append(np.full((1, 1, 3), 255, dtype=np.uint8))
+    sizes = np.array([level.shape[:2] for level in levels], dtype=np.int32)
+    counts = [level.size for level in levels]
+    return TexturePool(
+        texels=np.concatenate([level.reshape(-1) for level in levels]),
+        offset=np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64),
+        size=sizes,
+        first=np.array(first, dtype=np.int32),
+        decode=decode_table(),
+    )
+
+
+def distinct(textures: Sequence[Texture | None]) -> tuple[list[Texture], list[int]]:
+    """Textures without repetition (by their pixels), and for each given one its index among them (−1: none)."""
+    unique: list[Texture] = []
+    by_identity: dict[int, int] = {}
+    by_content: dict[bytes, int] = {}
+    index: list[int] = []
+    for texture in textures:
+        if texture is None:
+            index.append(-1)
+            continue
+        known = by_identity.get(id(texture))
+        if known is None:
+            digest = hashlib.blake2b(repr(texture.pixels.shape).encode())
+            digest.update(np.ascontiguousarray(texture.pixels))
+            known = by_content.setdefault(digest.digest(), len(unique))
+            if known == len(unique):
+                unique.append(texture)
+            by_identity[id(texture)] = known
+        index.append(known)
+    return unique, index
+
+
+def mip_chain(pixels: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
+    """The texture and its halvings down to 1×1, sRGB uint8, box-filtered in linear light.
+
+    Filtering goes on from float32, so that rounding to 8 bits does not add up over the levels.
+    """
+    levels = [np.ascontiguousarray(pixels)]
+    linear = decode_table()[pixels]
+    while max(linear.shape[:2]) > 1:
+        linear = _halve(_halve(linear).transpose(1, 0, 2)).transpose(1, 0, 2)
+        levels.append(np.ascontiguousarray(np.rint(255.0 * srgb_encode(linear)), dtype=np.uint8))
+    return levels
+
+
+def _halve(image: F32) -> F32:
+    """Halve the first axis (rounded down) with a box filter.
+
+    An odd length 2n + 1 is shared out among n texels by three taps each (S. Guthe, P. Heckbert, "Non-Power-of-Two
+    Mipmapping", NVIDIA 2005).
+    """
+    length = image.shape[0]
+    if length == 1:
+        return image
+    n = length // 2
+    if length % 2 == 0:
+        return (image[0::2] + image[1::2]) * np.float32(0.5)
+    i = np.arange(n, dtype=np.float32)[:, None, None]
+    total = np.float32(length)
+    out: F32 = (n - i) / total * image[0:-1:2] + n / total * image[1::2] + (i + 1) / total * image[2::2]
+    return out
