@@ -162,10 +162,11 @@ class ColmapModel:
         for image_id in np.unique(self.points.track_image):
             image = by_id.get(int(image_id))
             mine = np.flatnonzero(self.points.track_image == image_id)
-            if image is None or self.points.track_index[mine].max() >= len(image.pixels):
+            slots = self.points.track_index[mine]
+            if image is None or slots.min() < 0 or slots.max() >= len(image.pixels):
                 raise Avs3dError(f"sparse model: a track names image {image_id} or a 2D point that does not exist")
             projected, _ = self.cameras[image.camera].project(image.pose, self.points.positions[owner[mine]])
-            distance = np.linalg.norm(projected - image.pixels[self.points.track_index[mine]], axis=1)
+            distance = np.linalg.norm(projected - image.pixels[slots], axis=1)
             out[mine] = np.where(np.isfinite(distance), distance, np.inf)
         return out
 
@@ -199,7 +200,7 @@ def write_model(folder: str | Path, model: ColmapModel) -> None:
     points = [struct.pack("<Q", len(p.ids))]
     for i, (xyz, rgb) in enumerate(zip(flip_world(p.positions).tolist(), p.colours.tolist(), strict=True)):
         first, last = int(p.offsets[i]), int(p.offsets[i + 1])
-        points.append(struct.pack("<Q3d3BdQ", int(p.ids[i]), *xyz, *rgb, float(p.errors[i]), last - first))
+        points.append(struct.pack("<q3d3BdQ", int(p.ids[i]), *xyz, *rgb, float(p.errors[i]), last - first))
         points.append(sightings[first * _TRACK.itemsize : last * _TRACK.itemsize])
     write_bytes(base / "points3D.bin", b"".join(points))
 
@@ -255,6 +256,8 @@ def read_cameras(path: str | Path) -> dict[int, Intrinsics]:
         if any(parameters[max(places) + 1 :]):
             raise Avs3dError(f"{path}: camera {name} with lens distortion, expected PINHOLE: undistort the images")
         fx, fy, cx, cy = (float(parameters[place]) for place in places)
+        if not (width > 0 and height > 0 and fx > 0 and fy > 0 and np.isfinite([fx, fy, cx, cy]).all()):
+            raise Avs3dError(f"{path}: camera {camera_id} has parameters {parameters}: expected finite, positive ones")
         cameras[int(camera_id)] = Intrinsics(int(width), int(height), fx, fy, cx, cy)
     cursor.done()
     return cameras
@@ -272,7 +275,10 @@ def read_images(path: str | Path) -> tuple[ColmapImage, ...]:
         image_id, *numbers, camera = cursor.unpack("<i7di")
         name = cursor.text()
         table = cursor.table(_POINT2D, cursor.count())
-        pose = from_colmap(numbers[:4], numbers[4:])
+        try:
+            pose = from_colmap(numbers[:4], numbers[4:])
+        except Avs3dError as error:
+            raise Avs3dError(f"{path}: image {image_id}: {error}") from None
         images.append(
             ColmapImage(int(image_id), name, int(camera), pose, table["xy"].copy(), table["point"].astype(np.int64))
         )
@@ -289,7 +295,7 @@ def read_points(path: str | Path) -> ColmapPoints:
     cursor = _Cursor(Path(path))
     rows: list[tuple[int, tuple[float, ...], tuple[int, ...], float, NDArray[np.void]]] = []
     for _ in range(cursor.count()):
-        number, x, y, z, r, g, b, error = cursor.unpack("<Q3d3Bd")
+        number, x, y, z, r, g, b, error = cursor.unpack("<q3d3Bd")
         track = cursor.table(_TRACK, cursor.count())
         rows.append((int(number), (x, y, z), (int(r), int(g), int(b)), error, track))
     cursor.done()

@@ -32,6 +32,7 @@ from avs3d_bench.schema import DatasetRecord, FrameRecord, ObservationRecord
 from avs3d_bench.taxonomy import PARTS
 
 Split = Literal["train", "test"]
+_SPLITS: tuple[Split, Split] = ("train", "test")
 _EXTENSIONS = (".png", ".jpg", ".jpeg")
 
 
@@ -41,12 +42,12 @@ def parse_splits(data: Any, where: str | Path) -> dict[str, Split]:
     Raises:
         Avs3dError: if keys are missing, a name is no text, or a frame stands in both splits.
     """
-    lists: dict[Split, Any] = {}
-    for split in ("train", "test"):
+    lists: dict[Split, list[str]] = {}
+    for split in _SPLITS:
         value = data.get(split, data.get(f"{split}_cameras")) if isinstance(data, Mapping) else None
         if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
             raise Avs3dError(f"{where}: no list of frame names under {split!r} (or '{split}_cameras')")
-        lists[split] = value  # type: ignore[index]
+        lists[split] = value
     out: dict[str, Split] = {}
     for split, names in lists.items():
         for name in names:
@@ -152,8 +153,13 @@ class Frame:
 class Observation:
     """One observation: the frames that an agent saw and heard on its path past one sounding object."""
 
-    def __init__(self, root: str | Path, key: str) -> None:
+    def __init__(self, root: str | Path, key: str, *, use_record: bool = True) -> None:
         """Open the observation ``key`` below ``root``; nothing is read yet.
+
+        Args:
+            root: the dataset's folder.
+            key: ``part_1/<scan>/<room>/<index>``.
+            use_record: without it observation.json is passed over, as if this were the official release.
 
         Raises:
             UsageError: if ``key`` is no observation key.
@@ -161,6 +167,7 @@ class Observation:
         """
         self.place = layout.parse_key(key)
         self.key = key
+        self._use_record = use_record
         self.path = Path(root) / key
         if not self.path.is_dir():
             raise Avs3dError(f"{self.path}: missing; expected the folder of an observation")
@@ -174,7 +181,7 @@ class Observation:
 
     @property
     def _has_record(self) -> bool:
-        return (self.path / layout.OBSERVATION_JSON).exists()
+        return self._use_record and (self.path / layout.OBSERVATION_JSON).exists()
 
     @cached_property
     def record(self) -> ObservationRecord | None:
@@ -229,7 +236,7 @@ class Observation:
         if path.exists():
             return parse_splits(media.read_json(path), path)
         train, test = layout.split_names(self.frame_names)
-        return dict.fromkeys(train, "train") | dict.fromkeys(test, "test")
+        return {name: "test" if name in test else "train" for name in (*train, *test)}
 
     @property
     def train(self) -> tuple[Frame, ...]:

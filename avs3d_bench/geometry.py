@@ -173,11 +173,13 @@ def from_colmap(qvec: ArrayLike, tvec: ArrayLike) -> Pose:
     """The inverse of `to_colmap`.
 
     Raises:
-        Avs3dError: if a number is not finite or the quaternion is zero.
+        Avs3dError: if a number is not finite or the quaternion's norm differs from 1 by more than 1 %.
     """
     q, t = np.asarray(qvec, dtype=np.float64), np.asarray(tvec, dtype=np.float64)
-    if q.shape != (4,) or t.shape != (3,) or not (np.isfinite(q).all() and np.isfinite(t).all()) or not q.any():
-        raise Avs3dError(f"COLMAP pose {q.tolist()} {t.tolist()}: expected a finite quaternion (w, x, y, z) and (3,)")
+    sound = q.shape == (4,) and t.shape == (3,) and bool(np.isfinite(q).all() and np.isfinite(t).all())
+    # COLMAP normalises what it reads; a norm far from 1 is no rounding but damage.
+    if not sound or np.abs(q).max() > 2 or abs(float(np.linalg.norm(q)) - 1.0) > 0.01:
+        raise Avs3dError(f"COLMAP pose {q.tolist()} {t.tolist()}: expected a unit quaternion (w, x, y, z) and (3,)")
     w, x, y, z = (float(c) for c in canonical(q))
     rotation = Rotation.from_quat([x, y, z, w]).as_matrix()
     px, py, pz = (float(c) for c in flip_world(-rotation.T @ t))

@@ -68,7 +68,7 @@ class UprightBox:
 
     def distance(self, points: ArrayLike) -> Array:
         """(...,) distance from points (..., 3); 0 inside."""
-        return np.linalg.norm(np.maximum(np.abs(self.to_local(points)) - self.half, 0.0), axis=-1)
+        return np.asarray(np.linalg.norm(np.maximum(np.abs(self.to_local(points)) - self.half, 0.0), axis=-1))
 
     def hits_triangles(self, triangles: ArrayLike) -> NDArray[np.bool_]:
         """(F,) whether the solid box and each triangle (F, 3, 3) share a point."""

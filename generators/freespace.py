@@ -8,6 +8,7 @@ at least the agent's radius and a ray straight down meets the floor.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -53,11 +54,14 @@ def triangles_near(scene: Scene, boxes: Sequence[tuple[ArrayLike, ArrayLike]], m
     return np.concatenate(out) if out else np.zeros((0, 3, 3), dtype=np.float32)
 
 
-def clip_to_band(triangles: ArrayLike, low: float, high: float) -> list[Array]:
-    """Clip triangles (F, 3, 3) to low ≤ y ≤ high; the outlines (M, 2) of their projections onto the xz plane.
+def clip_to_band(triangles: ArrayLike, low: float, high: float) -> tuple[Array, list[Array]]:
+    """Clip triangles (F, 3, 3) to low ≤ y ≤ high and project them onto the xz plane.
 
     Clipping a triangle by two parallel planes leaves a convex polygon: the hull of its corners inside the band and of
     the crossings of its edges with the planes.
+
+    Returns:
+        (K, 3, 2) the triangles that lie in the band as a whole, and the outlines (M, 2) of what is left of the others.
     """
     corners = np.asarray(triangles, dtype=np.float64)
     y = corners[:, :, 1]
@@ -65,34 +69,44 @@ def clip_to_band(triangles: ArrayLike, low: float, high: float) -> list[Array]:
     y = corners[:, :, 1]
     inside = (y >= low) & (y <= high)
     whole = inside.all(axis=1)
-    outlines = list(corners[whole][:, :, [0, 2]])
     crossing = corners[~whole]
-    if len(crossing):
-        ends = np.roll(crossing, -1, axis=1)
-        points, valid = [crossing[:, :, [0, 2]]], [inside[~whole]]
-        for level in (low, high):
-            rise = ends[:, :, 1] - crossing[:, :, 1]
-            with np.errstate(divide="ignore", invalid="ignore"):
-                t = (level - crossing[:, :, 1]) / rise
-            valid.append((rise != 0) & (t >= 0) & (t <= 1))
-            t = np.where(valid[-1], t, 0.0)[:, :, None]
-            points.append((crossing * (1 - t) + ends * t)[:, :, [0, 2]])
-        every, keep = np.concatenate(points, axis=1), np.concatenate(valid, axis=1)
-        for candidates, use in zip(every, keep, strict=True):
-            if use.any():
-                hull = cv2.convexHull(candidates[use].astype(np.float32))
-                outlines.append(hull.reshape(-1, 2).astype(np.float64))
-    return outlines
+    ends = np.roll(crossing, -1, axis=1)
+    rise = ends[:, :, 1] - crossing[:, :, 1]
+    points, valid = [crossing[:, :, [0, 2]]], [inside[~whole]]
+    for level in (low, high):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = (level - crossing[:, :, 1]) / rise
+        valid.append((rise != 0) & (t >= 0) & (t <= 1))
+        t = np.where(valid[-1], t, 0.0)[:, :, None]
+        points.append((crossing * (1 - t) + ends * t)[:, :, [0, 2]])
+    every, keep = np.concatenate(points, axis=1), np.concatenate(valid, axis=1)
+    outlines = [
+        cv2.convexHull(candidates[use].astype(np.float32)).reshape(-1, 2).astype(np.float64)
+        for candidates, use in zip(every, keep, strict=True)
+        if use.any()
+    ]
+    return corners[whole][:, :, [0, 2]], outlines
 
 
-def rasterise(outlines: Sequence[Array], origin: ArrayLike, shape: tuple[int, int], cell: float) -> Mask:
-    """Mark every cell of a grid (x first, then z) whose centre is within one cell of an outline (M, 2) or inside it."""
+def rasterise(
+    triangles: Array, outlines: Sequence[Array], origin: ArrayLike, shape: tuple[int, int], cell: float
+) -> Mask:
+    """Mark the cells of a grid (x first, then z) that triangles (K, 3, 2) and convex outlines (M, 2) cover.
+
+    Every point of a figure is within a cell's side of the centre of a marked cell.
+    """
     image = np.zeros(shape, dtype=np.uint8)
-    shift = 4
-    for outline in outlines:
-        # OpenCV counts (column, row) = (z, x) from the centre of the first cell, here in sixteenths of a cell.
-        scaled = ((outline - origin) / cell - 0.5)[:, ::-1] * (1 << shift)
-        cv2.fillConvexPoly(image, np.clip(np.round(scaled), -(1 << 24), 1 << 24).astype(np.int32), 1, 8, shift)
+    at = (triangles - np.asarray(origin)) / cell
+    # A scan is mostly triangles smaller than a cell: their corners are enough.
+    small = (np.ptp(at, axis=1) < 1.0).all(axis=1)
+    corners = np.floor(at[small]).astype(np.int64).reshape(-1, 2)
+    corners = corners[((corners >= 0) & (corners < shape)).all(axis=1)]
+    image[corners[:, 0], corners[:, 1]] = 1
+    # OpenCV counts (column, row) = (z, x) from the centre of the first cell, here in sixteenths of a cell.
+    shift, limit = 4, 1 << 24
+    for outline in (*at[~small], *((outline - np.asarray(origin)) / cell for outline in outlines)):
+        scaled = np.clip(np.round((outline[:, ::-1] - 0.5) * (1 << shift)), -limit, limit)
+        cv2.fillConvexPoly(image, scaled.astype(np.int32), 1, 8, shift)
     return image.astype(bool)
 
 
@@ -146,7 +160,8 @@ class FreeSpace:
             _check_box(scene, each)
         # Inner boxes end at the walls; two rooms meet in the middle of the wall between them.
         grow = 0.15 if adjoining else 0.0
-        boxes = [(np.asarray(r.low) - (grow, 0, grow), np.asarray(r.high) + (grow, 0, grow)) for r in rooms]
+        grown = np.array([grow, 0.0, grow])
+        boxes = [(np.asarray(r.low) - grown, np.asarray(r.high) + grown) for r in rooms]
         if triangles is None:
             triangles = triangles_near(scene, boxes)
         if not len(triangles):
@@ -158,7 +173,8 @@ class FreeSpace:
         high = np.max([box[1] for box in boxes], axis=0)[[0, 2]] + _MARGIN
         shape = tuple(int(n) for n in np.ceil((high - low) / CELL))
         fine = (shape[0] * FINE, shape[1] * FINE)
-        blocked = rasterise(clip_to_band(triangles, floor + STEP_OVER, floor + height + radius), low, fine, CELL / FINE)
+        solid = clip_to_band(triangles, floor + STEP_OVER, floor + height + radius)
+        blocked = rasterise(*solid, low, fine, CELL / FINE)
         distance = _distance(blocked)
         space = cls(floor, low, np.ones(shape, dtype=bool), distance, radius)
         centres = space.cell_centres()
@@ -244,7 +260,7 @@ class FreeSpace:
         cost = 1.5 - spare / 0.6
         rows, columns, weights = [], [], []
         for di, dj in ((1, 0), (0, 1), (1, 1), (1, -1)):
-            near = cells + (di, dj)
+            near = cells + np.array([di, dj])
             valid = ((near >= 0) & (near < self.walkable.shape)).all(axis=1)
             target = np.full(len(cells), -1, dtype=np.int64)
             target[valid] = number[near[valid, 0], near[valid, 1]]
@@ -269,7 +285,7 @@ class FreeSpace:
         """
         if not len(self.points):
             raise Avs3dError("no free floor: the agent cannot stand anywhere in the room; remove furniture")
-        return self.points[int(np.argmin(((self.points - np.asarray(point)) ** 2).sum(axis=1)))]
+        return np.asarray(self.points[int(np.argmin(((self.points - np.asarray(point)) ** 2).sum(axis=1)))])
 
     def paths(self, waypoints: ArrayLike) -> list[Array]:
         """Geodesic paths (M, 2) between successive waypoints (K, 2), which are moved to the nearest walkable cells.
@@ -282,7 +298,7 @@ class FreeSpace:
         nodes = number[ij[:, 0], ij[:, 1]]
         _, before = csgraph.dijkstra(weights, directed=False, indices=nodes[:-1], return_predecessors=True)
         out = []
-        for row, (first, last) in enumerate(zip(nodes[:-1], nodes[1:], strict=True)):
+        for row, (first, last) in enumerate(itertools.pairwise(nodes)):
             chain = [int(last)]
             while chain[-1] != first:
                 step = int(before[row, chain[-1]])
@@ -312,8 +328,8 @@ def _check_box(scene: Scene, room: Room) -> None:
     size = np.asarray(room.high, dtype=np.float64) - np.asarray(room.low, dtype=np.float64)
     if not np.isfinite(size).all() or (size <= 0.2).any() or (size > 100).any():
         raise Avs3dError(
-            f"{scene.name}: room {room.name!r} measures {np.round(size, 2).tolist()} m, expected 0.2 to 100 m along each"
-            " axis; mend its low and high corners"
+            f"{scene.name}: room {room.name!r} measures {np.round(size, 2).tolist()} m, expected 0.2 to 100 m along"
+            " each axis; mend its low and high corners"
         )
 
 

@@ -78,8 +78,12 @@ class Sight:
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """What P gazes over n frames show; all (P, n): the source's azimuth in degrees, whether the source is looked at
-    (its middle inside the image, its surface in sight), and whether anything of it is in the image.
+    """What P gazes over n frames show.
+
+    Attributes:
+        azimuth: (P, n) of the source, degrees.
+        looking: (P, n) the source is looked at: its middle is inside the image and its surface in sight.
+        filled: (P, n) something of it is in the image.
     """
 
     azimuth: Array
@@ -93,22 +97,22 @@ class Views:
         seen = sight.in_image(sight.points, yaw, pitch) & sight.clear
         enough = seen.sum(axis=-1) >= max(1.0, SEEN_SHARE * len(sight.points))
         centred = sight.in_image(sight.centre[None], yaw, pitch, INSIDE)[..., 0]
-        return cls(azimuth, enough & centred, seen.any(axis=-1))
+        return cls(azimuth, np.asarray(enough & centred), np.asarray(seen.any(axis=-1)))
 
     @property
     def look_share(self) -> Array:
         """(P,) share of frames that look at the source."""
-        return self.looking.mean(axis=1)
+        return np.asarray(self.looking.mean(axis=1))
 
     @property
     def right_share(self) -> Array:
         """(P,) share of frames with the source clearly to the right."""
-        return (self.azimuth >= SIDE_AZIMUTH).mean(axis=1)
+        return np.asarray((self.azimuth >= SIDE_AZIMUTH).mean(axis=1))
 
     @property
     def left_share(self) -> Array:
         """(P,) share of frames with the source clearly to the left."""
-        return (self.azimuth <= -SIDE_AZIMUTH).mean(axis=1)
+        return np.asarray((self.azimuth <= -SIDE_AZIMUTH).mean(axis=1))
 
     @property
     def tests(self) -> tuple[Array, Array]:
@@ -129,7 +133,7 @@ class Views:
         out += 50 * (short(look, LOOK_ALLOWED[0]) + short(-look, -LOOK_ALLOWED[1]))
         for share in (left, right):
             out += 5 * short(share, SIDE_SHARE + 0.08) + 50 * short(share, SIDE_SHARE)
-        out += 2 * short(empty, np.ceil(EMPTY_TESTS * scale)) + 0.5 * short(empty, np.ceil(4 * scale))
+        out += 2 * short(empty, np.floor(EMPTY_TESTS * scale)) + 0.5 * short(empty, np.round(4 * scale))
         out += 2 * short(filled, np.ceil(FILLED_TESTS * scale))
         # The room is to be seen all round: 12 sectors of heading.
         sectors = np.floor((yaw % (2 * np.pi)) / (np.pi / 6)).astype(int) % 12
@@ -165,14 +169,14 @@ def _azimuth_plan(n: int, rng: Generator) -> Array:
     side = 1.0 if rng.uniform() < 0.5 else -1.0
     i = 0
     if rng.uniform() < 0.35:
-        i = int(round(rng.uniform(2, 6) * pace))
+        i = round(rng.uniform(2, 6) * pace)
         out[:i] = side * rng.uniform(60, 120)
     while i < n:
-        look = max(2, int(round(rng.uniform(9, 17) * pace)))
-        away = max(2, int(round(rng.uniform(6, 11) * pace)))
+        look = max(2, round(rng.uniform(9, 17) * pace))
+        away = max(2, round(rng.uniform(6, 11) * pace))
         # Off centre, so that these frames count for their side too, then through the middle.
         off = rng.uniform(22, 34)
-        half = int(round(look * rng.uniform(0.5, 0.9)))
+        half = round(look * rng.uniform(0.5, 0.9))
         out[i : i + half] = side * off
         out[i + half : i + look] = side * rng.uniform(0, off)
         i += look
@@ -180,4 +184,4 @@ def _azimuth_plan(n: int, rng: Generator) -> Array:
         i += away
         side = -side if rng.uniform() < 0.85 else side
     phase, period = rng.uniform(0, 2 * np.pi), rng.uniform(9, 23)
-    return out + 3.0 * np.sin(2 * np.pi * np.arange(n) / period + phase)
+    return np.asarray(out + 3.0 * np.sin(2 * np.pi * np.arange(n) / period + phase))

@@ -22,7 +22,7 @@ from avs3d_bench.schema import (
     VisionRecord,
 )
 from generators.acoustics.clips import GAIN, binaural_clip, mono_clip, rms
-from generators.acoustics.decay import t30
+from generators.acoustics.decay import reverberation_time
 from generators.assets.catalogue import Model, build_model, variants
 from generators.assets.meshfile import load_model
 from generators.assets.sounds import load_sound, synthesise
@@ -75,7 +75,9 @@ def generate_observation(
     # What stands where, and the path of the agent.
     sounding, silent = choose_models(plan)
     placements = place(home, spec.room, sounding, instances=spec.copies, silent=silent, rng=plan.rng("placement"))
-    poses, notes = walk(home, spec.room, placements, frames=camera.frames, height=camera.height, rng=plan.rng("path"))
+    poses, notes = walk(
+        home, spec.room, placements, frames=camera.frames, height=camera.height, hfov=camera.hfov, rng=plan.rng("path")
+    )
     source = next(placement for placement in placements if placement.sounding)
     scene = insert(home, tuple(p.part(number) for number, p in enumerate(placements, start=1)))
 
@@ -132,7 +134,7 @@ def generate_observation(
                     sample_rate=layout.SAMPLE_RATE,
                     gain=GAIN,
                     settings=sound_engine.describe(),
-                    t30=t30(decays, layout.SAMPLE_RATE),
+                    t30=reverberation_time(decays, layout.SAMPLE_RATE),
                 ),
                 vision=VisionRecord(backend=sight.name, version=sight.version),
                 frames=tuple(frames),

@@ -1,53 +1,48 @@
 """Objects where they belong: on their support, clear of everything, facing the room, in sight of a walking agent.
 
 `place` collects spots for a model (generators/spots.py), tries them in random order and keeps the first that passes
-every test of `Placer.fault`. Twins (identical copies, one of which sounds) stand at least a metre apart where the room
+every test of generators/fitting.py. Twins (identical copies, one of which sounds) stand at least a metre apart where the room
 allows; a silent oven joins a sounding microwave (the paper's hard pair).
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from avs3d_bench.errors import Avs3dError
 from generators.boxes import UprightBox, yaw_matrix
-from generators.freespace import CELL, SENSOR_HEIGHT, distance_to_polygon
+from generators.fitting import Body, Fitting, front_points
 from generators.scenes.scene import Mesh, Part, Scene, Support, SupportKind
-from generators.spots import Site, Spot, against_wall, on_top, on_wall, open_floor
+from generators.site import Site
+from generators.spots import Spot, against_wall, on_top, on_wall, open_floor
 
 if TYPE_CHECKING:
     from generators.assets.catalogue import Model
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
+Fit = tuple[Spot, Body]
 
 #: Twins stand this far apart (centres, metres); the later ones are tried only if the room has no place for the first.
 TWIN_DISTANCES = (1.0, 0.7, 0.5)
 #: The silent oven stands this near the sounding microwave (centres, metres).
 HARD_PAIR = ("microwave", "oven", 0.5, 1.0)
-#: A triangle may reach this far into an object's box: contact is not collision.
-SKIN = 0.002
-#: Objects keep this distance from one another, metres.
-ELBOW_ROOM = 0.03
-#: Nothing stands nearer to a doorway, metres.
-DOOR_ZONE = 0.6
-#: The largest connected free floor that must remain: this share of what was there, or this many m².
-KEEP_SHARE, KEEP_AREA = 0.8, 1.2
-#: An object counts as visible from a place 0.7–3 m away that sees half of its front; this floor area must, m².
-VIEW_NEAR, VIEW_FAR, VIEW_AREA = 0.7, 3.0, 0.30
-#: … and these places must spread over this angle as seen from the object, degrees.
-VIEW_SPREAD = 35.0
-_MOST_SPOTS = 500
-_RESTARTS = 12
+#: Spots of a model that are judged, at first and at most; two of them are at least this far apart, metres.
+_POOLS, _THINNING = (40, 160), 0.08
+#: Branches followed, and complete sets judged, in the search for twins.
+_BRANCHES, _SETS = 20_000, 24
+#: How often the copies may move to make room for a companion.
+_ATTEMPTS = 4
 
 
 @dataclass(frozen=True)
@@ -165,25 +160,30 @@ def place(
     if instances < 1:
         raise Avs3dError(f"{scene.name}/{room}: {instances} instances of {sounding.category} asked for; expected ≥ 1")
     placer = Placer(Site.of(scene, room))
-    copies = placer.twins(sounding, instances, rng)
-    chosen = int(rng.integers(instances))
-    copies = [replace(copy, sounding=index == chosen) for index, copy in enumerate(copies)]
-    others: list[Placement] = []
-    for model in silent:
-        others.append(placer.companion(model, copies[chosen], [*copies, *others], rng))
+    for attempt in range(_ATTEMPTS):
+        copies = placer.twins(sounding, instances, rng)
+        chosen = int(rng.integers(instances))
+        copies = [replace(copy, sounding=index == chosen) for index, copy in enumerate(copies)]
+        others: list[Placement] = []
+        try:
+            for model in silent:
+                others.append(placer.companion(model, copies[chosen], [*copies, *others], rng))
+        except Avs3dError:
+            # The copies may have taken the only place of a companion: they move before the room is called too small.
+            if attempt == _ATTEMPTS - 1:
+                raise
+            continue
+        break
     return (*copies, *others)
 
 
-@dataclass(eq=False)
 class Placer:
-    """Tests spots in one room and remembers the answers; ``tried`` counts the reasons of refusal."""
+    """The search for places in one room."""
 
-    site: Site
-    tried: Counter[str] = field(default_factory=Counter)
-
-    def __post_init__(self) -> None:
-        self._alone: dict[int, str] = {}
-        self._area = self.site.space.largest().area
+    def __init__(self, site: Site) -> None:
+        self.site = site
+        self.fitting = Fitting(site)
+        self.refused: Counter[str] = Counter()
 
     def twins(self, model: Model, count: int, rng: Generator) -> list[Placement]:
         """``count`` copies of ``model``, far enough from one another.
@@ -191,19 +191,23 @@ class Placer:
         Raises:
             Avs3dError: if the room has no room for them.
         """
-        self.tried.clear()
-        tiers = self.spots(model, rng)
-        fronts = _front_points(model)
-        for distance in TWIN_DISTANCES[: 1 if count == 1 else None]:
-            for depth in range(1, len(tiers) + 1):
-                spots = [spot for tier in tiers[:depth] for spot in tier]
-                found = self._spread(model, spots, fronts, count, distance)
-                if found:
+        self.refused.clear()
+        tiers = [_Pool(self, model, spots) for spots in self.spots(model, rng)]
+        distances = TWIN_DISTANCES if count > 1 else TWIN_DISTANCES[:1]
+        for distance in distances:
+            for depth, most in itertools.product(range(1, len(tiers) + 1), _POOLS if count > 1 else (1,)):
+                fits = [fit for tier in tiers[:depth] for fit in tier.first(most)]
+                chosen = self._apart(fits, count, distance)
+                if chosen:
+                    found = [_placement(model, spot) for spot, _ in chosen]
                     if distance < TWIN_DISTANCES[0]:
                         note = f"{count} × {model.category} stand {distance} m apart: no room for {TWIN_DISTANCES[0]} m"
                         found[0] = replace(found[0], relaxed=note)
                     return found
-        raise self._error(model, count, sum(len(tier) for tier in tiers))
+        places = sum(len(tier.first(_POOLS[-1])) for tier in tiers)
+        if places:
+            self.refused[f"would do for one, but no {count} of them together, {distances[-1]} m apart"] = places
+        raise self._error(model, count, sum(len(tier.spots) for tier in tiers))
 
     def companion(self, model: Model, source: Placement, placed: Sequence[Placement], rng: Generator) -> Placement:
         """A silent model; an oven stands near a sounding microwave.
@@ -211,21 +215,22 @@ class Placer:
         Raises:
             Avs3dError: if the room has no room for it.
         """
-        self.tried.clear()
-        spots = [spot for tier in self.spots(model, rng) for spot in tier]
-        fronts = _front_points(model)
+        self.refused.clear()
+        pool = _Pool(self, model, [spot for tier in self.spots(model, rng) for spot in tier])
+        bodies = [_body(other.model, other.position, other.yaw) for other in placed]
         loud, quiet, least, most = HARD_PAIR
-        relaxed = ""
-        if (source.model.category, model.category) == (loud, quiet):
-            pair = [s for s in spots if least <= self._gap(model, s, source) <= most]
-            for spot in pair:
-                if not self.fault(model, spot, fronts, placed):
-                    return _placement(model, spot)
-            relaxed = f"the silent {quiet} stands more than {most} m from the sounding {loud}: no room beside it"
-        for spot in spots:
-            if not self.fault(model, spot, fronts, placed):
-                return replace(_placement(model, spot), relaxed=relaxed)
-        raise self._error(model, 1, len(spots))
+        pair = (source.model.category, model.category) == (loud, quiet)
+        rounds = [(least, most, "")] if pair else []
+        note = (
+            f"the silent {quiet} stands more than {most} m from the sounding {loud}: no room beside it" if pair else ""
+        )
+        for near, far, relaxed in (*rounds, (0.0, math.inf, note)):
+            for spot, body in pool.all(lambda spot: near <= _gap(model, spot, source.box.centre) <= far):  # noqa: B023
+                reason = self.fitting.fault_together([body, *bodies])
+                if not reason:
+                    return replace(_placement(model, spot), relaxed=relaxed)
+                self.refused[reason] += 1
+        raise self._error(model, 1, len(pool.spots))
 
     def spots(self, model: Model, rng: Generator) -> list[list[Spot]]:
         """Candidate spots in tiers of preference, each in the order in which they are tried."""
@@ -233,11 +238,11 @@ class Placer:
         site, mesh, jitter = self.site, model.mesh, math.radians(rule.jitter)
         tiers: list[list[Spot]] = []
         if model.mount == "floor":
-            floor = site.supports("floor")[0]
-            if rule.free:
-                tiers.append(open_floor(site, mesh, floor, rng, jitter=jitter))
-            else:
-                tiers.append(against_wall(site, mesh, floor, rng, gap=rule.gap))
+            for floor in site.supports("floor")[:1]:
+                if rule.free:
+                    tiers.append(open_floor(site, mesh, floor, rng, jitter=jitter))
+                else:
+                    tiers.append(against_wall(site, mesh, floor, rng, gap=rule.gap))
         if model.mount in ("surface", "wall_or_surface"):
             for kinds in rule.surfaces:
                 supports = [support for kind in kinds for support in site.supports(kind)]
@@ -246,99 +251,32 @@ class Placer:
             walls = site.supports("wall")
             hung = [s for wall in walls for s in on_wall(site, mesh, wall, rng, heights=WALL_HEIGHTS)]
             tiers.insert(int(rng.integers(2)) if tiers else 0, hung)
-        return [sorted(tier, key=lambda spot: spot.rank)[:_MOST_SPOTS] for tier in tiers if tier]
+        return [sorted(tier, key=lambda spot: spot.rank) for tier in tiers if tier]
 
-    def fault(self, model: Model, spot: Spot, fronts: Array, placed: Sequence[Placement]) -> str:
-        """Why ``model`` cannot stand at ``spot`` beside what is ``placed``; "" if it can."""
-        box = UprightBox.around(model.mesh, spot.position, spot.yaw)
-        reason = self._alone.get(id(spot))
-        if reason is None:
-            reason = self._fault_alone(model, spot, box, fronts)
-            self._alone[id(spot)] = reason
-            self._kept.append(spot)
-        if not reason and placed:
-            if any(box.grown(ELBOW_ROOM).hits_box(other.box) for other in placed):
-                reason = "touches another object"
-            else:
-                boxes = [other.box for other in placed]
-                reason = self._blocks([box, *boxes])
-                for index, other in enumerate(placed):
-                    if reason:
-                        break
-                    others = [box, *boxes[:index], *boxes[index + 1 :]]
-                    reason = "hides another object" if self._hidden(other, _front_points(other.model), others) else ""
-                if not reason and self._hidden(_placement(model, spot), fronts, boxes):
-                    reason = "is hidden by another object"
-        if reason:
-            self.tried[reason] += 1
-        return reason
-
-    @cached_property
-    def _kept(self) -> list[Spot]:
-        """Spots that have been judged: kept alive, because their id is the key."""
-        return []
-
-    def _fault_alone(self, model: Model, spot: Spot, box: UprightBox, fronts: Array) -> str:
-        if box.grown(-SKIN).hits_triangles(self.site.triangles).any():
-            return "collides with the room"
-        on_floor = spot.support.kind == "floor"
-        if on_floor and len(self.site.doors) and distance_to_polygon(self.site.doors, box.footprint).min() < DOOR_ZONE:
-            return "stands in a doorway"
-        return self._blocks([box]) or ("is hidden" if self._hidden(_placement(model, spot), fronts, []) else "")
-
-    def _blocks(self, boxes: Sequence[UprightBox]) -> str:
-        left = self.site.space.without([box.footprint for box in boxes]).largest().area
-        return "" if left >= KEEP_SHARE * self._area or left >= KEEP_AREA else "blocks the way"
-
-    def _hidden(self, placement: Placement, fronts: Array, others: Sequence[UprightBox]) -> bool:
-        """Whether too little free floor has a view of the object's front."""
-        points = fronts @ yaw_matrix(placement.yaw).T + np.asarray(placement.position)
-        centre = placement.box.centre
-        space = self.site.space.without([placement.box.footprint, *(box.footprint for box in others)]).largest()
-        offsets = space.points - centre[[0, 2]]
-        distance = np.linalg.norm(offsets, axis=1)
-        eligible = (distance >= VIEW_NEAR) & (distance <= VIEW_FAR) & (offsets @ placement.front[[0, 2]] > 0)
-        cells = space.points[eligible]
-        step = max(1, len(cells) // 80)
-        eyes = cells[::step]
-        if not len(eyes):
-            return True
-        eye = np.insert(eyes, 1, self.site.space.floor + SENSOR_HEIGHT, axis=1)
-        starts, ends = np.repeat(eye, len(points), axis=0), np.tile(points, (len(eye), 1))
-        blocked = self.site.caster.occluded(starts, ends - starts, 0.999)
-        for box in others:
-            blocked |= box.blocks(starts, ends)
-        sees = 1 - blocked.reshape(len(eye), -1).mean(axis=1) >= 0.5
-        if sees.sum() * step * CELL * CELL < VIEW_AREA:
-            return True
-        bearings = np.degrees(np.arctan2(*(eyes[sees] - centre[[0, 2]]).T))
-        ahead = (bearings - math.degrees(placement.yaw) + 180) % 360 - 180
-        return bool(np.ptp(ahead) < VIEW_SPREAD)
-
-    def _spread(
-        self, model: Model, spots: Sequence[Spot], fronts: Array, count: int, distance: float
-    ) -> list[Placement]:
-        """``count`` placements with their centres at least ``distance`` apart, or none."""
-        for first in _first(self._valid(model, spots, fronts), _RESTARTS):
-            chosen = [_placement(model, first)]
-            for spot in spots:
+    def _apart(self, fits: Sequence[Fit], count: int, distance: float) -> list[Fit]:
+        """The first ``count`` of ``fits`` that are ``distance`` apart and fit together, or none (depth-first)."""
+        if len(fits) < count or count == 1:
+            return list(fits[:count])
+        centres = np.array([body.centre for _, body in fits])
+        apart = np.linalg.norm(centres[:, None] - centres, axis=2) >= distance
+        branches, sets = 0, 0
+        for first in range(len(fits)):
+            stack = [([first], apart[first].copy())]
+            while stack:
+                chosen, free = stack.pop()
+                branches += 1
                 if len(chosen) == count:
+                    sets += 1
+                    if not self.fitting.fault_together([fits[k][1] for k in chosen]):
+                        return [fits[k] for k in chosen]
                     break
-                if min(self._gap(model, spot, other) for other in chosen) < distance:
-                    self.tried["too near a twin"] += 1
-                elif not self.fault(model, spot, fronts, chosen):
-                    chosen.append(_placement(model, spot))
-            if len(chosen) == count:
-                return chosen
+                if branches > _BRANCHES or sets > _SETS:
+                    return []
+                later = np.flatnonzero(free)
+                later = later[later > (chosen[-1] if len(chosen) > 1 else -1)]
+                for k in later[::-1]:
+                    stack.append(([*chosen, int(k)], free & apart[k]))
         return []
-
-    def _valid(self, model: Model, spots: Sequence[Spot], fronts: Array) -> Iterator[Spot]:
-        return (spot for spot in spots if not self.fault(model, spot, fronts, []))
-
-    @staticmethod
-    def _gap(model: Model, spot: Spot, other: Placement) -> float:
-        centre = UprightBox.around(model.mesh, spot.position, spot.yaw).centre
-        return float(np.linalg.norm(centre - other.box.centre))
 
     def _error(self, model: Model, count: int, spots: int) -> Avs3dError:
         what = model.category if count == 1 else f"{count} × {model.category}"
@@ -348,12 +286,60 @@ class Placer:
             kinds = {"floor": "level floor, for most things along a wall", "wall": "free wall"}
             why = f"it has no {kinds.get(model.mount, 'worktop, table or shelf')} that takes {_size(model)}"
         else:
-            reasons = ", ".join(f"{n} {reason}" for reason, n in sorted(self.tried.items(), key=lambda i: (-i[1], i[0])))
-            why = f"of {spots} spots {reasons or 'none passed'}"
+            counts = sorted(self.refused.items(), key=lambda item: (-item[1], item[0]))
+            why = f"of {spots} spots " + ", ".join(f"{number} {reason}" for reason, number in counts)
         return Avs3dError(
             f"{self.site.name}: no place for {what} ({model.name}): {why}; choose another room, fewer objects or a"
             " smaller model"
         )
+
+
+class _Pool:
+    """The spots of one tier, judged one by one as they are asked for; those that fit, thinned out."""
+
+    def __init__(self, placer: Placer, model: Model, spots: Sequence[Spot]) -> None:
+        self.spots = spots
+        self._placer, self._model = placer, model
+        self._fronts = front_points(model.mesh)
+        self._known: list[str | Body | None] = [None] * len(spots)
+
+    def _judge(self, index: int) -> Body | None:
+        known, spot = self._known[index], self.spots[index]
+        if known is None:
+            body = Body.of(self._model.mesh, self._fronts, spot.position, spot.yaw)
+            reason = self._placer.fitting.fault_alone(body, on_floor=spot.support.kind == "floor")
+            known = self._known[index] = reason or body
+            if reason:
+                self._placer.refused[reason] += 1
+        return None if isinstance(known, str) else known
+
+    def first(self, most: int) -> list[Fit]:
+        """The first ``most`` that fit alone and are not next to an earlier one."""
+        out: list[Fit] = []
+        for index, spot in enumerate(self.spots):
+            if len(out) == most:
+                break
+            if all(np.linalg.norm(spot.position - other.position) >= _THINNING for other, _ in out):
+                body = self._judge(index)
+                if body is not None:
+                    out.append((spot, body))
+        return out
+
+    def all(self, wanted: Callable[[Spot], bool]) -> Iterator[Fit]:
+        """Those that are wanted and fit alone."""
+        for index, spot in enumerate(self.spots):
+            if wanted(spot):
+                body = self._judge(index)
+                if body is not None:
+                    yield spot, body
+
+
+def _body(model: Model, position: ArrayLike, yaw: float) -> Body:
+    return Body.of(model.mesh, front_points(model.mesh), position, yaw)
+
+
+def _gap(model: Model, spot: Spot, centre: Array) -> float:
+    return float(np.linalg.norm(UprightBox.around(model.mesh, spot.position, spot.yaw).centre - centre))
 
 
 def _size(model: Model) -> str:
@@ -363,25 +349,3 @@ def _size(model: Model) -> str:
 def _placement(model: Model, spot: Spot) -> Placement:
     x, y, z = (float(c) for c in spot.position)
     return Placement(model, spot.support, (x, y, z), spot.yaw, sounding=False)
-
-
-def _first(items: Iterator[Spot], count: int) -> Iterator[Spot]:
-    for _, item in zip(range(count), items, strict=False):
-        yield item
-
-
-def _front_points(model: Model, count: int = 24) -> Array:
-    """(count, 3) points spread by area over the faces that look forward, in the model's frame, 1 cm in front of them."""
-    triangles = model.mesh.positions.astype(np.float64)
-    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    weight = np.maximum(normals[:, 2], 0.0)
-    if weight.sum() <= 0:
-        low, high = model.mesh.bounds.astype(np.float64)
-        return np.tile((low + high) / 2, (count, 1)) + (0, 0, (high[2] - low[2]) / 2 + 0.01)
-    edges = np.cumsum(weight) / weight.sum()
-    faces = np.minimum(np.searchsorted(edges, (np.arange(count) + 0.5) / count), len(triangles) - 1)
-    # Points of the plastic-number sequence, folded into the triangle: even without randomness.
-    r, s = ((0.5 + np.arange(1, count + 1) * step) % 1.0 for step in (0.7548776662466927, 0.5698402909980532))
-    r, s = np.where(r + s > 1, 1 - r, r), np.where(r + s > 1, 1 - s, s)
-    a, b, c = (triangles[faces, k] for k in range(3))
-    return np.asarray(a + r[:, None] * (b - a) + s[:, None] * (c - a) + (0.0, 0.0, 0.01))

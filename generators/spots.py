@@ -1,26 +1,24 @@
-"""Spots: where a model could stand or hang in a room, by support alone.
+"""Spots: where a model could stand or hang in a room, by its support alone.
 
-Everything is measured on the room's triangles by ray casting, so that tidy apartments and noisy scans are treated alike.
-A spot already touches its support (the gap is `CONTACT`); whether it collides, blocks the way or is hidden is decided
-by generators/placement.py.
+Everything is measured on the room's triangles by ray casting, so that tidy flats and noisy scans are treated alike. A
+spot already touches its support (the gap is `CONTACT`); generators/fitting.py says whether it collides, blocks the way
+or is hidden.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
-from scipy import ndimage
 
-from avs3d_bench.errors import Avs3dError
 from generators.boxes import yaw_matrix
-from generators.freespace import CELL, FreeSpace, triangles_near
-from generators.scenes.scene import F32, Mesh, Room, Scene, Support, SupportKind
-from generators.vision.rays import RayCaster
+from generators.freespace import CELL
+from generators.scenes.scene import Mesh, Support
+from generators.site import AXES, Site
 
 Array = NDArray[np.float64]
 
@@ -30,62 +28,12 @@ CONTACT = 0.0002
 FLATNESS = 0.010
 #: How far a wall may deviate from a plane behind an appliance: a skirting board passes, a pipe or a shelf does not.
 BACK_FLATNESS = 0.030
+#: How far a wall may step back above an appliance (a ledge, a tiled front wall, a window let in), metres.
+RECESS = 0.12
+#: A wall lies this near the side of the room's box; a scan's box is drawn by hand.
+BOX_SLACK = 0.25
 #: Spacing of the candidates, metres.
 SPACING = 0.04
-_AXES = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (-1.0, 0.0, 0.0))
-
-
-@dataclass(frozen=True, eq=False)
-class Site:
-    """A room, measured.
-
-    Attributes:
-        scene: the scene.
-        room: the room.
-        triangles: (F, 3, 3) all triangles in and near the room.
-        caster: rays against them.
-        space: the free floor before anything is placed.
-        doors: (D, 2) x and z of points every 5 cm across the room's doorways.
-    """
-
-    scene: Scene
-    room: Room
-    triangles: F32
-    caster: RayCaster
-    space: FreeSpace
-    doors: Array
-
-    @classmethod
-    def of(cls, scene: Scene, room: str) -> Site:
-        """Measure ``room``.
-
-        Raises:
-            Avs3dError: if the room does not exist or holds no geometry.
-        """
-        box = scene.room(room)
-        triangles = triangles_near(scene, [(box.low, box.high)])
-        if not len(triangles):
-            raise Avs3dError(f"{scene.name}/{room}: no geometry inside the room's box {box.low}–{box.high}; mend it")
-        caster = RayCaster(triangles)
-        space = FreeSpace.of(scene, room, triangles=triangles, caster=caster)
-        return cls(scene, box, triangles, caster, space, find_doors(caster, box))
-
-    @property
-    def name(self) -> str:
-        """``scan/room``."""
-        return f"{self.scene.name}/{self.room.name}"
-
-    def supports(self, kind: SupportKind) -> tuple[Support, ...]:
-        """The room's supports of one kind: the scene's own, or, where it names none of the room, measured ones."""
-        own = tuple(s for s in self.scene.supports if s.room == self.room.name)
-        named = tuple(s for s in own if s.kind == kind)
-        if named or kind == "floor":
-            return named or (_floor_of(self.room),)
-        if kind == "wall":
-            return _walls_of(self.room)
-        if any(s.kind in ("worktop", "shelf", "side_table") for s in own):
-            return ()
-        return tuple(s for s in find_surfaces(self) if s.kind == kind)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +48,7 @@ class Spot:
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """The rectangle by which a model touches its support, in its own frame: ``low`` and ``high`` (2,) along two axes."""
+    """The rectangle by which a model touches its support: ``low`` and ``high`` (2,) along two of its own axes."""
 
     low: Array
     high: Array
@@ -128,7 +76,9 @@ class Contact:
         return np.stack([g.reshape(-1) for g in np.meshgrid(x, y, indexing="ij")], axis=1)
 
 
-def standing(site: Site, mesh: Mesh, origins: Array, yaws: Array, tolerance: float = 0.03) -> tuple[Array, Array]:
+def standing(
+    site: Site, mesh: Mesh, origins: Array, yaws: Array, tolerance: float = 0.03
+) -> tuple[NDArray[np.intp], Array]:
     """Let a model down onto what is below it.
 
     Args:
@@ -203,19 +153,21 @@ def on_top(site: Site, mesh: Mesh, support: Support, rng: Generator, *, jitter: 
 def against_wall(site: Site, mesh: Mesh, support: Support, rng: Generator, *, gap: tuple[float, float]) -> list[Spot]:
     """Spots on the floor with the back to a wall, ``gap`` (least, most) metres before the first thing behind it.
 
-    A wall is what is flat behind the whole model and still there above it, up to 1.9 m (a window may be let in).
+    A wall is what is flat behind the whole model and still there above it, up to 1.9 m (a window may be let in). The
+    side of the room's box comes first; anything else as tall and flat is taken only where those spots fail.
     """
     low, high = mesh.bounds.astype(np.float64)
     width, height, depth = high - low
     cells = site.space.points
     cells = cells[np.unique(np.round(cells / (2 * CELL)).astype(np.int64), axis=0, return_index=True)[1]]
     floor = site.space.floor
+    outline = ((site.room.low[0], site.room.low[2]), (site.room.high[0], site.room.high[2]))
     levels = floor + np.concatenate([np.array([0.06, 0.3, 0.6, 0.95]) * height, [1.3, 1.6, 1.9]])
     if not len(cells):
         return []
     walls = {(round(s.normal[0], 3), 0.0, round(s.normal[2], 3)) for s in site.supports("wall")}
     spots: list[Spot] = []
-    for normal in (*_AXES, *sorted(walls - set(_AXES))):
+    for normal in (*AXES, *sorted(walls - set(AXES))):
         n = np.array([normal[0], normal[2]]) / math.hypot(normal[0], normal[2])
         side = np.array([n[1], -n[0]])
         offsets = np.array([-0.49, 0.0, 0.49]) * width
@@ -224,10 +176,10 @@ def against_wall(site: Site, mesh: Mesh, support: Support, rng: Generator, *, ga
         y = np.broadcast_to(levels[:, None], starts.shape[:-1])
         rays = np.stack([starts[..., 0], y, starts[..., 1]], axis=-1).reshape(-1, 3)
         distance, _ = site.caster.closest(rays, np.broadcast_to([-n[0], 0.0, -n[1]], rays.shape))
-        distance = distance.astype(np.float64).reshape(len(cells), len(levels), 3)
+        distance = np.minimum(distance.astype(np.float64), 1e3).reshape(len(cells), len(levels), 3)
         behind, above = distance[:, :4].reshape(len(cells), -1), distance[:, 4:, 1]
         nearest = behind.min(axis=1)
-        wall = ((above >= nearest[:, None] - BACK_FLATNESS) & (above <= nearest[:, None] + 0.35)).sum(axis=1) >= 2
+        wall = (np.abs(above - nearest[:, None] - RECESS / 2) <= RECESS / 2 + BACK_FLATNESS).sum(axis=1) >= 2
         good = wall & (behind.max(axis=1) - nearest <= BACK_FLATNESS) & (nearest <= depth + 1.0)
         if not good.any():
             continue
@@ -240,7 +192,9 @@ def against_wall(site: Site, mesh: Mesh, support: Support, rng: Generator, *, ga
         along = np.round(middle[picked] @ side / (2 * CELL)).astype(np.int64)
         back = np.round((middle[picked] @ n) / 0.02).astype(np.int64)
         picked = picked[np.unique(np.stack([along, back], axis=1), axis=0, return_index=True)[1]]
-        ranks = rng.uniform(0.0, 0.9, len(picked))
+        faces = (cells[picked] - n * nearest[picked, None]) @ n
+        side_of_box = max(np.array(corner) @ -n for corner in itertools.product(*zip(*outline, strict=True)))
+        ranks = rng.uniform(0.0, 0.9, len(picked)) + (side_of_box + faces > BOX_SLACK)
         stands, settled = standing(site, mesh, origins[picked], np.full(len(picked), yaw))
         spots += [Spot(support, p, yaw, float(ranks[i])) for i, p in zip(stands, settled, strict=True)]
     return spots
@@ -250,12 +204,16 @@ def open_floor(site: Site, mesh: Mesh, support: Support, rng: Generator, *, jitt
     """Spots on the free floor, near a wall first, looking towards the middle of the room within ``jitter`` radians."""
     every = site.space.cell_centres()
     low, high = np.asarray(site.room.low)[[0, 2]], np.asarray(site.room.high)[[0, 2]]
-    clearance = site.space.clearance(every)
-    every, clearance = (c[((every > low) & (every < high)).all(axis=1) & (clearance > 0.03)] for c in (every, clearance))
+    # What is nearer than the footprint's smaller half is inside it; every second cell is dense enough.
+    width, _, depth = np.diff(mesh.bounds.astype(np.float64), axis=0)[0]
+    even = (site.space.index(every) % 2 == 0).all(axis=1)
+    fits = site.space.clearance(every) > 0.4 * min(width, depth) - 0.02
+    every = every[((every > low) & (every < high)).all(axis=1) & fits & even]
     if not len(every):
         return []
     yaws = np.arctan2(*((low + high) / 2 - every).T) + rng.uniform(-jitter, jitter, len(every))
-    ranks = rng.uniform(0.0, 0.45, len(every)) + 0.45 * np.minimum(clearance, 1.0)
+    to_wall = np.minimum(every - low, high - every).min(axis=1)
+    ranks = rng.uniform(0.0, 0.3, len(every)) + 0.6 * np.minimum(to_wall, 1.0)
     bottom = mesh.bounds.astype(np.float64)
     middle = (bottom[0] + bottom[1]) / 2
     sin, cos = np.sin(yaws), np.cos(yaws)
@@ -296,90 +254,3 @@ def on_wall(site: Site, mesh: Mesh, support: Support, rng: Generator, *, heights
         Spot(support, centres[i] + normal * (top[i] + CONTACT) - anchor, yaw, float(ranks[i]))
         for i in np.flatnonzero(good)
     ]
-
-
-def find_doors(caster: RayCaster, room: Room) -> Array:
-    """(D, 2) points every 5 cm across the doorways in the room's outline: where a walker gets out at every height.
-
-    An opening wider than 2.4 m is where an open plan goes on, or a box that was drawn too large; it is no door.
-    """
-    low, high = np.asarray(room.low, dtype=np.float64), np.asarray(room.high, dtype=np.float64)
-    inset, beyond = 0.3, 0.3
-    levels = low[1] + np.array([0.3, 1.0, 1.7])
-    found: list[Array] = []
-    for normal in _AXES:
-        axis, other = (0, 2) if normal[0] else (2, 0)
-        edge = high[axis] if normal[axis] > 0 else low[axis]
-        along = np.arange(low[other] + 0.05, high[other], CELL)
-        starts = np.zeros((len(along), len(levels), 3))
-        starts[..., other] = along[:, None]
-        starts[..., axis] = edge - inset * normal[axis]
-        starts[..., 1] = levels
-        rays = starts.reshape(-1, 3)
-        distance, _ = caster.closest(rays, np.broadcast_to(normal, rays.shape))
-        free = (distance.reshape(len(along), -1) > inset + beyond).all(axis=1)
-        runs, count = ndimage.label(free)
-        for run in range(1, count + 1):
-            members = along[runs == run]
-            if 0.5 <= len(members) * CELL <= 2.4:
-                points = np.zeros((len(members), 2))
-                points[:, 0 if other == 0 else 1] = members
-                points[:, 1 if other == 0 else 0] = edge
-                found.append(points)
-    return np.concatenate(found) if found else np.zeros((0, 2))
-
-
-def _floor_of(room: Room) -> Support:
-    low, high = room.low, room.high
-    size = (high[0] - low[0], high[2] - low[2])
-    return Support("floor", room.name, low, (size[0], 0, 0), (0, 0, size[1]), (0, 1, 0), (0, 0, 1), high[1] - low[1])
-
-
-def _walls_of(room: Room) -> tuple[Support, ...]:
-    """The four sides of the room's box; their clearance is infinite to say that the wall must be looked for."""
-    (x0, y0, z0), (x1, _, z1) = room.low, room.high
-    w, d = x1 - x0, z1 - z0
-    rise = (0.0, 2.1, 0.0)
-    sides: Sequence[tuple[tuple[float, float, float], ...]] = (
-        ((x0, y0, z0), (w, 0, 0), (0, 0, 1)),
-        ((x1, y0, z0), (0, 0, d), (-1, 0, 0)),
-        ((x0, y0, z1), (w, 0, 0), (0, 0, -1)),
-        ((x0, y0, z0), (0, 0, d), (1, 0, 0)),
-    )
-    return tuple(Support("wall", room.name, o, u, rise, n, n, math.inf) for o, u, n in sides)
-
-
-def find_surfaces(site: Site) -> list[Support]:
-    """Table tops and worktops of a scene that names none, from a height map of the room.
-
-    Rays straight down from 1.9 m on a 5 cm grid; level patches 0.35–1.25 m high become supports (their bounding
-    rectangle; `standing` decides where it is really there). High and deep enough ones count as worktops.
-    """
-    centres = site.space.cell_centres()
-    shape = site.space.walkable.shape
-    top = site.space.floor + 1.9
-    rays = np.stack([centres[:, 0], np.full(len(centres), top), centres[:, 1]], axis=1)
-    distance, _ = site.caster.closest(rays, np.broadcast_to([0.0, -1.0, 0.0], rays.shape))
-    height = (1.9 - distance.astype(np.float64)).reshape(shape)
-    low, high = np.asarray(site.room.low)[[0, 2]], np.asarray(site.room.high)[[0, 2]]
-    inside = ((centres > low) & (centres < high)).all(axis=1).reshape(shape)
-    free = site.space.points
-    out: list[Support] = []
-    step = 0.02
-    for level in np.arange(0.35, 1.25, step):
-        patches, count = ndimage.label(inside & (np.abs(height - level - step / 2) <= step / 2))
-        for patch in range(1, count + 1):
-            cells = np.argwhere(patches == patch)
-            if len(cells) < 20 or not len(free):
-                continue
-            a = site.space.origin + cells.min(axis=0) * CELL
-            b = site.space.origin + (cells.max(axis=0) + 1) * CELL
-            y = site.space.floor + float(np.median(height[cells[:, 0], cells[:, 1]]))
-            middle = (a + b) / 2
-            near = free[np.argsort(((free - middle) ** 2).sum(axis=1))[:40]].mean(axis=0) - middle
-            front = (float(np.sign(near[0])), 0.0, 0.0) if abs(near[0]) > abs(near[1]) else (0.0, 0.0, float(np.sign(near[1])))
-            kind: SupportKind = "worktop" if level >= 0.8 and (b - a).min() >= 0.4 else "side_table"
-            corner = (float(a[0]), y, float(a[1]))
-            across, deep = (float(b[0] - a[0]), 0.0, 0.0), (0.0, 0.0, float(b[1] - a[1]))
-            out.append(Support(kind, site.room.name, corner, across, deep, (0, 1, 0), front or (0, 0, 1), 1.0))
-    return out

@@ -19,6 +19,7 @@ from scipy import ndimage
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
 from generators import gaze
+from generators.fitting import spread_points
 from generators.freespace import FreeSpace, triangles_near
 from generators.gaze import Sight, Views
 from generators.placement import Placement
@@ -73,7 +74,9 @@ class WalkReport:
             out.append(f"{self.look_share:.0%} of the frames look at the source; wanted {low:.0%}–{high:.0%}")
         for side, share in (("left", self.left_share), ("right", self.right_share)):
             if share < gaze.SIDE_SHARE:
-                out.append(f"the source is clearly on the {side} in {share:.0%} of the frames; wanted ≥ {gaze.SIDE_SHARE:.0%}")
+                out.append(
+                    f"the source is clearly on the {side} in {share:.0%} of the frames; wanted ≥ {gaze.SIDE_SHARE:.0%}"
+                )
         return tuple(out)
 
 
@@ -180,7 +183,9 @@ def check_poses(poses: Sequence[Pose], space: FreeSpace, name: str) -> None:
                 f" {MOST_STEP} m and {MOST_TURN}°; ask for more frames"
             )
     if len({(pose.position, pose.rotation) for pose in poses}) < len(poses):
-        raise Avs3dError(f"{name}: two of {len(poses)} poses are the same; the free floor is too small, use another room")
+        raise Avs3dError(
+            f"{name}: two of {len(poses)} poses are the same; the free floor is too small, use another room"
+        )
 
 
 def line_of_sight(caster: RayCaster, pose: Pose, source: Placement) -> bool:
@@ -209,18 +214,21 @@ def visible_fraction(caster: RayCaster, pose: Pose, points: ArrayLike) -> float:
     return float(1.0 - caster.occluded(np.broadcast_to(start, ends.shape), ends - start, 0.999).mean())
 
 
-def surface_samples(mesh: Mesh, count: int, off: float = 0.01) -> Array:
-    """(count, 3) points spread by area over ``mesh``, moved ``off`` metres along the face normals."""
+def outer_samples(mesh: Mesh, count: int, off: float = 0.01) -> Array:
+    """(≤ count, 3) points spread over what can be seen of ``mesh`` from outside, ``off`` metres in front of the surface.
+
+    Inner surfaces (a drum behind its glass, the back of a panel) are those where a ray along the normal is caught.
+    """
     triangles = mesh.positions.astype(np.float64)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(normals, axis=1)
-    edges = np.cumsum(area) / area.sum()
-    faces = np.minimum(np.searchsorted(edges, (np.arange(count) + 0.5) / count), len(triangles) - 1)
-    r, s = ((0.5 + np.arange(1, count + 1) * step) % 1.0 for step in (0.7548776662466927, 0.5698402909980532))
-    r, s = np.where(r + s > 1, 1 - r, r), np.where(r + s > 1, 1 - s, s)
-    a, b, c = (triangles[faces, k] for k in range(3))
+    points, faces = spread_points(triangles, area, 4 * count)
     unit = normals[faces] / np.maximum(area[faces], 1e-18)[:, None]
-    return np.asarray(a + r[:, None] * (b - a) + s[:, None] * (c - a) + off * unit)
+    solid = area[faces] > 0
+    points, unit = points[solid] + off * unit[solid], unit[solid]
+    free = ~RayCaster(mesh.positions).occluded(points, unit)
+    outer = points[free] if free.any() else points
+    return np.asarray(outer[np.linspace(0, len(outer) - 1, min(count, len(outer))).round().astype(int)])
 
 
 class _Watcher:
@@ -228,7 +236,7 @@ class _Watcher:
 
     def __init__(self, caster: RayCaster, source: Placement, eye: float, extent: float) -> None:
         self.caster, self.eye, self.extent = caster, eye, extent
-        self.points = surface_samples(source.mesh, _SAMPLES)
+        self.points = outer_samples(source.mesh, _SAMPLES)
         self.centre = source.box.centre
         self.source = np.asarray(source.source_position)
 
@@ -262,7 +270,7 @@ def _best_component(space: FreeSpace, watcher: _Watcher, name: str) -> FreeSpace
             best, best_score = piece, score
     if best is None:
         raise Avs3dError(
-            f"{name}: no room to walk: {space.area:.2f} m² of free floor for an agent of {2 * space.radius:.1f} m width;"
+            f"{name}: no room to walk: {space.area:.2f} m² of free floor for an agent {2 * space.radius:.1f} m wide;"
             " place fewer objects or choose another room"
         )
     return best

@@ -82,15 +82,15 @@ class ObservationWriter:
         names = [f"{layout.frame_name(index)}.png" for index in range(len(poses))]
         colmap.write_model(
             self._partial / layout.COLMAP,
-            colmap.ColmapModel.of(
+            colmap.ColmapModel.from_poses(
                 intrinsics,
                 names,
                 poses,
-                points=points.positions,
-                colours=points.colours,
-                track_point=points.track_point,
-                track_frame=points.track_frame,
-                track_pixel=points.track_pixel,
+                points.positions,
+                points.colours,
+                points.track_point,
+                points.track_frame,
+                points.track_pixel,
             ),
         )
 

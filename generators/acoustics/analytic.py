@@ -72,7 +72,7 @@ class Box:
     @property
     def size(self) -> Array:
         """(3,) metres."""
-        return np.asarray(self.high) - np.asarray(self.low)
+        return np.array(self.high, dtype=np.float64) - np.array(self.low, dtype=np.float64)
 
     @property
     def volume(self) -> float:
@@ -106,7 +106,7 @@ def image_sources(box: Box, source: Array, centre: Array, reach: float) -> tuple
     low, size = np.asarray(box.low), box.size
     lines, counts = [], []
     for axis in range(3):
-        extent = int(math.ceil(reach / size[axis])) + 2
+        extent = math.ceil(reach / float(size[axis])) + 2
         m = np.arange(-extent, extent + 1)
         inside = source[axis] - low[axis]
         # Every odd cell is mirrored.
@@ -334,10 +334,10 @@ def _box_of(rooms: list[Room], mesh: AcousticMesh, absorption: float | None) -> 
         area = float(triangle_areas(triangles).sum()) if len(triangles) else 0.0
         alpha = np.array(DEFAULT_MATERIAL.absorption)
         if area > 0:
-            hull = Box(tuple(low), tuple(high), ())  # type: ignore[arg-type]
+            hull = Box((low[0], low[1], low[2]), (high[0], high[1], high[2]), ()).surface
             # Furniture adds its area; a wall that is missing (an opening) swallows sound.
-            covered = min(area / hull.surface, 1.0)
-            alpha = mean_absorption(triangles, labels) * area / hull.surface + 0.5 * (1 - covered)
+            covered = min(area / hull, 1.0)
+            alpha = mean_absorption(triangles, labels) * area / hull + 0.5 * (1 - covered)
         alpha = np.clip(alpha, 0.005, 0.95)
     return Box(
         (float(low[0]), float(low[1]), float(low[2])),

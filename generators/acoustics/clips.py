@@ -53,7 +53,8 @@ def binaural_clip(
     response = np.asarray(impulse_response)
     if signal.ndim != 1 or response.ndim != 2 or response.shape[0] != 2 or response.shape[1] == 0:
         raise Avs3dError(
-            f"binaural clip {index}: source {signal.shape} and impulse response {response.shape}, expected (n,) and (2, m)"
+            f"binaural clip {index}: source {signal.shape} and impulse response {response.shape}, "
+            "expected (n,) and (2, m)"
         )
     start, stop = index * sample_rate, (index + 1) * sample_rate
     if index < 0 or len(signal) < stop:

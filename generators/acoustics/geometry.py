@@ -68,11 +68,14 @@ def acoustic_mesh(scene: Scene, source: tuple[float, float, float]) -> AcousticM
         Avs3dError: if a coordinate is not finite or labels and faces do not fit together.
     """
     point = np.asarray(source, dtype=np.float64)
-    triangles, labels = [], []
+    triangles: list[NDArray[np.float64]] = []
+    labels: list[str] = []
     for part in scene.parts:
         corners = np.asarray(part.mesh.acoustic_positions, dtype=np.float64)
         if not np.isfinite(corners).all():
-            raise Avs3dError(f"{scene.name}: part {part.name!r} has acoustic vertices that are NaN or infinite; repair it")
+            raise Avs3dError(
+                f"{scene.name}: part {part.name!r} has acoustic vertices that are NaN or infinite; repair it"
+            )
         if len(corners) != len(part.mesh.acoustic_labels):
             raise Avs3dError(
                 f"{scene.name}: part {part.name!r} has {len(corners)} acoustic faces and "

@@ -28,7 +28,7 @@ EAR_AXES = (-1.0, 1.0)
 
 
 def incidence(directions: ArrayLike, ear: int) -> Array:
-    """(N,) angle of incidence in radians at ear 0 (left) or 1 (right) for unit directions (N, 3) in the head's frame."""
+    """(N,) angle of incidence (radians) at ear 0 (left) or 1 (right); directions (N, 3): unit, in its frame."""
     return np.arccos(np.clip(EAR_AXES[ear] * np.asarray(directions, dtype=np.float64)[..., 0], -1.0, 1.0))
 
 
@@ -52,7 +52,7 @@ def woodworth_itd(azimuth: ArrayLike) -> Array:
 def shadow_coefficient(theta: ArrayLike) -> Array:
     """α(θ) of Brown and Duda, their eq. (4): 2 (+6 dB at high frequencies) at 0, 0.1 (−20 dB) at 150°."""
     angle = np.asarray(theta, dtype=np.float64)
-    return (1 + _ALPHA_MIN / 2) + (1 - _ALPHA_MIN / 2) * np.cos(angle / _THETA_MIN * np.pi)
+    return np.asarray((1 + _ALPHA_MIN / 2) + (1 - _ALPHA_MIN / 2) * np.cos(angle / _THETA_MIN * np.pi))
 
 
 def diffuse_shadow_coefficient() -> float:

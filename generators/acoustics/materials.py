@@ -54,7 +54,8 @@ class AcousticMaterial:
         for what, values in (("absorption", self.absorption), ("scattering", self.scattering)):
             if len(values) != len(OCTAVE_BANDS) or not all(0.0 <= v <= 1.0 for v in values):
                 raise Avs3dError(
-                    f"acoustic material {self.label!r}: {what} is {values}, expected {len(OCTAVE_BANDS)} numbers in [0, 1]"
+                    f"acoustic material {self.label!r}: {what} is {values}, "
+                    f"expected {len(OCTAVE_BANDS)} numbers in [0, 1]"
                 )
 
 
@@ -64,11 +65,13 @@ _SOFT: Spectrum = (0.10, 0.15, 0.20, 0.30, 0.40, 0.50)
 _BROKEN: Spectrum = (0.20, 0.30, 0.40, 0.50, 0.60, 0.60)
 
 _TABLE = (
-    AcousticMaterial("plaster", (0.14, 0.10, 0.06, 0.05, 0.04, 0.04), _SMOOTH, "gypsum plaster on lath [K]"),
+    AcousticMaterial("plaster", (0.29, 0.10, 0.05, 0.04, 0.07, 0.09), _SMOOTH, "gypsum board on studs [K]"),
     AcousticMaterial("concrete", (0.01, 0.01, 0.02, 0.02, 0.02, 0.03), _SMOOTH, "smooth unpainted concrete [V]"),
     AcousticMaterial("brick", (0.03, 0.03, 0.03, 0.04, 0.05, 0.07), _ROUGH, "unglazed brick [K]"),
-    AcousticMaterial("wood", (0.14, 0.10, 0.06, 0.08, 0.10, 0.10), _ROUGH, "solid wooden door, board [V]"),
-    AcousticMaterial("parquet", (0.04, 0.04, 0.07, 0.06, 0.06, 0.07), _SMOOTH, "parquet laid on concrete [V]"),
+    AcousticMaterial(
+        "wood", (0.28, 0.22, 0.17, 0.09, 0.10, 0.11), _ROUGH, "wooden panels over a hollow: furniture, doors [K]"
+    ),
+    AcousticMaterial("parquet", (0.15, 0.11, 0.10, 0.07, 0.06, 0.07), _SMOOTH, "wooden floor on joists [K]"),
     AcousticMaterial("tile", (0.01, 0.01, 0.01, 0.02, 0.02, 0.02), _SMOOTH, "glazed tiles on a wall [V]"),
     AcousticMaterial("ceramic", (0.01, 0.01, 0.01, 0.02, 0.02, 0.02), _ROUGH, "as glazed tiles, curved [V]"),
     AcousticMaterial("glass", (0.35, 0.25, 0.18, 0.12, 0.07, 0.04), _SMOOTH, "ordinary window glass [K]"),

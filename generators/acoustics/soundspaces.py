@@ -53,6 +53,7 @@ class RaySettings:
         source_rays: rays traced from the source.
         decay_db: the indirect field is followed until it has fallen this far; gives the reflections of a ray.
         min_rays: lower limit of the number of indirect rays.
+        max_rays: upper limit of the number of indirect rays.
         max_depth: upper limit of the reflections of a ray.
     """
 
@@ -60,6 +61,7 @@ class RaySettings:
     source_rays: int = 200
     decay_db: float = 60.0
     min_rays: int = 1000
+    max_rays: int = 5000
     max_depth: int = 150
 
     def __post_init__(self) -> None:
@@ -73,6 +75,7 @@ class RaySettings:
             ("source_rays", 1, 100_000),
             ("decay_db", 1.0, 120.0),
             ("min_rays", 1, 1_000_000),
+            ("max_rays", self.min_rays, 1_000_000),
             ("max_depth", 1, 1000),
         ):
             value = getattr(self, name)
@@ -81,7 +84,7 @@ class RaySettings:
 
     def rays(self, depth: int) -> int:
         """Indirect rays for ``depth`` reflections of each."""
-        return max(self.min_rays, self.reflections // depth)
+        return min(max(self.min_rays, self.reflections // depth), self.max_rays)
 
 
 class SoundSpacesBackend:
@@ -178,7 +181,9 @@ class SoundSpacesSession:
             self._context.simulate()
             response = np.stack([self._context.get_ir_channel(0, 0, k) for k in (0, 1)]).astype(np.float32)
         except (SystemError, RuntimeError, ValueError) as error:
-            raise Avs3dError(f"{self._scene_name}: the acoustic engine failed at listener {position}: {error}") from error
+            raise Avs3dError(
+                f"{self._scene_name}: the acoustic engine failed at listener {position}: {error}"
+            ) from error
         if response.size == 0 or not np.isfinite(response).all() or not response.any():
             raise Avs3dError(
                 f"{self._scene_name}: no sound reaches listener {position} from source {self._source}; "
@@ -257,4 +262,3 @@ def _upload(context: Any, mesh: AcousticMesh) -> None:
             context.finalize_object_mesh(0)
         except SystemError as error:
             raise Avs3dError(f"the acoustic engine refused the scene's meshes or materials: {error}") from error
-

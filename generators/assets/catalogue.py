@@ -25,6 +25,7 @@ from generators.assets.objects import (
     washing_machine,
 )
 from generators.assets.objects.design import Build, Design, Mount, Point
+from generators.assets.objects.finishes import mirrored
 from generators.scenes.scene import Licence, Mesh
 
 __all__ = ["Model", "Mount", "build_model", "framed", "variants"]
@@ -95,8 +96,9 @@ def build_model(category: str, variant: str, rng: Generator) -> Model:
         raise UsageError(f"unknown variant {variant!r} of {category}: expected one of {', '.join(known)}")
     design = framed(_VARIANTS[category][variant](rng))
     name = f"{category}/{variant}"
-    design.mesh.check(name)
-    return Model(name, category, design.mesh, design.mount, Licence(), design.source_point)
+    mesh = mirrored(design.mesh)
+    mesh.check(name)
+    return Model(name, category, mesh, design.mount, Licence(), design.source_point)
 
 
 def framed(design: Design) -> Design:

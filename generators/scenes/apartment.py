@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from generators.assets.materials import Palette
 from generators.assets.shapes import rotation
+from generators.assets.styles import STYLES
 from generators.scenes.arrange import Arranger, Placed
 from generators.scenes.floorplan import SIDES, make_floor_plan
 from generators.scenes.furnish import furnish
@@ -112,22 +113,21 @@ def build_apartment(name: str, seed: int) -> Scene:
 
     Args:
         name: the scene's name; it does not influence the flat.
-        seed: decides everything, 0 or more; consecutive seeds differ in layout.
+        seed: decides everything, 0 or more; consecutive seeds differ in layout and style.
 
     Returns:
         A scene of one part per room's shell (``shell_<room>``), one per piece of furniture (``<room>/<kind>_<n>``), all
-        with instance id 0, and the skin round the flat (``outer_skin``).
+        with instance id 0.
     """
     plan_rng, palette_rng, shell_rng, furniture_rng = (
         np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(4)
     )
     plan = make_floor_plan(seed, plan_rng)
-    palette = Palette.from_seed(palette_rng)
+    palette = Palette.from_seed(palette_rng, tuple(STYLES)[seed % len(STYLES)])
     parts = list(build_shell(plan, palette, shell_rng))
     supports: list[Support] = []
-    entropy = int(furniture_rng.integers(2**31))
     for room, rng in zip(plan.rooms, furniture_rng.spawn(len(plan.rooms)), strict=True):
-        arranged = furnish(plan, room, palette, entropy, rng)
+        arranged = furnish(plan, room, palette, seed, rng)
         count: Counter[str] = Counter()
         for piece in arranged.placed:
             kind = piece.furniture.kind

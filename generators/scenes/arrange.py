@@ -99,15 +99,17 @@ class Arranger:
 
     Attributes:
         placed: what stands in it so far.
+        memory: what rules have worked out about the empty room; all attempts share it.
         extras: further parts that are no furniture (tiles on a wall).
     """
 
-    def __init__(self, plan: FloorPlan, room: RoomPlan, palette: Palette, entropy: int, rng: Generator) -> None:
-        """``entropy`` decides the furniture's shapes, ``rng`` the places."""
+    def __init__(self, plan: FloorPlan, room: RoomPlan, palette: Palette, seed: int, rng: Generator) -> None:
+        """``seed`` (of the flat) decides the furniture's shapes, ``rng`` the places."""
         self.plan, self.room, self.palette, self.rng = plan, room, palette, rng
-        self.entropy = entropy
+        self.seed = seed
         self.placed: list[Placed] = []
         self.extras: list[Part] = []
+        self.memory: dict[object, object] = {}
         self._models: dict[tuple[str, int, str], Furniture] = {}
         self._zones: list[tuple[Array, Array]] = []
         self._panes: list[tuple[Array, Array]] = []
@@ -127,14 +129,14 @@ class Arranger:
         """The room's piece number ``copy`` of a kind; the same call gives the same piece."""
         key = (kind, copy, repr(sorted(options.items())))
         if key not in self._models:
-            rng = np.random.default_rng([self.entropy, zlib.crc32(kind.encode()), copy])
+            rng = np.random.default_rng([self.seed, zlib.crc32(kind.encode()), copy])
             self._models[key] = build_furniture(kind, self.palette, rng, **options)
         return self._models[key]
 
     def restart(self, rng: Generator) -> Arranger:
         """The same room, empty, with the same pieces at hand and other random choices."""
-        other = Arranger(self.plan, self.room, self.palette, self.entropy, rng)
-        other._models = self._models
+        other = Arranger(self.plan, self.room, self.palette, self.seed, rng)
+        other._models, other.memory = self._models, self.memory
         return other
 
     # -- volumes -----------------------------------------------------------------------------------------------------
@@ -151,7 +153,13 @@ class Arranger:
         self._zones.append((low, high))
 
     def free(
-        self, low: Array, high: Array, *, windows: bool = True, ignore: Sequence[Placed] = ()
+        self,
+        low: Array,
+        high: Array,
+        *,
+        windows: bool = True,
+        zones: bool = True,
+        ignore: Sequence[Placed] = (),
     ) -> NDArray[np.bool_]:
         """(K,): which of K boxes lie in the room and meet nothing.
 
@@ -159,6 +167,7 @@ class Arranger:
             low: (K, 3) lowest corners.
             high: (K, 3) highest corners.
             windows: whether they must leave the windows free.
+            zones: whether they must leave the reserved volumes free.
             ignore: pieces that they may meet (a chair drawn up to its table).
         """
         r = self.room
@@ -166,7 +175,7 @@ class Arranger:
         inner &= (low[:, 2] > r.z0 - _TOUCH) & (high[:, 2] < r.z1 + _TOUCH)
         inner &= (low[:, 1] > -_TOUCH) & (high[:, 1] < self.plan.height + _TOUCH)
         boxes = [(p.low, p.high) for p in self.placed if not p.flat and p not in ignore]
-        boxes += self._zones + (self._panes if windows else [])
+        boxes += (self._zones if zones else []) + (self._panes if windows else [])
         if boxes:
             lows, highs = np.array([b[0] for b in boxes]), np.array([b[1] for b in boxes])
             inner &= ~overlaps(low, high, lows, highs).any(axis=1)
@@ -185,6 +194,7 @@ class Arranger:
         margin: float = 0.0,
         windows: bool = True,
         turn: float = 0.0,
+        top: float = 0.0,
     ) -> list[Spot]:
         """Free places of a piece with its back at a wall.
 
@@ -197,6 +207,7 @@ class Arranger:
             margin: free width on its left and right.
             windows: whether it must leave windows free.
             turn: degrees; 90 puts its right side at the wall in place of its back.
+            top: the wall above it must be free up to this height.
         """
         low, high = world_box(furniture, np.zeros(3), turn)
         out: list[Spot] = []
@@ -213,6 +224,7 @@ class Arranger:
                 np.array([wall.point(a + high[0] + margin, height + high[1], gap + high[2] - low[2]) for a in alongs]),
             ]
             lows, highs = np.minimum(*ends), np.maximum(*ends)
+            highs[:, 1] = np.maximum(highs[:, 1], top)
             ok = self.free(lows, highs, windows=windows)
             if front > 0:
                 reach = [lows + np.minimum(wall.normal * front, 0), highs + np.maximum(wall.normal * front, 0)]
@@ -256,6 +268,7 @@ class Arranger:
         front: float = 0.0,
         margin: float = 0.0,
         windows: bool = True,
+        top: float = 0.0,
         jitter: float = 0.3,
         options: dict[str, object] | None = None,
     ) -> tuple[Placed, Spot] | None:
@@ -263,7 +276,7 @@ class Arranger:
         furniture = self.model(kind, copy, **(options or {}))
         space = gap if gap is not None else (0.0 if furniture.mount == "wall" else WALL_GAP)
         found = self.spots(
-            furniture, sides=sides, height=height, gap=space, front=front, margin=margin, windows=windows
+            furniture, sides=sides, height=height, gap=space, front=front, margin=margin, windows=windows, top=top
         )
         if not found:
             return None
@@ -280,6 +293,7 @@ class Arranger:
         *,
         height: float = 0.0,
         windows: bool = True,
+        zones: bool = True,
         ignore: Sequence[Placed] = (),
     ) -> Placed | None:
         """Stand a piece with its origin at ``centre`` (x, z), if it fits; rugs need only lie in the room."""
@@ -290,7 +304,7 @@ class Arranger:
             r = self.room
             ok = low[0] > r.x0 and high[0] < r.x1 and low[2] > r.z0 and high[2] < r.z1
         else:
-            ok = bool(self.free(low[None], high[None], windows=windows, ignore=ignore)[0])
+            ok = bool(self.free(low[None], high[None], windows=windows, zones=zones, ignore=ignore)[0])
         if not ok:
             return None
         self.placed.append(piece)

@@ -8,7 +8,7 @@ result therefore has no sampling noise at all.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +34,8 @@ _SUN_STRENGTH = 2.2
 _SUN_COLOUR = np.array([1.0, 0.86, 0.68])
 #: Radius of the sun's disc, radians: wider than the true 0.0047, so that a texel can resolve its soft edge.
 _SUN_RADIUS = 0.012
+#: Texels over which the sun's rays of one texel start: interpolation then shows no steps along the beam's edge.
+_SUN_BLUR = 1.7
 _LARGE_PANE = 0.3
 
 
@@ -152,10 +154,29 @@ def find_emitters(surfaces: Surfaces, samples: int) -> Emitters:
     )
 
 
+def _outside(surfaces: Surfaces, tracer: Tracer, faces: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether nothing that looks towards the face lies behind it: a window, rather than a screen before a wall."""
+    outward = np.ascontiguousarray(-surfaces.face_normal[faces])
+    origin = surfaces.triangles[faces].mean(axis=1) + 0.005 * outward
+    free = np.ones(len(faces), dtype=bool)
+    ahead = np.arange(len(faces))
+    for _ in range(8):
+        hits = tracer.intersect(origin[ahead], outward[ahead])
+        met = hits["primID"] >= 0
+        ahead, face, distance = ahead[met], hits["primID"][met], hits["tfar"][met]
+        facing = np.einsum("ij,ij->i", surfaces.face_normal[face], outward[ahead]) < 0
+        free[ahead[facing]] = False
+        origin[ahead] += (distance + 0.005)[:, None] * outward[ahead]
+        ahead = ahead[~facing]
+        if not len(ahead):
+            break
+    return free
+
+
 def find_sun(name: str, surfaces: Surfaces, tracer: Tracer) -> Sun | None:
     """The sun of a flat: on one façade, its direction drawn from the scene's ``name``.
 
-    A window is an upright emitter of 0.3 m² and more with nothing of the scene behind it. The façade with the most
+    A window is an upright emitter of glass, of 0.3 m² and more, with nothing of the scene behind it. The façade with the most
     glass gets the sun, at 28-42° above the horizon and 12-40° to a side, so that patches of light reach floor and walls.
 
     Returns:
@@ -163,13 +184,10 @@ def find_sun(name: str, surfaces: Surfaces, tracer: Tracer) -> Sun | None:
     """
     area = _face_areas(surfaces.triangles)
     glowing = surfaces.emission[surfaces.material].max(axis=1) > 0
-    faces = np.flatnonzero(glowing & (np.abs(surfaces.face_normal[:, 1]) < 0.1) & (area > 1e-6))
+    faces = np.flatnonzero(glowing & surfaces.glass[surfaces.material] & (np.abs(surfaces.face_normal[:, 1]) < 0.1) & (area > 1e-6))
     if not len(faces):
         return None
-    outward = -surfaces.face_normal[faces]
-    centre = surfaces.triangles[faces].mean(axis=1) + 0.01 * outward
-    behind = tracer.occluded(centre, np.ascontiguousarray(outward), np.full(len(faces), 1e4, dtype=np.float32))
-    faces = faces[~behind]
+    faces = faces[_outside(surfaces, tracer, faces)]
     if not len(faces):
         return None
     group = _groups(surfaces, faces)
@@ -296,8 +314,8 @@ def direct_light(
     position: F32,
     normal: F32,
     gloss: F32,
-    occlusions: Sequence[Occlusion],
-) -> tuple[list[F32], F32]:
+    hidden: Occlusion,
+) -> tuple[F32, F32]:
     """Light of all emitters on some texels.
 
     Args:
@@ -307,36 +325,29 @@ def direct_light(
         position: (N, 3).
         normal: (N, 3).
         gloss: (N,).
-        occlusions: what stands in the way; several of them share the rays (a room without and with new objects).
+        hidden: says which of a number of rays do not count.
 
     Returns:
-        (N, 3) light for each of ``occlusions``, and the variance (N,) of the first one's luminance.
+        (N, 3) light and (N,) the variance of its luminance.
     """
     texel, light = np.nonzero(reach)
     factor = unoccluded_light(emitters, texel, light, position, normal, gloss)
-    useful = factor[:, 1] > 0
+    useful = factor.max(axis=1, initial=0.0) > 0
     texel, light, factor = texel[useful], light[useful], factor[useful]
     samples = emitters.points.shape[2]
-    lights = [np.zeros((len(position), 3), dtype=np.float32) for _ in occlusions]
+    arrived = np.zeros((len(position), 3), dtype=np.float32)
     variance = np.zeros(len(position), dtype=np.float32)
     if not len(texel):
-        return lights, variance
-    origins, directions, far, weight = shadow_rays(
-        emitters, texel, light, pattern, position, normal, 0, samples
-    )
+        return arrived, variance
+    origins, directions, far, weight = shadow_rays(emitters, texel, light, pattern, position, normal, 0, samples)
     weight = weight.reshape(-1, samples)
-    total = np.maximum(weight.sum(axis=1), 1e-30)
-    for number, occlusion in enumerate(occlusions):
-        free = ~occlusion(origins, directions, far).reshape(-1, samples)
-        visible = (weight * free).sum(axis=1) / total
-        strength = factor * visible[:, None]
-        for channel in range(3):
-            lights[number][:, channel] = np.bincount(texel, strength[:, channel], minlength=len(position))
-        if number == 0:
-            spread = factor.mean(axis=1) ** 2 * visible * (1 - visible) / samples
-            share = np.bincount(texel, spread, minlength=len(position))
-            variance = share.astype(np.float32)
-    return lights, variance
+    free = ~hidden(origins, directions, far).reshape(-1, samples)
+    visible = (weight * free).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-30)
+    for channel in range(3):
+        arrived[:, channel] = np.bincount(texel, factor[:, channel] * visible, minlength=len(position))
+    spread = factor.mean(axis=1) ** 2 * visible * (1 - visible) / samples
+    variance[:] = np.bincount(texel, spread, minlength=len(position))
+    return arrived, variance
 
 
 @njit
@@ -346,26 +357,38 @@ def _sun_rays(pattern, position, normal, across, direction, side, top, disc, jit
         p = pattern[i]
         for k in range(count):
             row = i * count + k
-            a, b = jitter[p, k, 0] - 0.5, jitter[p, k, 1] - 0.5
+            a, b = _SUN_BLUR * (jitter[p, k, 0] - 0.5), _SUN_BLUR * (jitter[p, k, 1] - 0.5)
             for c in range(3):
                 origins[row, c] = position[i, c] + a * across[i, 0, c] + b * across[i, 1, c]
                 directions[row, c] = direction[c] + disc[p, k, 0] * side[c] + disc[p, k, 1] * top[c]
 
 
 def sun_light(
-    sun: Sun, pattern: I32, position: F32, normal: F32, across: F32, gloss: F32, tracers: Sequence[Tracer], samples: int
+    sun: Sun,
+    pattern: I32,
+    position: F32,
+    normal: F32,
+    across: F32,
+    gloss: F32,
+    tracer: Tracer,
+    samples: int,
+    *,
+    objects: Tracer | None = None,
+    lost: bool = False,
 ) -> F32:
     """Light (N, 3) of the sun: the share of rays to it that leave through a window pane.
 
     Args:
-        sun: the sun; ``sun.pane`` refers to the faces of the first tracer.
+        sun: the sun; ``sun.pane`` refers to the faces of ``tracer``.
         pattern: (N,) int32.
         position: (N, 3) float32.
         normal: (N, 3) float32.
         across: (N, 2, 3) float32; the rays start all over the texel.
         gloss: (N,) float32.
-        tracers: the first holds the panes; the others are only in the way.
+        tracer: the room.
         samples: rays per texel.
+        objects: things that are in the way besides.
+        lost: return the light that ``objects`` take away instead of what arrives.
     """
     light = np.zeros((len(position), 3), dtype=np.float32)
     cosine = normal @ sun.direction.astype(np.float32)
@@ -392,13 +415,13 @@ def sun_light(
         origins,
         directions,
     )
-    hits = tracers[0].intersect(origins, directions)
-    found = hits["primID"]
-    lit = (found >= 0) & sun.pane[np.maximum(found, 0)]
-    for other in tracers[1:]:
-        candidates = np.flatnonzero(lit)
-        blocked = other.occluded(origins[candidates], directions[candidates], hits["tfar"][candidates])
-        lit[candidates] = ~blocked
+    rays = np.arange(len(origins))
+    if objects is not None:
+        blocked = objects.occluded(origins, directions, np.full(len(origins), 1e4, dtype=np.float32))
+        rays = np.flatnonzero(blocked == lost)
+    found = tracer.intersect(origins[rays], directions[rays])["primID"]
+    lit = np.zeros(len(origins), dtype=bool)
+    lit[rays] = (found >= 0) & sun.pane[np.maximum(found, 0)]
     share = lit.reshape(-1, samples).mean(axis=1, dtype=np.float64)
     g, c = gloss[facing], cosine[facing]
     light[facing] = (share * ((1 - g) * c + g * (LOBE + 1) / 2 * c**LOBE))[:, None] * sun.radiance

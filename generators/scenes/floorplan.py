@@ -20,7 +20,6 @@ Array = NDArray[np.float64]
 
 SIDES: tuple[Side, ...] = ("north", "east", "south", "west")
 INNER_WALL = 0.12
-OUTER_WALL = 0.25
 DOOR_HEIGHT = 2.05
 #: Door and window openings keep this far from a room's corners, so that frames and skirting fit.
 CORNER_MARGIN = 0.14
@@ -166,7 +165,7 @@ def _corridor(rng: Generator) -> list[_Cell]:
 def _two_columns(rng: Generator) -> list[_Cell]:
     """Living room above bedroom; kitchen, hall and bathroom beside them."""
     left, right = _between(rng, 4.75, 5.4), _between(rng, 3.5, 3.9)
-    kitchen, hall, bath = _between(rng, 3.7, 3.9), _between(rng, 2.65, 2.85), _between(rng, 3.2, 3.45)
+    kitchen, hall, bath = _between(rng, 3.7, 3.9), _between(rng, 2.78, 2.95), _between(rng, 3.2, 3.4)
     depth = kitchen + hall + bath
     living = kitchen + hall / 2
     return [
@@ -313,11 +312,23 @@ def _window(room: RoomPlan, side: Side, width: float, bottom: float, top: float,
     upright = side in ("east", "west")
     low, high = (room.z0, room.z1) if upright else (room.x0, room.x1)
     centre = low + share * (high - low)
-    start = float(np.clip(centre - width / 2, low + 0.3, high - 0.3 - width))
+    start = float(np.clip(centre - width / 2, low + 0.34, high - 0.34 - width))
     return Opening("window", room.name, side, start, start + width, bottom, top)
 
 
-def _windows(rooms: tuple[RoomPlan, ...], height: float, rng: Generator) -> list[Opening]:
+def _open_end(room: RoomPlan, side: Side, doors: list[Opening]) -> float:
+    """0 or 1: the end of a wall at which the opposite wall has its doors; a window there leaves the other end free."""
+    opposite = {"north": "south", "south": "north", "east": "west", "west": "east"}[side]
+    low, high = (room.z0, room.z1) if side in ("east", "west") else (room.x0, room.x1)
+    middles = [
+        (o.start + o.stop) / 2
+        for o in doors
+        if (o.room, o.side) == (room.name, opposite) or (o.other, o.other_side) == (room.name, opposite)
+    ]
+    return float(bool(middles) and sum(middles) / len(middles) > (low + high) / 2)
+
+
+def _windows(rooms: tuple[RoomPlan, ...], height: float, doors: list[Opening], rng: Generator) -> list[Opening]:
     """Windows on outer walls: wide in the living room, above the worktop in the kitchen, small in the bathroom."""
     bounds = FloorPlan(rooms, (), height).bounds
     out: list[Opening] = []
@@ -332,7 +343,8 @@ def _windows(rooms: tuple[RoomPlan, ...], height: float, rng: Generator) -> list
                 if rank == 0:
                     width, bottom = min(_between(rng, 1.9, 2.5), length - 1.6), 0.88
                 elif rank == 1:
-                    width, bottom = _between(rng, 1.0, 1.3), 0.88
+                    width, bottom = _between(rng, 0.9, 1.15), 0.88
+                    share = _open_end(room, side, doors)
                 else:
                     continue
             elif room.name == "kitchen":
@@ -371,5 +383,5 @@ def make_floor_plan(seed: int, rng: Generator) -> FloorPlan:
     rooms = _turned(_inner(LAYOUTS[seed % len(LAYOUTS)](rng)), rng)
     height = _between(rng, 2.5, 2.75)
     doors = _doors(rooms, rng)
-    openings = [*doors, *_windows(rooms, height, rng)]
+    openings = [*doors, *_windows(rooms, height, doors, rng)]
     return FloorPlan(rooms, (*openings, *_entrance(rooms, openings, rng)), height)

@@ -13,7 +13,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from generators.assets.materials import Palette
-from generators.scenes.arrange import Arranger, Placed, Spot
+from generators.scenes.arrange import Arranger, Placed, Spot, world_box
 from generators.scenes.floorplan import SIDES, FloorPlan, RoomPlan, Side
 from generators.scenes.kitchen import chairs_round, furnish_kitchen
 
@@ -70,7 +70,7 @@ def _curtains(a: Arranger) -> None:
             low, high = furniture.mesh.bounds
             middle = float(np.clip(sum(along) / 2, -low[0] + 0.01, wall.length - high[0] - 0.01))
             position = wall.point(middle, 0.03 - float(low[1]), 0.03 - float(low[2]))
-            a.place_free(furniture, position[[0, 2]], wall.yaw, height=float(position[1]), windows=False)
+            a.place_free(furniture, position[[0, 2]], wall.yaw, height=float(position[1]), windows=False, zones=False)
 
 
 def _radiator(a: Arranger) -> None:
@@ -111,7 +111,7 @@ def _bathroom(a: Arranger) -> float:
     """Tub or shower in a corner, washbasin with its mirror, towels, mat, basket; free walls for machines and toilet."""
     doors = doors_seen_from(a)
     far = near(doors.mean(axis=0), -0.5)
-    tub = bool(np.random.default_rng([a.entropy, 1]).integers(3))
+    tub = a.seed % 3 != 2
     main = a.place(
         "bathtub" if tub else "shower",
         score=lambda s: cornered(s) + far(s) + (0.3 if s.wall.length < 3.3 else 0.0),
@@ -122,7 +122,7 @@ def _bathroom(a: Arranger) -> float:
     if main is None:
         return 0.0
     view = facing_door(a)
-    basin = a.place("washbasin", score=lambda s: 1.5 * view(s), front=0.6, margin=0.12)
+    basin = a.place("washbasin", score=lambda s: 1.5 * view(s), front=0.6, margin=0.12, top=2.0)
     if basin is None:
         return 0.0
     tub_piece, tub_spot = main
@@ -136,9 +136,10 @@ def _bathroom(a: Arranger) -> float:
     front = tub_spot.centre + tub_spot.wall.normal * (_depth(tub_spot) / 2 + depth / 2 + 0.05)
     a.place_free(mat, front[[0, 2]], tub_spot.wall.yaw)
     a.place("towel_rail", height=1.45, score=near(tub_spot.centre, 1.0), margin=0.05)
-    a.place("bathroom_cabinet", score=lambda s: cornered(s) + near(spot.centre, 0.6)(s), front=0.4)
+    # Small things stand close to the fixtures and leave long stretches of wall.
+    a.place("bathroom_cabinet", score=lambda s: near(spot.centre, 1.0)(s) + 0.5 * cornered(s), front=0.35, jitter=0.8)
+    a.place("laundry_basket", score=lambda s: 1.5 * cornered(s) + near(tub_spot.centre, 0.3)(s))
     _radiator(a)
-    a.place("laundry_basket", score=lambda s: cornered(s) + near(tub_spot.centre, 0.3)(s))
     spots = a.wall_spots(0.66, 0.64, 0.95, 1.0)
     if a.walkable() < 1.2 or not a.free_rectangle(1.6, 1.8):
         return 0.0
@@ -152,24 +153,37 @@ def _depth(spot: Spot) -> float:
 
 
 def _sofa_and_television(a: Arranger) -> tuple[Placed, Spot, Spot] | None:
-    """Sofa and television at opposite walls, face to face."""
+    """Sofa and television face to face: the sofa at the opposite wall, or free in the room where there is no place."""
     sofa, stand = a.model("sofa"), a.model("tv_stand")
+    depth = float(sofa.mesh.bounds[1, 2] - sofa.mesh.bounds[0, 2])
     stands = a.spots(stand, margin=0.05)
-    sofas = a.spots(sofa)
+    seats = a.spots(sofa) + a.spots(sofa, gap=0.22, windows=False)
     best: tuple[float, Spot, Spot] | None = None
     for tv in stands:
         across = 0 if abs(tv.wall.u[0]) > 0.5 else 2
-        for seat in sofas:
+        for seat in seats:
             if seat.wall.side != OPPOSITE[tv.wall.side]:
                 continue
             shift = abs(float(seat.centre[across] - tv.centre[across]))
-            if shift > 0.3:
+            if shift > 0.35:
                 continue
             apart = float(np.linalg.norm((seat.centre - tv.centre)[[0, 2]]))
             middle = abs(seat.along - seat.wall.length / 2)
             value = -2 * shift - abs(apart - 3.8) * 0.5 - 0.25 * middle + a.rng.uniform(0, 0.8)
             if best is None or value > best[0]:
                 best = (value, tv, seat)
+    if best is None:
+        for tv in stands:
+            wall = a.room.wall(OPPOSITE[tv.wall.side])
+            reach = 2.9 + depth / 2
+            position = tv.centre + tv.wall.normal * reach
+            position[1] = 0.0
+            box = world_box(sofa, position, wall.yaw)
+            if a.free(box[0][None], box[1][None])[0]:
+                value = -abs(tv.along - tv.wall.length / 2) + a.rng.uniform(0, 0.5)
+                if best is None or value > best[0]:
+                    along = float((position - wall.origin) @ wall.u)
+                    best = (value, tv, Spot(wall, along, position, wall.yaw, *box))
     if best is None:
         return None
     _, tv, seat = best
@@ -271,20 +285,20 @@ RULES: dict[str, Callable[[Arranger], float]] = {
 }
 
 
-def furnish(plan: FloorPlan, room: RoomPlan, palette: Palette, entropy: int, rng: Generator) -> Arranger:
+def furnish(plan: FloorPlan, room: RoomPlan, palette: Palette, seed: int, rng: Generator) -> Arranger:
     """Furnish one room.
 
     Args:
         plan: the flat.
         room: the room.
         palette: materials.
-        entropy: decides the furniture's shapes.
+        seed: of the flat; decides the furniture's shapes.
         rng: decides their places.
 
     Returns:
         The room with everything in its place.
     """
-    empty = Arranger(plan, room, palette, entropy, rng)
+    empty = Arranger(plan, room, palette, seed, rng)
     best, best_quality = empty, -1.0
     for child in rng.spawn(ATTEMPTS):
         attempt = empty.restart(child)

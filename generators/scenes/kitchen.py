@@ -19,6 +19,8 @@ LONGEST_LEG = 1.9
 #: Wall cabinets hang this high; below them appliances stand.
 CABINET_BOTTOM = 1.45
 WORKTOP = 0.9
+#: Free floor before the units.
+AISLE = 0.8
 #: Worktop that a kitchen should have in all, metres.
 WANTED = 2.6
 #: Clockwise neighbours: the wall at a wall's right end (its own left end), and at its left end.
@@ -117,7 +119,7 @@ def _layout(
 
 
 def _build(a: Arranger, layout: _Layout) -> list[Placed]:
-    """Stand the units; returns the counters."""
+    """Stand the units and keep the floor before them free; returns the counters."""
     wall = layout.wall
     for kind, left in layout.tall:
         _stand(a, a.model(kind), wall, left)
@@ -131,6 +133,14 @@ def _build(a: Arranger, layout: _Layout) -> list[Placed]:
         placed = _stand(a, leg, layout.leg_wall, layout.leg[0])
         if placed is not None:
             counters.append(placed)
+    fronts = [(wall, (min(layout.counter[0], *(left for _, left in layout.tall)), layout.counter[1]))]
+    if layout.tall[0][1] > layout.counter[0]:
+        fronts = [(wall, (layout.counter[0], layout.tall[0][1] + 0.6 * len(layout.tall)))]
+    if layout.leg_wall is not None:
+        fronts.append((layout.leg_wall, layout.leg))
+    for side, span in fronts:
+        low, high = a.volume(side, span, (0.05, WORKTOP), COUNTER_DEPTH + AISLE)
+        a.reserve(low, high)
     return counters
 
 
@@ -213,7 +223,9 @@ def chairs_round(a: Arranger, table: Placed, count: int, *, tucked: float = 0.2)
 
 def furnish_kitchen(a: Arranger) -> float:
     """Furnish a kitchen; returns how well it meets its demands (0 = not at all, 1 = fully)."""
-    layouts = _layouts(a)
+    layouts = a.memory.get("layouts")
+    if not isinstance(layouts, list):
+        layouts = a.memory["layouts"] = _layouts(a)
     if not layouts:
         return 0.0
 

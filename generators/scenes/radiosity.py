@@ -140,10 +140,10 @@ def solve(
 
 
 def _block_at(cells: NDArray[np.int64], texels: Texels, blocks: Blocks) -> I32:
-    """Block of each cell; -1 where there is nothing, -2 where the cell belongs to no open texel."""
+    """Block of each cell; -1 where there is nothing or nothing is baked (black), -2 where nobody knows the light."""
     texel = np.where(cells >= 0, texels.index[cells], -1)
     block = np.where(texel >= 0, blocks.of[texel], -1)
-    return np.where(cells < 0, -1, np.where(block < 0, -2, block)).astype(np.int32)
+    return np.where((texel >= 0) & (block < 0), -2, block).astype(np.int32)
 
 
 @njit

@@ -1,8 +1,8 @@
 """The shell of a flat: floors, walls with thickness, ceilings, windows, frames and skirting, one part per room.
 
 Surfaces are single-sided, seen from inside; every room is closed by its own floor, ceiling, walls, reveals and panes,
-and rooms join only through door openings, so that neither light nor sound leaks. A plain skin closes the outside. The
-acoustic twin holds the large surfaces exactly and leaves out the mouldings.
+and rooms join only through door openings, so that neither light nor sound leaks. Nothing lies outside: a ray that starts
+behind a pane meets the sun. The acoustic twin holds the large surfaces exactly and leaves out the mouldings.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from generators.assets.materials import TILES, Palette, RoomFinish
 from generators.assets.shapes import MeshBuilder
-from generators.scenes.floorplan import INNER_WALL, OUTER_WALL, SIDES, FloorPlan, Opening, RoomPlan, Side, WallFrame
-from generators.scenes.scene import LightMap, Material, Part
+from generators.scenes.floorplan import INNER_WALL, SIDES, FloorPlan, Opening, RoomPlan, Side, WallFrame
+from generators.scenes.scene import Material, Part
 
 Array = NDArray[np.float64]
 
@@ -210,6 +210,7 @@ def _window(
     opening: Opening,
     lining: Material,
     frame: Material,
+    sill: Material,
     metal: Material,
     sky: tuple[Material, ...],
     style: ShellStyle,
@@ -217,12 +218,12 @@ def _window(
     """Reveal, sill, frame with sashes, and the panes that light the room."""
     s0, s1 = wall.along(opening.start, opening.stop)
     y0, y1 = opening.bottom, opening.top
-    shell.reveal(wall, (s0, s1), (y0, y1), PANE_DEPTH, lining, frame)
+    shell.reveal(wall, (s0, s1), (y0, y1), PANE_DEPTH, lining, sill)
     back, front = -PANE_DEPTH, -PANE_DEPTH + 0.055
     if style.window_casing:
         _window_casing(shell, wall, (s0, s1), (y0, y1), frame)
     nose = 0.04 + (CASING_WIDTH if style.window_casing else 0.0)
-    shell.block(wall, (s0 - nose, s1 + nose), (y0 - 0.03, y0), (0.0, 0.045), frame)
+    shell.block(wall, (s0 - nose, s1 + nose), (y0 - 0.03, y0), (0.0, 0.045), sill)
     corners = ((s0, y0, back), (s1, y0, back), (s1, y1, back), (s0, y1, back))
     shell.sound(np.array([wall.point(*c) for c in corners]), sky[0])
 
@@ -298,8 +299,10 @@ def _room(
 ) -> Part:
     shell = RoomShell()
     height = plan.height
-    frame, metal, leaf = palette.material("window_frame"), palette.material("metal"), palette.material("door")
+    frame, sill = palette.material("window_frame"), palette.material("window_sill")
+    metal, leaf = palette.material("metal"), palette.material("door")
     door_frame = palette.material("door_frame")
+    tiles = finish.wall_tiles if finish.tile_height > 0 else None
     x0, z0, x1, z1 = room.x0, room.z0, room.x1, room.z1
     floor = np.array([[x0, 0, z1], [x1, 0, z1], [x1, 0, z0], [x0, 0, z0]], dtype=float)
     shell.quad(floor, finish.floor, sound=True)
@@ -312,45 +315,33 @@ def _room(
             (*wall.along(o.start, o.stop), o.bottom, o.top) for o in openings if o.kind != "entrance"
         ]
         paint = finish.accent_wall if side == accent else finish.wall
-        shell.wall(wall, height, holes, paint, finish.wall_tiles, finish.tile_height)
+        shell.wall(wall, height, holes, paint, tiles, finish.tile_height)
         for opening in openings:
             along = wall.along(opening.start, opening.stop)
             if opening.kind == "window":
-                _window(shell, wall, opening, finish.ceiling, frame, metal, sky, style)
+                _window(shell, wall, opening, finish.ceiling, frame, sill, metal, sky, style)
             elif opening.kind == "entrance":
                 _entrance(shell, wall, opening, leaf, door_frame, metal)
             else:
                 _casing(shell, wall, along, opening.top, door_frame)
                 if opening.room == room.name:
                     shell.reveal(wall, along, (0.0, opening.top), INNER_WALL, door_frame, finish.floor)
-        if finish.wall_tiles is None:
+        if tiles is None:
             doors = sorted(wall.along(o.start, o.stop) for o in openings if o.bottom == 0.0)
             ends = [0.0, *(v for a, b in doors for v in (a - CASING_WIDTH, b + CASING_WIDTH)), wall.length]
             for start, stop in zip(ends[::2], ends[1::2], strict=True):
                 if stop - start > 0.02:
                     depth = (0.0, SKIRTING_DEPTH)
                     shell.block(wall, (start, stop), (0.0, style.skirting), depth, finish.skirting, "front left right top")
-        if style.cornice and finish.wall_tiles is None:
+        if style.cornice and tiles is None:
             c, length = style.cornice, wall.length
             corners = ((0, height - c, 0), (length, height - c, 0), (length - c, height, c), (c, height, c))
             shell.quad(np.array([wall.point(*corner) for corner in corners]), finish.ceiling)
     return shell.part(f"shell_{room.name}")
 
 
-def _outer_skin(plan: FloorPlan, material: Material) -> Part:
-    """A closed box round the flat; nobody sees it, so it has its light (none) from the start."""
-    x0, z0, x1, z1 = plan.bounds
-    low = np.array([x0 - OUTER_WALL, -0.2, z0 - OUTER_WALL])
-    high = np.array([x1 + OUTER_WALL, plan.height + 0.2, z1 + OUTER_WALL])
-    builder = MeshBuilder(TILES).box(high - low, (low + high) / 2, material, acoustic=False)
-    mesh = builder.build()
-    light = LightMap(np.full((len(mesh.positions), 3, 2), 0.5, np.float32), np.zeros((1, 1, 3), np.float16))
-    return Part("outer_skin", mesh, light=light)
-
-
 def build_shell(plan: FloorPlan, palette: Palette, rng: Generator) -> tuple[Part, ...]:
-    """One part per room, ``shell_<room>``, and the ``outer_skin``."""
+    """One part per room, ``shell_<room>``."""
     style = ShellStyle.from_rng(rng)
     sky = _sky(style)
-    rooms = tuple(_room(plan, room, palette.finish(room.name), palette, style, sky) for room in plan.rooms)
-    return (*rooms, _outer_skin(plan, palette.finish("hall").wall))
+    return tuple(_room(plan, room, palette.finish(room.name), palette, style, sky) for room in plan.rooms)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from generators.scenes.scene import F32
 from generators.scenes.surfaces import Surfaces
@@ -90,7 +91,7 @@ def smooth(surfaces: Surfaces, sheet: Sheet, texels: Texels, light: F32, varianc
 
 
 @njit
-def _fill(light, known, chart, cell, index, part, offset, width, height):  # type: ignore[no-untyped-def]
+def _fill(light, known, chart, cell, index, part, offset, width, height, rings):  # type: ignore[no-untyped-def]
     """Flood known light into the unknown texels of a chart, ring by ring."""
     count = len(cell)
     waiting = np.empty(count, dtype=np.int64)
@@ -101,7 +102,8 @@ def _fill(light, known, chart, cell, index, part, offset, width, height):  # typ
             number += 1
     fresh = np.zeros((count, 3), dtype=np.float32)
     done = np.empty(count, dtype=np.int64)
-    while number > 0:
+    while number > 0 and rings != 0:
+        rings -= 1
         filled = left = 0
         for n in range(number):
             i = waiting[n]
@@ -140,12 +142,15 @@ def _fill(light, known, chart, cell, index, part, offset, width, height):  # typ
             break
 
 
-def fill(surfaces: Surfaces, sheet: Sheet, texels: Texels, light: F32, known: np.ndarray) -> F32:
-    """A copy of (N, 3) ``light`` in which unknown texels take the light of the nearest known ones of their chart."""
+def fill(surfaces: Surfaces, sheet: Sheet, texels: Texels, light: F32, known: NDArray[np.bool_], rings: int = -1) -> F32:
+    """A copy of (N, 3) ``light`` in which unknown texels take the light of the nearest known ones of their chart.
+
+    ``rings`` limits how many texels deep; negative: no limit.
+    """
     out = light.copy()
     part = surfaces.part[texels.face]
     chart = sheet.chart[texels.face]
-    _fill(out, known.copy(), chart, texels.cell, texels.index, part, sheet.offset, sheet.width, sheet.height)
+    _fill(out, known.copy(), chart, texels.cell, texels.index, part, sheet.offset, sheet.width, sheet.height, rings)
     return out
 
 

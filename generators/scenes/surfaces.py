@@ -18,8 +18,6 @@ from generators.vision.jit import njit
 
 #: Textures are looked up at this many texels at most: indirect light blurs all that is finer.
 TEXTURE_LIMIT = 64
-#: A texture that already holds the light of a scan is kept finer, because it is the light source.
-LIT_TEXTURE_LIMIT = 1024
 
 
 def srgb_to_linear(values: NDArray[np.uint8]) -> F32:
@@ -43,6 +41,7 @@ class Surfaces:
         colour: (M, 3) float32 albedo factor.
         emission: (M, 3) float32 radiance.
         gloss: (M,) float32.
+        glass: (M,) bool, whether it sounds like glass: the panes of windows do.
         image: (M, 3) int64: offset into ``pixels``, rows, columns of the material's texture.
         pixels: (T, 3) float32 linear-light texture values.
     """
@@ -56,12 +55,13 @@ class Surfaces:
     colour: F32
     emission: F32
     gloss: F32
+    glass: NDArray[np.bool_]
     image: NDArray[np.int64]
     pixels: F32
 
     @staticmethod
-    def of(parts: Sequence[Part]) -> Surfaces:
-        """Gather the faces of ``parts``."""
+    def of(parts: Sequence[Part], limit: int = TEXTURE_LIMIT) -> Surfaces:
+        """Gather the faces of ``parts``, with textures of at most ``limit`` texels to a side."""
         meshes = [part.mesh for part in parts]
         triangles = np.concatenate([m.positions for m in meshes]).astype(np.float32)
         cross = np.cross(
@@ -69,22 +69,22 @@ class Surfaces:
         )
         length = np.linalg.norm(cross, axis=1, keepdims=True)
         face_normal = np.where(length > 0, cross / np.where(length > 0, length, 1.0), 0.0).astype(np.float32)
-        colour, emission, gloss, image = [], [], [], []
+        colour, emission, gloss, glass, image = [], [], [], [], []
         pixels = [np.ones((1, 3), dtype=np.float32)]
         size = 1
-        known: dict[tuple[int, bool], tuple[int, int, int]] = {}
+        known: dict[int, tuple[int, int, int]] = {}
         material = []
         for part in parts:
-            limit = LIT_TEXTURE_LIMIT if part.light is None and part.instance_id == 0 else TEXTURE_LIMIT
             material.append(part.mesh.face_material + len(colour))
             for m in part.mesh.materials:
                 colour.append(m.colour)
                 emission.append(m.emission)
                 gloss.append(m.gloss)
+                glass.append(m.acoustic == "glass")
                 if m.texture is None:
                     image.append((0, 1, 1))
                     continue
-                key = (id(m.texture), limit == LIT_TEXTURE_LIMIT)
+                key = id(m.texture)
                 if key not in known:
                     small = _reduced(m.texture, limit)
                     known[key] = (size, small.shape[0], small.shape[1])
@@ -101,6 +101,7 @@ class Surfaces:
             colour=np.array(colour, dtype=np.float32),
             emission=np.array(emission, dtype=np.float32),
             gloss=np.array(gloss, dtype=np.float32),
+            glass=np.array(glass, dtype=bool),
             image=np.array(image, dtype=np.int64),
             pixels=np.concatenate(pixels),
         )

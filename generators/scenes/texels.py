@@ -87,17 +87,23 @@ class Texels:
         return len(self.cell)
 
 
-def rasterise(surfaces: Surfaces, sheet: Sheet) -> Texels:
+def rasterise(surfaces: Surfaces, sheet: Sheet, wanted: NDArray[np.bool_] | None = None) -> Texels:
     """Find the texels that bilinear look-up on any face can touch.
 
     A texel whose centre lies beside its face stands for the nearest point of the face, so that the map is defined
     a full texel beyond every chart's border.
+
+    Args:
+        surfaces: the faces.
+        sheet: their light maps.
+        wanted: (F,) which faces; all if missing.
     """
     cells = int(sheet.offset[-1])
     nearest = np.full(cells, np.inf, dtype=np.float32)
     owner = np.full(cells, -1, dtype=np.int32)
     weights = np.zeros((cells, 2), dtype=np.float32)
-    _cover(sheet.uv, surfaces.part, sheet.offset, sheet.width, sheet.height, nearest, owner, weights)
+    faces = np.flatnonzero(np.ones(len(sheet.uv), dtype=bool) if wanted is None else wanted)
+    _cover(faces, sheet.uv, surfaces.part, sheet.offset, sheet.width, sheet.height, nearest, owner, weights)
     cell = np.flatnonzero(owner >= 0)
     index = np.full(cells, -1, dtype=np.int32)
     index[cell] = np.arange(len(cell), dtype=np.int32)
@@ -164,8 +170,8 @@ def _closest(px, py, a, b, c):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _cover(uv, part, offset, width, height, nearest, owner, weights):  # type: ignore[no-untyped-def]
-    for f in range(len(uv)):
+def _cover(faces, uv, part, offset, width, height, nearest, owner, weights):  # type: ignore[no-untyped-def]
+    for f in faces:
         p = part[f]
         a, b, c = uv[f, 0], uv[f, 1], uv[f, 2]
         left = max(int(np.floor(min(a[0], b[0], c[0]) - 1.5)), 0)

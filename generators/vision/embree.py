@@ -16,9 +16,9 @@ from avs3d_bench.geometry import Intrinsics, Pose
 from generators.scenes.scene import LightMap, Material, Part, Scene, Texture
 from generators.vision.base import Frame
 from generators.vision.rays import CHUNK, embree_scene, repeated
-from generators.vision.sampling import SUB_PIXELS
+from generators.vision.sampling import SUB_PIXELS, thin_faces
 from generators.vision.tables import build_tables
-from generators.vision.tone import srgb_table, tone_table
+from generators.vision.tone import WHITE, srgb_table, tone_table
 
 if TYPE_CHECKING:
     from generators.vision.kernels import View
@@ -61,6 +61,7 @@ class EmbreeSession:
         tables, triangles = build_tables(scene)
         self._tables = tables
         self._embree = embree_scene(triangles)
+        self._thin = triangles[thin_faces(triangles, tables.normal, self._embree)]
         self._tone = tone_table()
         self._srgb = srgb_table()
         pixels = intrinsics.width * intrinsics.height
@@ -99,10 +100,11 @@ class EmbreeSession:
         camera = self._intrinsics
         right, up, backward = pose.rotation_matrix.T
         return self._kernels.View(
-            origin=np.array(pose.position, dtype=np.float64),
-            right=right / camera.fx,
-            down=-up / camera.fy,
-            corner=-backward - right * (camera.cx / camera.fx) + up * (camera.cy / camera.fy),
+            origin=pose.position,
+            right=_vector(right / camera.fx),
+            down=_vector(-up / camera.fy),
+            ahead=_vector(-backward),
+            corner=_vector(-backward - right * (camera.cx / camera.fx) + up * (camera.cy / camera.fy)),
             width=camera.width,
             height=camera.height,
         )
@@ -120,14 +122,17 @@ class EmbreeSession:
             face = hit["primID"]
             self._face[block] = face
             kernels.write_geometry(face, hit["tfar"], tables, depth[block], ids[block])
-            kernels.shade(face, hit["tfar"], hit["u"], hit["v"], directions, view, 1.0, tables, self._tone, light)
+            kernels.shade(
+                face, hit["tfar"], hit["u"], hit["v"], directions, view, 1.0, tables, self._tone, WHITE, light
+            )
             kernels.encode(light.reshape(-1), self._srgb, rgb[block].reshape(-1))
 
     def _refine_edges(self, view: View, rgb: np.ndarray, depth: np.ndarray) -> None:
         """Shoot the pixels at edges again and average."""
         kernels, tables = self._kernels, self._tables
         marks = np.zeros(len(rgb), dtype=np.uint8)
-        kernels.mark_edges(self._face, depth, rgb, view, tables, marks)
+        kernels.mark_edges(self._face, depth, rgb, view, tables.surface, tables.normal, marks)
+        kernels.mark_thin(self._thin, depth, view, marks)
         pixels = np.flatnonzero(marks).astype(np.int32)
         samples = len(SUB_PIXELS)
         step = CHUNK // samples
@@ -147,9 +152,14 @@ class EmbreeSession:
                 0.5,
                 tables,
                 self._tone,
+                WHITE,
                 light,
             )
             kernels.average(light, samples, self._srgb, chunk, rgb)
+
+
+def _vector(xyz: np.ndarray) -> tuple[float, float, float]:
+    return float(xyz[0]), float(xyz[1]), float(xyz[2])
 
 
 def _check_camera(camera: Intrinsics) -> None:

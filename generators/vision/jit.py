@@ -15,7 +15,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from avs3d_bench.errors import Avs3dError
 
@@ -49,19 +49,21 @@ except ImportError as _error:
         f"rendering needs numba, which cannot be imported ({_error}): pip install 'avs3d-bench[generate]'"
     ) from _error
 # numba reads the variable when it is imported, which somebody may have done before.
-numba.config.CACHE_DIR = str(CACHE_FOLDER)
+_config: Any = numba.config
+_config.CACHE_DIR = str(CACHE_FOLDER)
 
 
 def njit(function: F) -> F:
-    """Compile ``function`` in nopython mode on its first call, or load it from the cache; releases the GIL."""
-    compiled: F = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
-    return compiled
+    """Compile ``function`` in nopython mode on its first call, or load it from the cache; releases the GIL.
+
+    The cache notices changes of the kernel's own file only: what comes from other files must be an argument.
+    """
+    return cast(F, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
 
 
 def inline(function: F) -> F:
     """Compile a small function that only kernels of the same file call: LLVM makes it part of them."""
-    compiled: F = numba.njit(error_model="numpy")(function)
-    return compiled
+    return cast(F, numba.njit(error_model="numpy")(function))
 
 
 @contextmanager

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from generators.scenes.scene import F32, I32
 from generators.vision.jit import inline, njit
 from generators.vision.tables import SceneTables
-from generators.vision.tone import WHITE
 
 F64 = NDArray[np.float64]
 U8 = NDArray[np.uint8]
+Vector = tuple[float, float, float]
 
 #: Most texture samples along the long axis of a pixel's footprint.
 MAX_TAPS = 16
@@ -30,10 +30,13 @@ MISS = np.float32(0.82)
 SMOOTH = np.float32(0.97)
 #: Relative difference in depth, beyond a face's own plane, that is a step.
 STEP = np.float32(0.01)
+#: Triangles narrower than this many pixels can fall between the rays.
+NARROW = 1.0
+#: Metres ahead of the camera from which triangles are projected.
+NEAREST = 0.02
 #: Contrast of neighbours, in 8-bit levels, below which an edge is not worth more rays.
 VISIBLE = 3
 
-_WHITE_INVERSE = np.float32(1.0 / WHITE)
 _1, _2 = np.uint64(1), np.uint64(2)
 _ZERO, _ONE, _HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
 
@@ -42,18 +45,20 @@ class View(NamedTuple):
     """A pinhole camera in the world, for kernels.
 
     Attributes:
-        origin: (3,) float64 world position.
-        right: (3,) float64 world vector of one pixel to the right at depth 1 (the camera's +X / fx).
-        down: (3,) float64 world vector of one pixel down at depth 1.
-        corner: (3,) float64 world vector, at depth 1, of the upper left corner of pixel (0, 0).
+        origin: world position, metres.
+        right: world vector of one pixel to the right at depth 1 (the camera's +X / fx).
+        down: world vector of one pixel down at depth 1 (the camera's −Y / fy).
+        ahead: world unit vector along the optical axis.
+        corner: world vector, at depth 1, of the upper left corner of pixel (0, 0).
         width: pixels.
         height: pixels.
     """
 
-    origin: F64
-    right: F64
-    down: F64
-    corner: F64
+    origin: Vector
+    right: Vector
+    down: Vector
+    ahead: Vector
+    corner: Vector
     width: int
     height: int
 
@@ -176,7 +181,7 @@ def _filtered(
             ux, uy = (root + half, xy) if half >= _ZERO else (xy, root - half)
             scale = np.float32(math.sqrt(major2 / (ux * ux + uy * uy)))
             du, dv = ux * scale / width, uy * scale / height
-    lod = max(_ZERO, min(np.float32(last - level0), _HALF * np.float32(math.log2(minor2))))
+    lod = max(_ZERO, min(np.float32(last - level0), _HALF * np.log2(minor2)))
     level = int(lod)
     blend = lod - np.float32(level)
     level += level0
@@ -224,17 +229,17 @@ def _light(
 
 
 @inline
-def _tone(table: F32, radiance: np.float32) -> np.float32:
-    """The tone curve, interpolated in a table over the square root of radiance."""
-    last = np.float32(table.shape[0] - 1)
+def _tone(table: F32, scale: np.float32, radiance: np.float32) -> np.float32:
+    """The tone curve, interpolated in a table over the square root of radiance · ``scale``."""
+    last = table.shape[0] - 1
     if not radiance > _ZERO:
-        return table[0]
-    x = np.float32(math.sqrt(radiance * _WHITE_INVERSE)) * last
-    if x >= last:
-        return table[table.shape[0] - 1]
+        return np.float32(table[0])
+    x = np.float32(math.sqrt(radiance * scale)) * np.float32(last)
+    if x >= np.float32(last):
+        return np.float32(table[last])
     i = int(x)
     f = x - np.float32(i)
-    return table[i] + f * (table[i + 1] - table[i])
+    return np.float32(table[i] + f * (table[i + 1] - table[i]))
 
 
 @njit
@@ -248,6 +253,7 @@ def shade(
     spread: float,
     tables: SceneTables,
     tone: F32,
+    white: float,
     out: F32,
 ) -> None:
     """Display light of hits: tone(exposure · (albedo · light + emission)), whichever side of the face is seen.
@@ -261,7 +267,8 @@ def shade(
         view: the camera.
         spread: width in pixels of what one ray stands for.
         tables: the scene.
-        tone: table of the tone curve.
+        tone: table of the tone curve, over the square root of radiance / ``white``.
+        white: radiance at the end of that table.
         out: (N, 3), written.
     """
     rx, ry, rz = (
@@ -274,6 +281,7 @@ def shade(
         np.float32(view.down[1] * spread),
         np.float32(view.down[2] * spread),
     )
+    scale = np.float32(1.0 / white)
     # Arrays are taken out of the named tuples once: numba counts references whenever it does so.
     surfaces, albedo, emission = tables.surface, tables.albedo, tables.emission
     texture_of, light_of = tables.texture, tables.light
@@ -325,9 +333,9 @@ def shade(
             y = light_uv[f, 0, 1] + b1 * light_uv[f, 1, 1] + b2 * light_uv[f, 2, 1]
             r, g, b = _light(light_texels, light_offset[light], light_size[light, 0], light_size[light, 1], x, y)
             red, green, blue = red * r, green * g, blue * b
-        out[i, 0] = _tone(tone, red + emission[surface, 0])
-        out[i, 1] = _tone(tone, green + emission[surface, 1])
-        out[i, 2] = _tone(tone, blue + emission[surface, 2])
+        out[i, 0] = _tone(tone, scale, red + emission[surface, 0])
+        out[i, 1] = _tone(tone, scale, green + emission[surface, 1])
+        out[i, 2] = _tone(tone, scale, blue + emission[surface, 2])
 
 
 @inline
@@ -345,36 +353,33 @@ def encode(light: F32, srgb: U8, out: U8) -> None:
 
 @inline
 def _differs(rgb: U8, i: int, j: int) -> bool:
-    for k in range(3):
-        if abs(int(rgb[i, k]) - int(rgb[j, k])) > VISIBLE:
-            return True
-    return False
+    red = abs(np.int32(rgb[i, 0]) - np.int32(rgb[j, 0]))
+    green = abs(np.int32(rgb[i, 1]) - np.int32(rgb[j, 1]))
+    blue = abs(np.int32(rgb[i, 2]) - np.int32(rgb[j, 2]))
+    return bool(max(red, green, blue) > VISIBLE)
 
 
 @inline
-def _breaks(face: I32, depth: F32, view: View, tables: SceneTables, i: int, j: int) -> bool:
-    """Whether the surface breaks between pixel ``i`` and its neighbour ``j`` (another face is seen there)."""
-    a, b = face[i], face[j]
+def _breaks(surface: I32, normal: F32, depth: F32, view: View, a: int, b: int, i: int, j: int) -> bool:
+    """Whether the surface breaks between pixel ``i`` showing face ``a`` and its neighbour ``j`` showing face ``b``."""
     if a < 0 or b < 0:
         return True
-    if tables.surface[a] != tables.surface[b]:
+    if surface[a] != surface[b]:
         return True
-    n, m = tables.normal[a], tables.normal[b]
-    cosine = n[0] * m[0] + n[1] * m[1] + n[2] * m[2]
-    if abs(cosine) < SMOOTH:
+    if abs(normal[a, 0] * normal[b, 0] + normal[a, 1] * normal[b, 1] + normal[a, 2] * normal[b, 2]) < SMOOTH:
         return True
-    # The neighbour's depth if the face went on as a plane.
-    ix, iy = i % view.width, i // view.width
-    jx, jy = j % view.width, j // view.width
+    # n·(depth · direction) is the same all over a plane: does the neighbour lie in face a's?
+    ix, iy = i % view.width + 0.5, i // view.width + 0.5
+    jx, jy = j % view.width + 0.5, j // view.width + 0.5
     here = there = 0.0
     for k in range(3):
-        here += n[k] * (view.corner[k] + (ix + 0.5) * view.right[k] + (iy + 0.5) * view.down[k])
-        there += n[k] * (view.corner[k] + (jx + 0.5) * view.right[k] + (jy + 0.5) * view.down[k])
-    return abs(depth[i] * here - depth[j] * there) > STEP * depth[j] * max(abs(there), 0.1)
+        here += normal[a, k] * (view.corner[k] + ix * view.right[k] + iy * view.down[k])
+        there += normal[a, k] * (view.corner[k] + jx * view.right[k] + jy * view.down[k])
+    return bool(abs(depth[i] * here - depth[j] * there) > STEP * depth[j] * max(abs(there), 0.1))
 
 
 @njit
-def mark_edges(face: I32, depth: F32, rgb: U8, view: View, tables: SceneTables, marks: U8) -> None:
+def mark_edges(face: I32, depth: F32, rgb: U8, view: View, surface: I32, normal: F32, marks: U8) -> None:
     """Set ``marks`` (H·W,) at both pixels of each visible edge.
 
     An edge is where neighbours show different surfaces, directions or depths, in colours that differ visibly.
@@ -383,13 +388,74 @@ def mark_edges(face: I32, depth: F32, rgb: U8, view: View, tables: SceneTables, 
     for y in range(height):
         for x in range(width):
             i = y * width + x
-            if x + 1 < width and face[i] != face[i + 1] and _differs(rgb, i, i + 1):
-                if _breaks(face, depth, view, tables, i, i + 1):
-                    marks[i] = marks[i + 1] = 1
-            j = i + width
-            if y + 1 < height and face[i] != face[j] and _differs(rgb, i, j):
-                if _breaks(face, depth, view, tables, i, j):
+            for j, inside in ((i + 1, x + 1 < width), (i + width, y + 1 < height)):
+                if (
+                    inside
+                    and face[i] != face[j]
+                    and _differs(rgb, i, j)
+                    and _breaks(surface, normal, depth, view, face[i], face[j], i, j)
+                ):
                     marks[i] = marks[j] = 1
+
+
+@njit
+def mark_thin(triangles: F32, depth: F32, view: View, marks: U8) -> None:
+    """Set ``marks`` (H·W,) along triangles (K, 3, 3) that are narrower than a pixel and may be seen.
+
+    The rays through the centres can miss a wire for a stretch and would draw it dashed. Each triangle is projected;
+    one that faces the camera and is narrow on the screen is followed along its longest side, wherever the depth behind
+    the pixel's centre leaves it in sight.
+    """
+    fx2 = view.right[0] ** 2 + view.right[1] ** 2 + view.right[2] ** 2
+    fy2 = view.down[0] ** 2 + view.down[1] ** 2 + view.down[2] ** 2
+    # The pixel of the optical axis: corner = ahead − cx·right − cy·down.
+    cx = cy = 0.0
+    for k in range(3):
+        cx -= view.corner[k] * view.right[k] / fx2
+        cy -= view.corner[k] * view.down[k] / fy2
+    px, py, pz = np.empty(3), np.empty(3), np.empty(3)
+    for f in range(triangles.shape[0]):
+        hidden = False
+        for c in range(3):
+            x = triangles[f, c, 0] - view.origin[0]
+            y = triangles[f, c, 1] - view.origin[1]
+            z = triangles[f, c, 2] - view.origin[2]
+            away = x * view.ahead[0] + y * view.ahead[1] + z * view.ahead[2]
+            if away < NEAREST:
+                hidden = True
+                break
+            px[c] = (x * view.right[0] + y * view.right[1] + z * view.right[2]) / (fx2 * away) + cx
+            py[c] = (x * view.down[0] + y * view.down[1] + z * view.down[2]) / (fy2 * away) + cy
+            pz[c] = 1.0 / away
+        if hidden or px.max() < 0 or px.min() > view.width or py.max() < 0 or py.min() > view.height:
+            continue
+        # Rows grow downwards: counter-clockwise from its front is a negative area here.
+        area = (px[1] - px[0]) * (py[2] - py[0]) - (px[2] - px[0]) * (py[1] - py[0])
+        if area >= 0:
+            continue
+        first, longest = 0, 0.0
+        for c in range(3):
+            d = (c + 1) % 3
+            length = math.hypot(px[d] - px[c], py[d] - py[c])
+            if length > longest:
+                first, longest = c, length
+        if -area > NARROW * longest:
+            continue
+        second, third = (first + 1) % 3, (first + 2) % 3
+        steps = 1 + int(2.0 * longest)
+        for k in range(steps):
+            w = (k + 0.5) / steps
+            # Half-way into the triangle at the middle of the side, on the side at its ends.
+            inward = 0.5 * min(w, 1.0 - w)
+            a, b = (1.0 - w) * (1.0 - inward), w * (1.0 - inward)
+            x = a * px[first] + b * px[second] + inward * px[third]
+            y = a * py[first] + b * py[second] + inward * py[third]
+            if not (0.0 <= x < view.width and 0.0 <= y < view.height):
+                continue
+            i = int(y) * view.width + int(x)
+            near = a * pz[first] + b * pz[second] + inward * pz[third]
+            if depth[i] == 0.0 or depth[i] * near > 1.0 - STEP:
+                marks[i] = 1
 
 
 @njit

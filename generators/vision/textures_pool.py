@@ -78,7 +78,7 @@ def distinct(textures: Sequence[Texture | None]) -> tuple[list[Texture], list[in
         known = by_identity.get(id(texture))
         if known is None:
             digest = hashlib.blake2b(repr(texture.pixels.shape).encode())
-            digest.update(np.ascontiguousarray(texture.pixels))
+            digest.update(np.ascontiguousarray(texture.pixels).data)
             known = by_content.setdefault(digest.digest(), len(unique))
             if known == len(unique):
                 unique.append(texture)

@@ -70,7 +70,7 @@ def _wooden(rng: Generator) -> Design:
         ring,
         (0, 0, 0),
     )
-    brass = paint("brass", "metal", "#c79a4b", gloss=0.8)
+    brass = chrome("brass", "#e2b35c")
     b.torus(radius - 0.039, 0.0035, (0, 0, 0.034), brass, axis="z", segments=64, minor_segments=8)
     _dial(b, (0, 0, 0.0325), radius - 0.036, decals.clock_face(512, paper="#f3e9d2", ink="#2b1d12", numerals="roman"))
     _hands(b, (0, 0, 0.033), radius - 0.040, enamel("hands", "#20160e"), rng)
@@ -109,7 +109,7 @@ def _mantel(rng: Generator) -> Design:
     b.tube(np.concatenate([edge, np.full((len(edge), 1), 0.05)], axis=1), 0.004, case, segments=8)
     b.box((0.29, 0.020, 0.135), (0, 0.020, 0), case, bevel=0.005)
     b.box((0.262, 0.020, 0.122), (0, 0.038, 0), case, bevel=0.007, acoustic=False)
-    brass = paint("brass", "metal", "#c79a4b", gloss=0.8)
+    brass = chrome("brass", "#e2b35c")
     for x in (-0.12, 0.12):
         for z in (-0.05, 0.05):
             b.sphere((0.012, 0.010, 0.012), (x, 0.010, z), brass, rings=8, segments=14, acoustic=False)

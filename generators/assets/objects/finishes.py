@@ -1,25 +1,52 @@
 """What household goods are made of: enamel, plastics, chrome, steel, glass, ceramic, rubber, wood, and printed faces.
 
-Light is baked into the scene and does not depend on the view, so what a mirror or a glass would show is painted: chrome
-carries soft dark and bright bands, dark glass a pale sheen. Colours are given as sRGB and stored linear.
+Light is baked into the scene and does not depend on the view, so what a polished surface would mirror is painted: metal
+carries a room's reflection looked up by its normals (see `mirrored`), dark glass a pale sheen. Colours are given as sRGB
+and stored linear. Plain finishes are cached, because a mesh tells its materials apart by identity.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from generators.scenes.scene import Material, Texture
+from generators.scenes.scene import Material, Mesh, Texture
 
 Pixels = NDArray[np.uint8]
+Array = NDArray[np.float64]
 Colour = tuple[float, float, float]
 
+#: Smooth dielectrics reflect 4 % at normal incidence (Fresnel, n = 1.5), more at a slant; a renderer without view-
+#: dependent light would show black plastic as a hole, so this much of it is counted as diffuse.
+SHEEN = 0.022
+#: Texture names that `mirrored` recognises start with this.
+_MIRROR = "mirror:"
 
-def linear(srgb: str) -> Colour:
-    """``"#rrggbb"`` (sRGB, IEC 61966-2-1) as linear-light albedo."""
-    values = [int(srgb[k : k + 2], 16) / 255 for k in (1, 3, 5)]
-    r, g, b = (v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in values)
+
+def hex_rgb(srgb: str) -> Array:
+    """``"#rrggbb"`` as (3,) sRGB values 0–255."""
+    return np.array([int(srgb[k : k + 2], 16) for k in (1, 3, 5)], dtype=np.float64)
+
+
+def to_linear(values: Array) -> Array:
+    """sRGB 0–255 as linear light in [0, 1] (IEC 61966-2-1)."""
+    v = np.asarray(values, dtype=np.float64) / 255
+    return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
+
+
+def to_srgb(light: Array) -> Pixels:
+    """Linear light as uint8 sRGB."""
+    v = np.clip(light, 0.0, 1.0)
+    return np.round(255 * np.where(v <= 0.0031308, 12.92 * v, 1.055 * v ** (1 / 2.4) - 0.055)).astype(np.uint8)
+
+
+def linear(srgb: str, sheen: float = 0.0) -> Colour:
+    """``"#rrggbb"`` as linear-light albedo, lifted by ``sheen``."""
+    r, g, b = (float(v) for v in sheen + (1 - sheen) * to_linear(hex_rgb(srgb)))
     return r, g, b
 
 
@@ -28,92 +55,101 @@ def choose(rng: Generator, *options: str) -> str:
     return options[int(rng.integers(len(options)))]
 
 
+@cache
 def enamel(name: str, srgb: str) -> Material:
     """Painted or enamelled sheet steel."""
-    return Material(name, "metal", linear(srgb), gloss=0.5)
+    return Material(name, "metal", linear(srgb, SHEEN), gloss=0.5)
 
 
+@cache
 def plastic(name: str, srgb: str, *, gloss: float = 0.3) -> Material:
     """Moulded plastic."""
-    return Material(name, "plastic", linear(srgb), gloss=gloss)
+    return Material(name, "plastic", linear(srgb, SHEEN), gloss=gloss)
 
 
+@cache
 def rubber(name: str = "rubber", srgb: str = "#2b2c2e") -> Material:
-    """Black or grey rubber (feet, gaskets, tyres); sounds like plastic."""
-    return Material(name, "plastic", linear(srgb), gloss=0.05)
+    """Rubber (feet, gaskets, tyres, hoses); sounds like plastic."""
+    return Material(name, "plastic", linear(srgb, SHEEN / 2), gloss=0.05)
 
 
+@cache
 def ceramic(name: str = "ceramic", srgb: str = "#f3f3ef") -> Material:
-    """Glazed sanitary ware."""
+    """Glazed sanitary ware and china."""
     return Material(name, "ceramic", linear(srgb), gloss=0.6)
 
 
+@cache
 def glass(name: str = "dark_glass", srgb: str = "#15181b") -> Material:
     """Glass in front of something dark."""
-    return Material(name, "glass", linear(srgb), gloss=0.8)
+    return Material(name, "glass", linear(srgb, SHEEN), gloss=0.8)
 
 
+@cache
 def paint(name: str, acoustic: str, srgb: str, *, gloss: float = 0.2) -> Material:
     """Any other plain material."""
     return Material(name, acoustic, linear(srgb), gloss=gloss)
 
 
-def printed(name: str, pixels: Pixels, *, acoustic: str = "plastic", gloss: float = 0.3) -> Material:
-    """A face with a picture on it; use it on quads and discs that fit the texture once."""
-    return Material(name, acoustic, texture=Texture(name, pixels), gloss=gloss)
-
-
+@cache
 def lamp(name: str, srgb: str, radiance: float) -> Material:
-    """A pilot light."""
+    """A pilot light; ``radiance`` in the scene's light unit (about 1 = a white wall in daylight)."""
     r, g, b = linear(srgb)
     return Material(name, "plastic", (r, g, b), emission=(r * radiance, g * radiance, b * radiance))
 
 
-def _bands(stops: list[tuple[float, str]], size: int = 128) -> NDArray[np.float64]:
-    """(size, 3) sRGB ramp 0–255 through ``stops`` (position in [0, 1], colour), smooth between them."""
-    at = np.array([s for s, _ in stops])
-    colours = np.array([[int(c[k : k + 2], 16) for k in (1, 3, 5)] for _, c in stops], dtype=np.float64)
-    x = (np.arange(size) + 0.5) / size
-    return np.stack([np.interp(x, at, colours[:, k]) for k in range(3)], axis=1)
+def printed(name: str, pixels: Pixels, *, acoustic: str = "plastic", gloss: float = 0.3) -> Material:
+    """A face with a picture on it, for quads and discs that fit the texture once; its sheen is that of plastic."""
+    levels = to_srgb(SHEEN + (1 - SHEEN) * to_linear(np.arange(256, dtype=np.float64)))
+    return Material(name, acoustic, texture=Texture(name, levels[pixels]), gloss=gloss)
 
 
-def chrome(name: str = "chrome") -> Material:
-    """Polished metal; the texture's v runs through a horizon (dark below, bright above), as chrome mirrors a room."""
-    ramp = _bands(
-        [
-            (0.0, "#d9dce0"),
-            (0.18, "#f4f5f6"),
-            (0.34, "#a9aeb4"),
-            (0.46, "#6f757c"),
-            (0.52, "#8d949b"),
-            (0.62, "#dfe2e5"),
-            (0.80, "#f7f8f8"),
-            (1.0, "#d9dce0"),
-        ]
-    )
-    pixels = np.repeat(ramp[::-1, None, :], 8, axis=1)
-    return Material(name, "metal", texture=Texture(name, np.round(pixels).astype(np.uint8)), gloss=0.9)
+@cache
+def _room_reflection(tint: str) -> Texture:
+    """A polished ball in a room, seen from the front (128²): floor, dark horizon, walls, ceiling, a window on the left."""
+    size = 128
+    y, x = np.mgrid[0:size, 0:size]
+    nx, ny = (x + 0.5) / size * 2 - 1, 1 - (y + 0.5) / size * 2
+    at = [-1.0, -0.7, -0.4, -0.2, -0.1, 0.0, 0.15, 0.38, 0.55, 0.75, 1.0]
+    value = [0.28, 0.36, 0.40, 0.16, 0.20, 0.50, 0.60, 0.88, 0.82, 0.66, 0.78]
+    light = np.interp(ny, at, value)
+    light *= 1 - 0.45 * np.clip((np.abs(nx) - 0.62) / 0.38, 0, 1) ** 1.5
+    window = np.exp(-(((nx + 0.42) / 0.20) ** 4) - (((ny - 0.26) / 0.24) ** 4))
+    light = light + (0.97 - light) * window
+    return Texture(f"{_MIRROR}{tint}", to_srgb(light[..., None] * to_linear(hex_rgb(tint))))
+
+
+@cache
+def chrome(name: str = "chrome", tint: str = "#fbfcfd") -> Material:
+    """Polished metal (``tint``: brass, copper …); `mirrored` must be applied to the finished mesh."""
+    return Material(name, "metal", texture=_room_reflection(tint), gloss=0.9)
+
+
+def mirrored(mesh: Mesh) -> Mesh:
+    """The mesh with polished faces looked up by their shading normals: u, v = (1 + n_x)/2, (1 + n_y)/2."""
+    shiny = [m.texture is not None and m.texture.name.startswith(_MIRROR) for m in mesh.materials]
+    faces = np.asarray(shiny)[mesh.face_material]
+    uv = mesh.uv.copy()
+    # 0.49: half a texel inside, because textures repeat.
+    uv[faces] = 0.5 + 0.49 * mesh.normals[faces][..., :2]
+    return replace(mesh, uv=uv)
 
 
 def brushed_steel(name: str, rng: Generator, srgb: str = "#b9bcbe", *, contrast: float = 7.0) -> Material:
     """Brushed stainless steel: fine streaks along u."""
-    base = np.array([int(srgb[k : k + 2], 16) for k in (1, 3, 5)], dtype=np.float64)
     streaks = rng.normal(size=(256, 1)) * contrast * 0.6 + rng.normal(size=(256, 64)) * contrast * 0.25
     smooth = (streaks + np.roll(streaks, 1, axis=1) + np.roll(streaks, -1, axis=1)) / 3
-    pixels = np.clip(base + smooth[..., None], 0, 255)
-    return Material(name, "metal", texture=Texture(name, np.round(pixels).astype(np.uint8)), gloss=0.6)
+    pixels = np.clip(np.round(hex_rgb(srgb) + smooth[..., None]), 0, 255).astype(np.uint8)
+    return Material(name, "metal", texture=Texture(name, pixels), gloss=0.6)
 
 
 def wood(name: str, rng: Generator, srgb: str = "#6b4326") -> Material:
-    """Polished hardwood: grain along u, one repeat per ``tile``."""
-    base = np.array([int(srgb[k : k + 2], 16) for k in (1, 3, 5)], dtype=np.float64)
-    v = np.arange(256)[:, None] / 256
-    u = np.arange(256)[None, :] / 256
-    phase = rng.uniform(0, 2 * np.pi, size=4)
-    # Integer frequencies along both axes keep the texture seamless.
+    """Polished hardwood: grain along u; seamless, because all its frequencies are whole."""
+    v, u = (k / 256 for k in np.mgrid[0:256, 0:256])
+    phase = rng.uniform(0, 2 * np.pi, size=3)
     warp = 0.02 * np.sin(2 * np.pi * (u + v) + phase[0]) + 0.012 * np.sin(2 * np.pi * (2 * u - v) + phase[1])
-    rings = np.sin(2 * np.pi * 9 * (v + warp) + phase[2]) * 0.55 + np.sin(2 * np.pi * 31 * (v + warp)) * 0.25
+    rings = 0.55 * np.sin(2 * np.pi * 9 * (v + warp) + phase[2]) + 0.25 * np.sin(2 * np.pi * 31 * (v + warp))
     pores = rng.normal(size=(256, 1)) * 0.25 + rng.normal(size=(256, 256)) * 0.05
     shade = 1.0 + 0.13 * (rings + pores)
-    pixels = np.clip(base * shade[..., None], 0, 255)
-    return Material(name, "wood", texture=Texture(name, np.round(pixels).astype(np.uint8)), gloss=0.45)
+    pixels = np.clip(np.round(hex_rgb(srgb) * shade[..., None]), 0, 255).astype(np.uint8)
+    return Material(name, "wood", texture=Texture(name, pixels), gloss=0.45)

@@ -197,7 +197,7 @@ def _cordless(rng: Generator) -> Design:
     canvas = decals.Canvas(256, 256, "#bfe0ec")
     canvas.text((70, 30), "12 Nov", 34, "#163642")
     canvas.text((208, 30), "|||", 30, "#163642", bold=1.0)
-    canvas.digits((128, 132), f"{int(rng.integers(24)):02d}:{int(rng.integers(60)):02d}", 86, "#12303c")
+    canvas.digits((128, 132), f"{int(rng.integers(24)):02d}:{int(rng.integers(60)):02d}", 62, "#12303c")
     canvas.text((66, 226), "MENU", 32, "#163642")
     canvas.text((200, 226), "CALL", 32, "#163642")
     w, h = 0.0205, 0.0225

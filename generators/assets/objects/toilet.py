@@ -63,23 +63,23 @@ def _close_coupled(rng: Generator) -> Design:
     """Cistern on the bowl, lid up."""
     b = MeshBuilder()
     white, seat = ceramic(), plastic("seat", "#f6f6f3", gloss=0.5)
-    rim, z = (0.182, 0.27, 0.20), 0.06
+    rim, z = (0.182, 0.27, 0.20), 0.10
     heights = [0.0, 0.012, 0.05, 0.16, 0.25, 0.31, 0.355, 0.385, RIM]
     halves = [0.112, 0.115, 0.105, 0.098, 0.115, 0.15, 0.176, 0.183, 0.182]
     fronts = [0.15, 0.155, 0.145, 0.14, 0.17, 0.22, 0.26, 0.272, 0.270]
-    backs = [0.26, 0.265, 0.26, 0.255, 0.25, 0.23, 0.21, 0.203, 0.200]
+    backs = [0.30, 0.305, 0.30, 0.29, 0.275, 0.245, 0.215, 0.203, 0.200]
     outer = [
         level(_shifted(egg(h, f, r, squareness=3.5), z), y)
         for h, f, r, y in zip(halves, fronts, backs, heights, strict=True)
     ]
     _bowl(b, outer, rim, z, white)
     # The shelf that carries the cistern.
-    b.box((0.34, 0.075, 0.20), (0, RIM - 0.034, -0.215), white, bevel=0.02, acoustic=False)
+    b.box((0.34, 0.075, 0.25), (0, RIM - 0.037, -0.190), white, bevel=0.02, acoustic=False)
     b.box((0.385, 0.335, 0.165), (0, RIM + 0.17, -0.235), white, bevel=0.028, segments=3)
     b.box((0.40, 0.035, 0.182), (0, RIM + 0.349, -0.233), white, bevel=0.012, acoustic=False)
     _flush_button(b, (0.0, RIM + 0.367, -0.233))
     _seat(b, rim, z, seat)
-    _lid(b, rim, z, seat, 97.0)
+    _lid(b, rim, z, seat, 95.0)
     return Design(b.build(), "floor", (0.0, RIM + 0.045, z + 0.02))
 
 
@@ -97,18 +97,19 @@ def _skirted(rng: Generator) -> Design:
     rim, z = (0.180, 0.265, 0.19), 0.07
     outer = []
     for half, front, back, y in (
-        (0.145, 0.17, 0.30, 0.0),
-        (0.150, 0.178, 0.31, 0.02),
-        (0.160, 0.205, 0.31, 0.16),
-        (0.172, 0.245, 0.31, 0.30),
-        (0.180, 0.262, 0.31, 0.37),
+        (0.112, 0.120, 0.30, 0.0),
+        (0.118, 0.130, 0.31, 0.015),
+        (0.128, 0.150, 0.31, 0.12),
+        (0.148, 0.195, 0.31, 0.22),
+        (0.170, 0.245, 0.31, 0.31),
+        (0.179, 0.263, 0.31, 0.36),
         (0.180, 0.265, 0.31, RIM),
     ):
         outer.append(level(_shifted(egg(half, front, back, squareness=7.0), z), y))
     _bowl(b, outer, rim, z, white)
-    b.box((0.36, 0.40, 0.15), (0, RIM + 0.20, -0.235), white, bevel=0.016, segments=3)
-    b.box((0.37, 0.030, 0.160), (0, RIM + 0.412, -0.234), white, bevel=0.010, acoustic=False)
-    _flush_button(b, (0.0, RIM + 0.426, -0.234))
+    b.box((0.37, 0.36, 0.15), (0, RIM + 0.18, -0.235), white, bevel=0.016, segments=3)
+    b.box((0.38, 0.030, 0.160), (0, RIM + 0.372, -0.234), white, bevel=0.010, acoustic=False)
+    _flush_button(b, (0.0, RIM + 0.386, -0.234))
     _seat(b, rim, z, seat)
     _lid(b, rim, z, seat, 0.0)
     return Design(b.build(), "floor", (0.0, RIM + 0.08, z + 0.06))

@@ -101,7 +101,7 @@ def _upright(rng: Generator) -> Design:
         loops.append(level(outline * s + [0, 0.06], y))
     loft(b, np.array(loops), dark)
     slab(b, (0.22, 0.05, 0.004), (0, 0.080, 0.190), glass("brush_window", "#4b555c"), corner=0.02, bevel=0.001, rotate=rotation("x", -55))
-    slab(b, (0.30, 0.018, 0.006), (0, 0.035, 0.212), body, corner=0.008, bevel=0.002)
+    slab(b, (0.20, 0.018, 0.008), (0, 0.035, 0.209), body, corner=0.008, bevel=0.002)
     for side in (-1, 1):
         _wheel(b, side * 0.135, 0.060, 0.036, -0.055, body)
     # Body, leaning back by 12 degrees about the axle.

@@ -51,13 +51,14 @@ def _bowl_texture(rng: Generator) -> Material:
         for k in range(count):
             x = (k + 0.5 * (ring % 2)) * width / count
             canvas.disc((x, (1 - at) * height), 2.6, "#ffffff")
+    start = float(rng.uniform(20, 150))
     for k in range(3):  # the lifters
-        x = (k + float(rng.uniform(0, 1)) * 0) * width / 3 + 40
+        x = k * width / 3 + start
         canvas.box((x - 13, 0.16 * height), (x + 13, 0.56 * height), "#bbbbbb", radius=6)
     holes = canvas.pixels().astype(np.float64) / 255
     pixels = pixels * (1 - 0.75 * holes) + 12 * (holes > 0.6) * (holes < 0.85)
     # Reflection of a bright window, upper left (u = 0 is at the bottom of the port), and a weak one opposite.
-    for centre, spread, depth, amount in ((0.63, 0.055, 0.30, 105), (0.16, 0.05, 0.22, 40)):
+    for centre, spread, depth, amount in ((0.63, 0.055, 0.30, 150), (0.16, 0.05, 0.22, 60)):
         near = np.exp(-((((u / width) - centre) / spread) ** 4)) * np.exp(-(((inwards - depth) / 0.13) ** 4))
         pixels += (amount * near)[..., None] * np.array([0.93, 0.98, 1.05])
     pixels += (10 * (1 + np.cos(angle - np.pi)))[..., None] * 0.6
@@ -224,7 +225,7 @@ def _polar_lathe(
 
 WHITE = _Style("#f2f3f2", "#f2f3f2", "#3c4044", "chrome", "LAVANDA", 0.56, 0.165, 0.43, 0.0, "#dfe1e3", -0.20, "#6fe3ff")
 GRAPHITE = _Style("#4a4d52", "#2b2d31", "#d7dadd", "#1a1b1d", "NORDEN", 0.58, 0.18, 0.42, 0.0, "chrome", -0.20, "#ffffff")
-SLIM = _Style("#eef0f1", "#c3c7cb", "#22262a", "#c9cdd1", "ondina", 0.45, 0.15, 0.45, 0.19, "#f3f4f5", -0.20, "#ff9c4a")
+SLIM = _Style("#b3b8bc", "#d9dcde", "#22262a", "#26282b", "ondina", 0.45, 0.17, 0.44, 0.19, "chrome", -0.20, "#ff9c4a")
 
 VARIANTS: dict[str, Build] = {
     "white": lambda rng: _front_loader(WHITE, rng),

@@ -47,7 +47,7 @@ def drift(count: int, rng: Generator, rate: float, depth: float) -> Array:
     """A smooth random curve with about ``rate`` independent values per second, mean 0, standard deviation ``depth``."""
     knots = max(6, int(np.ceil(count / SAMPLE_RATE * rate)) + 4)
     values = rng.standard_normal(knots)
-    return depth * CubicSpline(np.arange(knots), values)(time_axis(count) * rate + 1.0)
+    return np.asarray(depth * CubicSpline(np.arange(knots), values)(time_axis(count) * rate + 1.0))
 
 
 def phase_of(frequency: Array | float, count: int, start: float = 0.0) -> Array:
@@ -76,10 +76,9 @@ def ramp(count: int, times: Sequence[float], levels: Sequence[float], soft: floa
     """Piecewise linear envelope through (time, level), its corners rounded over ``soft`` seconds."""
     line = np.interp(time_axis(count), times, levels)
     width = max(1, int(soft * SAMPLE_RATE))
-    window = np.ones(width) / width
     padded = np.pad(line, (width // 2, width - 1 - width // 2), mode="edge")
     total = np.concatenate([[0.0], np.cumsum(padded)])
-    return (total[width:] - total[:-width]) * window[0]
+    return np.asarray((total[width:] - total[:-width]) / width)
 
 
 def strike(modes: Sequence[tuple[float, float, float]], seconds: float, rng: Generator, attack: float = 3e-4) -> Array:
@@ -103,7 +102,9 @@ def bubble(radius_mm: float, rise: float, seconds: float = 0.12) -> Array:
     t = time_axis(int(seconds * SAMPLE_RATE))
     pitch = base * (1.0 + rise * damping * t)
     fade = np.minimum(1.0, t / 0.0015)
-    return fade * np.exp(-damping * t) * np.sin(2 * np.pi * np.cumsum(np.minimum(pitch, 9000.0)) / SAMPLE_RATE)
+    return np.asarray(
+        fade * np.exp(-damping * t) * np.sin(2 * np.pi * np.cumsum(np.minimum(pitch, 9000.0)) / SAMPLE_RATE)
+    )
 
 
 def bubbles(count: int, rng: Generator, rate: Array | float, radii_mm: tuple[float, float]) -> Array:
@@ -113,10 +114,7 @@ def bubbles(count: int, rng: Generator, rate: Array | float, radii_mm: tuple[flo
     peak = float(curve.max(initial=0.0))
     if peak <= 0:
         return out
-    kinds = [
-        bubble(r, rise)
-        for r, rise in zip(np.geomspace(*radii_mm, 24), rng.uniform(0.02, 0.12, 24), strict=True)
-    ]
+    kinds = [bubble(r, rise) for r, rise in zip(np.geomspace(*radii_mm, 24), rng.uniform(0.02, 0.12, 24), strict=True)]
     total = rng.poisson(peak * count / SAMPLE_RATE)
     starts = np.sort(rng.integers(0, max(1, count), total))
     keep = rng.uniform(0, peak, total) < curve[starts]

@@ -3,6 +3,9 @@
 A voice is a function (samples, Generator) → signal at `signals.SAMPLE_RATE`, of any level; its variant (speeds,
 pitches, timbre, programme) is drawn from the Generator. None is ever silent: a pump, a fan, a refill or a ringing body
 goes on in every second. Levels inside a voice are relative RMS or peak values chosen by ear and spectrogram.
+
+Panels of these sizes radiate little below 100 Hz, and below 700 Hz a head throws hardly a shadow, so that nothing could
+be told from interaural levels: every machine has a good part of its energy above that, as it has in reality.
 """
 
 from __future__ import annotations
@@ -32,7 +35,6 @@ from generators.assets.synthesis.signals import (
 
 def washing_machine(count: int, rng: Generator) -> Array:
     """Drum turning back and forth: motor whine under load, rumble that beats with the drum, falling laundry, slosh."""
-    t = time_axis(count)
     seconds = count / SAMPLE_RATE
     turns = rng.uniform(0.7, 1.0)  # drum revolutions per second
     drive = rng.uniform(9.0, 13.0)  # motor revolutions per drum revolution
@@ -46,36 +48,40 @@ def washing_machine(count: int, rng: Generator) -> Array:
     speed = ramp(count, times, speeds, soft=0.25)
     angle = phase_of(turns * speed, count)
     beat = 0.5 + 0.5 * np.cos(angle)
-    rumble = band_noise(count, rng, 32, 130) * (0.35 + 0.65 * beat) * (0.25 + 0.75 * speed)
+    rumble = band_noise(count, rng, 55, 190) * (0.35 + 0.65 * beat) * (0.25 + 0.75 * speed)
+    rattle = band_noise(count, rng, 420, 1900) * (0.3 + 0.7 * beat**2) * (0.25 + 0.75 * speed)
     # Three ribs lift the laundry and let it drop.
     falls = np.zeros(count)
     ribs = np.flatnonzero(np.diff(np.floor(3 * angle / (2 * np.pi)))) if count > 1 else np.zeros(0, int)
     for start in ribs:
         weight = rng.uniform(0.3, 1.0) * float(speed[start])
-        modes = [(f * rng.uniform(0.9, 1.1), d, a) for f, d, a in ((62, 0.28, 1.0), (118, 0.2, 0.7), (240, 0.1, 0.3))]
+        modes = [
+            (f * rng.uniform(0.9, 1.1), d, a)
+            for f, d, a in ((84, 0.24, 0.8), (160, 0.18, 0.8), (390, 0.1, 0.6), (920, 0.06, 0.4))
+        ]
         add_at(falls, int(start + rng.integers(0, 2500)), weight * strike(modes, 0.4, rng, attack=4e-3))
     slosh_swing = 0.5 + 0.5 * np.cos(angle * 2 + 1.0 + drift(count, rng, 0.7, 0.8))
-    slosh = band_noise(count, rng, 350, 2600) * slosh_swing**2.5 * (0.2 + 0.8 * speed)
+    slosh = band_noise(count, rng, 600, 3200) * slosh_swing**2.5 * (0.2 + 0.8 * speed)
     splash = bubbles(count, rng, 60.0 * slosh_swing**3 * speed + 3.0, (1.2, 7.0))
     pitch = turns * drive * 12 * speed * (1 + 0.03 * np.cos(angle) + drift(count, rng, 1.0, 0.004))
     motor = harmonics(phase_of(np.maximum(pitch, 12.0), count), [1, 0.5, 0.7, 0.25, 0.35, 0.1, 0.12, 0.06], rng)
     mains = harmonics(phase_of(50.0, count), [0.2, 1.0, 0.1, 0.5, 0.05, 0.2], rng)
     panel = resonance(motor + 0.3 * falls, rng.uniform(380, 620), 6.0)
     hiss = band_noise(count, rng, 900, 6500) * (0.5 + 0.5 * speed)
-    del t
     return (
-        1.0 * rumble
-        + 1.1 * falls
-        + 0.30 * slosh
-        + 0.30 * splash
-        + (0.20 * motor + 0.25 * panel) * (0.15 + 0.85 * speed)
-        + 0.10 * mains
-        + 0.05 * hiss
+        0.55 * rumble
+        + 0.40 * rattle
+        + 0.80 * falls
+        + 0.60 * slosh
+        + 0.50 * splash
+        + (0.14 * motor + 0.40 * panel) * (0.15 + 0.85 * speed)
+        + 0.06 * mains
+        + 0.32 * hiss
     )
 
 
 def toilet(count: int, rng: Generator) -> Array:
-    """Flush after flush: a roar of falling water, the gulp of the siphon, the hiss of the refill that chokes at last."""
+    """Flush after flush: a roar of falling water, the gulp of the siphon, the hiss of the refill."""
     out = np.zeros(count)
     body = rng.uniform(0.85, 1.25)  # bowl and pipe resonances
     now = -rng.uniform(0.0, 0.4)
@@ -99,15 +105,24 @@ def toilet(count: int, rng: Generator) -> Array:
             0.2,
         )
         hiss = band_noise(length, rng, 1700 * body, 8500) * np.exp(drift(length, rng, 12.0, 0.12))
+        cistern = band_noise(length, rng, 320 * body, 1500 * body) * np.exp(drift(length, rng, 7.0, 0.2))
         # The float closes the valve: the pipe whistles higher and higher.
-        whistle_pitch = ramp(length, [0, flush + refill - 3, flush + refill], [820 * body, 900 * body, 1750 * body], 0.3)
+        whistle_pitch = ramp(
+            length, [0, flush + refill - 3, flush + refill], [820 * body, 900 * body, 1750 * body], 0.3
+        )
         whistle = harmonics(phase_of(whistle_pitch + drift(length, rng, 6.0, 9.0), length), [1.0, 0.25, 0.1], rng)
         whistle *= ramp(length, [flush + refill - 3.2, flush + refill - 1.2, flush + refill], [0.0, 1.0, 0.2], 0.2)
         trickle = bubbles(length, rng, 90.0 * fill_env, (0.7, 3.0))
         add_at(
             out,
             int(now * SAMPLE_RATE),
-            roar + 0.5 * rush + 0.9 * gulps + 0.5 * throat + fill_env * 0.34 * hiss + 0.05 * whistle + 0.3 * trickle,
+            roar
+            + 0.5 * rush
+            + 0.9 * gulps
+            + 0.5 * throat
+            + fill_env * (0.42 * hiss + 0.16 * cistern)
+            + 0.06 * whistle
+            + 0.4 * trickle,
         )
         now += flush + refill - 0.25
     return out
@@ -137,7 +152,7 @@ def vacuum_cleaner(count: int, rng: Generator) -> Array:
         + 0.55 * swing * rush
         + 0.30 * (2.0 - swing) * hiss
         + 0.6 * tube
-        + 0.35 * floor
+        + 0.25 * floor
         + 0.2 * brush
     )
 
@@ -158,21 +173,22 @@ def microwave(count: int, rng: Generator) -> Array:
         now += period
     power = ramp(count, times, levels, soft=0.06)
     # 100/120 Hz and its harmonics, the even ones stronger: a saturating core on a half-wave doubler.
-    levels_of = np.array([1.0, 0.7, 0.32, 0.42, 0.16, 0.22, 0.09, 0.12, 0.05, 0.07, 0.03, 0.04]) * rng.uniform(0.7, 1.3, 12)
+    core = np.array([1.0, 0.8, 0.45, 0.55, 0.3, 0.42, 0.24, 0.34, 0.18, 0.26, 0.14, 0.2, 0.1, 0.15, 0.08, 0.1])
+    levels_of = 0.7 * core * rng.uniform(0.7, 1.3, len(core))
     hum = harmonics(phase_of(2 * mains + drift(count, rng, 0.2, 0.02), count), levels_of, rng)
     half = harmonics(phase_of(mains, count), [0.6, 0.0, 0.35, 0.0, 0.2, 0.0, 0.1], rng)
-    buzz = resonance(hum + half, rng.uniform(520, 900), 3.5)
+    buzz = resonance(hum + half, rng.uniform(760, 1250), 3.5)
     fan_turns = rng.uniform(38.0, 46.0)
     fan_phase = phase_of(fan_turns * (1 + drift(count, rng, 0.5, 0.004)), count)
     blade = harmonics(fan_phase * int(rng.integers(5, 8)), [1.0, 0.4, 0.2], rng)
-    air = band_noise(count, rng, 180, 2400, 1) * (1 + 0.12 * np.cos(fan_phase))
-    hiss = band_noise(count, rng, 2400, 8000, 1)
+    air = band_noise(count, rng, 350, 2400, 1) * (1 + 0.12 * np.cos(fan_phase))
+    hiss = band_noise(count, rng, 2000, 8000, 1)
     table = phase_of(rng.uniform(0.085, 0.1), count)
     rollers = band_noise(count, rng, 700, 2200) * (0.3 + 0.7 * np.abs(np.sin(1.5 * table)) ** 8)
     return (
-        power * (0.55 * hum + 0.3 * half + 0.5 * buzz) * (1 + 0.08 * np.cos(table))
-        + 0.38 * air
-        + 0.10 * hiss
+        power * (0.30 * hum + 0.12 * half + 0.7 * buzz) * (1 + 0.08 * np.cos(table))
+        + 0.55 * air
+        + 0.45 * hiss
         + 0.14 * blade
         + 0.10 * rollers
         + 0.5 * clicks
@@ -192,15 +208,17 @@ def coffee_machine(count: int, rng: Generator) -> Array:
         length = int((total + 0.6) * SAMPLE_RATE)
         # The plunger is driven by half waves: a buzz with all harmonics, duller as the pressure builds up.
         pump_env = ramp(length, [0, 0.15, 2.5, pump - 0.2, pump], [0, 1.0, 0.75, 0.8, 0], 0.05)
-        buzz = harmonics(phase_of(mains + drift(length, rng, 0.3, 0.05), length), 1.0 / np.arange(1, 41) ** 0.7, rng)
-        case = 0.5 * buzz + 1.6 * resonance(buzz, body, 5.0) + 1.0 * resonance(buzz, 2.3 * body, 7.0)
-        chatter = band_noise(length, rng, 1500, 5000) * np.maximum(0, np.sin(phase_of(mains, length))) ** 4
+        buzz = harmonics(
+            phase_of(mains * (1 + drift(length, rng, 18.0, 0.01)), length), [k**-0.7 for k in range(1, 41)], rng
+        )
+        case = 0.12 * buzz + 1.6 * resonance(buzz, body, 5.0) + 1.8 * resonance(buzz, 2.6 * body, 6.0)
+        chatter = band_noise(length, rng, 1400, 7500) * np.maximum(0, np.sin(phase_of(mains, length))) ** 4
         flow_env = ramp(length, [2.5, 4.0, pump, pump + drip - 1, pump + drip], [0.0, 0.7, 1.0, 0.6, 0.3], 0.2)
         drops = bubbles(length, rng, 45.0 * flow_env, (1.6 * cup, 6.0 * cup))
         gurgle_env = ramp(length, [pump, pump + 0.8, pump + drip, pump + drip + 0.7], [0.0, 1.0, 0.8, 0.0], 0.15)
         sputter = np.maximum(0.0, drift(length, rng, 11.0, 1.0)) ** 1.5
-        gurgle = gurgle_env * sputter * resonance(band_noise(length, rng, 200, 2500), 520 / cup, 2.0)
-        plops = bubbles(length, rng, 16.0 * gurgle_env, (4.0 * cup, 11.0 * cup))
+        gurgle = gurgle_env * sputter * resonance(band_noise(length, rng, 400, 4000), 1150 / cup, 1.5)
+        plops = bubbles(length, rng, 22.0 * gurgle_env, (1.5 * cup, 7.0 * cup))
         steam_env = ramp(
             length, [pump + drip - 0.6, pump + drip + 0.3, total, total + 0.5], [0.06, 1.0, 0.9, 0.0], 0.12
         )
@@ -213,7 +231,7 @@ def coffee_machine(count: int, rng: Generator) -> Array:
         add_at(
             out,
             int(now * SAMPLE_RATE),
-            pump_env * (0.32 * unit(case) + 0.12 * chatter)
+            pump_env * (0.32 * unit(case) + 0.30 * chatter)
             + 0.5 * drops
             + 0.6 * gurgle
             + 0.6 * plops
@@ -269,42 +287,54 @@ def telephone(count: int, rng: Generator) -> Array:
     low = rng.uniform(780.0, 1150.0)
     high = low * float(rng.choice([6 / 5, 5 / 4, 4 / 3]))
     out = np.zeros(count)
-    start = rng.uniform(0.0, 0.2)
-    if rng.random() < 0.5:  # electronic
-        warble = rng.uniform(14.0, 22.0)
+    start = -rng.uniform(0.0, 0.3)
+    if rng.random() < 0.5:  # electronic: a rich tone switched between two pitches, through a piezo disc
+        warble, vibrato = rng.uniform(14.0, 22.0), rng.uniform(5.0, 8.0)
         t = time_axis(count)
         square = np.tanh(6.0 * np.sin(2 * np.pi * warble * t))
-        phase = phase_of(low + (high - low) * (0.5 + 0.5 * square), count)
-        tone = harmonics(phase, [1.0, 0.12, 0.4, 0.05, 0.2, 0.0, 0.08], rng)
+        pitch = low + (high - low) * (0.5 + 0.5 * square)
+        phase = phase_of(pitch * (1 + 0.02 * np.sin(2 * np.pi * vibrato * t)), count)
+        tone = harmonics(phase, [0.7, 0.4, 0.6, 0.35, 0.45, 0.3, 0.3, 0.2], rng)
+        piezo = rng.uniform(2600.0, 3600.0)
+        tone = 0.6 * tone + 0.9 * resonance(tone, piezo, 1.5)
         starts = np.arange(-1, seconds + 1, period) + start
         times = [moment for s in starts for moment in (s, s + 0.012, s + on, s + on + 0.03)]
         gate = ramp(count, times, [0.0, 1.0, 1.0, 0.0] * len(starts), soft=0.004)
-        shell = resonance(tone * gate, 2.0 * low, 3.0)
-        out = gate * tone + 0.5 * shell
+        out = gate * tone
         tail_time = time_axis(int(0.35 * SAMPLE_RATE))
-        tail = band_noise(len(tail_time), rng, 500, 5000) * np.exp(-6.91 * tail_time / 0.3)
-        out += 0.35 * fftconvolve(out, unit(tail) * 0.004)[:count]
-    else:  # mechanical: the clapper hits the two gongs in turn
+        tail = band_noise(len(tail_time), rng, 500, 6000) * np.exp(-6.91 * tail_time / 0.3)
+        out += 0.5 * fftconvolve(out, unit(tail) * 0.004)[:count]
+    else:  # mechanical: the clapper hits two gongs in turn, each with its clank and its many partials
         rate = rng.uniform(20.0, 25.0)
 
         def gong(base: float) -> Array:
             modes = [
-                (base, 1.1, 1.0),
-                (base * 1.006, 0.9, 0.5),
-                (base * 2.31, 0.6, 0.6),
-                (base * 3.92, 0.35, 0.4),
-                (base * 5.63, 0.2, 0.25),
+                (base * ratio * rng.uniform(0.985, 1.015), decay, level)
+                for ratio, decay, level in (
+                    (1.0, 0.7, 0.6),
+                    (1.008, 0.6, 0.3),
+                    (1.51, 0.45, 0.35),
+                    (2.31, 0.4, 0.7),
+                    (2.33, 0.4, 0.4),
+                    (3.03, 0.3, 0.4),
+                    (3.92, 0.25, 0.6),
+                    (4.71, 0.2, 0.4),
+                    (5.63, 0.15, 0.5),
+                    (7.4, 0.1, 0.35),
+                )
             ]
-            return strike(modes, 1.0, rng)
+            ring = strike(modes, 0.8, rng)
+            clank = band_noise(len(ring), rng, 1500, 9000) * np.exp(-6.91 * time_axis(len(ring)) / 0.02)
+            return ring + 0.5 * clank
 
-        gongs = (gong(low), gong(high))
+        # A few recordings of each gong: two strokes never excite the same mixture of partials.
+        gongs = [[gong(base) for _ in range(4)] for base in (low, high)]
         for s in np.arange(-1, seconds + 1, period) + start:
             for hit in range(int(on * rate)):
                 moment = s + hit / rate + rng.normal(0, 8e-4)
-                add_at(out, int(moment * SAMPLE_RATE), rng.uniform(0.75, 1.0) * gongs[hit % 2])
-        relay = band_noise(count, rng, 120, 1500) * 0.01
-        out = out + relay
-    return out
+                kind = gongs[hit % 2][int(rng.integers(0, 4))]
+                add_at(out, int(moment * SAMPLE_RATE), rng.uniform(0.75, 1.0) * kind)
+    return unit(out) + 0.01 * band_noise(count, rng, 200, 4000)
 
 
 VOICES: dict[str, Callable[[int, Generator], Array]] = {

@@ -1,0 +1,268 @@
+"""The shallow checks of one observation: files, sizes and formats from headers, splits, schema, geometry of the record.
+
+Nothing is decoded here; see `validate_deep`.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+from pydantic import ValidationError
+
+from avs3d_bench import layout, media
+from avs3d_bench.dataset import Observation, parse_splits
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.geometry import direction_to
+from avs3d_bench.report import Problem, Severity
+from avs3d_bench.schema import CameraSplits, ObservationRecord, describe
+
+#: Tolerances of numbers in observation.json against each other: degrees, metres.
+ANGLE_TOLERANCE = 0.1
+DISTANCE_TOLERANCE = 2e-3
+#: The sound may come from a little outside the instance's box (a horn, a speaker grille): metres.
+SOURCE_MARGIN = 0.1
+
+_OFFICIAL_FOLDERS = (layout.INPUT, layout.BINAURAL, layout.MONO, layout.SEMANTIC_MASKS)
+
+
+class Findings:
+    """Collects problems of one observation; paths are given relative to it."""
+
+    def __init__(self, observation: Observation) -> None:
+        self.key = observation.key
+        self.base = str(observation.path)
+        self.problems: list[Problem] = []
+
+    def add(self, path: str, message: str, severity: Severity = "error") -> None:
+        """Add a problem of the file or folder ``path``."""
+        where = f"{self.key}/{path}" if path else self.key
+        self.problems.append(Problem(severity, where, message))
+
+    def take(self, path: str, error: Avs3dError, severity: Severity = "error") -> None:
+        """Add what a reader said, without the path that it says first."""
+        text = str(error)
+        for prefix in (f"{self.base}/{path}: ", f"{self.base}/{layout.COLMAP}: "):
+            text = text.removeprefix(prefix)
+        self.add(path, text, severity)
+
+
+def list_files(observation: Observation) -> set[str]:
+    """All files of an observation, relative, with forward slashes."""
+    found: set[str] = set()
+    for folder, _, names in os.walk(observation.path):
+        inside = Path(folder).relative_to(observation.path)
+        found.update((inside / name).as_posix() for name in names)
+    return found
+
+
+def load_record(observation: Observation, findings: Findings) -> ObservationRecord | None:
+    """Read observation.json, naming every field that does not fit."""
+    path = observation.path / layout.OBSERVATION_JSON
+    try:
+        return ObservationRecord.model_validate_json(media.read_bytes(path))
+    except ValidationError as error:
+        for line in describe(error):
+            findings.add(layout.OBSERVATION_JSON, line)
+    except Avs3dError as error:
+        findings.take(layout.OBSERVATION_JSON, error)
+    return None
+
+
+def check_structure(observation: Observation, *, ours: bool) -> tuple[Findings, ObservationRecord | None, set[str]]:
+    """The shallow checks.
+
+    Args:
+        observation: what to check.
+        ours: a tree of this toolkit (everything of DESIGN §4 must be there), else the official release.
+
+    Returns:
+        the problems, the record if it could be read, and the files found.
+    """
+    findings = Findings(observation)
+    files = list_files(observation)
+    record = load_record(observation, findings) if ours else None
+    if ours:
+        frames = len(record.frames) if record else len(observation.frame_names)
+        _check_files_of_ours(files, frames, findings)
+    else:
+        _check_files_of_release(observation, files, findings)
+    _check_splits(observation, findings, ours=ours)
+    _check_headers(observation, record, files, findings, ours=ours)
+    _check_images(observation, files, findings, ours=ours)
+    if record:
+        _check_record(observation, record, files, findings)
+    return findings, record, files
+
+
+def _check_missing(expected: set[str], files: set[str], findings: Findings) -> None:
+    missing = expected - files
+    for folder in sorted({path.rsplit("/", 1)[0] for path in missing if "/" in path}):
+        inside = {path for path in expected if path.rsplit("/", 1)[0] == folder}
+        if len(inside) > 1 and inside <= missing:
+            findings.add(folder, f"missing folder; expected {len(inside)} files in it")
+            missing -= inside
+    for path in missing:
+        findings.add(path, "missing file")
+
+
+def _check_files_of_ours(files: set[str], frames: int, findings: Findings) -> None:
+    has = {folder: any(path.startswith(f"{folder}/") for path in files) for folder in (layout.DEPTH, layout.RIRS)}
+    expected = set(layout.expected_files(frames, depth=has[layout.DEPTH], rirs=has[layout.RIRS]))
+    _check_missing(expected, files, findings)
+    for path in files - expected - {layout.OBSERVATION_JSON}:
+        kind = "left over from an interrupted run" if path.endswith(".tmp") else "surplus file; the layout has no such"
+        findings.add(path, kind)
+
+
+def _check_files_of_release(observation: Observation, files: set[str], findings: Findings) -> None:
+    findings.add("", "official release: no observation.json, instance masks or mesh to check against", "note")
+    names = observation.frame_names
+    if not names:
+        findings.add(layout.INPUT, "no pictures; expected frame_000.png and on")
+        return
+    expected = {layout.SPLITS_JSON, *layout.COLMAP_FILES}
+    for name in names:
+        try:
+            index = layout.frame_index(name)
+        except Avs3dError as error:
+            findings.add(f"{layout.INPUT}/{name}.png", str(error))
+            continue
+        expected.add(f"{layout.SEMANTIC_MASKS}/{name}.png")
+        expected.update(layout.audio_path(folder, index) for folder in (layout.BINAURAL, layout.MONO))
+    _check_missing(expected, files, findings)
+    known = {f"{folder}/" for folder in (*_OFFICIAL_FOLDERS, layout.IMAGES, layout.COLMAP)}
+    for path in files - expected:
+        if not any(path.startswith(folder) for folder in known):
+            findings.add(path, "not part of the layout", "note")
+
+
+def _check_splits(observation: Observation, findings: Findings, *, ours: bool) -> None:
+    path = observation.path / layout.SPLITS_JSON
+    if not path.exists():
+        return  # already named as missing
+    names = observation.frame_names
+    try:
+        splits = parse_splits(media.read_json(path), path)
+        if ours:
+            media.read_record(path, CameraSplits)
+    except Avs3dError as error:
+        findings.take(layout.SPLITS_JSON, error)
+        return
+    unknown = sorted(set(splits) - set(names))
+    if unknown:
+        findings.add(layout.SPLITS_JSON, f"{len(unknown)} names without a picture in {layout.INPUT}/: {_some(unknown)}")
+    absent = sorted(set(names) - set(splits))
+    if absent:
+        # COLMAP drops frames from the release that it could not register; a tree of ours knows every pose.
+        findings.add(
+            layout.SPLITS_JSON, f"{len(absent)} frames in no split: {_some(absent)}", "error" if ours else "note"
+        )
+    listed = [name for name in names if name in splits]
+    wrong = [name for at, name in enumerate(listed) if (splits[name] == "test") != layout.is_test(at)]
+    if wrong:
+        text = (
+            f"{len(wrong)} frames break the rule that every {layout.TEST_EVERY}th sorted name is test: {_some(wrong)}"
+        )
+        findings.add(layout.SPLITS_JSON, text, "error" if ours else "note")
+    if ours and not wrong:
+        record = media.read_record(path, CameraSplits)
+        if list(record.train) != sorted(record.train) or list(record.test) != sorted(record.test):
+            findings.add(layout.SPLITS_JSON, "names are not sorted")
+
+
+def _some(names: list[str], limit: int = 8) -> str:
+    return ", ".join(names[:limit]) + (f" and {len(names) - limit} more" if len(names) > limit else "")
+
+
+def _check_headers(
+    observation: Observation, record: ObservationRecord | None, files: set[str], findings: Findings, *, ours: bool
+) -> None:
+    """Size and pixel format of every picture, rate, channels and length of every clip."""
+    size = (record.intrinsics.width, record.intrinsics.height) if record else None
+    allowed = {
+        layout.INPUT: {(2, 8)} if ours else {(2, 8), (6, 8)},
+        layout.IMAGES: {(2, 8)} if ours else {(2, 8), (6, 8)},
+        layout.SEMANTIC_MASKS: {(0, 8)} if ours else {(0, 1), (0, 8), (2, 8), (3, 8), (6, 8)},
+        layout.INSTANCE_MASKS: {(0, 8), (0, 16)},
+        layout.DEPTH: {(0, 16)},
+    }
+    wanted = {
+        layout.INPUT: "RGB, 8 bit",
+        layout.IMAGES: "RGB, 8 bit",
+        layout.SEMANTIC_MASKS: "grey, 8 bit",
+        layout.INSTANCE_MASKS: "grey, 8 or 16 bit",
+        layout.DEPTH: "grey, 16 bit",
+    }
+    sounds = {layout.BINAURAL: (2, layout.BINAURAL_SAMPLES), layout.MONO: (1, layout.MONO_SAMPLES)}
+    for path in sorted(files):
+        folder, _, name = path.rpartition("/")
+        try:
+            if folder in allowed and name.endswith(".png"):
+                header = media.png_header(observation.path / path)
+                if (header.colour_type, header.bits) not in allowed[folder]:
+                    findings.add(path, f"{header.mode}, expected {wanted[folder]}")
+                found = (header.width, header.height)
+                if folder == layout.INPUT and size is None:
+                    size = found
+                # The release's images/ are undistorted: their size is COLMAP's affair.
+                if size and found != size and (ours or folder != layout.IMAGES):
+                    findings.add(path, f"{found[0]}×{found[1]} pixels, expected {size[0]}×{size[1]}")
+            elif folder in sounds and name.endswith(".wav"):
+                sound = media.wav_header(observation.path / path)
+                channels, samples = sounds[folder]
+                if sound.rate != layout.SAMPLE_RATE:
+                    findings.add(path, f"{sound.rate} Hz, expected {layout.SAMPLE_RATE} Hz")
+                if sound.channels != channels:
+                    findings.add(path, f"{sound.channels} channel(s), expected {channels}")
+                if sound.samples != samples:
+                    findings.add(path, f"{sound.samples} samples, expected {samples}")
+        except Avs3dError as error:
+            findings.take(path, error)
+
+
+def _check_images(observation: Observation, files: set[str], findings: Findings, *, ours: bool) -> None:
+    """images/ holds the pixels of input/: the same file, or at least as many bytes (`--deep` compares them)."""
+    if not ours:
+        return
+    for name in observation.frame_names:
+        first, second = f"{layout.INPUT}/{name}.png", f"{layout.IMAGES}/{name}.png"
+        if first in files and second in files:
+            a, b = (observation.path / first).stat(), (observation.path / second).stat()
+            if (a.st_dev, a.st_ino) != (b.st_dev, b.st_ino) and a.st_size != b.st_size:
+                findings.add(second, f"differs from {first} ({b.st_size} bytes, expected {a.st_size})")
+
+
+def _check_record(observation: Observation, record: ObservationRecord, files: set[str], findings: Findings) -> None:
+    """The numbers of observation.json against each other and against the folder."""
+    where = layout.OBSERVATION_JSON
+    if record.key != observation.key:
+        findings.add(where, f"key is {record.key}, but the folder is {observation.key}")
+    on_disk = files - {where}
+    for path in sorted(set(record.files) - on_disk):
+        findings.add(path, f"listed in {where}, but missing")
+    unlisted = sorted(path for path in on_disk - set(record.files) if not path.endswith(".tmp"))
+    for path in unlisted:
+        findings.add(path, f"has no sha256 in {where}")
+    source = np.asarray(record.source_position)
+    low, high = (np.asarray(corner) for corner in record.sounding.bounds)
+    outside = float(np.linalg.norm(np.maximum(np.maximum(low - source, source - high), 0.0)))
+    if outside > SOURCE_MARGIN:
+        findings.add(where, f"source_position lies {outside:.2f} m outside the bounds of the sounding instance")
+    pixels = record.intrinsics.width * record.intrinsics.height
+    for number, frame in enumerate(record.frames):
+        field = f"frames[{number}]"
+        truth = direction_to(frame.pose, source)
+        turn = abs((frame.azimuth - truth.azimuth + 180.0) % 360.0 - 180.0)
+        # Straight above or below, azimuth means nothing.
+        if turn > ANGLE_TOLERANCE and abs(truth.elevation) < 89.0:
+            findings.add(where, f"{field}.azimuth is {frame.azimuth:.2f}°, pose and source give {truth.azimuth:.2f}°")
+        if abs(frame.elevation - truth.elevation) > ANGLE_TOLERANCE:
+            text = f"{field}.elevation is {frame.elevation:.2f}°, pose and source give {truth.elevation:.2f}°"
+            findings.add(where, text)
+        if abs(frame.distance - truth.distance) > DISTANCE_TOLERANCE:
+            text = f"{field}.distance is {frame.distance:.3f} m, pose and source give {truth.distance:.3f} m"
+            findings.add(where, text)
+        if frame.visible_pixels > pixels:
+            findings.add(where, f"{field}.visible_pixels is {frame.visible_pixels} of {pixels}")

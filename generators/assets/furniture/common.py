@@ -1,0 +1,411 @@
+"""`Furniture` and the `Kit` it is made with: a mesh builder that knows wood grain, soft shapes and acoustic boxes.
+
+Pieces are modelled in any convenient frame (usually back at z = 0, floor at y = 0, x about 0) with the front towards
++Z; `Kit.finish` moves the origin to where the conventions want it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from generators.assets.materials import TILES, Palette
+from generators.assets.shapes import MeshBuilder, rotation
+from generators.scenes.scene import Material, Mesh, Support, SupportKind
+
+Array = NDArray[np.float64]
+Mount = Literal["floor", "wall", "ceiling"]
+Point = Sequence[float]
+
+
+@dataclass(frozen=True, eq=False)
+class Furniture:
+    """A piece of furniture in its own frame.
+
+    Attributes:
+        kind: a key of `generators.assets.furniture.KINDS`.
+        mesh: Y up, front +Z. Origin: floor pieces at the centre of the footprint on the floor, wall pieces at the
+            centre of the back face (z = 0 is the wall), ceiling pieces at the contact with the ceiling (y = 0).
+        supports: free surfaces for objects, in the local frame, with ``room`` empty.
+        mount: what it is fixed to.
+    """
+
+    kind: str
+    mesh: Mesh
+    supports: tuple[Support, ...] = ()
+    mount: Mount = "floor"
+
+
+def _chamfered_cube() -> tuple[Array, Array, NDArray[np.int64], Array]:
+    """Topology of a box with chamfered edges: signs (24, 3), in-face mask (24, 3), faces (44, 3), normals (24, 3).
+
+    Each corner has one vertex per adjacent face, and that face's normal; the chamfers between them so shade as
+    rounded edges at 44 triangles a box.
+    """
+    corners = [(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]
+    signs = np.array([c for c in corners for _ in range(3)])
+    axes = np.tile(np.arange(3), 8)
+    inset = np.ones((24, 3))
+    inset[np.arange(24), axes] = 0.0
+    normals = np.zeros((24, 3))
+    normals[np.arange(24), axes] = signs[np.arange(24), axes]
+    at = {(c, a): 3 * k + a for k, c in enumerate(corners) for a in range(3)}
+    polygons: list[list[int]] = []
+    for a in range(3):
+        b, c = (a + 1) % 3, (a + 2) % 3
+        for s in (-1.0, 1.0):
+            loop = []
+            for p, q in ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)):
+                corner = [0.0, 0.0, 0.0]
+                corner[a], corner[b], corner[c] = s, p, q
+                loop.append(at[(corner[0], corner[1], corner[2]), a])
+            polygons.append(loop)
+            for t in (-1.0, 1.0):
+                lo, hi = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
+                lo[a], lo[b], lo[c] = s, t, -1.0
+                hi[a], hi[b], hi[c] = s, t, 1.0
+                low, high = (lo[0], lo[1], lo[2]), (hi[0], hi[1], hi[2])
+                polygons.append([at[low, a], at[low, b], at[high, b], at[high, a]])
+    polygons += [[at[c, 0], at[c, 1], at[c, 2]] for c in corners]
+    place = signs - 0.3 * signs * inset
+    faces = []
+    for loop in polygons:
+        p = place[loop]
+        if np.cross(p[1] - p[0], p[2] - p[0]) @ p.mean(axis=0) < 0:
+            loop = loop[::-1]
+        faces += [[loop[0], loop[k], loop[k + 1]] for k in range(1, len(loop) - 1)]
+    return signs, inset, np.array(faces), normals
+
+
+_SIGNS, _INSET, _CHAMFER_FACES, _CHAMFER_NORMALS = _chamfered_cube()
+
+
+def grid_faces(rows: int, columns: int) -> NDArray[np.int64]:
+    """(F, 3) triangles of a grid of rows × columns vertices in row-major order."""
+    i, j = (k.reshape(-1) for k in np.meshgrid(np.arange(rows - 1), np.arange(columns - 1), indexing="ij"))
+    a, b, c, d = i * columns + j, i * columns + j + 1, (i + 1) * columns + j + 1, (i + 1) * columns + j
+    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+
+
+def outward(vertices: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The faces of a closed solid, turned so that its signed volume is positive."""
+    p = vertices[faces] - vertices.mean(axis=0)
+    volume = np.einsum("ij,ij->i", p[:, 0], np.cross(p[:, 1], p[:, 2])).sum()
+    return faces if volume > 0 else faces[:, ::-1]
+
+
+def rounded_rectangle(width: float, depth: float, radius: float, *, per_corner: int = 6) -> Array:
+    """(4·per_corner, 2) outline (x, z) about the origin, counter-clockwise seen with z downwards on paper."""
+    r = min(radius, 0.499 * width, 0.499 * depth)
+    angle = np.linspace(0, np.pi / 2, per_corner)
+    points = []
+    for k, (sx, sz) in enumerate(((1, 1), (-1, 1), (-1, -1), (1, -1))):
+        t = angle + k * np.pi / 2
+        points.append(
+            np.stack([sx * (width / 2 - r) + r * np.cos(t), sz * (depth / 2 - r) + r * np.sin(t)], axis=1)
+        )
+    return np.concatenate(points)
+
+
+class Kit(MeshBuilder):
+    """A mesh builder for furniture.
+
+    It differs from its base in three ways: a wooden part's grain follows its longest side (or ``grain``); each part
+    takes its own piece of the texture; and sound meets only the boxes named by `sound`, so that a chair is two
+    boxes to the acoustic engine and not forty.
+    """
+
+    def __init__(self, palette: Palette, rng: np.random.Generator) -> None:
+        super().__init__(TILES)
+        self.palette = palette
+        self.rng = rng
+        self.mount: Mount = "floor"
+        self.grain: int | None = None
+        self._whole = False
+        self._supports: list[Support] = []
+
+    def m(self, role: str) -> Material:
+        """The palette's material for a role."""
+        return self.palette.material(role)
+
+    def pick(self, *options: str) -> str:
+        """One of the options, by this piece's random numbers."""
+        return options[int(self.rng.integers(len(options)))]
+
+    def near(self, value: float, spread: float = 0.06) -> float:
+        """A size within ± ``spread`` (relative) of ``value``."""
+        return float(value * self.rng.uniform(1 - spread, 1 + spread))
+
+    @contextmanager
+    def one_slab(self) -> Iterator[None]:
+        """Parts added inside share one texture, as if cut from one slab at their places."""
+        self._whole = True
+        try:
+            yield
+        finally:
+            self._whole = False
+
+    @contextmanager
+    def grained(self, axis: str) -> Iterator[None]:
+        """Parts added inside have their grain along ``"x"``, ``"y"`` or ``"z"``."""
+        before, self.grain = self.grain, "xyz".index(axis)
+        try:
+            yield
+        finally:
+            self.grain = before
+
+    def add(
+        self,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        material: Material,
+        *,
+        centre: Sequence[float] = (0.0, 0.0, 0.0),
+        rotate: Array | None = None,
+        uv: Array | None = None,
+        normals: Array | None = None,
+        crease: float = 40.0,
+        acoustic: bool | str = True,
+    ) -> Kit:
+        """As `MeshBuilder.add`, silent, and with texture coordinates that follow the grain where none are given."""
+        points = np.asarray(vertices, dtype=np.float64)
+        if uv is None and material.texture is not None:
+            uv = self._grain_uv(points + (np.asarray(centre) if self._whole else 0.0), np.asarray(faces), material)
+        super().add(
+            points,
+            faces,
+            material,
+            centre=centre,
+            rotate=rotate,
+            uv=uv,
+            normals=normals,
+            crease=crease,
+            acoustic=False,
+        )
+        return self
+
+    def _grain_uv(self, points: Array, faces: NDArray[np.int64], material: Material) -> Array:
+        triangles = points[faces]
+        cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+        dominant = np.argmax(np.abs(cross), axis=1)
+        along = self.grain if self.grain is not None else int(np.argmax(np.ptp(points, axis=0)))
+        # (u, v) axes of a face: the grain, and what is left; on end grain any pair will do.
+        table = np.array([[1, 2], [0, 2], [0, 1]])
+        for axis in range(3):
+            if axis != along:
+                table[axis] = [along, 3 - axis - along]
+        columns = table[dominant]
+        flat = np.take_along_axis(triangles, columns[:, None, :].repeat(3, axis=1), axis=2)
+        shift = np.zeros(2) if self._whole else self.rng.random(2)
+        return flat / self.tiles.get(material.name, 1.0) + shift
+
+    def panel(
+        self, low: Point, high: Point, material: Material, *, bevel: float = 0.003, rotate: Array | None = None
+    ) -> Kit:
+        """A board between two corners with softened edges (44 triangles; 12 with ``bevel`` 0).
+
+        ``rotate`` turns it about its own centre.
+        """
+        lower, upper = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+        centre, half = (lower + upper) / 2, (upper - lower) / 2
+        radius = min(bevel, 0.45 * 2 * float(half.min()))
+        if radius <= 0:
+            self.box(tuple(2 * half), tuple(centre), material, rotate=rotate)
+            return self
+        vertices = _SIGNS * half - _SIGNS * _INSET * radius
+        return self.add(
+            vertices,
+            _CHAMFER_FACES,
+            material,
+            centre=tuple(centre),
+            rotate=rotate,
+            normals=_CHAMFER_NORMALS[_CHAMFER_FACES],
+        )
+
+    def soft(
+        self,
+        size: Point,
+        centre: Point,
+        material: Material,
+        *,
+        radius: float = 0.05,
+        puff: Point = (0.0, 0.0, 0.0),
+        cells: int = 6,
+        rotate: Array | None = None,
+    ) -> Kit:
+        """An upholstered block: rounded edges of ``radius``, faces bulging outwards by ``puff`` metres per axis."""
+        half = np.asarray(size, dtype=np.float64) / 2
+        r = min(radius, 0.49 * 2 * float(half.min()))
+        # Cut lines dense near the edges, where the curvature is.
+        cut = np.sign(np.linspace(-1, 1, cells + 1)) * np.abs(np.linspace(-1, 1, cells + 1)) ** 0.6
+        s, t = (k.reshape(-1) for k in np.meshgrid(cut, cut, indexing="ij"))
+        vertices, faces = [], []
+        for axis in range(3):
+            for sign in (-1.0, 1.0):
+                p = np.empty((len(s), 3))
+                p[:, axis], p[:, (axis + 1) % 3], p[:, (axis + 2) % 3] = sign, s, t
+                index = grid_faces(cells + 1, cells + 1) + len(vertices) * len(s)
+                faces.append(index[:, ::-1] if sign < 0 else index)
+                vertices.append(p)
+        unit = np.concatenate(vertices)
+        cube = unit * half
+        inner = np.clip(cube, -(half - r), half - r)
+        offset = cube - inner
+        length = np.linalg.norm(offset, axis=1, keepdims=True)
+        shaped = inner + offset * (r / np.where(length > 0, length, 1.0))
+        crown = 1 - unit**2
+        for axis, rise in enumerate(puff):
+            if rise:
+                others = crown[:, (axis + 1) % 3] * crown[:, (axis + 2) % 3]
+                shaped[:, axis] += rise * unit[:, axis] * np.sqrt(np.clip(others, 0, 1))
+        joined = np.concatenate(faces)
+        return self.add(
+            shaped, outward(shaped, joined), material, centre=tuple(centre), rotate=rotate, crease=75.0
+        )
+
+    def pillow(
+        self, size: Point, centre: Point, material: Material, *, rotate: Array | None = None, cells: int = 8
+    ) -> Kit:
+        """A stuffed cushion lying in its local x–y plane, ``size`` = (width, height, thickness): thin pinched rim."""
+        w, h, d = (float(k) / 2 for k in size)
+        cut = np.sin(np.linspace(-np.pi / 2, np.pi / 2, cells + 1))
+        s, t = (k.reshape(-1) for k in np.meshgrid(cut, cut, indexing="ij"))
+        # Corners stay, sides are drawn in: cloth over stuffing.
+        x = w * s * (1 - 0.07 * (1 - t**2))
+        y = h * t * (1 - 0.07 * (1 - s**2))
+        thick = d * (np.clip(1 - np.abs(s) ** 2.4, 0, 1) * np.clip(1 - np.abs(t) ** 2.4, 0, 1)) ** 0.42
+        front = np.stack([x, y, thick], axis=1)
+        back = np.stack([x, y, -thick], axis=1)
+        index = grid_faces(cells + 1, cells + 1)
+        faces = np.concatenate([index, index[:, ::-1] + len(front)])
+        vertices = np.concatenate([front, back])
+        return self.add(
+            vertices, outward(vertices, faces), material, centre=tuple(centre), rotate=rotate, crease=60.0
+        )
+
+    def loft(self, rings: ArrayLike, material: Material, *, caps: bool = True, crease: float = 45.0) -> Kit:
+        """Skin a closed solid over ``rings`` (R, N, 3), from one end to the other; flat caps close the ends.
+
+        A hollow vessel is a loft that goes up its outside, over the rim and down its inside.
+        """
+        points = np.asarray(rings, dtype=np.float64)
+        count, around = points.shape[:2]
+        i, j = (k.reshape(-1) for k in np.meshgrid(np.arange(count - 1), np.arange(around), indexing="ij"))
+        n = (j + 1) % around
+        a, b, c, d = i * around + j, i * around + n, (i + 1) * around + n, (i + 1) * around + j
+        faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+        vertices = points.reshape(-1, 3)
+        if caps:
+            ends = np.stack([points[0].mean(axis=0), points[-1].mean(axis=0)])
+            first, last = len(vertices), len(vertices) + 1
+            k = np.arange(around)
+            ring = (k + 1) % around
+            tail = (count - 1) * around
+            faces = np.concatenate(
+                [
+                    faces,
+                    np.stack([np.full(around, first), ring, k], axis=1),
+                    np.stack([np.full(around, last), tail + k, tail + ring], axis=1),
+                ]
+            )
+            vertices = np.concatenate([vertices, ends])
+        return self.add(vertices, outward(vertices, faces), material, crease=crease)
+
+    def shell(self, surface: ArrayLike, thickness: float, material: Material, *, fit: bool = False) -> Kit:
+        """Cloth: a grid of points (R, C, 3) given a thickness (half to each side) and closed round its rim.
+
+        The texture runs along the grid at the material's scale; ``fit`` stretches it once over the front.
+        """
+        mid = np.asarray(surface, dtype=np.float64)
+        rows, columns = mid.shape[:2]
+        normal = np.cross(np.gradient(mid, axis=1), np.gradient(mid, axis=0))
+        normal /= np.maximum(np.linalg.norm(normal, axis=2, keepdims=True), 1e-12)
+        front, back = mid + normal * thickness / 2, mid - normal * thickness / 2
+        across = np.zeros((rows, columns))
+        across[:, 1:] = np.cumsum(np.linalg.norm(np.diff(mid, axis=1), axis=2), axis=1)
+        down = np.zeros((rows, columns))
+        down[1:] = np.cumsum(np.linalg.norm(np.diff(mid, axis=0), axis=2), axis=0)
+        span = (float(across.max()), float(down.max())) if fit else (self.tiles.get(material.name, 1.0),) * 2
+        chart = np.stack([across / span[0], (down.max() - down) / span[1]], axis=2).reshape(-1, 2)
+        index = grid_faces(rows, columns)
+        total = rows * columns
+        vertices = np.concatenate([front.reshape(-1, 3), back.reshape(-1, 3)])
+        order = np.arange(total).reshape(rows, columns)
+        rim = np.concatenate([order[0, :-1], order[:-1, -1], order[-1, :0:-1], order[:0:-1, 0]])
+        after = np.roll(rim, -1)
+        sides = np.concatenate(
+            [np.stack([rim, rim + total, after], axis=1), np.stack([after, rim + total, after + total], axis=1)]
+        )
+        faces = outward(vertices, np.concatenate([index, index[:, ::-1] + total, sides]))
+        return self.add(vertices, faces, material, uv=np.concatenate([chart, chart])[faces], crease=60.0)
+
+    def rod(
+        self, start: Point, end: Point, radius: float, material: Material, *, end_radius: float | None = None, sides: int = 8
+    ) -> Kit:
+        """A round bar or tapered leg between two points."""
+        radii = [radius, radius if end_radius is None else end_radius]
+        self.tube([start, end], radii, material, segments=sides)
+        return self
+
+    def cloth_quad(self, corners: ArrayLike, material: Material, *, fit: bool = True) -> Kit:
+        """A flat printed face (picture, screen, hob); silent."""
+        self.quad(corners, material, fit=fit, acoustic=False)
+        return self
+
+    def sound(self, low: Point, high: Point, material: Material) -> Kit:
+        """What sound meets: a box between two corners, with the material's acoustic label."""
+        lower, upper = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+        corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * (upper - lower) + lower
+        self._sound(corners[_BOX_FACES], material)
+        return self
+
+    def support(
+        self, kind: SupportKind, x: tuple[float, float], z: tuple[float, float], y: float, clearance: float = 0.6
+    ) -> Kit:
+        """Declare a free horizontal rectangle at height ``y``, in modelling coordinates."""
+        self._supports.append(
+            Support(
+                kind,
+                "",
+                (x[0], y, z[0]),
+                (x[1] - x[0], 0.0, 0.0),
+                (0.0, 0.0, z[1] - z[0]),
+                (0.0, 1.0, 0.0),
+                (0.0, 0.0, 1.0),
+                clearance,
+            )
+        )
+        return self
+
+    def finish(self, kind: str) -> Furniture:
+        """The piece, its origin moved to where its mount wants it."""
+        mesh = self.build()
+        low, high = mesh.bounds.astype(np.float64)
+        middle = (low + high) / 2
+        origin = {
+            "floor": (middle[0], low[1], middle[2]),
+            "wall": (middle[0], middle[1], low[2]),
+            "ceiling": (middle[0], high[1], middle[2]),
+        }[self.mount]
+        shift = -np.array(origin)
+        mesh = mesh.transformed(np.eye(3), shift)
+        moved = tuple(
+            replace(
+                s, origin=(s.origin[0] + float(shift[0]), s.origin[1] + float(shift[1]), s.origin[2] + float(shift[2]))
+            )
+            for s in self._supports
+        )
+        return Furniture(kind, mesh, moved, self.mount)
+
+
+_BOX_FACES = np.array(
+    [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
+)
+
+#: Turns that are wanted often.
+LIE_DOWN = rotation("x", -90)
