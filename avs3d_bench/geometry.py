@@ -107,7 +107,7 @@ class Intrinsics:
         """
         camera = pose.to_camera(points)
         depth = -camera[:, 2]
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             u = self.fx * camera[:, 0] / depth + self.cx
             v = -self.fy * camera[:, 1] / depth + self.cy
         pixels = np.stack([u, v], axis=1)

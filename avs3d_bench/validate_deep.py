@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench import layout, media
 from avs3d_bench.colmap import ColmapModel
-from avs3d_bench.dataset import Frame, Observation
+from avs3d_bench.dataset import Frame, Observation, Split
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import rotation_angle
 from avs3d_bench.ply import Ply
@@ -81,8 +82,12 @@ def check_contents(
     _check_visibility(observation, record, files, findings)
     clips = [_check_clip(frame, files, findings) for frame in frames]
     _check_levels(frames, clips, findings)
+    try:
+        splits = observation.splits
+    except Avs3dError:
+        splits = {}  # already named
     for position, frame in enumerate(frames):
-        _check_mono(frames, clips, position, files, findings, severity="error" if ours else "warning")
+        _check_mono(frames, clips, splits, position, files, findings, severity="error" if ours else "warning")
         path = layout.rir_path(frame.index)
         _read(findings, files, path, frame.impulse_response)
     _check_colmap(observation, record, files, findings, ours=ours)
@@ -260,6 +265,7 @@ def _check_levels(frames: tuple[Frame, ...], clips: list[_Sound | None], finding
 def _check_mono(
     frames: tuple[Frame, ...],
     clips: list[_Sound | None],
+    splits: Mapping[str, Split],
     position: int,
     files: set[str],
     findings: Findings,
@@ -286,14 +292,14 @@ def _check_mono(
     if not offsets:
         findings.add(path, f"does not hold the mix of {layout.audio_path(layout.BINAURAL, frame.index)}", severity)
         return
-    if frame.split != "train":
+    if splits.get(frame.name) != "train":
         return
     leaks: list[str] = []
     for at in offsets:
         borrowed = []
         for step, part in ((-1, mono[:at]), (1, mono[at + n :])):
             other = position + step
-            if not part.size or not 0 <= other < len(frames) or frames[other].split != "test":
+            if not part.size or not 0 <= other < len(frames) or splits.get(frames[other].name) != "test":
                 continue
             neighbour = clips[other]
             if neighbour is None:
@@ -314,7 +320,6 @@ def _check_colmap(
         return  # already named as missing
     try:
         model = observation.colmap
-        errors = model.reprojection_errors()
     except Avs3dError as error:
         findings.take(layout.COLMAP, error)
         return
@@ -322,12 +327,16 @@ def _check_colmap(
     expected = {f"{name}.png" for name in observation.frame_names}
     found = {image.name for image in model.images}
     if found - expected:
-        findings.add(
-            images, f"{len(found - expected)} images are not in {layout.INPUT}/: {sorted(found - expected)[:5]}"
-        )
+        text = f"{len(found - expected)} images are not in {layout.INPUT}/: {', '.join(sorted(found - expected)[:5])}"
+        findings.add(images, text)
     if expected - found:
         text = f"{len(expected - found)} frames are not registered: {', '.join(sorted(expected - found)[:5])}"
         findings.add(images, text, "error" if ours else "note")
+    try:
+        errors = model.reprojection_errors()
+    except Avs3dError as error:
+        findings.take(points, error)
+        return
     if not ours:
         return
     if len(model.points.ids) == 0:

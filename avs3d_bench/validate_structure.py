@@ -41,10 +41,10 @@ class Findings:
         self.problems.append(Problem(severity, where, message))
 
     def take(self, path: str, error: Avs3dError, severity: Severity = "error") -> None:
-        """Add what a reader said, without the path that it says first."""
+        """Add what a reader said; if it names a file of the observation first, that file has the problem."""
         text = str(error)
-        for prefix in (f"{self.base}/{path}: ", f"{self.base}/{layout.COLMAP}: "):
-            text = text.removeprefix(prefix)
+        if text.startswith(f"{self.base}/"):
+            path, _, text = text[len(self.base) + 1 :].partition(": ")
         self.add(path, text, severity)
 
 

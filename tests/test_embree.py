@@ -312,6 +312,21 @@ def test_a_wire_thinner_than_a_pixel_is_not_dashed(degrees: float) -> None:
     assert energy.mean() == pytest.approx(0.4, rel=0.15)
 
 
+def test_a_seam_where_the_texture_jumps_is_an_edge_too() -> None:
+    # One material and one plane, but the two halves show different texels.
+    pixels = np.array([[[255, 255, 255], [0, 0, 0]]], dtype=np.uint8).repeat(32, axis=1)
+    sheet = Material("sheet", "fabric", texture=Texture("halves", pixels), colour=(WHITE,) * 3)
+    corners = np.array([[-9, -9, -2], [0, -9, -2], [0, 9, -2], [-9, 9, -2]]) @ rotation("z", 20).T
+    mesh = MeshBuilder()
+    for turn, u in ((0, 0.25), (180, 0.75)):
+        place = np.broadcast_to([u, 0.5], (2, 3, 2))
+        mesh.add(corners @ rotation("z", turn).T, [[0, 1, 2], [0, 2, 3]], sheet, uv=place)
+    row = _display(_render(_scene(mesh.build()), size=64))[8:56, :, 0]
+    grey = (row > 0.05) & (row < 0.95)
+    assert grey.any(axis=1).mean() > 0.9
+    assert row.mean() == pytest.approx(0.5, abs=0.01)
+
+
 def test_a_hidden_wire_stays_hidden() -> None:
     wire = MeshBuilder().box((0.005, 3.0, 0.005), (0, 0, -5), LAMP).build()
     assert not _render(_scene(_wall(BLACK), wire)).rgb.any()

@@ -22,7 +22,14 @@ def document() -> dict:
         "seed": 1,
         "scans": {"flat": {"source": "apartment", "seed": 3}},
         "observations": [
-            {"part": "part_1", "scan": "flat", "room": "kitchen", "index": 1, "category": "microwave", "silent": ["oven"]},
+            {
+                "part": "part_1",
+                "scan": "flat",
+                "room": "kitchen",
+                "index": 1,
+                "category": "microwave",
+                "silent": ["oven"],
+            },
             {"part": "part_2", "scan": "flat", "room": "kitchen", "index": 1, "category": "clock", "instances": 3},
         ],
     }
@@ -140,8 +147,6 @@ def test_random_generators_differ_by_purpose_and_key_and_repeat() -> None:
     assert np.array_equal(draws[0], derive_rng(1, "a", "x").random(4))
     # Pinned: another value here means that every dataset changes.
     assert derive_rng(7, "part_1/flat/kitchen/1", "placement").integers(0, 1_000_000) == 89892
-
-
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:

@@ -332,7 +332,7 @@ def _box_of(rooms: list[Room], mesh: AcousticMesh, absorption: float | None) -> 
         triangles = np.concatenate([t for t, _ in found])
         labels = tuple(label for _, part in found for label in part)
         area = float(triangle_areas(triangles).sum()) if len(triangles) else 0.0
-        alpha = np.array(DEFAULT_MATERIAL.absorption)
+        alpha = np.array(DEFAULT_MATERIAL.in_situ)
         if area > 0:
             hull = Box((low[0], low[1], low[2]), (high[0], high[1], high[2]), ()).surface
             # Furniture adds its area; a wall that is missing (an opening) swallows sound.

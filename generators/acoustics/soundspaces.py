@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
 from generators.acoustics.geometry import AcousticMesh, acoustic_mesh, checked_position, reflections_to_decay
-from generators.acoustics.materials import material_for, write_engine_json
+from generators.acoustics.materials import RESIDUAL, material_for, write_engine_json
 from generators.scenes.scene import Scene
 
 #: Sample rates the built-in head-related transfer functions were verified at; higher ones abort the process.
@@ -59,7 +59,7 @@ class RaySettings:
 
     reflections: int = 200_000
     source_rays: int = 200
-    decay_db: float = 60.0
+    decay_db: float = 50.0
     min_rays: int = 1000
     max_rays: int = 5000
     max_depth: int = 150
@@ -123,6 +123,7 @@ class SoundSpacesBackend:
             "hrtf": "built-in",
             "listener_radius_m": LISTENER_RADIUS,
             "global_volume": 1.0,
+            "residual_absorption": RESIDUAL,
             "transmission": False,
             "diffraction": False,
             "threads": 1,

@@ -29,16 +29,16 @@ RUGS, PICTURES, PRINTS, TOWELS, CUSHIONS = 3, 6, 3, 3, 4
 #: Metres per repeat of each material's texture (1 where a material is not named: fitted or plain).
 TILES: dict[str, float] = {
     **{f"floor_{room}": 2.4 for room in ROOM_KINDS},
-    **{f"wall_{room}": 1.06 for room in ROOM_KINDS},
+    **{f"wall_{room}": 2.12 for room in ROOM_KINDS},
     **{f"accent_{room}": 2.12 for room in ROOM_KINDS},
     **{f"tiles_{room}": 1.2 for room in ("bathroom", "kitchen")},
-    **dict.fromkeys(("ceiling", "skirting", "door", "door_frame", "window_frame", "window_sill"), 1.0),
+    **dict.fromkeys(("ceiling", "skirting", "door", "door_frame", "window_frame", "window_sill", "white"), 1.0),
     **dict.fromkeys(("wood", "wood_alt", "front", "front_upper", "bath_front"), 0.8),
     **dict.fromkeys(("worktop", "butcher"), 0.9),
     **dict.fromkeys(("sofa", "armchair", "curtain", "sheer", "throw", "bedding", "sheet", "chair_fabric"), 0.5),
     **{f"{kind}_{k}": 0.4 for kind, n in (("towel", TOWELS), ("cushion", CUSHIONS)) for k in range(n)},
     **{f"print_{k}": 0.45 for k in range(PRINTS)},
-    **dict.fromkeys(("bath_mat", "leather", "steel", "wicker", "carpet"), 0.4),
+    **dict.fromkeys(("bath_mat", "leather", "steel", "wicker"), 0.4),
     "lamp_shade": 0.5,
     "soil": 0.2,
 }
@@ -157,7 +157,9 @@ def _board(role: str, spec: str, rng: np.random.Generator, gloss: float = 0.15) 
     return _textured(role, "wood", wood.painted(rng, hex_colour(spec)), gloss)
 
 
-def _plain(acoustic: str, colour: str, gloss: float = 0.0, emission: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Recipe:
+def _plain(
+    acoustic: str, colour: str, gloss: float = 0.0, emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> Recipe:
     return lambda palette, style, role, rng: Material(role, acoustic, _linear(colour), None, emission, gloss)
 
 

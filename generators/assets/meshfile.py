@@ -6,22 +6,20 @@ Colours follow each format: glTF's factors and vertex colours are linear light, 
 
 from __future__ import annotations
 
-import json
-import struct
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
-from urllib.parse import unquote
 
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.errors import Avs3dError
 from avs3d_bench.taxonomy import check_category
-from generators.assets.acoustic_twin import box_faces, clustered, component_boxes
+from generators.assets.acoustic_twin import clustered, component_boxes
 from generators.assets.catalogue import Model, framed
+from generators.assets.meshcheck import check_file
+from generators.assets.modelframe import before_front, clear_of_twin, upright
 from generators.assets.objects.design import Design, Mount, Point
 from generators.assets.objects.finishes import to_linear, to_srgb
 from generators.assets.shapes import corner_normals
@@ -29,7 +27,6 @@ from generators.scenes.scene import Licence, Material, Mesh, Texture
 
 Array = NDArray[np.float64]
 
-SUFFIXES = (".glb", ".gltf", ".obj", ".ply")
 #: Models larger or smaller than this (longest side, metres) are not in metres.
 PLAUSIBLE = (0.02, 5.0)
 #: Height a category's model gets if its file's units are wrong, how it is mounted, how far up its front it sounds.
@@ -85,19 +82,20 @@ def load_mesh(
             coordinate is not finite.
     """
     file = Path(path)
-    _check_file(file)
+    check_file(file)
     try:
         scene = trimesh.load_scene(file, process=False)
     except Exception as error:  # every format's reader has its own
         reason = " ".join(str(error).split()) or type(error).__name__
         raise Avs3dError(f"{file}: cannot be read as {file.suffix[1:]} ({reason}); is it whole?") from error
-    pieces = [_piece(file, name, part, matrix, acoustic) for name, part, matrix in _instances(scene)]
+    known: dict[int, Material] = {}
+    pieces = [_piece(file, name, part, matrix, acoustic, known) for name, part, matrix in _instances(scene)]
     if not pieces:
         raise Avs3dError(f"{file}: has no faces (an empty scene, or points and lines only); expected triangles")
     positions = np.concatenate([p.positions for p in pieces])
-    offsets = np.cumsum([0] + [len(p.materials) for p in pieces[:-1]])
-    materials = tuple(m for p in pieces for m in p.materials)
-    face_material = np.concatenate([p.face_material + o for p, o in zip(pieces, offsets, strict=True)])
+    materials = tuple({id(p.materials[0]): p.materials[0] for p in pieces}.values())
+    order = {id(material): index for index, material in enumerate(materials)}
+    face_material = np.concatenate([p.face_material + order[id(p.materials[0])] for p in pieces])
     labels = np.array([m.acoustic for m in materials])[face_material]
     exact = positions.astype(np.float64)
     sound, names = component_boxes(exact, labels) if twin == "boxes" else clustered(exact, labels, max_acoustic_faces)
@@ -146,7 +144,7 @@ def load_model(
         Avs3dError: see `load_mesh`; or if the height is not a plausible number.
     """
     usual_height, usual_mount, level = _DEFAULTS[check_category(category, silent=True)]
-    turn = _upright(up, front)
+    turn = upright(up, front)
     mesh = load_mesh(path, acoustic=acoustic).transformed(turn, np.zeros(3))
     extent = np.diff(mesh.bounds.astype(np.float64), axis=0)[0]
     if height is None and not PLAUSIBLE[0] <= extent.max() <= PLAUSIBLE[1]:
@@ -158,66 +156,9 @@ def load_model(
             raise Avs3dError(f"{path}: is flat along its up axis {up!r}; name another axis, or no height")
         mesh = mesh.transformed(np.eye(3), np.zeros(3), height / float(extent[1]))
     design = framed(Design(mesh, mount or usual_mount, (0.0, 0.0, 0.0)))
-    point = source_point if source_point is not None else _before_front(design.mesh, level)
-    clear = _clear_of_twin(design.mesh, point)
+    point = source_point if source_point is not None else before_front(design.mesh, level)
+    clear = clear_of_twin(design.mesh, point)
     return Model(Path(path).name, category, clear, design.mount, licence, point)
-
-
-# ---- what can be wrong with a file, before a reader trips over it -------------------------------------------------
-
-
-def _check_file(file: Path) -> None:
-    if not file.is_file():
-        raise Avs3dError(f"{file}: no such file; expected a mesh ({', '.join(SUFFIXES)})")
-    suffix = file.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise Avs3dError(f"{file}: unknown kind of mesh {file.suffix!r}; expected one of {', '.join(SUFFIXES)}")
-    if suffix == ".obj":
-        _check_obj(file)
-    elif suffix in (".glb", ".gltf"):
-        _check_gltf(file)
-
-
-def _words(file: Path, key: str) -> Iterator[str]:
-    """What follows ``key`` at the start of a line of a text file."""
-    with file.open(encoding="utf-8", errors="replace") as lines:
-        for line in lines:
-            head, _, rest = line.strip().partition(" ")
-            if head.lower() == key:
-                yield rest.strip()
-
-
-def _check_obj(file: Path) -> None:
-    for library in _words(file, "mtllib"):
-        mtl = file.parent / library
-        if not mtl.is_file():
-            raise Avs3dError(f"{file}: its material library {library!r} is missing beside it; put it there")
-        for value in _words(mtl, "map_kd"):
-            image = value.split()[-1] if value.startswith("-") else value
-            if not (file.parent / image.replace("\\", "/")).is_file():
-                raise Avs3dError(f"{mtl}: texture {image!r} is missing; put it beside the OBJ or remove its map_Kd line")
-
-
-def _check_gltf(file: Path) -> None:
-    data = file.read_bytes()
-    if file.suffix.lower() == ".glb":
-        if len(data) < 20 or data[:4] != b"glTF":
-            raise Avs3dError(f"{file}: is no binary glTF (no 'glTF' at its start); is it whole?")
-        (length,) = struct.unpack_from("<I", data, 8)
-        if length > len(data):
-            raise Avs3dError(f"{file}: is truncated ({len(data)} bytes of {length}); fetch it again")
-        (chunk,) = struct.unpack_from("<I", data, 12)
-        data = data[20 : 20 + chunk]
-    try:
-        tree: dict[str, Any] = json.loads(data)
-    except ValueError as error:
-        raise Avs3dError(f"{file}: cannot be read as {file.suffix[1:]} (its JSON is broken); is it whole?") from error
-    for kind in ("buffers", "images"):
-        for item in tree.get(kind, []):
-            uri = item.get("uri", "data:")
-            if not uri.startswith("data:") and not (file.parent / unquote(uri)).is_file():
-                what = "texture" if kind == "images" else "buffer"
-                raise Avs3dError(f"{file}: {what} {uri!r} is missing; put it beside the file")
 
 
 # ---- one geometry of the file -------------------------------------------------------------------------------------
@@ -232,8 +173,11 @@ def _instances(scene: Any) -> Iterator[tuple[str, Any, Array]]:
             yield str(name), part, np.asarray(matrix, dtype=np.float64)
 
 
-def _piece(file: Path, name: str, part: Any, matrix: Array, acoustic: str) -> Mesh:
-    """One geometry as a mesh in the file's world, its acoustic twin still empty."""
+def _piece(file: Path, name: str, part: Any, matrix: Array, acoustic: str, known: dict[int, Material]) -> Mesh:
+    """One geometry as a mesh in the file's world, its acoustic twin still empty.
+
+    ``known`` holds the materials met so far, by the identity of the reader's own: textures are decoded once.
+    """
     vertices = np.asarray(part.vertices, dtype=np.float64)
     faces = np.asarray(part.faces, dtype=np.int64)
     bad = int((~np.isfinite(vertices)).any(axis=1).sum()) + (0 if np.isfinite(matrix).all() else len(vertices))
@@ -256,7 +200,7 @@ def _piece(file: Path, name: str, part: Any, matrix: Array, acoustic: str) -> Me
         normals = corner_normals(triangles)
     else:
         normals = _unit(np.repeat(cross[:, None], 3, axis=1), cross)
-    material, uv = _surface(file, name, part, faces, np.flatnonzero(keep), acoustic)
+    material, uv = _surface(file, name, part, faces, np.flatnonzero(keep), acoustic, known)
     return Mesh(
         positions=triangles.astype(np.float32),
         normals=normals.astype(np.float32),
@@ -277,7 +221,13 @@ def _unit(normals: Array, cross: Array) -> Array:
 
 
 def _surface(
-    file: Path, name: str, part: Any, faces: NDArray[np.int64], kept: NDArray[np.int64], acoustic: str
+    file: Path,
+    name: str,
+    part: Any,
+    faces: NDArray[np.int64],
+    kept: NDArray[np.int64],
+    acoustic: str,
+    known: dict[int, Material],
 ) -> tuple[Material, Array]:
     """The material of a geometry and its (F, 3, 2) texture coordinates."""
     gltf = file.suffix.lower() in (".glb", ".gltf")
@@ -285,12 +235,30 @@ def _surface(
     uv = np.zeros((len(faces), 3, 2))
     if getattr(visual, "kind", None) in ("vertex", "face"):
         texture, uv = _palette(visual, name, faces, kept, gltf)
-        return Material(name, _sounds_like(name, acoustic), texture=texture), uv
+        fresh = Material(name, _sounds_like(name, acoustic), texture=texture)
+        return known.setdefault(id(visual), fresh), uv
     source = getattr(visual, "material", None)
     if source is None:
-        return Material(name, _sounds_like(name, acoustic), colour=(0.6, 0.6, 0.6)), uv
+        fresh = Material(name, _sounds_like(name, acoustic), colour=(0.6, 0.6, 0.6))
+        return known.setdefault(id(visual), fresh), uv
+    material = known.get(id(source))
+    if material is None:
+        material = known[id(source)] = _material(file, source, name, gltf, acoustic)
+    if material.texture is not None:
+        given = getattr(visual, "uv", None)
+        if given is None:
+            raise Avs3dError(
+                f"{file}: {name!r} has a texture but no texture coordinates; unwrap it or drop the texture"
+            )
+        uv = np.asarray(given, dtype=np.float64)[faces]
+        if not np.isfinite(uv).all():
+            raise Avs3dError(f"{file}: texture coordinates of {name!r} are NaN or infinite; repair the mesh")
+    return material, uv
+
+
+def _material(file: Path, source: Any, name: str, gltf: bool, acoustic: str) -> Material:
+    """A material of the reader's as ours; ``name`` is that of the geometry it was met on."""
     title = str(getattr(source, "name", None) or name)
-    label = _sounds_like(f"{title} {name}", acoustic)
     image = getattr(source, "baseColorTexture", None) if gltf else getattr(source, "image", None)
     factor = getattr(source, "baseColorFactor", None) if gltf else getattr(source, "diffuse", None)
     colour = (1.0, 1.0, 1.0)
@@ -299,20 +267,14 @@ def _surface(
         r, g, b = (float(v) for v in (values / 255 if gltf else to_linear(values)))
         colour = (r, g, b)
     texture = None
-    given = getattr(visual, "uv", None)
     if image is not None:
         try:
             texture = Texture(title, np.asarray(image.convert("RGB")).copy())
         except (OSError, SyntaxError, ValueError) as error:
             raise Avs3dError(f"{file}: the texture of material {title!r} cannot be decoded ({error})") from error
-        if given is None:
-            raise Avs3dError(f"{file}: {name!r} has a texture but no texture coordinates; unwrap it or drop the texture")
-        uv = np.asarray(given, dtype=np.float64)[faces]
-        if not np.isfinite(uv).all():
-            raise Avs3dError(f"{file}: texture coordinates of {name!r} are NaN or infinite; repair the mesh")
     metallic = getattr(source, "metallicFactor", None) if gltf else None
     gloss = 0.6 if texture is None and metallic is not None and float(metallic) > 0.5 else 0.2
-    return Material(title, label, colour=colour, texture=texture, gloss=gloss), uv
+    return Material(title, _sounds_like(f"{title} {name}", acoustic), colour=colour, texture=texture, gloss=gloss)
 
 
 def _palette(
@@ -339,69 +301,3 @@ def _sounds_like(name: str, default: str) -> str:
         if any(word in lower for word in words.split()):
             return label
     return default
-
-
-# ---- the model frame ----------------------------------------------------------------------------------------------
-
-
-def _axis(text: str, what: str) -> Array:
-    sign, letter = (text[0], text[1:]) if text[:1] in ("+", "-") else ("+", text)
-    if letter.lower() not in ("x", "y", "z"):
-        raise UsageError(f"{what} axis {text!r}: expected one of x, y, z, +x … -z")
-    vector = np.zeros(3)
-    vector["xyz".index(letter.lower())] = -1.0 if sign == "-" else 1.0
-    return vector
-
-
-def _upright(up: str, front: str) -> Array:
-    """(3, 3) rotation that takes the file's up to +Y and its front to +Z."""
-    y, z = _axis(up, "up"), _axis(front, "front")
-    if abs(float(y @ z)) > 0:
-        raise UsageError(f"up axis {up!r} and front axis {front!r}: expected two perpendicular axes")
-    return np.stack([np.cross(y, z), y, z])
-
-
-def _before_front(mesh: Mesh, level: float, gap: float = 0.03) -> Point:
-    """The point ``gap`` metres before the front surface, at the share ``level`` of the height, nearest the middle."""
-    low, high = mesh.bounds.astype(np.float64)
-    size = high - low
-    best: tuple[float, Point] | None = None
-    a, b, c = (mesh.positions[:, k].astype(np.float64) for k in range(3))
-    for dx in (0.0, -0.15, 0.15, -0.3, 0.3):
-        for dy in (0.0, -0.1, 0.1, -0.2, 0.2):
-            x = float(low[0] + size[0] * (0.5 + dx))
-            y = float(low[1] + size[1] * min(max(level + dy, 0.05), 0.95))
-            # Where the line along z through (x, y) meets each triangle: its barycentric coordinates in the xy plane.
-            det = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (b[:, 1] - a[:, 1])
-            safe = np.where(np.abs(det) > 1e-12, det, np.inf)
-            u = ((x - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (y - a[:, 1])) / safe
-            v = ((b[:, 0] - a[:, 0]) * (y - a[:, 1]) - (x - a[:, 0]) * (b[:, 1] - a[:, 1])) / safe
-            hit = (u >= 0) & (v >= 0) & (u + v <= 1) & np.isfinite(safe)
-            if hit.any():
-                z = float((a[:, 2] + u * (b[:, 2] - a[:, 2]) + v * (c[:, 2] - a[:, 2]))[hit].max()) + gap
-                miss = float(np.hypot(dx, dy))
-                if best is None or miss < best[0]:
-                    best = (miss, (x, y, z))
-    if best is not None:
-        return best[1]
-    corners = mesh.positions.reshape(-1, 3).astype(np.float64)
-    x, y, z = (float(v) for v in corners[np.argmax(corners[:, 2])])
-    return x, y, z + gap
-
-
-def _clear_of_twin(mesh: Mesh, point: Point) -> Mesh:
-    """Draw back the fronts of acoustic boxes that swallow ``point``, or the engine would hear it from inside a box."""
-    boxes = mesh.acoustic_positions.reshape(-1, 12, 3, 3).astype(np.float64)
-    labels = np.array(mesh.acoustic_labels).reshape(-1, 12)
-    at = np.asarray(point)
-    out, names = [], []
-    for box, label in zip(boxes, labels, strict=True):
-        low, high = box.reshape(-1, 3).min(axis=0), box.reshape(-1, 3).max(axis=0)
-        if (at >= low - 0.005).all() and (at <= high + 0.005).all():
-            high[2] = at[2] - 0.01
-            if high[2] - low[2] < 0.01:
-                continue
-        out.append(box_faces(low, high))
-        names += list(label)
-    positions = np.concatenate(out) if out else np.zeros((0, 3, 3))
-    return replace(mesh, acoustic_positions=positions.astype(np.float32), acoustic_labels=tuple(str(n) for n in names))

@@ -108,7 +108,7 @@ class MeshBuilder:
         faces: ArrayLike,
         material: Material,
         *,
-        centre: Sequence[float] = (0.0, 0.0, 0.0),
+        centre: Sequence[float] | Array = (0.0, 0.0, 0.0),
         rotate: Array | None = None,
         uv: Array | None = None,
         normals: Array | None = None,
@@ -164,7 +164,7 @@ class MeshBuilder:
     def box(
         self,
         size: Sequence[float],
-        centre: Sequence[float],
+        centre: Sequence[float] | Array,
         material: Material,
         *,
         bevel: float = 0.0,
@@ -223,7 +223,7 @@ class MeshBuilder:
         profile: ArrayLike,
         material: Material,
         *,
-        centre: Sequence[float] = (0.0, 0.0, 0.0),
+        centre: Sequence[float] | Array = (0.0, 0.0, 0.0),
         segments: int = 40,
         rotate: Array | None = None,
         scale: Sequence[float] = (1.0, 1.0, 1.0),
@@ -259,7 +259,7 @@ class MeshBuilder:
         self,
         radius: float,
         height: float,
-        centre: Sequence[float],
+        centre: Sequence[float] | Array,
         material: Material,
         *,
         axis: str = "y",
@@ -285,7 +285,7 @@ class MeshBuilder:
     def sphere(
         self,
         radius: float | Sequence[float],
-        centre: Sequence[float],
+        centre: Sequence[float] | Array,
         material: Material,
         *,
         rings: int = 16,
@@ -359,7 +359,7 @@ class MeshBuilder:
         self,
         major: float,
         minor: float,
-        centre: Sequence[float],
+        centre: Sequence[float] | Array,
         material: Material,
         *,
         axis: str = "y",
@@ -381,7 +381,7 @@ class MeshBuilder:
         material: Material,
         *,
         holes: Sequence[ArrayLike] = (),
-        centre: Sequence[float] = (0.0, 0.0, 0.0),
+        centre: Sequence[float] | Array = (0.0, 0.0, 0.0),
         rotate: Array | None = None,
         acoustic: bool | str = True,
     ) -> MeshBuilder:
@@ -424,7 +424,7 @@ class MeshBuilder:
     def disc(
         self,
         radius: float,
-        centre: Sequence[float],
+        centre: Sequence[float] | Array,
         normal: str,
         material: Material,
         *,
@@ -443,7 +443,7 @@ class MeshBuilder:
         return self.add(vertices, faces, material, centre=centre, rotate=turn, uv=uv, acoustic=False)
 
     def merge(
-        self, mesh: Mesh, *, centre: Sequence[float] = (0.0, 0.0, 0.0), rotate: Array | None = None
+        self, mesh: Mesh, *, centre: Sequence[float] | Array = (0.0, 0.0, 0.0), rotate: Array | None = None
     ) -> MeshBuilder:
         """Add a finished mesh, rotated and moved."""
         moved = mesh.transformed(np.eye(3) if rotate is None else rotate, np.asarray(centre, dtype=np.float64))

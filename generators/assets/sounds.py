@@ -22,7 +22,7 @@ from generators.assets.synthesis.voices import VOICES
 
 SAMPLE_RATE = 44_100
 #: Loudness of every source.
-TARGET_LUFS = -20.0
+TARGET_LUFS = -18.0
 #: No source passes this true peak (dBTP).
 CEILING_DB = -1.0
 #: No second of a source is quieter than this (dBFS, RMS).

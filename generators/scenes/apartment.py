@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 from generators.assets.materials import Palette
 from generators.assets.shapes import rotation
 from generators.assets.styles import STYLES
-from generators.scenes.arrange import Arranger, Placed
-from generators.scenes.floorplan import SIDES, make_floor_plan
+from generators.scenes.floorplan import SIDES
 from generators.scenes.furnish import furnish
+from generators.scenes.interior.arrange import Arranger
+from generators.scenes.interior.pieces import Placed
+from generators.scenes.planning import make_floor_plan
 from generators.scenes.scene import Part, Room, Scene, Support
 from generators.scenes.shell import build_shell
 

@@ -1,4 +1,4 @@
-"""Direct light: emissive faces (windows, lamps) as area lights, and the sun's beam through the windows.
+"""Direct light of area lights: emissive faces (windows, lamps), and patches of a surface that lie in the sun.
 
 The light of an emitter on a texel is its unoccluded form factor, summed over fine cells without noise, times the
 visible share of it, estimated with stratified shadow rays. Where an emitter is fully visible or fully hidden the
@@ -7,7 +7,6 @@ result therefore has no sampling noise at all.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -18,7 +17,7 @@ from scipy.sparse.csgraph import connected_components
 
 from generators.scenes.sampling import PATTERNS, net, square_points
 from generators.scenes.scene import F32, I32
-from generators.scenes.surfaces import Surfaces, Tracer
+from generators.scenes.surfaces import Surfaces
 from generators.vision.jit import njit
 
 #: Cells per emitter for the unoccluded form factor.
@@ -27,16 +26,14 @@ CELLS = 256
 _JOIN = 0.25
 #: More emitters than this are not sampled: the strongest ones are kept.
 _MOST = 96
+#: Sides of the patches that bright surfaces are cut into, metres; how many at most, and their share of all power.
+_PATCH = 1.0
+_MOST_PATCHES = 16
+_SHARE = 0.97
+#: An emitter that could give less than this part of a texel's direct light gets fewer shadow rays.
+_FAINT = 0.08
 #: Exponent of the lobe round the normal that stands for the reflection of glossy materials.
 LOBE = 6.0
-#: Radiance of a white surface that faces the sun, over that of the brightest window pane.
-_SUN_STRENGTH = 2.2
-_SUN_COLOUR = np.array([1.0, 0.86, 0.68])
-#: Radius of the sun's disc, radians: wider than the true 0.0047, so that a texel can resolve its soft edge.
-_SUN_RADIUS = 0.012
-#: Texels over which the sun's rays of one texel start: interpolation then shows no steps along the beam's edge.
-_SUN_BLUR = 1.7
-_LARGE_PANE = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,28 +57,18 @@ class Emitters:
     def __len__(self) -> int:
         return len(self.area)
 
-
-@dataclass(frozen=True, eq=False)
-class Sun:
-    """A parallel beam that enters through window panes.
-
-    Attributes:
-        direction: (3,) float64 unit vector towards the sun.
-        radiance: (3,) float32, reflected radiance of a white surface that faces the sun.
-        pane: (F,) bool, the faces that let the beam in.
-    """
-
-    direction: NDArray[np.float64]
-    radiance: F32
-    pane: NDArray[np.bool_]
+    def joined(self, other: Emitters) -> Emitters:
+        """Both sets, with equal numbers of targets."""
+        names = ("area", "centre", "radius", "cells", "points")
+        return Emitters(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in names))
 
 
-def _face_areas(triangles: F32) -> NDArray[np.float64]:
+def face_areas(triangles: F32) -> NDArray[np.float64]:
     edges = triangles.astype(np.float64)
     return np.asarray(np.linalg.norm(np.cross(edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 0]), axis=1) / 2)
 
 
-def _groups(surfaces: Surfaces, faces: NDArray[np.int64]) -> NDArray[np.int64]:
+def face_groups(surfaces: Surfaces, faces: NDArray[np.int64]) -> NDArray[np.int64]:
     """Which emitter each emissive face belongs to."""
     corners = np.round(surfaces.triangles[faces].reshape(-1, 3).astype(np.float64) * 1e4).astype(np.int64)
     _, vertex = np.unique(corners, axis=0, return_inverse=True)
@@ -107,7 +94,7 @@ def _groups(surfaces: Surfaces, faces: NDArray[np.int64]) -> NDArray[np.int64]:
 def _spread(surfaces: Surfaces, faces: NDArray[np.int64], points: NDArray[np.float64]) -> F32:
     """Points (N, 9: position, normal, radiance) on ``faces``, evenly by area, from points (N, 2) in the unit square."""
     triangles = surfaces.triangles[faces]
-    share = np.cumsum(_face_areas(triangles))
+    share = np.cumsum(face_areas(triangles))
     total = share[-1]
     target = points[:, 0] * total
     pick = np.minimum(np.searchsorted(share, target, side="right"), len(share) - 1)
@@ -129,9 +116,9 @@ def _spread(surfaces: Surfaces, faces: NDArray[np.int64], points: NDArray[np.flo
 def find_emitters(surfaces: Surfaces, samples: int) -> Emitters:
     """The area lights among ``surfaces``, with ``samples`` shadow-ray targets per texel and emitter."""
     glowing = surfaces.emission[surfaces.material].max(axis=1) > 0
-    area = _face_areas(surfaces.triangles)
+    area = face_areas(surfaces.triangles)
     faces = np.flatnonzero(glowing & (area > 1e-9))
-    group = _groups(surfaces, faces) if len(faces) else np.zeros(0, dtype=np.int64)
+    group = face_groups(surfaces, faces) if len(faces) else np.zeros(0, dtype=np.int64)
     members = [faces[group == g] for g in range(int(group.max()) + 1)] if len(faces) else []
     power = [float(area[m] @ surfaces.emission[surfaces.material[m]].sum(axis=1)) for m in members]
     kept = [members[k] for k in sorted(np.argsort(-np.array(power), kind="stable")[:_MOST].tolist())]
@@ -154,60 +141,73 @@ def find_emitters(surfaces: Surfaces, samples: int) -> Emitters:
     )
 
 
-def _outside(surfaces: Surfaces, tracer: Tracer, faces: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Whether nothing that looks towards the face lies behind it: a window, rather than a screen before a wall."""
-    outward = np.ascontiguousarray(-surfaces.face_normal[faces])
-    origin = surfaces.triangles[faces].mean(axis=1) + 0.005 * outward
-    free = np.ones(len(faces), dtype=bool)
-    ahead = np.arange(len(faces))
-    for _ in range(8):
-        hits = tracer.intersect(origin[ahead], outward[ahead])
-        met = hits["primID"] >= 0
-        ahead, face, distance = ahead[met], hits["primID"][met], hits["tfar"][met]
-        facing = np.einsum("ij,ij->i", surfaces.face_normal[face], outward[ahead]) < 0
-        free[ahead[facing]] = False
-        origin[ahead] += (distance + 0.005)[:, None] * outward[ahead]
-        ahead = ahead[~facing]
-        if not len(ahead):
-            break
-    return free
+def bright_patches(
+    position: F32, normal: F32, area: F32, radiance: F32, samples: int
+) -> tuple[Emitters, NDArray[np.bool_]]:
+    """Turn bright texels into emitters, so that what they light is sampled with shadow rays.
 
+    A patch of sun on a floor is small and bright: found by chance, by rays all over the hemisphere, it makes blotches.
 
-def find_sun(name: str, surfaces: Surfaces, tracer: Tracer) -> Sun | None:
-    """The sun of a flat: on one façade, its direction drawn from the scene's ``name``.
-
-    A window is an upright emitter of glass, of 0.3 m² and more, with nothing of the scene behind it. The façade with the most
-    glass gets the sun, at 28-42° above the horizon and 12-40° to a side, so that patches of light reach floor and walls.
+    Args:
+        position: (N, 3) of the bright texels.
+        normal: (N, 3).
+        area: (N,) square metres that each stands for.
+        radiance: (N, 3) reflected radiance.
+        samples: shadow-ray targets per texel and emitter.
 
     Returns:
-        The sun, or None where the scene has no window.
+        One emitter per patch of about 1 m, and (N,) which texels are in one; the dimmest patches are left out.
     """
-    area = _face_areas(surfaces.triangles)
-    glowing = surfaces.emission[surfaces.material].max(axis=1) > 0
-    faces = np.flatnonzero(glowing & surfaces.glass[surfaces.material] & (np.abs(surfaces.face_normal[:, 1]) < 0.1) & (area > 1e-6))
-    if not len(faces):
-        return None
-    faces = faces[_outside(surfaces, tracer, faces)]
-    if not len(faces):
-        return None
-    group = _groups(surfaces, faces)
-    faces = faces[np.bincount(group, weights=area[faces])[group] >= _LARGE_PANE]
-    if not len(faces):
-        return None
-    heading = np.arctan2(-surfaces.face_normal[faces, 0], -surfaces.face_normal[faces, 2])
-    quarter = np.round(heading / (np.pi / 2)).astype(int) % 4
-    glass = np.bincount(quarter, weights=area[faces], minlength=4)
-    side = float(np.argmax(np.round(glass, 3)) * np.pi / 2)
-    digest = hashlib.sha256(f"sun of {name}".encode()).digest()
-    turn, lift = (int.from_bytes(digest[k : k + 4], "little") / 2**32 for k in (0, 4))
-    sign = 1.0 if digest[8] & 1 else -1.0
-    azimuth = side + sign * np.radians(12.0 + 28.0 * turn)
-    height = np.radians(28.0 + 14.0 * lift)
-    direction = np.array([np.cos(height) * np.sin(azimuth), np.sin(height), np.cos(height) * np.cos(azimuth)])
-    brightest = float(surfaces.emission[surfaces.material[faces]].max())
-    pane = np.zeros(len(area), dtype=bool)
-    pane[faces] = True
-    return Sun(direction=direction, radiance=(_SUN_STRENGTH * brightest * _SUN_COLOUR).astype(np.float32), pane=pane)
+    used = np.zeros(len(position), dtype=bool)
+    if not len(position):
+        return _emitters([], [], [], samples), used
+    voxel = np.floor(position / _PATCH).astype(np.int64)
+    axis = np.argmax(np.abs(normal), axis=1)
+    facing = axis * 2 + (np.take_along_axis(normal, axis[:, None], axis=1)[:, 0] > 0)
+    _, patch = np.unique(np.column_stack([voxel, facing]), axis=0, return_inverse=True)
+    patch = patch.reshape(-1)
+    power = np.bincount(patch, weights=area * radiance.sum(axis=1))
+    order = np.argsort(-power, kind="stable")
+    enough = np.searchsorted(np.cumsum(power[order]), _SHARE * power.sum()) + 1
+    chosen = np.sort(order[: min(int(enough), _MOST_PATCHES)])
+    shares, areas, points = [], [], []
+    for number in chosen:
+        member = np.flatnonzero(patch == number)
+        used[member] = True
+        member = member[np.argsort(_morton(position[member]), kind="stable")]
+        cumulated = np.cumsum(area[member].astype(np.float64))
+        shares.append(cumulated / max(cumulated[-1], 1e-12))
+        areas.append(float(cumulated[-1]))
+        points.append(np.concatenate([position[member], normal[member], radiance[member]], axis=1))
+    return _emitters(shares, areas, points, samples), used
+
+
+def _morton(position: F32) -> NDArray[np.int64]:
+    """Order along a space-filling curve, by centimetres."""
+    grid = np.floor((position - position.min(axis=0)) * 100.0).astype(np.int64)
+    code = np.zeros(len(position), dtype=np.int64)
+    for bit in range(10):
+        for axis in range(3):
+            code |= ((grid[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return code
+
+
+def _emitters(
+    shares: list[NDArray[np.float64]], areas: list[float], points: list[F32], samples: int
+) -> Emitters:
+    """Emitters of points: ``shares`` are cumulated areas that end at 1, ``points`` (n, 9) position, normal, radiance."""
+    fine = net(CELLS)[:, 0]
+    coarse = square_points(samples, (0x1B56C4E9, 0x7F4A7C15))[..., 0].astype(np.float64)
+    count = len(shares)
+    cells = np.zeros((count, CELLS, 9), dtype=np.float32)
+    targets = np.zeros((count, PATTERNS, samples, 9), dtype=np.float32)
+    centre, radius = np.zeros((count, 3), dtype=np.float32), np.zeros(count, dtype=np.float32)
+    for k, (share, own) in enumerate(zip(shares, points, strict=True)):
+        cells[k] = own[np.minimum(np.searchsorted(share, fine), len(own) - 1)]
+        targets[k] = own[np.minimum(np.searchsorted(share, coarse), len(own) - 1)]
+        centre[k] = (own[:, :3].min(axis=0) + own[:, :3].max(axis=0)) / 2
+        radius[k] = np.linalg.norm(own[:, :3] - centre[k], axis=1).max()
+    return Emitters(np.array(areas, dtype=np.float32), centre, radius, cells, targets)
 
 
 @njit
@@ -218,7 +218,11 @@ def _unoccluded(texel, light, position, normal, gloss, area, centre, radius, cel
         x, y, z = position[t, 0], position[t, 1], position[t, 2]
         nx, ny, nz = normal[t, 0], normal[t, 1], normal[t, 2]
         far = np.sqrt((centre[e, 0] - x) ** 2 + (centre[e, 1] - y) ** 2 + (centre[e, 2] - z) ** 2)
-        number = cells.shape[1] if far < 3.0 * radius[e] else cells.shape[1] // 4
+        number = cells.shape[1]
+        if far > 4.0 * radius[e]:
+            number //= 16
+        elif far > 2.0 * radius[e]:
+            number //= 4
         piece = area[e] / number
         g = gloss[t]
         factor[i, 0] = factor[i, 1] = factor[i, 2] = 0.0
@@ -332,97 +336,22 @@ def direct_light(
     """
     texel, light = np.nonzero(reach)
     factor = unoccluded_light(emitters, texel, light, position, normal, gloss)
-    useful = factor.max(axis=1, initial=0.0) > 0
-    texel, light, factor = texel[useful], light[useful], factor[useful]
-    samples = emitters.points.shape[2]
+    strength = factor.max(axis=1, initial=0.0)
     arrived = np.zeros((len(position), 3), dtype=np.float32)
     variance = np.zeros(len(position), dtype=np.float32)
     if not len(texel):
         return arrived, variance
-    origins, directions, far, weight = shadow_rays(emitters, texel, light, pattern, position, normal, 0, samples)
-    weight = weight.reshape(-1, samples)
-    free = ~hidden(origins, directions, far).reshape(-1, samples)
-    visible = (weight * free).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-30)
-    for channel in range(3):
-        arrived[:, channel] = np.bincount(texel, factor[:, channel] * visible, minlength=len(position))
-    spread = factor.mean(axis=1) ** 2 * visible * (1 - visible) / samples
-    variance[:] = np.bincount(texel, spread, minlength=len(position))
+    share = strength / np.maximum(np.bincount(texel, strength, minlength=len(position)), 1e-20)[texel]
+    samples = emitters.points.shape[2]
+    # What adds little is worth few rays; the first quarter of the targets is stratified in itself.
+    for pairs, rays in ((share >= _FAINT, samples), ((share < _FAINT) & (share > 0), max(samples // 4, 1))):
+        own, lamp, bare = texel[pairs], light[pairs], factor[pairs]
+        origins, directions, far, weight = shadow_rays(emitters, own, lamp, pattern, position, normal, 0, rays)
+        weight = weight.reshape(-1, rays)
+        free = ~hidden(origins, directions, far).reshape(-1, rays)
+        visible = (weight * free).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-30)
+        for channel in range(3):
+            arrived[:, channel] += np.bincount(own, bare[:, channel] * visible, minlength=len(position))
+        spread = bare.mean(axis=1) ** 2 * visible * (1 - visible) / rays
+        variance += np.bincount(own, spread, minlength=len(position)).astype(np.float32)
     return arrived, variance
-
-
-@njit
-def _sun_rays(pattern, position, normal, across, direction, side, top, disc, jitter, origins, directions):  # type: ignore[no-untyped-def]
-    count = disc.shape[1]
-    for i in range(len(position)):
-        p = pattern[i]
-        for k in range(count):
-            row = i * count + k
-            a, b = _SUN_BLUR * (jitter[p, k, 0] - 0.5), _SUN_BLUR * (jitter[p, k, 1] - 0.5)
-            for c in range(3):
-                origins[row, c] = position[i, c] + a * across[i, 0, c] + b * across[i, 1, c]
-                directions[row, c] = direction[c] + disc[p, k, 0] * side[c] + disc[p, k, 1] * top[c]
-
-
-def sun_light(
-    sun: Sun,
-    pattern: I32,
-    position: F32,
-    normal: F32,
-    across: F32,
-    gloss: F32,
-    tracer: Tracer,
-    samples: int,
-    *,
-    objects: Tracer | None = None,
-    lost: bool = False,
-) -> F32:
-    """Light (N, 3) of the sun: the share of rays to it that leave through a window pane.
-
-    Args:
-        sun: the sun; ``sun.pane`` refers to the faces of ``tracer``.
-        pattern: (N,) int32.
-        position: (N, 3) float32.
-        normal: (N, 3) float32.
-        across: (N, 2, 3) float32; the rays start all over the texel.
-        gloss: (N,) float32.
-        tracer: the room.
-        samples: rays per texel.
-        objects: things that are in the way besides.
-        lost: return the light that ``objects`` take away instead of what arrives.
-    """
-    light = np.zeros((len(position), 3), dtype=np.float32)
-    cosine = normal @ sun.direction.astype(np.float32)
-    facing = np.flatnonzero(cosine > 1e-3)
-    if not len(facing):
-        return light
-    side = np.cross(sun.direction, [0.0, 1.0, 0.0])
-    side /= np.linalg.norm(side)
-    top = np.cross(side, sun.direction)
-    square = net(PATTERNS * samples, (0x7F4A7C15, 0x94D049BB))
-    radius = _SUN_RADIUS * np.sqrt(square[:, 0])
-    disc = np.stack([radius * np.cos(2 * np.pi * square[:, 1]), radius * np.sin(2 * np.pi * square[:, 1])], axis=1)
-    origins, directions = (np.empty((len(facing) * samples, 3), dtype=np.float32) for _ in range(2))
-    _sun_rays(
-        pattern[facing],
-        position[facing],
-        normal[facing],
-        across[facing],
-        sun.direction,
-        side,
-        top,
-        disc.reshape(PATTERNS, samples, 2),
-        square_points(samples, (0xBF58476D, 0x1CE4E5B9)),
-        origins,
-        directions,
-    )
-    rays = np.arange(len(origins))
-    if objects is not None:
-        blocked = objects.occluded(origins, directions, np.full(len(origins), 1e4, dtype=np.float32))
-        rays = np.flatnonzero(blocked == lost)
-    found = tracer.intersect(origins[rays], directions[rays])["primID"]
-    lit = np.zeros(len(origins), dtype=bool)
-    lit[rays] = (found >= 0) & sun.pane[np.maximum(found, 0)]
-    share = lit.reshape(-1, samples).mean(axis=1, dtype=np.float64)
-    g, c = gloss[facing], cosine[facing]
-    light[facing] = (share * ((1 - g) * c + g * (LOBE + 1) / 2 * c**LOBE))[:, None] * sun.radiance
-    return light

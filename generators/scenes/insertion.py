@@ -12,12 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from generators.scenes.emitters import LOBE, Emitters, Sun, direct_light, find_emitters, find_sun, shadow_rays, sun_light
+from generators.scenes.emitters import LOBE, Emitters, direct_light, find_emitters, shadow_rays
 from generators.scenes.gather import CHUNK, hemisphere_rays, cells_at
 from generators.scenes.lit import LitScene
 from generators.scenes.sampling import cosine_directions
 from generators.scenes.scene import F32, LightMap, Part, Scene
 from generators.scenes.smoothing import fill, smooth, spread
+from generators.scenes.sun import Sun, find_sun, sun_light
 from generators.scenes.surfaces import Surfaces, Tracer, in_chunks
 from generators.scenes.texels import Sheet, Texels, rasterise
 from generators.scenes.unwrap import unwrap

@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
-from generators.scenes.emitters import Emitters, Sun, direct_light, find_emitters, find_sun, shadow_rays, sun_light
+from generators.scenes.emitters import Emitters, bright_patches, direct_light, find_emitters, shadow_rays
 from generators.scenes.exposure import expose
 from generators.scenes.gather import CHUNK, open_texels
 from generators.scenes.insertion import insert
 from generators.scenes.radiosity import Blocks, final_gather, make_blocks, solve
 from generators.scenes.scene import F32, LightMap, Part, Room, Scene
 from generators.scenes.smoothing import fill, smooth, spread
+from generators.scenes.sun import Sun, find_sun, sun_light
 from generators.scenes.surfaces import Surfaces, Tracer, in_chunks
 from generators.scenes.texels import Sheet, Texels, rasterise
 from generators.scenes.unwrap import Layout, unwrap
@@ -53,11 +54,11 @@ class Quality:
 
 QUALITIES = {
     "preview": Quality(0.10, 0.05, 1.0, 8, 8, 32, 16),
-    "standard": Quality(0.035, 0.015, 1.4, 16, 16, 64, 64),
-    "high": Quality(0.025, 0.01, 1.4, 32, 32, 128, 192),
+    "standard": Quality(0.04, 0.018, 2.0, 16, 32, 64, 64),
+    "high": Quality(0.025, 0.01, 2.0, 32, 32, 128, 192),
 }
 #: A part gets about this many texels before its texels grow to the preset's size.
-_PART_TEXELS = 6000
+_PART_TEXELS = 3500
 
 
 def bake(scene: Scene, *, quality: str = "standard", workers: int = 2) -> Scene:
@@ -89,10 +90,11 @@ def bake(scene: Scene, *, quality: str = "standard", workers: int = 2) -> Scene:
     blocks = make_blocks(surfaces, sheet, texels, is_open)
     emitters = find_emitters(surfaces, preset.shadow_rays)
     beam = find_sun(scene.name, surfaces, tracer)
-    direct = _direct(texels, blocks, emitters, beam, tracer, preset, workers)
-    direct = _smoothed(surfaces, sheet, texels, blocks, direct)
+    sunlit = _sunlight(texels, blocks, beam, tracer, preset, workers)
+    emitters, sampled = _with_patches(texels, emitters, sunlit, preset)
+    direct = _smoothed(surfaces, sheet, texels, blocks, _direct(texels, blocks, emitters, tracer, workers)) + sunlit
     bounced = solve(
-        surfaces, sheet, texels, blocks, direct, tracer, rays=preset.block_rays, workers=workers
+        surfaces, sheet, texels, blocks, direct, sampled, tracer, rays=preset.block_rays, workers=workers
     )
     gathered = final_gather(
         surfaces, sheet, texels, blocks, bounced, tracer, rays=preset.gather_rays, workers=workers
@@ -131,32 +133,65 @@ def _layout(part: Part, rooms: tuple[Room, ...], preset: Quality) -> Layout:
     return unwrap(part.mesh.positions, texel, finer)
 
 
+def _sunlight(
+    texels: Texels, blocks: Blocks, beam: Sun | None, tracer: Tracer, preset: Quality, workers: int
+) -> F32:
+    """Sunlight (N, 3) on the open texels."""
+    light = np.zeros((len(texels), 3), dtype=np.float32)
+    if beam is None:
+        return light
+
+    def work(first: int, last: int) -> None:
+        own = blocks.members[first:last]
+        light[own] = sun_light(
+            beam,
+            texels.pattern[own],
+            texels.position[own],
+            texels.normal[own],
+            texels.across[own],
+            texels.gloss[own],
+            tracer,
+            preset.sun_rays,
+        )
+
+    in_chunks(work, len(blocks.members), CHUNK, workers)
+    return light
+
+
+def _with_patches(texels: Texels, emitters: Emitters, sunlit: F32, preset: Quality) -> tuple[Emitters, F32]:
+    """The emitters and the patches in the sun, and the sunlight (N, 3) of the texels in them."""
+    bright = np.flatnonzero(sunlit.max(axis=1) > 0)
+    patches, used = bright_patches(
+        texels.position[bright],
+        texels.normal[bright],
+        texels.area[bright],
+        texels.albedo[bright] * sunlit[bright],
+        preset.shadow_rays,
+    )
+    sampled = np.zeros_like(sunlit)
+    sampled[bright[used]] = sunlit[bright[used]]
+    return emitters.joined(patches), sampled
+
+
 def _direct(
-    texels: Texels,
-    blocks: Blocks,
-    emitters: Emitters,
-    beam: Sun | None,
-    tracer: Tracer,
-    preset: Quality,
-    workers: int,
+    texels: Texels, blocks: Blocks, emitters: Emitters, tracer: Tracer, workers: int
 ) -> tuple[F32, F32]:
-    """Direct light (N, 3) of the open texels and its variance (N,)."""
+    """Light (N, 3) of the emitters on the open texels and its variance (N,)."""
     light = np.zeros((len(texels), 3), dtype=np.float32)
     variance = np.zeros(len(texels), dtype=np.float32)
     reach = _reach(texels, blocks, emitters, tracer, workers)
 
     def work(first: int, last: int) -> None:
-        texel = blocks.members[first:last]
-        pattern, position, normal = texels.pattern[texel], texels.position[texel], texels.normal[texel]
-        gloss = texels.gloss[texel]
-        here, spread_ = direct_light(
-            emitters, reach[blocks.of[texel]], pattern, position, normal, gloss, tracer.occluded
+        own = blocks.members[first:last]
+        light[own], variance[own] = direct_light(
+            emitters,
+            reach[blocks.of[own]],
+            texels.pattern[own],
+            texels.position[own],
+            texels.normal[own],
+            texels.gloss[own],
+            tracer.occluded,
         )
-        if beam is not None:
-            here += sun_light(
-                beam, pattern, position, normal, texels.across[texel], gloss, tracer, preset.sun_rays
-            )
-        light[texel], variance[texel] = here, spread_
 
     in_chunks(work, len(blocks.members), CHUNK, workers)
     return light, variance

@@ -92,12 +92,13 @@ def solve(
     texels: Texels,
     blocks: Blocks,
     direct: F32,
+    sampled: F32,
     tracer: Tracer,
     *,
     rays: int,
     workers: int,
 ) -> F32:
-    """The blocks' reflected radiance (B, 3), without emission.
+    """The blocks' reflected radiance (B, 3), without emission and without what is sampled as an emitter.
 
     Args:
         surfaces: the faces.
@@ -105,6 +106,7 @@ def solve(
         texels: the texels.
         blocks: their groups.
         direct: (N, 3) direct light of the texels.
+        sampled: (N, 3) the part of it that is an emitter itself (see `bright_patches`): its light is in ``direct``.
         tracer: over all faces.
         rays: per block.
         workers: threads.
@@ -128,10 +130,12 @@ def solve(
     in_chunks(work, len(blocks), CHUNK, workers)
     albedo = blocks.mean(texels.albedo)
     own = blocks.mean(direct)
-    radiance = albedo * own
+    known = albedo * blocks.mean(sampled)
+    radiance = albedo * own - known
     for _ in range(_MOST_BOUNCES):
         after = np.empty_like(radiance)
         _bounce(links, own, albedo, radiance, after)
+        after -= known
         change = float(np.abs(after - radiance).max(initial=0.0))
         radiance = after
         if change <= _TOLERANCE * float(radiance.max(initial=0.0)):

@@ -71,6 +71,7 @@ class Texels:
         across: (N, 2, 3) float32, the surface vectors of one texel along columns and rows.
         albedo: (N, 3) float32.
         gloss: (N,) float32.
+        area: (N,) float32 of the surface it stands for, square metres; 0 where its centre lies beside the face.
     """
 
     cell: NDArray[np.int64]
@@ -82,6 +83,7 @@ class Texels:
     across: F32
     albedo: F32
     gloss: F32
+    area: F32
 
     def __len__(self) -> int:
         return len(self.cell)
@@ -135,6 +137,9 @@ def rasterise(surfaces: Surfaces, sheet: Sheet, wanted: NDArray[np.bool_] | None
         across=across,
         albedo=albedo_at(surfaces, face, inside[:, 0], inside[:, 1]),
         gloss=surfaces.gloss[surfaces.material[face]],
+        area=np.where(nearest[cell] > 0, 0.0, np.linalg.norm(np.cross(across[:, 0], across[:, 1]), axis=1)).astype(
+            np.float32
+        ),
     )
 
 

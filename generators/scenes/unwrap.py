@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from generators.scenes.scene import F32, I32
 
 #: Empty texels between charts: bilinear look-up reaches one texel beyond a chart on either side.
-PADDING = 2
+PADDING = 1
 _WELD = 1e5
 
 

@@ -93,8 +93,9 @@ class EmbreeSession:
 
     def close(self) -> None:
         """Free what the session holds; closing twice is fine."""
-        self._embree = None
-        self.__dict__.pop("_tables", None)
+        if self._embree is not None:
+            self._embree = None
+            del self._tables, self._thin
 
     def _view(self, pose: Pose) -> View:
         camera = self._intrinsics
@@ -122,9 +123,7 @@ class EmbreeSession:
             face = hit["primID"]
             self._face[block] = face
             kernels.write_geometry(face, hit["tfar"], tables, depth[block], ids[block])
-            kernels.shade(
-                face, hit["tfar"], hit["u"], hit["v"], directions, view, 1.0, tables, self._tone, WHITE, light
-            )
+            self._shade(hit, directions, view, 1.0, light)
             kernels.encode(light.reshape(-1), self._srgb, rgb[block].reshape(-1))
 
     def _refine_edges(self, view: View, rgb: np.ndarray, depth: np.ndarray) -> None:
@@ -142,20 +141,14 @@ class EmbreeSession:
             directions, light = self._directions[:count], self._light[:count]
             kernels.sub_pixel_directions(view, chunk, SUB_PIXELS, directions)
             hit = self._embree.run(repeated(view.origin, count), directions, query="INTERSECT", output=True)
-            kernels.shade(
-                hit["primID"],
-                hit["tfar"],
-                hit["u"],
-                hit["v"],
-                directions,
-                view,
-                0.5,
-                tables,
-                self._tone,
-                WHITE,
-                light,
-            )
+            self._shade(hit, directions, view, 0.5, light)
             kernels.average(light, samples, self._srgb, chunk, rgb)
+
+    def _shade(
+        self, hit: dict[str, np.ndarray], directions: np.ndarray, view: View, spread: float, light: np.ndarray
+    ) -> None:
+        face, distance, u, v = hit["primID"], hit["tfar"], hit["u"], hit["v"]
+        self._kernels.shade(face, distance, u, v, directions, view, spread, self._tables, self._tone, WHITE, light)
 
 
 def _vector(xyz: np.ndarray) -> tuple[float, float, float]:
@@ -173,7 +166,7 @@ def _check_camera(camera: Intrinsics) -> None:
 def warm_up() -> None:
     """Compile all kernels, or load them from the cache, once, before workers start.
 
-    Renders a triangle of a few pixels. Processes that come at the same time wait for the first one and load its work.
+    Renders a box on a few pixels. Processes that come at the same time wait for the first one and load its work.
 
     Raises:
         Avs3dError: if a package of ``[generate]`` is missing or no folder for compiled code can be written.

@@ -36,6 +36,8 @@ NARROW = 1.0
 NEAREST = 0.02
 #: Contrast of neighbours, in 8-bit levels, below which an edge is not worth more rays.
 VISIBLE = 3
+#: Contrast beyond which neighbours on different faces are an edge even if the surface goes on smoothly.
+STRONG = 16
 
 _1, _2 = np.uint64(1), np.uint64(2)
 _ZERO, _ONE, _HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
@@ -352,11 +354,12 @@ def encode(light: F32, srgb: U8, out: U8) -> None:
 
 
 @inline
-def _differs(rgb: U8, i: int, j: int) -> bool:
+def _contrast(rgb: U8, i: int, j: int) -> int:
+    """Largest difference of two pixels in a channel, in 8-bit levels."""
     red = abs(np.int32(rgb[i, 0]) - np.int32(rgb[j, 0]))
     green = abs(np.int32(rgb[i, 1]) - np.int32(rgb[j, 1]))
     blue = abs(np.int32(rgb[i, 2]) - np.int32(rgb[j, 2]))
-    return bool(max(red, green, blue) > VISIBLE)
+    return int(max(red, green, blue))
 
 
 @inline
@@ -382,18 +385,19 @@ def _breaks(surface: I32, normal: F32, depth: F32, view: View, a: int, b: int, i
 def mark_edges(face: I32, depth: F32, rgb: U8, view: View, surface: I32, normal: F32, marks: U8) -> None:
     """Set ``marks`` (H·W,) at both pixels of each visible edge.
 
-    An edge is where neighbours show different surfaces, directions or depths, in colours that differ visibly.
+    An edge is where neighbours show different surfaces, directions or depths, in colours that differ visibly; and where
+    the texture or the light of two faces does not fit together at their seam.
     """
     width, height = view.width, view.height
     for y in range(height):
         for x in range(width):
             i = y * width + x
             for j, inside in ((i + 1, x + 1 < width), (i + width, y + 1 < height)):
-                if (
-                    inside
-                    and face[i] != face[j]
-                    and _differs(rgb, i, j)
-                    and _breaks(surface, normal, depth, view, face[i], face[j], i, j)
+                if not inside or face[i] == face[j]:
+                    continue
+                contrast = _contrast(rgb, i, j)
+                if contrast > STRONG or (
+                    contrast > VISIBLE and _breaks(surface, normal, depth, view, face[i], face[j], i, j)
                 ):
                     marks[i] = marks[j] = 1
 

@@ -20,7 +20,8 @@ _LIFT = 1e-5
 
 #: (8, 2) rays of a pixel at an edge, in pixels right and down from its corner: Direct3D's standard pattern of eight
 #: samples (D3D11_STANDARD_MULTISAMPLE_PATTERN). No two share a column or a row of the 8 × 8 grid, so that nearly
-#: horizontal and vertical edges get all nine levels; and few lie on a common line in any other direction.
+#: horizontal and vertical edges get all nine levels; and few lie on a common line in any other direction. (Probing with
+#: four and adding four where those disagree saves a twentieth of a frame's time and loses parts of thin wires.)
 SUB_PIXELS: NDArray[np.float64] = (
     np.array([[1, -3], [-1, 3], [5, 1], [-3, -5], [-5, 5], [-7, -1], [3, 7], [7, -7]], dtype=np.float64) + 8
 ) / 16

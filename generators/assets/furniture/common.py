@@ -14,13 +14,22 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from generators.assets.furniture.forms import (
+    BOX_FACES,
+    CHAMFER_FACES,
+    CHAMFER_NORMALS,
+    INSET,
+    SIGNS,
+    Array,
+    grid_faces,
+    outward,
+)
 from generators.assets.materials import TILES, Palette
 from generators.assets.shapes import MeshBuilder, rotation
 from generators.scenes.scene import Material, Mesh, Support, SupportKind
 
-Array = NDArray[np.float64]
 Mount = Literal["floor", "wall", "ceiling"]
-Point = Sequence[float]
+Point = Sequence[float] | Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,77 +48,6 @@ class Furniture:
     mesh: Mesh
     supports: tuple[Support, ...] = ()
     mount: Mount = "floor"
-
-
-def _chamfered_cube() -> tuple[Array, Array, NDArray[np.int64], Array]:
-    """Topology of a box with chamfered edges: signs (24, 3), in-face mask (24, 3), faces (44, 3), normals (24, 3).
-
-    Each corner has one vertex per adjacent face, and that face's normal; the chamfers between them so shade as
-    rounded edges at 44 triangles a box.
-    """
-    corners = [(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]
-    signs = np.array([c for c in corners for _ in range(3)])
-    axes = np.tile(np.arange(3), 8)
-    inset = np.ones((24, 3))
-    inset[np.arange(24), axes] = 0.0
-    normals = np.zeros((24, 3))
-    normals[np.arange(24), axes] = signs[np.arange(24), axes]
-    at = {(c, a): 3 * k + a for k, c in enumerate(corners) for a in range(3)}
-    polygons: list[list[int]] = []
-    for a in range(3):
-        b, c = (a + 1) % 3, (a + 2) % 3
-        for s in (-1.0, 1.0):
-            loop = []
-            for p, q in ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)):
-                corner = [0.0, 0.0, 0.0]
-                corner[a], corner[b], corner[c] = s, p, q
-                loop.append(at[(corner[0], corner[1], corner[2]), a])
-            polygons.append(loop)
-            for t in (-1.0, 1.0):
-                lo, hi = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
-                lo[a], lo[b], lo[c] = s, t, -1.0
-                hi[a], hi[b], hi[c] = s, t, 1.0
-                low, high = (lo[0], lo[1], lo[2]), (hi[0], hi[1], hi[2])
-                polygons.append([at[low, a], at[low, b], at[high, b], at[high, a]])
-    polygons += [[at[c, 0], at[c, 1], at[c, 2]] for c in corners]
-    place = signs - 0.3 * signs * inset
-    faces = []
-    for loop in polygons:
-        p = place[loop]
-        if np.cross(p[1] - p[0], p[2] - p[0]) @ p.mean(axis=0) < 0:
-            loop = loop[::-1]
-        faces += [[loop[0], loop[k], loop[k + 1]] for k in range(1, len(loop) - 1)]
-    return signs, inset, np.array(faces), normals
-
-
-_SIGNS, _INSET, _CHAMFER_FACES, _CHAMFER_NORMALS = _chamfered_cube()
-
-
-def grid_faces(rows: int, columns: int) -> NDArray[np.int64]:
-    """(F, 3) triangles of a grid of rows × columns vertices in row-major order."""
-    i, j = (k.reshape(-1) for k in np.meshgrid(np.arange(rows - 1), np.arange(columns - 1), indexing="ij"))
-    a, b, c, d = i * columns + j, i * columns + j + 1, (i + 1) * columns + j + 1, (i + 1) * columns + j
-    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
-
-
-def outward(vertices: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The faces of a closed solid, turned so that its signed volume is positive."""
-    p = vertices[faces] - vertices.mean(axis=0)
-    volume = np.einsum("ij,ij->i", p[:, 0], np.cross(p[:, 1], p[:, 2])).sum()
-    return faces if volume > 0 else faces[:, ::-1]
-
-
-def rounded_rectangle(width: float, depth: float, radius: float, *, per_corner: int = 6) -> Array:
-    """(4·per_corner, 2) outline (x, z) about the origin, counter-clockwise seen with z downwards on paper."""
-    r = min(radius, 0.499 * width, 0.499 * depth)
-    angle = np.linspace(0, np.pi / 2, per_corner)
-    points = []
-    for k, (sx, sz) in enumerate(((1, 1), (-1, 1), (-1, -1), (1, -1))):
-        t = angle + k * np.pi / 2
-        points.append(
-            np.stack([sx * (width / 2 - r) + r * np.cos(t), sz * (depth / 2 - r) + r * np.sin(t)], axis=1)
-        )
-    return np.concatenate(points)
 
 
 class Kit(MeshBuilder):
@@ -165,7 +103,7 @@ class Kit(MeshBuilder):
         faces: ArrayLike,
         material: Material,
         *,
-        centre: Sequence[float] = (0.0, 0.0, 0.0),
+        centre: Sequence[float] | Array = (0.0, 0.0, 0.0),
         rotate: Array | None = None,
         uv: Array | None = None,
         normals: Array | None = None,
@@ -217,14 +155,14 @@ class Kit(MeshBuilder):
         if radius <= 0:
             self.box(tuple(2 * half), tuple(centre), material, rotate=rotate)
             return self
-        vertices = _SIGNS * half - _SIGNS * _INSET * radius
+        vertices = SIGNS * half - SIGNS * INSET * radius
         return self.add(
             vertices,
-            _CHAMFER_FACES,
+            CHAMFER_FACES,
             material,
             centre=tuple(centre),
             rotate=rotate,
-            normals=_CHAMFER_NORMALS[_CHAMFER_FACES],
+            normals=CHAMFER_NORMALS[CHAMFER_FACES],
         )
 
     def soft(
@@ -244,7 +182,8 @@ class Kit(MeshBuilder):
         # Cut lines dense near the edges, where the curvature is.
         cut = np.sign(np.linspace(-1, 1, cells + 1)) * np.abs(np.linspace(-1, 1, cells + 1)) ** 0.6
         s, t = (k.reshape(-1) for k in np.meshgrid(cut, cut, indexing="ij"))
-        vertices, faces = [], []
+        vertices: list[Array] = []
+        faces: list[NDArray[np.int64]] = []
         for axis in range(3):
             for sign in (-1.0, 1.0):
                 p = np.empty((len(s), 3))
@@ -264,12 +203,10 @@ class Kit(MeshBuilder):
                 others = crown[:, (axis + 1) % 3] * crown[:, (axis + 2) % 3]
                 shaped[:, axis] += rise * unit[:, axis] * np.sqrt(np.clip(others, 0, 1))
         joined = np.concatenate(faces)
-        return self.add(
-            shaped, outward(shaped, joined), material, centre=tuple(centre), rotate=rotate, crease=75.0
-        )
+        return self.add(shaped, outward(shaped, joined), material, centre=tuple(centre), rotate=rotate, crease=75.0)
 
     def pillow(
-        self, size: Point, centre: Point, material: Material, *, rotate: Array | None = None, cells: int = 8
+        self, size: Point, centre: Point, material: Material, *, rotate: Array | None = None, cells: int = 7
     ) -> Kit:
         """A stuffed cushion lying in its local x–y plane, ``size`` = (width, height, thickness): thin pinched rim."""
         w, h, d = (float(k) / 2 for k in size)
@@ -284,9 +221,7 @@ class Kit(MeshBuilder):
         index = grid_faces(cells + 1, cells + 1)
         faces = np.concatenate([index, index[:, ::-1] + len(front)])
         vertices = np.concatenate([front, back])
-        return self.add(
-            vertices, outward(vertices, faces), material, centre=tuple(centre), rotate=rotate, crease=60.0
-        )
+        return self.add(vertices, outward(vertices, faces), material, centre=tuple(centre), rotate=rotate, crease=60.0)
 
     def loft(self, rings: ArrayLike, material: Material, *, caps: bool = True, crease: float = 45.0) -> Kit:
         """Skin a closed solid over ``rings`` (R, N, 3), from one end to the other; flat caps close the ends.
@@ -315,6 +250,24 @@ class Kit(MeshBuilder):
             )
             vertices = np.concatenate([vertices, ends])
         return self.add(vertices, outward(vertices, faces), material, crease=crease)
+
+    def round_top(self, radius: float, low: float, high: float, material: Material) -> Kit:
+        """A round table top or seat about the Y axis with softened edges, its grain straight across."""
+        angle = np.linspace(0, 2 * np.pi, 44, endpoint=False)
+        soft = min(0.008, 0.4 * (high - low))
+        rings = [
+            np.stack([r * np.cos(angle), np.full(44, y), r * np.sin(angle)], axis=1)
+            for r, y in (
+                (radius - soft, low),
+                (radius - 0.3 * soft, low + 0.3 * soft),
+                (radius, low + soft),
+                (radius, high - soft),
+                (radius - 0.3 * soft, high - 0.3 * soft),
+                (radius - soft, high),
+            )
+        ]
+        with self.grained("x"):
+            return self.loft(rings, material, crease=60.0)
 
     def shell(self, surface: ArrayLike, thickness: float, material: Material, *, fit: bool = False) -> Kit:
         """Cloth: a grid of points (R, C, 3) given a thickness (half to each side) and closed round its rim.
@@ -345,11 +298,18 @@ class Kit(MeshBuilder):
         return self.add(vertices, faces, material, uv=np.concatenate([chart, chart])[faces], crease=60.0)
 
     def rod(
-        self, start: Point, end: Point, radius: float, material: Material, *, end_radius: float | None = None, sides: int = 8
+        self,
+        start: Point,
+        end: Point,
+        radius: float,
+        material: Material,
+        *,
+        end_radius: float | None = None,
+        sides: int = 8,
     ) -> Kit:
         """A round bar or tapered leg between two points."""
         radii = [radius, radius if end_radius is None else end_radius]
-        self.tube([start, end], radii, material, segments=sides)
+        self.tube(np.array([start, end]), radii, material, segments=sides)
         return self
 
     def cloth_quad(self, corners: ArrayLike, material: Material, *, fit: bool = True) -> Kit:
@@ -361,7 +321,7 @@ class Kit(MeshBuilder):
         """What sound meets: a box between two corners, with the material's acoustic label."""
         lower, upper = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
         corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * (upper - lower) + lower
-        self._sound(corners[_BOX_FACES], material)
+        self._sound(corners[BOX_FACES], material)
         return self
 
     def support(
@@ -403,9 +363,5 @@ class Kit(MeshBuilder):
         return Furniture(kind, mesh, moved, self.mount)
 
 
-_BOX_FACES = np.array(
-    [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
-)
-
-#: Turns that are wanted often.
+#: A turn that lays an extrusion flat: its outline (x, y) becomes (x, −z).
 LIE_DOWN = rotation("x", -90)

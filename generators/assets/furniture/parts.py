@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from generators.assets.furniture.common import Kit, rounded_rectangle
+from generators.assets.furniture.common import Kit
+from generators.assets.furniture.forms import rounded_rectangle
 from generators.assets.shapes import rotation
 from generators.assets.textures.pictures import SPINES
 from generators.scenes.scene import Material
@@ -12,11 +13,21 @@ from generators.scenes.scene import Material
 HANDLES = ("bar", "knob", "cup", "groove")
 
 
-def handle(kit: Kit, at: tuple[float, float, float], material: Material, *, style: str, length: float, axis: str) -> None:
+def handle(
+    kit: Kit, at: tuple[float, float, float], material: Material, *, style: str, length: float, axis: str
+) -> None:
     """A handle centred ``at`` a point of a front that faces +Z; ``axis`` ``"x"`` or ``"y"`` is its direction."""
     x, y, z = at
     if style == "knob":
-        profile = [(0.0, 0.0), (0.007, 0.0), (0.006, 0.012), (0.015, 0.017), (0.016, 0.023), (0.011, 0.027), (0.0, 0.028)]
+        profile = [
+            (0.0, 0.0),
+            (0.007, 0.0),
+            (0.006, 0.012),
+            (0.015, 0.017),
+            (0.016, 0.023),
+            (0.011, 0.027),
+            (0.0, 0.028),
+        ]
         kit.lathe(profile, material, centre=at, segments=12, rotate=rotation("x", 90))
         return
     if style == "cup" and axis == "x":
@@ -33,7 +44,7 @@ def handle(kit: Kit, at: tuple[float, float, float], material: Material, *, styl
     kit.rod(centre - along * half, centre + along * half, 0.0055, material)
     for side in (-1, 1):
         foot = np.array(at) + along * side * half * 0.8
-        kit.rod(foot, foot + [0.0, 0.0, 0.028], 0.0045, material, sides=6)
+        kit.rod(foot, foot + np.array([0.0, 0.0, 0.028]), 0.0045, material, sides=6)
 
 
 def front(
@@ -92,7 +103,11 @@ def is_shaker(kit: Kit) -> bool:
 
 
 def carcass(
-    kit: Kit, low: tuple[float, float, float], high: tuple[float, float, float], material: Material, board: float = 0.018
+    kit: Kit,
+    low: tuple[float, float, float],
+    high: tuple[float, float, float],
+    material: Material,
+    board: float = 0.018,
 ) -> None:
     """An open box of boards (sides, bottom, top, back) without a front."""
     x0, y0, z0 = low
@@ -104,7 +119,9 @@ def carcass(
     kit.panel((x0 + board, y0 + board, z0), (x1 - board, y1 - board, z0 + 0.008), material, bevel=0.0)
 
 
-def tap(kit: Kit, at: tuple[float, float, float], material: Material, *, style: str, height: float, reach: float) -> None:
+def tap(
+    kit: Kit, at: tuple[float, float, float], material: Material, *, style: str, height: float, reach: float
+) -> None:
     """A mixer tap whose spout leaves its foot ``at`` towards +Z: ``arc`` (gooseneck) or ``block``."""
     x, y, z = at
     if style == "arc":
@@ -129,7 +146,6 @@ def book_row(
 
     The last one sometimes leans. Spines come from the atlas of the role ``books``, pages and covers are plain.
     """
-    books, paper = kit.m("books"), kit.m("paper")
     columns, rows = SPINES
     at = x[0]
     for _ in range(most):
@@ -141,7 +157,6 @@ def book_row(
         cell = int(kit.rng.integers(columns * rows))
         book(kit, (at + 0.0005, y, z0), (at + thick - 0.0005, y + tall, z1), cell)
         at += thick
-    del books, paper
     return at
 
 
@@ -193,14 +208,14 @@ def vase(kit: Kit, at: tuple[float, float, float], material: Material, height: f
     lip = outer[-1]
     inner = [(lip[0] - 0.035, 1.0), (lip[0] - 0.05, 0.8), (0.0, 0.75)]
     profile = np.array([(0.0, 0.0), *outer, *inner]) * height
-    kit.lathe(profile, material, centre=at, segments=18)
+    kit.lathe(profile, material, centre=at, segments=14)
 
 
 def bowl(kit: Kit, at: tuple[float, float, float], material: Material, radius: float, height: float) -> None:
     """An open bowl."""
     outer = [(0.0, 0.0), (0.45, 0.0), (0.72, 0.22), (0.92, 0.62), (1.0, 1.0)]
     inner = [(0.95, 1.0), (0.85, 0.6), (0.62, 0.26), (0.3, 0.14), (0.0, 0.12)]
-    kit.lathe(np.array(outer + inner) * (radius, height), material, centre=at, segments=20)
+    kit.lathe(np.array(outer + inner) * (radius, height), material, centre=at, segments=15)
 
 
 def fruit_bowl(kit: Kit, at: tuple[float, float, float]) -> None:
@@ -215,19 +230,42 @@ def fruit_bowl(kit: Kit, at: tuple[float, float, float]) -> None:
 
 
 def wooden_legs(
-    kit: Kit, x: tuple[float, float], z: tuple[float, float], height: float, material: Material, *, splay: float = 0.0, radius: float = 0.018
+    kit: Kit,
+    x: tuple[float, float],
+    z: tuple[float, float],
+    height: float,
+    material: Material,
+    *,
+    splay: float = 0.0,
+    radius: float = 0.018,
 ) -> None:
     """Four tapered round legs at the corners, their feet ``splay`` metres further out."""
     for px in x:
         for pz in z:
             sx, sz = np.sign(px - sum(x) / 2), np.sign(pz - sum(z) / 2)
-            kit.rod((px + sx * splay, 0.0, pz + sz * splay), (px, height, pz), radius * 0.62, material, end_radius=radius)
+            kit.rod(
+                (px + sx * splay, 0.0, pz + sz * splay), (px, height, pz), radius * 0.62, material, end_radius=radius
+            )
 
 
-def ring_stack(sizes: list[tuple[float, float, float, float]], *, centre: tuple[float, float] = (0.0, 0.0), per_corner: int = 6) -> np.ndarray:
+def ring_stack(
+    sizes: list[tuple[float, float, float, float]], *, centre: tuple[float, float] = (0.0, 0.0), per_corner: int = 6
+) -> np.ndarray:
     """(R, N, 3) rounded-rectangle rings of (width, depth, corner radius, height) for `Kit.loft`."""
     rings = []
     for width, depth, radius, height in sizes:
         flat = rounded_rectangle(width, depth, radius, per_corner=per_corner)
         rings.append(np.stack([flat[:, 0] + centre[0], np.full(len(flat), height), flat[:, 1] + centre[1]], axis=1))
     return np.array(rings)
+
+
+def picture_frame(kit: Kit, w: float, h: float, band: float, depth: float, material: Material) -> None:
+    """Four mitre-less strips round a rectangle about the origin, back at z = 0."""
+    with kit.grained("y"):
+        for side in (-1, 1):
+            x0, x1 = sorted((side * w / 2, side * (w / 2 - band)))
+            kit.panel((x0, -h / 2, 0.0), (x1, h / 2, depth), material, bevel=0.004)
+    with kit.grained("x"):
+        for side in (-1, 1):
+            y0, y1 = sorted((side * h / 2, side * (h / 2 - band)))
+            kit.panel((-w / 2 + band, y0, 0.0), (w / 2 - band, y1, depth), material, bevel=0.004)

@@ -1,4 +1,4 @@
-"""Clocks: a printed dial under hands of metal, in a round rim, a square frame, a mantel case or an alarm clock's drum."""
+"""Clocks: a printed dial under metal hands, in a round rim, a square frame, a mantel case or an alarm clock's drum."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from generators.assets.objects import decals
 from generators.assets.objects.design import Build, Design
-from generators.assets.objects.finishes import choose, chrome, enamel, linear, paint, plastic, printed, rubber, wood
-from generators.assets.objects.forms import loft, rounded_rectangle, slab
+from generators.assets.objects.finishes import choose, chrome, enamel, plastic, printed, rubber, wood
+from generators.assets.objects.forms import slab
 from generators.assets.shapes import MeshBuilder, rotation
 from generators.scenes.scene import Material
 
@@ -39,7 +39,9 @@ def _dial(b: MeshBuilder, centre: tuple[float, float, float], radius: float, pix
     b.disc(radius, centre, "z", printed("dial", pixels, acoustic="paper", gloss=0.2), segments=64)
 
 
-def _rim(b: MeshBuilder, profile: list[tuple[float, float]], material: Material, centre: tuple[float, float, float]) -> None:
+def _rim(
+    b: MeshBuilder, profile: list[tuple[float, float]], material: Material, centre: tuple[float, float, float]
+) -> None:
     b.lathe(profile, material, centre=centre, rotate=rotation("x", 90), segments=72, acoustic=False)
 
 
@@ -49,7 +51,12 @@ def _station(rng: Generator) -> Design:
     radius = 0.19
     case = plastic("rim", choose(rng, "#1d1e20", "#9d2323", "#29465c", "#3c4a3e"), gloss=0.5)
     b.cylinder(radius, 0.032, (0, 0, 0.016), case, axis="z", segments=64)
-    _rim(b, [(radius, 0.0), (radius, 0.038), (radius - 0.005, 0.045), (radius - 0.013, 0.046), (radius - 0.019, 0.036)], case, (0, 0, 0))
+    _rim(
+        b,
+        [(radius, 0.0), (radius, 0.038), (radius - 0.005, 0.045), (radius - 0.013, 0.046), (radius - 0.019, 0.036)],
+        case,
+        (0, 0, 0),
+    )
     _dial(b, (0, 0, 0.0335), radius - 0.018, decals.clock_face(512, heavy=1.3, brand="QUARTZ"))
     _hands(b, (0, 0, 0.034), radius - 0.018, enamel("hands", "#151515"), rng)
     return Design(b.build(), "wall", (0.0, 0.0, 0.065))
@@ -64,7 +71,11 @@ def _wooden(rng: Generator) -> Design:
     _rim(
         b,
         [
-            (radius, 0.0), (radius, 0.024), (radius - 0.006, 0.036), (radius - 0.020, 0.044), (radius - 0.032, 0.040),
+            (radius, 0.0),
+            (radius, 0.024),
+            (radius - 0.006, 0.036),
+            (radius - 0.020, 0.044),
+            (radius - 0.032, 0.040),
             (radius - 0.038, 0.031),
         ],
         ring,
@@ -85,10 +96,16 @@ def _square(rng: Generator) -> Design:
     frame = plastic("frame", tone, gloss=0.4)
     slab(b, (side, side, 0.045), (0, side / 2, 0.0225), frame, corner=0.03, bevel=0.010, acoustic=True)
     dark = tone != "#e8e6e0"
-    pixels = decals.clock_face(512, paper="#f5f3ed" if dark else "#2c2e30", ink="#1a1a1a" if dark else "#f2f2ee", numerals="quarters")
+    pixels = decals.clock_face(
+        512, paper="#f5f3ed" if dark else "#2c2e30", ink="#1a1a1a" if dark else "#f2f2ee", numerals="quarters"
+    )
     b.lathe(
-        [(0.136, 0.0), (0.136, 0.004), (0.131, 0.006), (0.128, 0.002)], chrome("bezel"),
-        centre=(0, side / 2, 0.045), rotate=rotation("x", 90), segments=64, acoustic=False,
+        [(0.136, 0.0), (0.136, 0.004), (0.131, 0.006), (0.128, 0.002)],
+        chrome("bezel"),
+        centre=(0, side / 2, 0.045),
+        rotate=rotation("x", 90),
+        segments=64,
+        acoustic=False,
     )
     _dial(b, (0, side / 2, 0.0462), 0.130, pixels)
     _hands(b, (0, side / 2, 0.0466), 0.128, enamel("hands", "#151515" if dark else "#f4f4f0"), rng)
@@ -105,7 +122,13 @@ def _mantel(rng: Generator) -> Design:
     arch = np.stack([half * np.cos(t), shoulder + half * np.sin(t)], axis=1)
     outline = np.concatenate([[[-half, 0.045], [half, 0.045]], arch])
     b.extrude(outline, 0.10, case, centre=(0, 0, -0.05))
-    edge = np.concatenate([[[half - 0.012, 0.06]], np.stack([(half - 0.012) * np.cos(t), shoulder + (half - 0.012) * np.sin(t)], axis=1), [[-half + 0.012, 0.06]]])
+    edge = np.concatenate(
+        [
+            [[half - 0.012, 0.06]],
+            np.stack([(half - 0.012) * np.cos(t), shoulder + (half - 0.012) * np.sin(t)], axis=1),
+            [[-half + 0.012, 0.06]],
+        ]
+    )
     b.tube(np.concatenate([edge, np.full((len(edge), 1), 0.05)], axis=1), 0.004, case, segments=8)
     b.box((0.29, 0.020, 0.135), (0, 0.020, 0), case, bevel=0.005)
     b.box((0.262, 0.020, 0.122), (0, 0.038, 0), case, bevel=0.007, acoustic=False)
@@ -115,8 +138,12 @@ def _mantel(rng: Generator) -> Design:
             b.sphere((0.012, 0.010, 0.012), (x, 0.010, z), brass, rings=8, segments=14, acoustic=False)
     at = (0.0, shoulder, 0.05)
     b.lathe(
-        [(0.096, 0.0), (0.096, 0.006), (0.091, 0.011), (0.085, 0.008), (0.083, 0.002)], brass,
-        centre=at, rotate=rotation("x", 90), segments=56, acoustic=False,
+        [(0.096, 0.0), (0.096, 0.006), (0.091, 0.011), (0.085, 0.008), (0.083, 0.002)],
+        brass,
+        centre=at,
+        rotate=rotation("x", 90),
+        segments=56,
+        acoustic=False,
     )
     _dial(b, (0, shoulder, 0.0522), 0.085, decals.clock_face(512, paper="#f6eed9", ink="#22170e", numerals="roman"))
     _hands(b, (0, shoulder, 0.0526), 0.083, enamel("hands", "#1c130b"), rng)
@@ -131,8 +158,12 @@ def _alarm(rng: Generator) -> Design:
     y, radius = 0.135, 0.105
     b.cylinder(radius, 0.085, (0, y, 0), shell, axis="z", segments=56, bevel=0.012)
     b.lathe(
-        [(radius, -0.004), (radius + 0.003, 0.004), (radius - 0.002, 0.012), (radius - 0.012, 0.008)], steel,
-        centre=(0, y, 0.038), rotate=rotation("x", 90), segments=56, acoustic=False,
+        [(radius, -0.004), (radius + 0.003, 0.004), (radius - 0.002, 0.012), (radius - 0.012, 0.008)],
+        steel,
+        centre=(0, y, 0.038),
+        rotate=rotation("x", 90),
+        segments=56,
+        acoustic=False,
     )
     _dial(b, (0, y, 0.0445), radius - 0.010, decals.clock_face(512, paper="#f4f0e4", heavy=1.1))
     _hands(b, (0, y, 0.045), radius - 0.012, enamel("hands", "#151515"), rng)
@@ -141,12 +172,19 @@ def _alarm(rng: Generator) -> Design:
         base = np.array([0, y, 0]) + turn @ np.array([0, radius + 0.020, 0])
         s = np.linspace(0, np.pi / 2, 8)
         dome = np.stack([0.050 * np.cos(s), 0.040 * np.sin(s)], axis=1)
-        b.lathe([(0.044, 0.004), (0.050, 0.0), *dome[1:]], steel, centre=base, rotate=turn, segments=36, acoustic=False)
+        b.lathe(
+            [(0.0, 0.006), (0.044, 0.004), (0.050, 0.0), *dome[1:]],
+            steel,
+            centre=base,
+            rotate=turn,
+            segments=36,
+            acoustic=False,
+        )
         b.cylinder(0.006, 0.03, base - turn @ np.array([0, 0.012, 0]), steel, segments=12, acoustic=False)
         b.sphere(0.008, base + turn @ np.array([0, 0.043, 0]), steel, rings=8, segments=14, acoustic=False)
         foot = np.array([side * 0.062, 0.0, 0.0])
-        b.tube([foot + [0, 0.006, 0.012], np.array([side * 0.05, 0.055, 0.0])], 0.008, steel, segments=10)
-        b.sphere(0.011, foot + [0, 0.011, 0.012], rubber("foot"), rings=8, segments=12, acoustic=False)
+        b.tube([foot + np.array([0, 0.006, 0.012]), np.array([side * 0.05, 0.055, 0.0])], 0.008, steel, segments=10)
+        b.sphere(0.011, foot + np.array([0, 0.011, 0.012]), rubber("foot"), rings=8, segments=12, acoustic=False)
     b.tube([(0, y + radius - 0.005, 0), (0, y + radius + 0.045, 0)], 0.004, steel, segments=8)
     b.box((0.014, 0.018, 0.012), (0, y + radius + 0.050, 0), steel, bevel=0.003, acoustic=False)
     s = np.linspace(0.15, np.pi - 0.15, 13)

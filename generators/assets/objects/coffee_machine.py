@@ -8,7 +8,17 @@ from numpy.random import Generator
 from generators.assets.objects import decals
 from generators.assets.objects.design import Build, Design
 from generators.assets.objects.finishes import (
-    brushed_steel, ceramic, choose, chrome, enamel, glass, lamp, linear, paint, plastic, printed, rubber,
+    brushed_steel,
+    ceramic,
+    choose,
+    chrome,
+    enamel,
+    glass,
+    lamp,
+    paint,
+    plastic,
+    printed,
+    rubber,
 )
 from generators.assets.objects.forms import loft, rounded_rectangle, slab, smooth_path
 from generators.assets.shapes import MeshBuilder, rotation
@@ -20,10 +30,20 @@ def _cup(b: MeshBuilder, x: float, y: float, z: float, scale: float, material: M
     s = scale
     b.lathe(
         [
-            (0.0, 0.0), (0.30 * s, 0.0), (0.32 * s, 0.06 * s), (0.46 * s, 0.45 * s), (0.55 * s, 1.0 * s), (0.51 * s, 1.0 * s),
-            (0.43 * s, 0.5 * s), (0.38 * s, 0.35 * s), (0.0, 0.34 * s),
+            (0.0, 0.0),
+            (0.30 * s, 0.0),
+            (0.32 * s, 0.06 * s),
+            (0.46 * s, 0.45 * s),
+            (0.55 * s, 1.0 * s),
+            (0.51 * s, 1.0 * s),
+            (0.43 * s, 0.5 * s),
+            (0.38 * s, 0.35 * s),
+            (0.0, 0.34 * s),
         ],
-        material, centre=(x, y, z), segments=28, acoustic=False,
+        material,
+        centre=(x, y, z),
+        segments=28,
+        acoustic=False,
     )
     coffee = paint("coffee", "water", "#3a2113", gloss=0.5)
     b.cylinder(0.485 * s, 0.004, (x, y + 0.80 * s, z), coffee, segments=24, acoustic=False)
@@ -58,7 +78,11 @@ def _espresso(rng: Generator) -> Design:
     b.box((w, 0.20, 0.13), (0, 0.155, -0.09), shell, bevel=0.006)
     b.box((w, 0.105, 0.27), (0, 0.2875, -0.02), shell, bevel=0.012)
     back = brushed_steel("splash", rng, "#9a9da0")
-    b.quad([(-0.125, 0.066, -0.0245), (0.125, 0.066, -0.0245), (0.125, 0.232, -0.0245), (-0.125, 0.232, -0.0245)], back, acoustic=False)
+    b.quad(
+        [(-0.125, 0.066, -0.0245), (0.125, 0.066, -0.0245), (0.125, 0.232, -0.0245), (-0.125, 0.232, -0.0245)],
+        back,
+        acoustic=False,
+    )
     _tray(b, 0.24, 0.145, 0.070, 0.068, chrome("grid"))
     # Group head and portafilter.
     z = 0.060
@@ -69,7 +93,12 @@ def _espresso(rng: Generator) -> Design:
     for x in (-0.010, 0.010):
         b.tube([(0, 0.178, z), (x, 0.168, z), (x, 0.158, z)], 0.0045, metal, segments=8)
     b.tube([(0, 0.197, z + 0.030), (0, 0.193, z + 0.060)], 0.007, metal, segments=10)
-    b.tube([(0, 0.193, z + 0.058), (0, 0.188, z + 0.085), (0, 0.180, z + 0.150), (0, 0.178, z + 0.158)], [0.010, 0.0125, 0.0135, 0.009], dark, segments=16)
+    b.tube(
+        [(0, 0.193, z + 0.058), (0, 0.188, z + 0.085), (0, 0.180, z + 0.150), (0, 0.178, z + 0.158)],
+        [0.010, 0.0125, 0.0135, 0.009],
+        dark,
+        segments=16,
+    )
     _cup(b, 0.0, 0.070, z, 0.056, ceramic("cup", "#f4f2ec"))
     # Steam wand and its knob.
     wand = smooth_path([(0.105, 0.238, 0.075), (0.108, 0.215, 0.095), (0.112, 0.16, 0.105), (0.116, 0.098, 0.118)], 16)
@@ -87,9 +116,22 @@ def _espresso(rng: Generator) -> Design:
     b.disc(0.026, (0.0, 0.295, face + 0.0096), "z", printed("gauge", gauge.pixels(), acoustic="glass"), segments=32)
     for k, x in enumerate((-0.115, -0.085, -0.055)):
         b.cylinder(0.010, 0.008, (x, 0.295, face + 0.002), metal, axis="z", segments=20, bevel=0.002, acoustic=False)
-        b.cylinder(0.004, 0.003, (x, 0.318, face + 0.001), lamp("pilot", "#ff7a2a" if k == 0 else "#b9bcc0", 0.4 if k == 0 else 0.0), axis="z", segments=10, acoustic=False)
+        b.cylinder(
+            0.004,
+            0.003,
+            (x, 0.318, face + 0.001),
+            lamp("pilot", "#ff7a2a" if k == 0 else "#b9bcc0", 0.4 if k == 0 else 0.0),
+            axis="z",
+            segments=10,
+            acoustic=False,
+        )
     # Cups warming on top, inside the gallery rail.
-    rail = [(-0.125, h + 0.022, 0.095), (0.125, h + 0.022, 0.095), (0.125, h + 0.022, -0.135), (-0.125, h + 0.022, -0.135)]
+    rail = [
+        (-0.125, h + 0.022, 0.095),
+        (0.125, h + 0.022, 0.095),
+        (0.125, h + 0.022, -0.135),
+        (-0.125, h + 0.022, -0.135),
+    ]
     b.tube(rail, 0.0035, metal, segments=8, closed=True)
     for x, _, zz in rail:
         b.tube([(x, h - 0.002, zz), (x, h + 0.022, zz)], 0.003, metal, segments=8)
@@ -106,7 +148,9 @@ def _filter(rng: Generator) -> Design:
     accent = chrome("band")
     outline = rounded_rectangle(0.21, 0.27, 0.06)
 
-    def stack(levels: list[tuple[float, float]], material: Material, shape: np.ndarray = outline, z: float = 0.0) -> None:
+    def stack(
+        levels: list[tuple[float, float]], material: Material, shape: np.ndarray = outline, z: float = 0.0
+    ) -> None:
         loops = [np.stack([shape[:, 0] * s, np.full(len(shape), y), z - shape[:, 1] * s], axis=1) for s, y in levels]
         loft(b, np.array(loops), material)
 
@@ -116,30 +160,65 @@ def _filter(rng: Generator) -> Design:
     stack([(0.96, 0.235), (1.0, 0.243), (1.0, 0.335), (0.97, 0.352), (0.86, 0.360)], body)
     stack([(1.004, 0.246), (1.004, 0.252)], accent)
     zc = 0.042
-    b.cylinder(0.078, 0.006, (0, 0.046, zc), paint("hotplate", "metal", "#2d2e30", gloss=0.4), segments=40, acoustic=False)
+    b.cylinder(
+        0.078, 0.006, (0, 0.046, zc), paint("hotplate", "metal", "#2d2e30", gloss=0.4), segments=40, acoustic=False
+    )
     b.cylinder(0.060, 0.030, (0, 0.226, zc), body, segments=36, top_radius=0.075, acoustic=False)
     # Jug: coffee below, clear glass above it.
     coffee = glass("coffee_in_glass", "#23120a")
     clear = glass("glass", "#8fa0a5")
-    b.lathe([(0.0, 0.0), (0.058, 0.0), (0.068, 0.008), (0.076, 0.040), (0.074, 0.072)], coffee, centre=(0, 0.050, zc), segments=40, acoustic=True)
-    b.lathe([(0.074, 0.072), (0.070, 0.095), (0.058, 0.124), (0.054, 0.134)], clear, centre=(0, 0.050, zc), segments=40, acoustic=False)
-    b.lathe([(0.0545, 0.130), (0.058, 0.132), (0.058, 0.146), (0.050, 0.156), (0.0, 0.160)], plastic("lid", "#1b1c1e"), centre=(0, 0.050, zc), segments=36, acoustic=False)
+    b.lathe(
+        [(0.0, 0.0), (0.058, 0.0), (0.068, 0.008), (0.076, 0.040), (0.074, 0.072)],
+        coffee,
+        centre=(0, 0.050, zc),
+        segments=40,
+        acoustic=True,
+    )
+    b.lathe(
+        [(0.074, 0.072), (0.070, 0.095), (0.058, 0.124), (0.054, 0.134)],
+        clear,
+        centre=(0, 0.050, zc),
+        segments=40,
+        acoustic=False,
+    )
+    b.lathe(
+        [(0.0545, 0.130), (0.058, 0.132), (0.058, 0.146), (0.050, 0.156), (0.0, 0.160)],
+        plastic("lid", "#1b1c1e"),
+        centre=(0, 0.050, zc),
+        segments=36,
+        acoustic=False,
+    )
     b.torus(0.0745, 0.0022, (0, 0.124, zc), accent, axis="y", segments=40, minor_segments=8)
-    handle = smooth_path([(0.0, 0.196, zc + 0.052), (0.0, 0.198, zc + 0.082), (0.0, 0.178, zc + 0.104), (0.0, 0.125, zc + 0.104), (0.0, 0.100, zc + 0.078)], 20)
+    handle = smooth_path(
+        [
+            (0.0, 0.196, zc + 0.052),
+            (0.0, 0.198, zc + 0.082),
+            (0.0, 0.178, zc + 0.104),
+            (0.0, 0.125, zc + 0.104),
+            (0.0, 0.100, zc + 0.078),
+        ],
+        20,
+    )
     turn = rotation("y", 38)
     handle = (handle - [0, 0, zc]) @ turn.T + [0, 0, zc]
     b.tube(handle, 0.0095, plastic("jug_handle", "#1b1c1e"), segments=12)
-    marks = decals.Canvas(64, 256, "#23120a")
     # Front: switch, window of the water gauge, name.
     name = decals.Canvas(320, 96, tone)
     ink = "#3a3d40" if tone == "#eceae4" else "#e8e8e6"
     name.text((160, 48), "AROMA 12", 46, ink, bold=0.8)
-    del marks
     front = 0.135
     at = [(sx * 0.045, 0.300 + sy * 0.0135, front + 0.0006) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     b.quad(at, printed("name", name.pixels()), fit=True, acoustic=False)
     slab(b, (0.030, 0.016, 0.006), (0.0, 0.020, front + 0.002), plastic("switch", "#141517"), corner=0.004, bevel=0.002)
-    b.cylinder(0.003, 0.003, (0.007, 0.020, front + 0.005), lamp("pilot", "#ff5a2a", 0.6), axis="z", segments=10, acoustic=False)
+    b.cylinder(
+        0.003,
+        0.003,
+        (0.007, 0.020, front + 0.005),
+        lamp("pilot", "#ff5a2a", 0.6),
+        axis="z",
+        segments=10,
+        acoustic=False,
+    )
     return Design(b.build(), "surface", (0.0, 0.275, front + 0.03))
 
 
@@ -152,24 +231,54 @@ def _capsule(rng: Generator) -> Design:
     width = 0.125
     # Side view (z, y) of the body: foot, column at the back, head reaching forwards.
     t = np.linspace(0, np.pi / 2, 7)
-    side = [(-0.15, 0.0), (0.02, 0.0), (0.02, 0.030), (-0.02, 0.045), (-0.035, 0.075), (-0.030, 0.150), (-0.005, 0.178), (0.075, 0.182)]
+    side = [
+        (-0.15, 0.0),
+        (0.02, 0.0),
+        (0.02, 0.030),
+        (-0.02, 0.045),
+        (-0.035, 0.075),
+        (-0.030, 0.150),
+        (-0.005, 0.178),
+        (0.075, 0.182),
+    ]
     side += [(0.100 + 0.018 * np.sin(a), 0.205 - 0.018 * np.cos(a)) for a in t]
     side += [(0.085 + 0.030 * np.cos(a), 0.235 + 0.032 * np.sin(a)) for a in t]
     side += [(-0.12 - 0.030 * np.sin(a), 0.235 + 0.032 * np.cos(a)) for a in t]
     profile = np.array(side)
     # Extruded along x: (x, y) of the outline are (−z, y) turned about Y.
-    b.extrude(np.stack([-profile[:, 0], profile[:, 1]], axis=1)[::-1], width, body, centre=(-width / 2, 0, 0), rotate=rotation("y", 90))
+    b.extrude(
+        np.stack([-profile[:, 0], profile[:, 1]], axis=1)[::-1],
+        width,
+        body,
+        centre=(-width / 2, 0, 0),
+        rotate=rotation("y", 90),
+    )
     for s in (-1, 1):
         b.extrude(
-            np.stack([-profile[:, 0] * 0.93 - 0.002, profile[:, 1] * 0.93 + 0.008], axis=1)[::-1], 0.004, dark,
-            centre=(s * (width / 2 + 0.0005) - 0.002, 0, 0), rotate=rotation("y", 90), acoustic=False,
+            np.stack([-profile[:, 0] * 0.93 - 0.002, profile[:, 1] * 0.93 + 0.008], axis=1)[::-1],
+            0.004,
+            dark,
+            centre=(s * (width / 2 + 0.0005) - 0.002, 0, 0),
+            rotate=rotation("y", 90),
+            acoustic=False,
         )
     slab(b, (0.13, 0.145, 0.026), (0, 0.013, 0.080), dark, corner=0.035, bevel=0.005, rotate=rotation("x", -90))
     _tray(b, 0.088, 0.088, 0.030, 0.080, metal)
     b.cylinder(0.022, 0.030, (0, 0.176, 0.075), dark, top_radius=0.026, segments=28, acoustic=False)
     b.cylinder(0.008, 0.018, (0, 0.153, 0.075), metal, segments=16, acoustic=False)
     _cup(b, 0.0, 0.031, 0.078, 0.062, ceramic("cup", "#f6f4ef"))
-    lever = smooth_path([(-0.05, 0.245, -0.02), (-0.05, 0.285, 0.03), (-0.048, 0.298, 0.09), (0.0, 0.300, 0.118), (0.048, 0.298, 0.09), (0.05, 0.285, 0.03), (0.05, 0.245, -0.02)], 40)
+    lever = smooth_path(
+        [
+            (-0.05, 0.245, -0.02),
+            (-0.05, 0.285, 0.03),
+            (-0.048, 0.298, 0.09),
+            (0.0, 0.300, 0.118),
+            (0.048, 0.298, 0.09),
+            (0.05, 0.285, 0.03),
+            (0.05, 0.245, -0.02),
+        ],
+        40,
+    )
     b.tube(lever, 0.007, metal, segments=10)
     for k, x in enumerate((-0.022, 0.022)):
         b.cylinder(0.0095 + 0.003 * k, 0.006, (x, 0.268, 0.03), metal, segments=20, bevel=0.002, acoustic=False)

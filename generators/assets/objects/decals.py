@@ -1,4 +1,4 @@
-"""Printed faces drawn with anti-aliasing: dials, keypads, seven-segment displays, clock faces, meshes, logos."""
+"""Printed faces drawn with anti-aliasing: seven-segment displays, clock faces, oven windows, any lettering."""
 
 from __future__ import annotations
 
@@ -66,7 +66,9 @@ class Canvas:
             width=round(width * _OVERSAMPLE) if outline else 0,
         )
 
-    def disc(self, centre: XY, radius: float, fill: str | None, *, outline: str | None = None, width: float = 1) -> None:
+    def disc(
+        self, centre: XY, radius: float, fill: str | None, *, outline: str | None = None, width: float = 1
+    ) -> None:
         """A circle."""
         x, y = (v * _OVERSAMPLE for v in centre)
         r = radius * _OVERSAMPLE
@@ -91,7 +93,9 @@ class Canvas:
         direction = np.array([np.sin(np.radians(degrees)), -np.cos(np.radians(degrees))])
         across = np.array([-direction[1], direction[0]]) * width / 2
         middle = np.asarray(centre)
-        corners = [middle + direction * r + side * across for r, side in ((inner, -1), (outer, -1), (outer, 1), (inner, 1))]
+        corners = [
+            middle + direction * r + side * across for r, side in ((inner, -1), (outer, -1), (outer, 1), (inner, 1))
+        ]
         self.polygon([(float(x), float(y)) for x, y in corners], fill)
 
     def text(self, centre: XY, text: str, size: float, fill: str, *, bold: float = 0.0) -> None:
@@ -139,35 +143,34 @@ class Canvas:
             (ax, ay), (bx, by) = spans[name]
             h, e = t / 2, t * 0.62
             if ay == by:
-                points = [(ax + e - h, ay), (ax + e, ay - h), (bx - e, ay - h), (bx - e + h, ay), (bx - e, ay + h), (ax + e, ay + h)]
+                points = [
+                    (ax + e - h, ay),
+                    (ax + e, ay - h),
+                    (bx - e, ay - h),
+                    (bx - e + h, ay),
+                    (bx - e, ay + h),
+                    (ax + e, ay + h),
+                ]
             else:
-                points = [(ax, ay + e - h), (ax + h, ay + e), (ax + h, by - e), (ax, by - e + h), (ax - h, by - e), (ax - h, ay + e)]
+                points = [
+                    (ax, ay + e - h),
+                    (ax + h, ay + e),
+                    (ax + h, by - e),
+                    (ax, by - e + h),
+                    (ax - h, by - e),
+                    (ax - h, ay + e),
+                ]
             self.polygon(points, fill)
 
 
-def dial_scale(size: int, background: str, ink: str, *, labels: Sequence[str] = (), sweep: float = 300.0) -> Pixels:
-    """The print round a knob: ticks over ``sweep`` degrees about twelve o'clock, labels outside them."""
-    canvas = Canvas(size, size, background)
-    middle = (size / 2, size / 2)
-    steps = max(len(labels) - 1, 10)
-    for k in range(steps + 1):
-        canvas.ray(middle, -sweep / 2 + sweep * k / steps, 0.31 * size, 0.345 * size, ink, 0.012 * size)
-    for k, label in enumerate(labels):
-        angle = np.radians(-sweep / 2 + sweep * k / max(len(labels) - 1, 1))
-        at = (size / 2 + 0.425 * size * np.sin(angle), size / 2 - 0.425 * size * np.cos(angle))
-        canvas.text(at, label, 0.085 * size, ink)
-    return canvas.pixels()
-
-
-def dotted_window(width: int, height: int, *, pitch: int = 8, margin: int = 18, sheen: bool = True) -> Pixels:
+def dotted_window(width: int, height: int, *, pitch: int = 8, margin: int = 18) -> Pixels:
     """The dark perforated window of a microwave, with the pale sheen of a reflected room."""
     canvas = Canvas(width, height, "#0c0d0e")
     canvas.box((margin, margin), (width - margin, height - margin), "#1b1d1f", radius=0.08 * height)
     for row, y in enumerate(np.arange(margin + pitch, height - margin - pitch / 2, pitch * 0.87)):
         for x in np.arange(margin + pitch + (row % 2) * pitch / 2, width - margin - pitch / 2, pitch):
             canvas.disc((float(x), float(y)), 0.27 * pitch, "#060606")
-    pixels = canvas.pixels()
-    return glazed(pixels) if sheen else pixels
+    return glazed(canvas.pixels())
 
 
 def glazed(pixels: Pixels, *, strength: float = 34.0) -> Pixels:
@@ -178,25 +181,7 @@ def glazed(pixels: Pixels, *, strength: float = 34.0) -> Pixels:
     band = np.exp(-(((slant - 0.42) / 0.10) ** 2)) + 0.6 * np.exp(-(((slant - 0.68) / 0.04) ** 2))
     fade = 0.25 + 0.75 * (1 - y / height)
     lifted = pixels + (strength * (0.8 * band + 0.25) * fade)[..., None] * np.array([0.92, 0.98, 1.06])
-    return np.clip(np.round(lifted), 0, 255).astype(np.uint8)
-
-
-def keypad(
-    width: int, height: int, keys: Sequence[Sequence[str]], background: str, key: str, ink: str, *, gap: float = 0.18
-) -> Pixels:
-    """A grid of labelled keys."""
-    canvas = Canvas(width, height, background)
-    rows, columns = len(keys), max(len(row) for row in keys)
-    cell_w, cell_h = width / columns, height / rows
-    for r, row in enumerate(keys):
-        for c, label in enumerate(row):
-            x, y = c * cell_w, r * cell_h
-            inset_x, inset_y = gap * cell_w / 2, gap * cell_h / 2
-            canvas.box((x + inset_x, y + inset_y), (x + cell_w - inset_x, y + cell_h - inset_y), key, radius=0.12 * cell_h)
-            if label:
-                size = 0.5 * cell_h if len(label) < 3 else 0.3 * cell_h
-                canvas.text((x + cell_w / 2, y + cell_h / 2), label, size, ink)
-    return canvas.pixels()
+    return np.asarray(np.clip(np.round(lifted), 0, 255), dtype=np.uint8)
 
 
 def display(width: int, height: int, text: str, *, background: str = "#071013", ink: str = "#7df0c8") -> Pixels:
@@ -212,7 +197,6 @@ def clock_face(
     paper: str = "#f7f5ee",
     ink: str = "#161616",
     numerals: str = "arabic",
-    minute_ticks: bool = True,
     heavy: float = 1.0,
     brand: str = "",
 ) -> Pixels:
@@ -222,11 +206,9 @@ def clock_face(
     middle = (size / 2, size / 2)
     canvas.disc(middle, 0.49 * size, None, outline=ink, width=0.004 * size)
     for minute in range(60):
-        hour = minute % 5 == 0
-        if not hour and not minute_ticks:
-            continue
-        inner = 0.415 if hour else 0.445
-        canvas.ray(middle, minute * 6, inner * size, 0.47 * size, ink, (0.022 if hour else 0.007) * size * heavy)
+        whole = minute % 5 == 0
+        inner = 0.415 if whole else 0.445
+        canvas.ray(middle, minute * 6, inner * size, 0.47 * size, ink, (0.022 if whole else 0.007) * size * heavy)
     for hour in range(12):
         if numerals == "none" or (numerals == "quarters" and hour % 3):
             continue

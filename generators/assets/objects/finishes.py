@@ -1,8 +1,8 @@
 """What household goods are made of: enamel, plastics, chrome, steel, glass, ceramic, rubber, wood, and printed faces.
 
-Light is baked into the scene and does not depend on the view, so what a polished surface would mirror is painted: metal
-carries a room's reflection looked up by its normals (see `mirrored`), dark glass a pale sheen. Colours are given as sRGB
-and stored linear. Plain finishes are cached, because a mesh tells its materials apart by identity.
+Light is baked into the scene and does not depend on the view, so what a polished surface would mirror is painted:
+metal carries a room's reflection looked up by its normals (see `mirrored`), dark glass a pale sheen. Colours are given
+as sRGB and stored linear. Plain finishes are cached, because a mesh tells its materials apart by identity.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def hex_rgb(srgb: str) -> Array:
 
 
 def to_linear(values: Array) -> Array:
-    """sRGB 0–255 as linear light in [0, 1] (IEC 61966-2-1)."""
+    """SRGB 0–255 as linear light in [0, 1] (IEC 61966-2-1)."""
     v = np.asarray(values, dtype=np.float64) / 255
     return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
 
@@ -94,7 +94,7 @@ def paint(name: str, acoustic: str, srgb: str, *, gloss: float = 0.2) -> Materia
 @cache
 def lamp(name: str, srgb: str, radiance: float) -> Material:
     """A pilot light; ``radiance`` in the scene's light unit (about 1 = a white wall in daylight)."""
-    r, g, b = linear(srgb)
+    r, g, b = (0.8 * v for v in linear(srgb))
     return Material(name, "plastic", (r, g, b), emission=(r * radiance, g * radiance, b * radiance))
 
 
@@ -106,7 +106,7 @@ def printed(name: str, pixels: Pixels, *, acoustic: str = "plastic", gloss: floa
 
 @cache
 def _room_reflection(tint: str) -> Texture:
-    """A polished ball in a room, seen from the front (128²): floor, dark horizon, walls, ceiling, a window on the left."""
+    """A polished ball in a room seen from the front (128²): floor, dark horizon, walls, ceiling, a window at left."""
     size = 128
     y, x = np.mgrid[0:size, 0:size]
     nx, ny = (x + 0.5) / size * 2 - 1, 1 - (y + 0.5) / size * 2

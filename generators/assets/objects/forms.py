@@ -20,7 +20,7 @@ def loft(
     *,
     cap_start: bool = True,
     cap_end: bool = True,
-    centre: Sequence[float] = (0.0, 0.0, 0.0),
+    centre: Sequence[float] | Array = (0.0, 0.0, 0.0),
     rotate: Array | None = None,
     crease: float = 40.0,
     acoustic: bool | str = True,
@@ -78,7 +78,7 @@ def rounded_rectangle(width: float, height: float, radius: float, *, steps: int 
 def slab(
     builder: MeshBuilder,
     size: Sequence[float],
-    centre: Sequence[float],
+    centre: Sequence[float] | Array,
     material: Material,
     *,
     corner: float = 0.02,
@@ -118,7 +118,7 @@ def housing_with_port(
     depth: float,
     corner: float = 0.012,
     bevel: float = 0.008,
-    centre: Sequence[float] = (0.0, 0.0, 0.0),
+    centre: Sequence[float] | Array = (0.0, 0.0, 0.0),
 ) -> None:
     """A box of ``size`` about ``centre`` whose front (+Z) has a round hole: the case of a washing machine.
 
@@ -181,9 +181,7 @@ def smooth_path(points: ArrayLike, count: int) -> Array:
     k = np.minimum(s.astype(int), len(p) - 2)
     t = (s - k)[:, None]
     a, b, c, d = padded[k], padded[k + 1], padded[k + 2], padded[k + 3]
-    return np.asarray(
-        0.5 * (2 * b + (c - a) * t + (2 * a - 5 * b + 4 * c - d) * t**2 + (3 * b - a - 3 * c + d) * t**3)
-    )
+    return np.asarray(0.5 * (2 * b + (c - a) * t + (2 * a - 5 * b + 4 * c - d) * t**2 + (3 * b - a - 3 * c + d) * t**3))
 
 
 def coil(path: ArrayLike, radius: float, turns: int, *, per_turn: int = 8) -> Array:
@@ -203,4 +201,4 @@ def coil(path: ArrayLike, radius: float, turns: int, *, per_turn: int = 8) -> Ar
 
 def ribbed(count: int, radius: float, depth: float) -> Array:
     """(count,) radii of a corrugated hose: every second ring is ``depth`` metres thinner."""
-    return radius - depth * (np.arange(count) % 2)
+    return np.asarray(radius - depth * (np.arange(count) % 2), dtype=np.float64)

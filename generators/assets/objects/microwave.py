@@ -7,7 +7,16 @@ from numpy.random import Generator
 
 from generators.assets.objects import decals
 from generators.assets.objects.design import Build, Design
-from generators.assets.objects.finishes import Pixels, brushed_steel, chrome, enamel, glass, linear, plastic, printed, rubber
+from generators.assets.objects.finishes import (
+    Pixels,
+    brushed_steel,
+    chrome,
+    enamel,
+    glass,
+    plastic,
+    printed,
+    rubber,
+)
 from generators.assets.objects.forms import slab
 from generators.assets.shapes import MeshBuilder, rotation
 from generators.scenes.scene import Material
@@ -42,7 +51,12 @@ def _window(b: MeshBuilder, frame: Material, z: float, *, rim: float = 0.022) ->
     slab(b, (width, height, 0.024), (x, y, z + 0.012), frame, corner=0.010, bevel=0.005)
     texture = decals.dotted_window(640, 448, pitch=11)
     w, h = width / 2 - rim, height / 2 - rim
-    corners = [(x - w, y - h, z + 0.0248), (x + w, y - h, z + 0.0248), (x + w, y + h, z + 0.0248), (x - w, y + h, z + 0.0248)]
+    corners = [
+        (x - w, y - h, z + 0.0248),
+        (x + w, y - h, z + 0.0248),
+        (x + w, y + h, z + 0.0248),
+        (x - w, y + h, z + 0.0248),
+    ]
     b.quad(corners, printed("mesh_window", texture, acoustic="glass", gloss=0.8), fit=True, acoustic=False)
     return left, right
 
@@ -53,7 +67,12 @@ def _panel(b: MeshBuilder, pixels: Pixels, frame: Material, z: float) -> tuple[f
     width, height = PANEL - 0.006, H - 0.022
     slab(b, (width, height, 0.022), (x, y, z + 0.011), frame, corner=0.008, bevel=0.004)
     w, h = width / 2 - 0.005, height / 2 - 0.005
-    corners = [(x - w, y - h, z + 0.0226), (x + w, y - h, z + 0.0226), (x + w, y + h, z + 0.0226), (x - w, y + h, z + 0.0226)]
+    corners = [
+        (x - w, y - h, z + 0.0226),
+        (x + w, y - h, z + 0.0226),
+        (x + w, y + h, z + 0.0226),
+        (x - w, y + h, z + 0.0226),
+    ]
     b.quad(corners, printed("controls", pixels), fit=True, acoustic=False)
     return x, y
 
@@ -110,15 +129,17 @@ def _white(rng: Generator) -> Design:
             angle = np.radians(-135 + 270 * k / (len(labels) - 1))
             canvas.ray((128, y), float(np.degrees(angle)), 66, 78, "#3c4043", 4)
             canvas.text((128 + 100 * np.sin(angle), y - 96 * np.cos(angle)), label, 24, "#3c4043")
-    x, y = _panel(b, canvas.pixels(), frame, z)
+    middle, level = _panel(b, canvas.pixels(), frame, z)
     height = H - 0.032
     for row in (160, 368):
-        at = y + height * (0.5 - row / 576)
+        at = level + height * (0.5 - row / 576)
         dial = plastic("dial", "#d5d6d4")
-        b.cylinder(0.026, 0.022, (x, at, z + 0.032), dial, axis="z", top_radius=0.022, bevel=0.003, acoustic=False)
+        b.cylinder(0.026, 0.022, (middle, at, z + 0.032), dial, axis="z", top_radius=0.022, bevel=0.003, acoustic=False)
         turn = rotation("z", float(rng.uniform(-120, 120)))
-        b.box((0.006, 0.040, 0.007), (x, at, z + 0.045), plastic("dial_grip", "#8e9296"), rotate=turn, acoustic=False)
-    slab(b, (0.09, 0.030, 0.010), (x, 0.042, z + 0.026), plastic("opener", "#dcdddb"), corner=0.006, bevel=0.003)
+        b.box(
+            (0.006, 0.040, 0.007), (middle, at, z + 0.045), plastic("dial_grip", "#8e9296"), rotate=turn, acoustic=False
+        )
+    slab(b, (0.09, 0.030, 0.010), (middle, 0.042, z + 0.026), plastic("opener", "#dcdddb"), corner=0.006, bevel=0.003)
     return Design(b.build(), "surface", (-0.06, H / 2, z + 0.055))
 
 
@@ -138,11 +159,17 @@ def _black(rng: Generator) -> Design:
         canvas.ray((128, 400), 15 * k, 92, 102, "#8b9095", 3)
     canvas.text((76, 544), "STOP", 20, "#d5d9dc")
     canvas.text((180, 544), "+30 s", 20, "#d5d9dc")
-    x, y = _panel(b, canvas.pixels(), frame, z)
-    at = y + (H - 0.032) * (0.5 - 400 / 576)
-    b.cylinder(0.034, 0.008, (x, at, z + 0.025), chrome("knob_ring"), axis="z", bevel=0.002, acoustic=False)
-    b.cylinder(0.030, 0.026, (x, at, z + 0.034), brushed_steel("knob", rng), axis="z", bevel=0.004, acoustic=False)
-    b.box((W - PANEL - 0.05, 0.012, 0.010), (-PANEL / 2, H - 0.030, z + 0.030), chrome("trim"), bevel=0.003, acoustic=False)
+    middle, level = _panel(b, canvas.pixels(), frame, z)
+    at = level + (H - 0.032) * (0.5 - 400 / 576)
+    b.cylinder(0.034, 0.008, (middle, at, z + 0.025), chrome("knob_ring"), axis="z", bevel=0.002, acoustic=False)
+    b.cylinder(0.030, 0.026, (middle, at, z + 0.034), brushed_steel("knob", rng), axis="z", bevel=0.004, acoustic=False)
+    b.box(
+        (W - PANEL - 0.05, 0.012, 0.010),
+        (-PANEL / 2, H - 0.030, z + 0.030),
+        chrome("trim"),
+        bevel=0.003,
+        acoustic=False,
+    )
     return Design(b.build(), "surface", (-0.06, H / 2, z + 0.06))
 
 

@@ -69,17 +69,35 @@ def _mini_oven(rng: Generator, case: Material, front: Material, background: str,
     px = W / 2 - PANEL / 2 - 0.002
     slab(b, (PANEL - 0.006, height, 0.016), (px, y, z + 0.008), front, corner=0.006, bevel=0.003)
     pw, ph = PANEL / 2 - 0.008, height / 2 - 0.006
-    corners = [(px - pw, y - ph, z + 0.0166), (px + pw, y - ph, z + 0.0166), (px + pw, y + ph, z + 0.0166), (px - pw, y + ph, z + 0.0166)]
+    corners = [
+        (px - pw, y - ph, z + 0.0166),
+        (px + pw, y - ph, z + 0.0166),
+        (px + pw, y + ph, z + 0.0166),
+        (px - pw, y + ph, z + 0.0166),
+    ]
     b.quad(corners, printed("dials", _dials(background, ink, brand)), fit=True, acoustic=False)
     for row in range(3):
         at = y + ph - 2 * ph * (120 + 190 * row) / 640
         b.cylinder(0.021, 0.005, (px, at, z + 0.019), chrome("dial_ring"), axis="z", segments=28, acoustic=False)
         b.cylinder(
-            0.018, 0.022, (px, at, z + 0.030), plastic("dial", "#1b1c1e"), axis="z", top_radius=0.016, bevel=0.002,
-            segments=28, acoustic=False,
+            0.018,
+            0.022,
+            (px, at, z + 0.030),
+            plastic("dial", "#1b1c1e"),
+            axis="z",
+            top_radius=0.016,
+            bevel=0.002,
+            segments=28,
+            acoustic=False,
         )
         turn = rotation("z", float(rng.integers(-6, 7)) * 22.5)
-        b.box((0.003, 0.014, 0.002), np.array([px, at, z + 0.0415]) + turn @ [0, 0.007, 0], plastic("mark", "#f0f0f0"), rotate=turn, acoustic=False)
+        b.box(
+            (0.003, 0.014, 0.002),
+            np.array([px, at, z + 0.0415]) + turn @ [0, 0.007, 0],
+            plastic("mark", "#f0f0f0"),
+            rotate=turn,
+            acoustic=False,
+        )
     return Design(b.build(), "surface", (x, y, z + 0.055))
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from generators.assets.objects import decals
 from generators.assets.objects.design import Build, Design
 from generators.assets.objects.finishes import choose, chrome, plastic, printed, rubber
-from generators.assets.objects.forms import coil, loft, rounded_rectangle, slab, smooth_path
+from generators.assets.objects.forms import coil, loft, rounded_rectangle, slab
 from generators.assets.shapes import MeshBuilder, rotation
 from generators.scenes.scene import Material
 
@@ -28,7 +28,14 @@ def _handset(b: MeshBuilder, length: float, material: Material, centre: Array, t
     ends = np.ones(len(x))
     ends[[0, -1]], ends[[1, -2]] = 0.55, 0.92
     loops = [
-        np.stack([np.full(len(outline), x[k]), y[k] + outline[:, 1] * thick[k] * ends[k], -outline[:, 0] * width[k] * ends[k]], axis=1)
+        np.stack(
+            [
+                np.full(len(outline), x[k]),
+                y[k] + outline[:, 1] * thick[k] * ends[k],
+                -outline[:, 0] * width[k] * ends[k],
+            ],
+            axis=1,
+        )
         for k in range(len(x))
     ]
     # Loops run counter-clockwise seen from +x.
@@ -37,11 +44,25 @@ def _handset(b: MeshBuilder, length: float, material: Material, centre: Array, t
         cup = np.array([side * (half - 0.030), -0.014, 0.0])
         b.lathe(
             [(0.0, -0.016), (0.022, -0.016), (0.029, -0.010), (0.030, 0.0), (0.024, 0.020), (0.0, 0.026)],
-            material, centre=centre + turn @ cup, rotate=turn, segments=28, acoustic=False,
+            material,
+            centre=centre + turn @ cup,
+            rotate=turn,
+            segments=28,
+            acoustic=False,
         )
 
 
-def _keys(b: MeshBuilder, labels: str, columns: int, pitch: tuple[float, float], size: tuple[float, float, float], key: str, ink: str, at: Array, turn: Array) -> None:
+def _keys(
+    b: MeshBuilder,
+    labels: str,
+    columns: int,
+    pitch: tuple[float, float],
+    size: tuple[float, float, float],
+    key: str,
+    ink: str,
+    at: Array,
+    turn: Array,
+) -> None:
     """Raised keys with printed tops; local x right, y up the slope, z out of it; ``at`` is the block's centre."""
     rows = (len(labels) + columns - 1) // columns
     material = plastic("key", key)
@@ -70,7 +91,7 @@ def _wedge(b: MeshBuilder, width: float, depth: float, front: float, back: float
         y = np.zeros(len(p)) if base else front + (back - front) * (0.5 - z / depth) - below
         return np.stack([p[:, 0], y, z], axis=1)
 
-    loops = [loop(0.006, 0, base=True), loop(0.0, 0, base=True) + [0, 0.006, 0]]
+    loops = [loop(0.006, 0, base=True), loop(0.0, 0, base=True) + np.array([0, 0.006, 0])]
     loops += [loop(bevel * (1 - np.cos(t)), bevel * (1 - np.sin(t))) for t in np.linspace(0, np.pi / 2, 4)]
     loft(b, np.array(loops), material, crease=50)
     return float(np.degrees(np.arctan2(back - front, depth)))
@@ -105,8 +126,14 @@ def _desk(rng: Generator) -> Design:
     along = turn @ rotation("x", 90) @ rotation("y", 90)
     _handset(b, 0.235, body, on_top(-0.066, 0.0, 0.036), along)
     cord = [
-        (-0.070, 0.055, 0.118), (-0.085, 0.028, 0.150), (-0.110, 0.011, 0.155), (-0.135, 0.011, 0.11),
-        (-0.142, 0.011, 0.04), (-0.135, 0.011, -0.03), (-0.112, 0.016, -0.05), (-0.104, 0.030, -0.05),
+        (-0.070, 0.055, 0.118),
+        (-0.085, 0.028, 0.150),
+        (-0.110, 0.011, 0.155),
+        (-0.135, 0.011, 0.11),
+        (-0.142, 0.011, 0.04),
+        (-0.135, 0.011, -0.03),
+        (-0.112, 0.016, -0.05),
+        (-0.104, 0.030, -0.05),
     ]
     b.tube(coil(cord, 0.0065, 34), 0.0022, rubber("cord", "#1d1e20" if not pale else "#c9c5ba"), segments=6)
     return Design(b.build(), "surface", (0.03, 0.105, 0.06))
@@ -137,7 +164,6 @@ def _rotary(rng: Generator) -> Design:
     _handset(b, 0.245, body, np.array([0.0, 0.158, -0.044]), np.eye(3))
     # The dial lies on the front slope, between (y .022, z .098) and (y .095, z .0165).
     slope = float(np.degrees(np.arctan2(0.095 - 0.022, 0.098 - 0.0165)))
-    face = rotation("x", -(90 - (90 - slope)) + 0) @ np.eye(3)
     face = rotation("x", slope - 90)
     at = np.array([0.0, 0.058, 0.062])
     axle = face @ rotation("x", 90)
@@ -146,7 +172,14 @@ def _rotary(rng: Generator) -> Design:
         return np.asarray(at + face @ np.array([x, y, z]))
 
     pale = plastic("number_plate", "#f3efe2")
-    b.lathe([(0.050, -0.02), (0.050, 0.006), (0.047, 0.008), (0.0, 0.008)], pale, centre=at, rotate=axle, segments=48, acoustic=False)
+    b.lathe(
+        [(0.050, -0.02), (0.050, 0.006), (0.047, 0.008), (0.0, 0.008)],
+        pale,
+        centre=at,
+        rotate=axle,
+        segments=48,
+        acoustic=False,
+    )
     canvas = decals.Canvas(320, 320, "#f3efe2")
     angles = [60 - 30 * k for k in range(10)]
     for k, angle in enumerate(angles):
@@ -156,8 +189,13 @@ def _rotary(rng: Generator) -> Design:
     flat = np.concatenate([[[0.0, 0.0]], np.stack([np.cos(ring), np.sin(ring)], axis=1)])
     fan = np.stack([np.zeros(48, dtype=int), 1 + np.arange(48), 1 + (np.arange(48) + 1) % 48], axis=1)
     b.add(
-        np.concatenate([flat * 0.049, np.full((49, 1), 0.0086)], axis=1), fan, printed("numbers", canvas.pixels()),
-        centre=at, rotate=face, uv=((flat + 1) / 2)[fan], acoustic=False,
+        np.concatenate([flat * 0.049, np.full((49, 1), 0.0086)], axis=1),
+        fan,
+        printed("numbers", canvas.pixels()),
+        centre=at,
+        rotate=face,
+        uv=((flat + 1) / 2)[fan],
+        acoustic=False,
     )
     circle = np.stack([np.cos(ring), np.sin(ring)], axis=1)
     holes = [
@@ -165,16 +203,28 @@ def _rotary(rng: Generator) -> Design:
         + 0.0078 * np.stack([np.cos(ring[::3]), np.sin(ring[::3])], axis=1)
         for a in angles
     ]
-    b.extrude(circle * 0.046, 0.003, chrome("finger_wheel"), holes=holes, centre=out(0, 0, 0.011), rotate=face, acoustic=False)
-    b.cylinder(0.020, 0.004, out(0, 0, 0.015), pale, segments=28, acoustic=False) if False else b.lathe(
-        [(0.0205, 0.0), (0.020, 0.003), (0.0, 0.004)], pale, centre=out(0, 0, 0.0135), rotate=axle, segments=28, acoustic=False
+    b.extrude(
+        circle * 0.046, 0.003, chrome("finger_wheel"), holes=holes, centre=out(0, 0, 0.011), rotate=face, acoustic=False
+    )
+    b.lathe(
+        [(0.0205, 0.0), (0.020, 0.003), (0.0, 0.004)],
+        pale,
+        centre=out(0, 0, 0.0135),
+        rotate=axle,
+        segments=28,
+        acoustic=False,
     )
     cord = [
-        (-0.112, 0.145, -0.044), (-0.135, 0.10, -0.05), (-0.152, 0.035, -0.045), (-0.150, 0.012, 0.0),
-        (-0.140, 0.011, 0.05), (-0.130, 0.011, 0.075), (-0.112, 0.012, 0.080),
+        (-0.112, 0.145, -0.044),
+        (-0.135, 0.10, -0.05),
+        (-0.152, 0.035, -0.045),
+        (-0.150, 0.012, 0.0),
+        (-0.140, 0.011, 0.05),
+        (-0.130, 0.011, 0.075),
+        (-0.112, 0.012, 0.080),
     ]
     b.tube(coil(cord, 0.0065, 30), 0.0022, rubber("cord", "#1d1e20"), segments=6)
-    return Design(b.build(), "surface", (0.0, 0.095, 0.085))
+    return Design(b.build(), "surface", (0.0, 0.130, -0.005))
 
 
 def _cordless(rng: Generator) -> Design:
@@ -203,10 +253,36 @@ def _cordless(rng: Generator) -> Design:
     w, h = 0.0205, 0.0225
     lcd = [on_set(sx * w, 0.136 + sy * h, 0.0106) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     b.quad(lcd, printed("lcd", canvas.pixels(), gloss=0.5), fit=True, acoustic=False)
-    slab(b, (0.022, 0.003, 0.002), on_set(0, 0.172, 0.0105), rubber("earpiece", "#0a0a0a"), corner=0.001, bevel=0, rotate=lean)
-    _keys(b, "123456789*0#", 3, (0.0155, 0.0135), (0.0125, 0.0095, 0.0025), "#f0f1f2" if dark else "#3c3f43", "#17181a" if dark else "#ffffff", on_set(0, 0.055, 0.010), lean)
+    slab(
+        b,
+        (0.022, 0.003, 0.002),
+        on_set(0, 0.172, 0.0105),
+        rubber("earpiece", "#0a0a0a"),
+        corner=0.001,
+        bevel=0,
+        rotate=lean,
+    )
+    _keys(
+        b,
+        "123456789*0#",
+        3,
+        (0.0155, 0.0135),
+        (0.0125, 0.0095, 0.0025),
+        "#f0f1f2" if dark else "#3c3f43",
+        "#17181a" if dark else "#ffffff",
+        on_set(0, 0.055, 0.010),
+        lean,
+    )
     for x, colour in ((-0.015, "#2f9a4c"), (0.015, "#c2362e")):
-        slab(b, (0.014, 0.010, 0.003), on_set(x, 0.098, 0.0112), plastic("call_key", colour), corner=0.004, bevel=0.001, rotate=lean)
+        slab(
+            b,
+            (0.014, 0.010, 0.003),
+            on_set(x, 0.098, 0.0112),
+            plastic("call_key", colour),
+            corner=0.004,
+            bevel=0.001,
+            rotate=lean,
+        )
     # Answering machine: speaker grille, counter, keys.
     turn = rotation("x", slope - 90)
     middle = np.array([0.0, (0.026 + 0.060) / 2, 0.0])
@@ -221,11 +297,20 @@ def _cordless(rng: Generator) -> Design:
                 grille.disc((gx, gy), 4.4, "#050505" if dark else "#55585c")
     at = [on_top(0.045 + sx * 0.026, 0.020 + sy * 0.026, 0.0006) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     b.quad(at, printed("speaker", grille.pixels()), fit=True, acoustic=False)
-    counter = printed("counter", decals.display(96, 72, str(int(rng.integers(10))), ink="#ff4a3d", background="#160607"))
+    counter = printed(
+        "counter", decals.display(96, 72, str(int(rng.integers(10))), ink="#ff4a3d", background="#160607")
+    )
     at = [on_top(0.022 + sx * 0.009, -0.030 + sy * 0.007, 0.0008) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     b.quad(at, counter, fit=True, acoustic=False)
     for k in range(2):
-        b.lathe([(0.008, 0.0), (0.008, 0.003), (0.0, 0.004)], trim, centre=on_top(0.050 + 0.022 * k, -0.030, 0), rotate=turn @ rotation("x", 90), segments=18, acoustic=False)
+        b.lathe(
+            [(0.008, 0.0), (0.008, 0.003), (0.0, 0.004)],
+            trim,
+            centre=on_top(0.050 + 0.022 * k, -0.030, 0),
+            rotate=turn @ rotation("x", 90),
+            segments=18,
+            acoustic=False,
+        )
     return Design(b.build(), "surface", (0.045, 0.075, 0.01))
 
 

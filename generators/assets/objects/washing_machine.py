@@ -1,4 +1,4 @@
-"""Front-loading washing machines: a round port with a glass bowl in a ring, drawer, programme knob, display, buttons."""
+"""Front-loading washing machines: a round port with a glass bowl in a ring, drawer, programme knob, display."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.random import Generator
 
 from generators.assets.objects import decals
 from generators.assets.objects.design import Build, Design
-from generators.assets.objects.finishes import chrome, enamel, glass, linear, plastic, printed, rubber
+from generators.assets.objects.finishes import chrome, enamel, plastic, printed, rubber
 from generators.assets.objects.forms import housing_with_port, slab
 from generators.assets.shapes import MeshBuilder, rotation
 from generators.scenes.scene import Material, Texture
@@ -139,7 +139,13 @@ def _front_loader(style: _Style, rng: Generator) -> Design:
     knob = chrome("knob_chrome") if style.knob == "chrome" else plastic("knob", style.knob)
     b.cylinder(0.034, 0.012, (style.knob_x, panel_y, face + 0.008), chrome(), axis="z", bevel=0.003, acoustic=False)
     b.cylinder(
-        0.029, 0.026, (style.knob_x, panel_y, face + 0.018), knob, axis="z", top_radius=0.026, bevel=0.004,
+        0.029,
+        0.026,
+        (style.knob_x, panel_y, face + 0.018),
+        knob,
+        axis="z",
+        top_radius=0.026,
+        bevel=0.004,
         acoustic=False,
     )
     turn = rotation("z", float(rng.integers(10)) * 36 - 18)
@@ -152,18 +158,27 @@ def _front_loader(style: _Style, rng: Generator) -> Design:
         acoustic=False,
     )
     buttons = plastic("buttons", "#e9eaec" if style.panel < "#8" else "#c9cccf")
-    start = style.knob_x * WIDTH / (WIDTH) + (190 / 1024 * WIDTH if style.knob_x < 0.1 else -440 / 1024 * WIDTH)
+    start = style.knob_x + (190 / 1024 * WIDTH if style.knob_x < 0.1 else -440 / 1024 * WIDTH)
     for k in range(4):
         b.cylinder(
-            0.0085, 0.008, (start + (24 + 41 * k) / 1024 * WIDTH, panel_y - 0.031, face + 0.004), buttons, axis="z",
-            segments=20, bevel=0.002, acoustic=False,
+            0.0085,
+            0.008,
+            (start + (24 + 41 * k) / 1024 * WIDTH, panel_y - 0.031, face + 0.004),
+            buttons,
+            axis="z",
+            segments=20,
+            bevel=0.002,
+            acoustic=False,
         )
     if style.drawer_x is not None:
         drawer = plastic("drawer", style.panel)
         size = (0.165, PANEL - 0.022)
         slab(b, (*size, 0.012), (style.drawer_x, panel_y, face + 0.004), drawer, corner=0.008, bevel=0.004)
         dx, dy = size[0] / 2 - 0.006, size[1] / 2 - 0.006
-        at = [(style.drawer_x + sx * dx, panel_y + sy * dy, face + 0.0112) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+        at = [
+            (style.drawer_x + sx * dx, panel_y + sy * dy, face + 0.0112)
+            for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+        ]
         b.quad(at, printed("drawer_print", _drawer(style)), fit=True, acoustic=False)
         slab(b, (0.11, 0.020, 0.004), (style.drawer_x, panel_y - 0.012, face + 0.0105), gap, corner=0.009, bevel=0.001)
 
@@ -174,12 +189,20 @@ def _front_loader(style: _Style, rng: Generator) -> Design:
     outer = radius + 0.052
     b.lathe(
         [(outer, -0.001), (outer, 0.016), (outer - 0.006, 0.026), (outer - 0.020, 0.034), (radius - 0.002, 0.037)],
-        ring, centre=centre, rotate=turn_z, segments=64, acoustic=False,
+        ring,
+        centre=centre,
+        rotate=turn_z,
+        segments=64,
+        acoustic=False,
     )
     trim = plastic("door_trim", "#2a2c2f", gloss=0.5)
     b.lathe(
         [(radius - 0.002, 0.037), (radius - 0.008, 0.039), (radius - 0.020, 0.034), (radius - 0.026, 0.020)],
-        trim, centre=centre, rotate=turn_z, segments=64, acoustic=False,
+        trim,
+        centre=centre,
+        rotate=turn_z,
+        segments=64,
+        acoustic=False,
     )
     depth = 0.095
     t = np.linspace(0, 1, 11)
@@ -191,17 +214,26 @@ def _front_loader(style: _Style, rng: Generator) -> Design:
     _polar_lathe(b, profile, bowl_material, centre, turn_z, length)
     b.lathe(
         [(radius + 0.001, -0.021), (radius - 0.030, -0.020), (radius - 0.030, 0.021)],
-        rubber("gasket", "#55585c"), centre=centre, rotate=turn_z, segments=48, acoustic=False,
+        rubber("gasket", "#55585c"),
+        centre=centre,
+        rotate=turn_z,
+        segments=48,
+        acoustic=False,
     )
     # Hinge on the left, grip on the right.
     b.box((0.03, 0.11, 0.02), (-outer + 0.004, style.port_height, face + 0.009), ring, bevel=0.005, acoustic=False)
     grip = plastic("grip", "#1f2022", gloss=0.5)
     slab(b, (0.028, 0.13, 0.012), (radius + 0.026, style.port_height, face + 0.034), grip, corner=0.013, bevel=0.004)
-    return Design(b.build(), "floor", (0.0, style.port_height, face + 0.055))
+    # Before the lower edge of the door, where a drum is loudest through its gasket.
+    return Design(b.build(), "floor", (0.0, style.port_height - radius - 0.01, face + 0.055))
 
 
 def _polar_lathe(
-    b: MeshBuilder, profile: np.ndarray, material: Material, centre: tuple[float, float, float], turn: np.ndarray,
+    b: MeshBuilder,
+    profile: np.ndarray,
+    material: Material,
+    centre: tuple[float, float, float],
+    turn: np.ndarray,
     length: float,
 ) -> None:
     """A lathe whose texture covers it once: u round the axis, v along the profile from 1 (start) to 0 (end)."""
@@ -223,8 +255,12 @@ def _polar_lathe(
     b.add(vertices, faces, material, centre=centre, rotate=turn, uv=uv, acoustic=False)
 
 
-WHITE = _Style("#f2f3f2", "#f2f3f2", "#3c4044", "chrome", "LAVANDA", 0.56, 0.165, 0.43, 0.0, "#dfe1e3", -0.20, "#6fe3ff")
-GRAPHITE = _Style("#4a4d52", "#2b2d31", "#d7dadd", "#1a1b1d", "NORDEN", 0.58, 0.18, 0.42, 0.0, "chrome", -0.20, "#ffffff")
+WHITE = _Style(
+    "#f2f3f2", "#f2f3f2", "#3c4044", "chrome", "LAVANDA", 0.56, 0.165, 0.43, 0.0, "#dfe1e3", -0.20, "#6fe3ff"
+)
+GRAPHITE = _Style(
+    "#4a4d52", "#2b2d31", "#d7dadd", "#1a1b1d", "NORDEN", 0.58, 0.18, 0.42, 0.0, "chrome", -0.20, "#ffffff"
+)
 SLIM = _Style("#b3b8bc", "#d9dcde", "#22262a", "#26282b", "ondina", 0.45, 0.17, 0.44, 0.19, "chrome", -0.20, "#ff9c4a")
 
 VARIANTS: dict[str, Build] = {

@@ -171,9 +171,7 @@ def cement(
     return _lay(rng, face, ids, edge, grout=colours[0] * 0.8, joint=1.6, bevel=1.5, tone=0.025)
 
 
-def terracotta(
-    rng: np.random.Generator, colour: Field, grout: Field, *, size: int = 1024, columns: int = 8
-) -> Image:
+def terracotta(rng: np.random.Generator, colour: Field, grout: Field, *, size: int = 1024, columns: int = 8) -> Image:
     """Hand-made floor tiles: strong differences of tone, cloudy faces, wide uneven joints."""
     ids, lx, ly, edge = _grid(size, columns, columns, 0.0)
     shift = rng.random((columns * columns, 2)) * size

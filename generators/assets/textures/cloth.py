@@ -93,7 +93,9 @@ def printed(rng: np.random.Generator, base: Field, ink: Field, *, motif: str = "
     x, y = grid(size, size)
     if motif == "stripes":
         wave = (y * 10) % 1.0
-        amount = smoothstep(0.0, 0.03, wave) - smoothstep(0.42, 0.45, wave) + 0.7 * np.exp(-(((wave - 0.72) / 0.05) ** 2))
+        amount = (
+            smoothstep(0.0, 0.03, wave) - smoothstep(0.42, 0.45, wave) + 0.7 * np.exp(-(((wave - 0.72) / 0.05) ** 2))
+        )
     elif motif == "checks":
         bar_x = (np.abs((x * 6) % 1.0 - 0.5) < 0.25).astype(np.float64)
         bar_y = (np.abs((y * 6) % 1.0 - 0.5) < 0.25).astype(np.float64)
@@ -151,7 +153,9 @@ def rug(rng: np.random.Generator, colours: tuple[Field, ...], *, pattern: str, s
         while at < 1.0:
             wide = rng.uniform(0.03, 0.13)
             band = colours[int(rng.integers(0, len(colours)))]
-            inside = smoothstep(at - 0.003, at + 0.003, x + sway) - smoothstep(at + wide - 0.003, at + wide + 0.003, x + sway)
+            inside = smoothstep(at - 0.003, at + 0.003, x + sway) - smoothstep(
+                at + wide - 0.003, at + wide + 0.003, x + sway
+            )
             out = mix(out, band, inside * rng.uniform(0.55, 1.0))
             at += wide
     elif pattern in ("oriental", "worn"):
@@ -176,12 +180,16 @@ def rug(rng: np.random.Generator, colours: tuple[Field, ...], *, pattern: str, s
             out = mix(out, np.clip(ground * 0.5 + 0.42, 0, 1), 0.35 + 0.55 * fade)
     elif pattern == "arcs":
         for _ in range(7):
-            cx, cy, r = rng.uniform(-0.1, 1.6), rng.choice([0.0, 1.0]) + rng.uniform(-0.15, 0.15), rng.uniform(0.25, 0.6)
+            cx, cy, radius = (
+                rng.uniform(-0.1, 1.6),
+                float(rng.choice([0.0, 1.0])) + rng.uniform(-0.15, 0.15),
+                rng.uniform(0.25, 0.6),
+            )
             colour = colours[int(rng.integers(1, len(colours)))]
             d = np.hypot(x * aspect - cx, y - cy) + sway
-            out = mix(out, colour, 1 - smoothstep(r - 0.003, r + 0.003, d))
+            out = mix(out, colour, 1 - smoothstep(radius - 0.003, radius + 0.003, d))
             if rng.random() < 0.6:
-                out = mix(out, ground, np.exp(-(((d - r * 0.72) / 0.008) ** 4)))
+                out = mix(out, ground, np.exp(-(((d - radius * 0.72) / 0.008) ** 4)))
     elif pattern == "plain":
         out = mix(out, one, (rim < 0.025).astype(np.float64))
         ribs = np.sin(2 * np.pi * y * 90)

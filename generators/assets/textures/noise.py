@@ -24,11 +24,11 @@ def hex_colour(code: str) -> Field:
 def to_linear(srgb: ArrayLike) -> Field:
     """Linear light of sRGB values in [0, 1] (IEC 61966-2-1)."""
     s = np.asarray(srgb, dtype=np.float64)
-    return np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4)
+    return np.asarray(np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4))
 
 
 def to_srgb(linear: ArrayLike) -> Field:
-    """sRGB values in [0, 1] of linear light in [0, 1]."""
+    """SRGB values in [0, 1] of linear light in [0, 1]."""
     c = np.clip(np.asarray(linear, dtype=np.float64), 0.0, 1.0)
     return np.where(c <= 0.0031308, c * 12.92, 1.055 * c ** (1 / 2.4) - 0.055)
 
@@ -42,7 +42,7 @@ def shift_colour(colour: Field, *, value: float = 0.0, saturation: float = 0.0, 
     """A neighbour of an sRGB colour (3,): ``value`` and ``saturation`` relative, ``hue`` in degrees."""
     h, s, v = cv2.cvtColor(np.asarray(colour, dtype=np.float32).reshape(1, 1, 3), cv2.COLOR_RGB2HSV)[0, 0]
     hsv = np.array([(h + hue) % 360, np.clip(s * (1 + saturation), 0, 1), np.clip(v * (1 + value), 0, 1)], np.float32)
-    return cv2.cvtColor(hsv.reshape(1, 1, 3), cv2.COLOR_HSV2RGB)[0, 0].astype(np.float64)
+    return np.asarray(cv2.cvtColor(hsv.reshape(1, 1, 3), cv2.COLOR_HSV2RGB)[0, 0], dtype=np.float64)
 
 
 def grid(height: int, width: int) -> tuple[Field, Field]:
@@ -58,7 +58,7 @@ def smoothstep(low: float, high: float, value: Field) -> Field:
 
 
 def mix(a: ArrayLike, b: ArrayLike, t: Field) -> Field:
-    """a + t·(b − a) per pixel; ``a`` and ``b`` are colours (3,) or images (H, W, 3), ``t`` (H, W)."""
+    """A + t·(b − a) per pixel; ``a`` and ``b`` are colours (3,) or images (H, W, 3), ``t`` (H, W)."""
     first = np.asarray(a, dtype=np.float64)
     return first + (np.asarray(b, dtype=np.float64) - first) * t[..., None]
 
@@ -103,7 +103,7 @@ def blur(image: Field, sigma: float | tuple[float, float]) -> Field:
     pad = int(3 * max(sx, sy)) + 1
     wide = np.pad(image, [(pad, pad), (pad, pad)] + [(0, 0)] * (image.ndim - 2), mode="wrap")
     out = cv2.GaussianBlur(wide, (0, 0), sigmaX=max(sx, 1e-3), sigmaY=max(sy, 1e-3))
-    return out[pad:-pad, pad:-pad]
+    return np.asarray(out[pad:-pad, pad:-pad], dtype=np.float64)
 
 
 def relief(height: Field, strength: float) -> Field:
@@ -140,13 +140,14 @@ def cells(rng: np.random.Generator, shape: tuple[int, int], count: int) -> tuple
 def cells_of(seeds: Field, shape: tuple[int, int]) -> tuple[NDArray[np.int64], Field, Field]:
     """Voronoi cells of given seeds (N, 2: x, y in pixels): id, and distance to the nearest and second nearest seed."""
     height, width = shape
-    tree = cKDTree(np.mod(seeds, (width, height)), boxsize=(width, height))
+    tree = cKDTree(np.mod(seeds, (width, height)), boxsize=np.array([width, height]))
     y, x = np.meshgrid(np.arange(height) + 0.5, np.arange(width) + 0.5, indexing="ij")
-    distance, index = tree.query(np.stack([x.ravel(), y.ravel()], axis=1), k=2)
+    found = tree.query(np.stack([x.ravel(), y.ravel()], axis=1), k=2)
+    distance, index = np.asarray(found[0]), np.asarray(found[1])
     return index[:, 0].reshape(shape), distance[:, 0].reshape(shape), distance[:, 1].reshape(shape)
 
 
 def pick(sheet: Field, x: Field, y: Field) -> Field:
     """Values of a periodic ``sheet`` (H, W) or (H, W, 3) at pixel coordinates, which wrap round."""
     height, width = sheet.shape[:2]
-    return sheet[np.floor(y).astype(np.int64) % height, np.floor(x).astype(np.int64) % width]
+    return np.asarray(sheet[np.floor(y).astype(np.int64) % height, np.floor(x).astype(np.int64) % width])

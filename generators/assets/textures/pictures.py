@@ -35,7 +35,9 @@ def painting(rng: np.random.Generator, colours: tuple[Field, ...], *, motif: str
     canvas = spectral(rng, shape, 0.3, finest=2)
     if motif == "horizon":
         line = rng.uniform(0.5, 0.68)
-        sky = mix(shift_colour(colours[0], value=0.3, saturation=-0.5), colours[1] * 0.3 + 0.68, np.clip(y / line, 0, 1))
+        sky = mix(
+            shift_colour(colours[0], value=0.3, saturation=-0.5), colours[1] * 0.3 + 0.68, np.clip(y / line, 0, 1)
+        )
         cloud = smoothstep(0.2, 1.8, spectral(rng, shape, 1.7, stretch=(1.0, 3.0), finest=8))
         out = mix(sky, np.array([0.97, 0.95, 0.92]), 0.7 * cloud * (y < line))
         sea = mix(colours[0] * 0.8, colours[2] * 0.6, np.clip((y - line) / (1 - line), 0, 1))
@@ -71,9 +73,19 @@ def painting(rng: np.random.Generator, colours: tuple[Field, ...], *, motif: str
                 angle = -90.0
             mid = p + 0.55 * length * np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
             shade = tuple(float(c) for c in np.clip(tint * rng.uniform(0.8, 1.35) * 255, 0, 255))
-            cv2.ellipse(image, (int(mid[0]), int(mid[1])), (int(length * 0.55), int(length * 0.19)), angle, 0, 360, shade, -1, cv2.LINE_AA)
-        line = np.array([(1 - t) * base + t * tip + 4 * t * (1 - t) * bend for t in np.linspace(0, 1, 24)])
-        cv2.polylines(image, [line.astype(np.int32)], False, ink, 3, cv2.LINE_AA)
+            cv2.ellipse(
+                image,
+                (int(mid[0]), int(mid[1])),
+                (int(length * 0.55), int(length * 0.19)),
+                angle,
+                0,
+                360,
+                shade,
+                -1,
+                cv2.LINE_AA,
+            )
+        stalk = np.array([(1 - t) * base + t * tip + 4 * t * (1 - t) * bend for t in np.linspace(0, 1, 24)])
+        cv2.polylines(image, [stalk.astype(np.int32)], False, ink, 3, cv2.LINE_AA)
         out = image / 255.0
     elif motif == "strokes":
         for _ in range(16):
@@ -82,7 +94,11 @@ def painting(rng: np.random.Generator, colours: tuple[Field, ...], *, motif: str
             left, right = rng.uniform(-0.1, 0.4), rng.uniform(0.5, 1.1)
             bristle = spectral(rng, shape, 0.8, stretch=(1.0, 25.0), finest=2)
             d = np.abs(y - cy - tilt * (x - 0.5) - 0.05 * np.sin(5 * x + cy * 9)) / thick
-            mask = smoothstep(0, 0.06, x - left) * smoothstep(0, 0.06, right - x) * (1 - smoothstep(0.7, 1.0, d + 0.12 * bristle))
+            mask = (
+                smoothstep(0, 0.06, x - left)
+                * smoothstep(0, 0.06, right - x)
+                * (1 - smoothstep(0.7, 1.0, d + 0.12 * bristle))
+            )
             out = mix(out, tint * (1 + 0.06 * bristle)[..., None], 0.92 * mask)
     elif motif == "hills":
         far = mix(ground, shift_colour(colours[1], value=0.3, saturation=-0.4), np.clip(1 - y, 0, 1))
@@ -116,7 +132,7 @@ def outdoor(rng: np.random.Generator, *, size: int = 512) -> Image:
         crowd = tint * (1 + 0.10 * leaves)[..., None]
         out = mix(out, np.clip(crowd, 0, 1), smoothstep(-0.012, 0.012, y - top - bumps))
     soft = cv2.GaussianBlur(np.pad(out, [(20, 20), (20, 20), (0, 0)], mode="wrap"), (0, 0), 4.0)
-    return to_image(soft[20:-20, 20:-20])
+    return to_image(np.asarray(soft[20:-20, 20:-20], dtype=np.float64))
 
 
 def book_spines(rng: np.random.Generator, colours: tuple[Field, ...], *, size: int = 768) -> Image:
@@ -127,7 +143,9 @@ def book_spines(rng: np.random.Generator, colours: tuple[Field, ...], *, size: i
     for k in range(columns * rows):
         r, c = divmod(k, columns)
         base = shift_colour(
-            colours[int(rng.integers(0, len(colours)))], value=rng.uniform(-0.2, 0.15), saturation=rng.uniform(-0.3, 0.2)
+            colours[int(rng.integers(0, len(colours)))],
+            value=rng.uniform(-0.2, 0.15),
+            saturation=rng.uniform(-0.3, 0.2),
         )
         bright = float(base.mean()) > 0.5
         ink = np.full(3, 0.12) if bright else np.array([0.9, 0.86, 0.74])
@@ -194,7 +212,9 @@ def oven_panel(rng: np.random.Generator, base: Field, *, size: int = 512) -> Ima
     h, w = height, width
     cv2.rectangle(image, (int(0.36 * w), int(0.28 * h)), (int(0.64 * w), int(0.72 * h)), (12, 14, 16), -1)
     text = f"{int(rng.integers(7, 22)):02d}:{int(rng.integers(0, 60)):02d}"
-    cv2.putText(image, text, (int(0.425 * w), int(0.6 * h)), cv2.FONT_HERSHEY_SIMPLEX, 1.0, (235, 120, 40), 3, cv2.LINE_AA)
+    cv2.putText(
+        image, text, (int(0.425 * w), int(0.6 * h)), cv2.FONT_HERSHEY_SIMPLEX, 1.0, (235, 120, 40), 3, cv2.LINE_AA
+    )
     return image
 
 

@@ -1,4 +1,4 @@
-"""Walls and solid surfaces: paint, plaster, wallpaper, brick, concrete, stone, terrazzo, metal, leather, soil, wicker."""
+"""Walls and solid surfaces: paint, wallpaper, brick, concrete, stone, terrazzo, metal, leather, soil, wicker."""
 
 from __future__ import annotations
 
@@ -24,13 +24,11 @@ def wall_paint(rng: np.random.Generator, colour: Field, *, size: int = 512, roug
     cloud = spectral(rng, shape, 1.7, finest=30)
     stipple = spectral(rng, shape, 0.7, finest=3, coarsest=30)
     trowel = spectral(rng, shape, 1.5, stretch=(1.0, 2.5), finest=6)
-    shade = 1 + 0.007 * rough * cloud + relief(stipple, 0.004 * rough) + 0.005 * (rough - 1) * trowel
+    shade = 1 + (0.004 + 0.002 * rough) * cloud + relief(stipple, 0.004 * rough) + 0.005 * (rough - 1) * trowel
     return to_image(colour * shade[..., None])
 
 
-def wallpaper(
-    rng: np.random.Generator, base: Field, ink: Field, *, motif: str = "stripes", size: int = 512
-) -> Image:
+def wallpaper(rng: np.random.Generator, base: Field, ink: Field, *, motif: str = "stripes", size: int = 512) -> Image:
     """Wallpaper of 1.06 m (two widths); ``motif``: ``stripes``, ``trellis``, ``damask`` or ``sprigs``."""
     x, y = grid(size, size)
     soft = 1.5 / size

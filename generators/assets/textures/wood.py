@@ -95,7 +95,7 @@ def painted(rng: np.random.Generator, colour: Field, *, size: int = 256) -> Imag
     peel = spectral(rng, (size, size), 0.6, finest=3, coarsest=40)
     brush = spectral(rng, (size, size), 0.6, stretch=(1.0, 20.0), finest=3)
     broad = spectral(rng, (size, size), 1.8, finest=20)
-    return to_image(colour * (1 + 0.006 * peel + 0.006 * brush + 0.008 * broad)[..., None])
+    return to_image(colour * (1 + 0.005 * peel + 0.003 * brush + 0.006 * broad)[..., None])
 
 
 def _boards(

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from generators.assets.furniture import Furniture
-from generators.scenes.arrange import Arranger, Placed, Spot
-from generators.scenes.floorplan import SIDES, Side, WallFrame
-from generators.scenes.shell import RoomShell
+from generators.scenes.floorplan import LEFT, RIGHT, SIDES, Side, WallFrame
+from generators.scenes.interior.arrange import Arranger
+from generators.scenes.interior.dining import PENDANT_BOTTOM, dining
+from generators.scenes.interior.pieces import Placed
+from generators.scenes.interior.walking import free_rectangle, walkable
+from generators.scenes.roomshell import RoomShell
 
 Array = NDArray[np.float64]
 COUNTER_DEPTH = 0.65
@@ -21,11 +25,10 @@ CABINET_BOTTOM = 1.45
 WORKTOP = 0.9
 #: Free floor before the units.
 AISLE = 0.8
+#: The hood's lower edge.
+HOOD_BOTTOM = 1.58
 #: Worktop that a kitchen should have in all, metres.
 WANTED = 2.6
-#: Clockwise neighbours: the wall at a wall's right end (its own left end), and at its left end.
-RIGHT: dict[Side, Side] = {"north": "east", "east": "south", "south": "west", "west": "north"}
-LEFT: dict[Side, Side] = {b: a for a, b in RIGHT.items()}
 
 
 @dataclass(frozen=True)
@@ -50,10 +53,10 @@ def _size(furniture: Furniture) -> Array:
 
 
 def _stand(a: Arranger, furniture: Furniture, wall: WallFrame, left: float, height: float = 0.0) -> Placed | None:
-    """Put a piece with its left end at ``left``, its back on the wall."""
+    """Put a piece with its left end at ``left``, its back on the wall; a tap may stand before a window."""
     low = furniture.mesh.bounds[0].astype(np.float64)
     at = wall.point(left - float(low[0]), 0.0, -float(low[2]))
-    return a.place_free(furniture, at[[0, 2]], wall.yaw, height=height)
+    return a.place_free(furniture, at[[0, 2]], wall.yaw, height=height, windows=furniture.kind != "kitchen_counter")
 
 
 def _layouts(a: Arranger) -> list[_Layout]:
@@ -118,18 +121,74 @@ def _layout(
     return _Layout(wall, counter, tuple(places), leg_wall, leg)
 
 
+def _hob(furniture: Furniture) -> float | None:
+    """Where along a counter the hob is (local x), if it has one."""
+    mesh = furniture.mesh
+    names = [m.name for m in mesh.materials]
+    if "hob" not in names:
+        return None
+    points = mesh.positions[mesh.face_material == names.index("hob")].reshape(-1, 3)
+    return float(points[:, 0].min() + points[:, 0].max()) / 2
+
+
+def _main_counter(a: Arranger, layout: _Layout) -> Furniture:
+    """Base units with sink and hob; of several, one whose hob has no window and no tall unit beside it."""
+    length = round(layout.counter[1] - layout.counter[0], 3)
+    built_in = any(kind == "oven_unit" for kind, _ in layout.tall)
+    features = ("sink", "hob", "drawers", "dishwasher") if built_in else ("sink", "hob", "oven", "drawers")
+    wall = layout.wall
+    panes = [wall.along(o.start, o.stop) for o in a.plan.openings_of(a.room.name, wall.side) if o.kind == "window"]
+    best: tuple[float, Furniture] | None = None
+    for copy in range(6):
+        counter = a.model("kitchen_counter", copy, length=length, features=features, splash=False)
+        hob = _hob(counter)
+        at = layout.counter[0] + length / 2 + (hob or 0.0)
+        clash = sum(max(0.0, min(b, at + 0.42) - max(c, at - 0.42)) for c, b in panes)
+        value = -clash - 0.3 * (min(at - layout.counter[0], layout.counter[1] - at) < 0.35)
+        if best is None or value > best[0] + 1e-9:
+            best = (value, counter)
+        if value == 0:
+            break
+    assert best is not None
+    return best[1]
+
+
+def _hood(a: Arranger, wall: WallFrame, counter: Placed) -> None:
+    """An extractor hood above the hob, its duct led up to the ceiling."""
+    at = _hob(counter.furniture)
+    if at is None:
+        return
+    along = float((counter.position - wall.origin) @ wall.u) + at
+    hood = a.model("extractor_hood")
+    low, high = hood.mesh.bounds.astype(np.float64)
+    height = HOOD_BOTTOM - float(low[1])
+    if height + float(high[1]) > a.plan.height:
+        height = a.plan.height - float(high[1])
+    if _stand(a, hood, wall, along + float(low[0]), height) is None:
+        return
+    top = height + float(high[1])
+    mesh = hood.mesh
+    duct = mesh.materials[mesh.face_material[int(np.argmax(mesh.positions[:, :, 1].min(axis=1)))]]
+    if a.plan.height - top > 0.01:
+        shell = RoomShell()
+        shell.block(
+            wall, (along - 0.132, along + 0.132), (top - 0.01, a.plan.height), (0.0, 0.242), duct, "front left right"
+        )
+        a.extras.append(shell.part("duct"))
+
+
 def _build(a: Arranger, layout: _Layout) -> list[Placed]:
     """Stand the units and keep the floor before them free; returns the counters."""
     wall = layout.wall
     for kind, left in layout.tall:
         _stand(a, a.model(kind), wall, left)
     counters = []
-    length = layout.counter[1] - layout.counter[0]
-    main = _stand(a, a.model("kitchen_counter", length=round(length, 3)), wall, layout.counter[0])
+    main = _stand(a, _main_counter(a, layout), wall, layout.counter[0])
     if main is not None:
         counters.append(main)
     if layout.leg_wall is not None:
-        leg = a.model("kitchen_counter", length=round(layout.leg[1] - layout.leg[0], 3), features=())
+        length = round(layout.leg[1] - layout.leg[0], 3)
+        leg = a.model("kitchen_counter", length=length, features=("drawers",), splash=False)
         placed = _stand(a, leg, layout.leg_wall, layout.leg[0])
         if placed is not None:
             counters.append(placed)
@@ -146,16 +205,17 @@ def _build(a: Arranger, layout: _Layout) -> list[Placed]:
 
 def _cabinets(a: Arranger, wall: WallFrame, span: tuple[float, float]) -> None:
     """Wall cabinets over a counter wherever the wall is free."""
-    for start, stop in a.stretches(wall, (CABINET_BOTTOM, CABINET_BOTTOM + 0.65), 0.36):
+    for start, stop in a.stretches(wall, (CABINET_BOTTOM, CABINET_BOTTOM + 0.7), 0.38):
         low, high = max(start, span[0]) + 0.005, min(stop, span[1]) - 0.005
         if high - low >= 0.6:
-            cabinet = a.model("wall_cabinet", length=round(min(high - low, 2.4), 2))
+            length = round(min(high - low, 2.4) - 0.005, 2)
+            cabinet = a.model("wall_cabinet", length=length, height=0.7)
             _stand(a, cabinet, wall, low, height=CABINET_BOTTOM - float(cabinet.mesh.bounds[0, 1]))
 
 
 def _splashback(a: Arranger, spans: list[tuple[WallFrame, tuple[float, float]]]) -> None:
     """Tiles between worktop and wall cabinets, lower below a window."""
-    tiles = a.palette.finish("kitchen").wall_tiles or a.palette.finish("bathroom").wall_tiles
+    tiles = a.palette.finish("kitchen").wall_tiles
     if tiles is None:
         return
     shell = RoomShell()
@@ -167,7 +227,7 @@ def _splashback(a: Arranger, spans: list[tuple[WallFrame, tuple[float, float]]])
             if o.kind == "window"
         ]
         cuts = sorted({start, stop, *(c for p in panes for c in (p[0] - 0.12, p[1] + 0.12) if start < c < stop)})
-        for low, high in zip(cuts[:-1], cuts[1:], strict=True):
+        for low, high in itertools.pairwise(cuts):
             middle = (low + high) / 2
             tops = [bottom - 0.035 for p0, p1, bottom in panes if p0 - 0.12 < middle < p1 + 0.12]
             top = min([CABINET_BOTTOM + 0.02, *tops])
@@ -175,50 +235,6 @@ def _splashback(a: Arranger, spans: list[tuple[WallFrame, tuple[float, float]]])
             drawn = True
     if drawn:
         a.extras.append(shell.part("splashback"))
-
-
-def _dining(a: Arranger, *, count: int = 4) -> Spot | None:
-    """A table with chairs, lengthwise or endwise at a wall, away from the units."""
-    table = a.model("dining_table")
-    solid = [p for p in a.placed if not p.flat and p.furniture.kind == "kitchen_counter"]
-    best: tuple[float, Spot] | None = None
-    for turn, bonus in ((0.0, 0.2), (90.0, 0.0)):
-        for spot in a.spots(table, gap=0.04, turn=turn):
-            away = min((float(np.linalg.norm((p.low + p.high)[[0, 2]] / 2 - spot.centre[[0, 2]])) for p in solid), default=0)
-            value = bonus + 0.6 * min(away, 3.0) - 0.6 * min(spot.corner, 0.8) + a.rng.uniform(0, 0.5)
-            if best is None or value > best[0]:
-                best = (value, spot)
-    if best is None:
-        return None
-    spot = best[1]
-    piece = a.put(table, spot)
-    chairs_round(a, piece, count)
-    return spot
-
-
-def chairs_round(a: Arranger, table: Placed, count: int, *, tucked: float = 0.2) -> int:
-    """Draw up to ``count`` chairs to the free sides of a table; returns how many found room."""
-    chair = a.model("chair")
-    low, high = chair.mesh.bounds.astype(np.float64)
-    centre, size = (table.low + table.high) / 2, table.high - table.low
-    seats = []
-    for axis, across in ((0, 2), (2, 0)):
-        places = int(size[across] // 0.6)
-        for sign in (-1.0, 1.0):
-            for k in range(places):
-                at = centre.copy()
-                at[across] += size[across] * ((k + 0.5) / places - 0.5)
-                at[axis] += sign * (size[axis] / 2 + high[2] - tucked)
-                # The chair's front (+Z) looks at the table.
-                toward = np.zeros(3)
-                toward[axis] = -sign
-                seats.append((float(size[across]) + a.rng.uniform(0, 0.05), at, float(np.degrees(np.arctan2(toward[0], toward[2])))))
-    done = 0
-    for _, at, yaw in sorted(seats, key=lambda seat: -seat[0]):
-        turn = yaw + float(a.rng.uniform(-6, 6))
-        if done < count and a.place_free(chair, at[[0, 2]], turn, ignore=(table,)) is not None:
-            done += 1
-    return done
 
 
 def furnish_kitchen(a: Arranger) -> float:
@@ -238,7 +254,9 @@ def furnish_kitchen(a: Arranger) -> float:
         )
 
     layout = max(layouts, key=value)
-    _build(a, layout)
+    counters = _build(a, layout)
+    if counters:
+        _hood(a, layout.wall, counters[0])
     spans = [(layout.wall, layout.counter)]
     if layout.leg_wall is not None:
         near_corner = layout.leg[0] < COUNTER_DEPTH + 0.05 and RIGHT[layout.wall.side] == layout.leg_wall.side
@@ -246,7 +264,7 @@ def furnish_kitchen(a: Arranger) -> float:
         spans.append((layout.leg_wall, (start - COUNTER_DEPTH, stop) if near_corner else (start, stop + COUNTER_DEPTH)))
     _cabinets(a, layout.wall, layout.counter)
     _splashback(a, spans)
-    table = _dining(a)
+    table = dining(a)
     if layout.leg_wall is not None:
         shelf = a.model("kitchen_shelf")
         for start, stop in a.stretches(layout.leg_wall, (1.4, 1.8), 0.3):
@@ -255,11 +273,15 @@ def furnish_kitchen(a: Arranger) -> float:
                 left = (low + high - float(_size(shelf)[0])) / 2
                 _stand(a, shelf, layout.leg_wall, left, height=1.5)
                 break
+    if table is not None:
+        centre = (table.low + table.high) / 2
+        drop = round(a.plan.height - PENDANT_BOTTOM, 2)
+        a.place_free(a.model("ceiling_lamp", 1, drop=drop), centre[[0, 2]], 0.0, height=a.plan.height, windows=False)
     a.place("waste_bin", score=lambda s: -2 * min(s.corner, 1.0))
-    furniture = a.model("radiator")
-    a.place("radiator", height=0.12 - float(furniture.mesh.bounds[0, 1]))
-    a.place("plant", score=lambda s: -2 * min(s.corner, 1.0))
+    radiator = a.model("radiator", length=0.8)
+    a.place("radiator", height=0.02 - float(radiator.mesh.bounds[0, 1]), options={"length": 0.8})
+    a.place("plant", score=lambda s: -2 * min(s.corner, 1.0), options={"height": 0.7})
     a.place("picture", height=1.6, margin=0.15)
-    if a.walkable() < 2.5 or not a.free_rectangle(1.3, 1.8):
+    if walkable(a) < 2.5 or not free_rectangle(a, 1.3, 1.8):
         return 0.0
     return 0.5 + 0.25 * min(layout.worktop / WANTED, 1.0) + (0.25 if table is not None else 0.0)

@@ -1,0 +1,177 @@
+"""What the whole costs per frame, beside what its engines cost; how workers scale; how much memory one needs."""
+
+from __future__ import annotations
+
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+from generators import observation as story
+from generators.homes import default_cache, prepare_home
+from generators.plan import ManifestFile, ObservationPlan, make_plans, read_manifest
+from generators.runner import run
+
+MANIFEST = Path(__file__).parent.parent / "scenes_manifest" / "demo.yaml"
+#: Fewer frames than an observation has; the cost per frame does not depend on their number.
+FRAMES = 24
+REPEATS = 5
+
+
+@contextmanager
+def timed_engines(spent: dict[str, float]) -> Iterator[None]:
+    """Add the CPU seconds inside each engine to ``spent``: rendering, impulse responses, convolution, encoding."""
+
+    def timed(name: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        def wrapper(*args: Any, **kwargs: Any) -> Any:
+            start = time.process_time()
+            try:
+                return call(*args, **kwargs)
+            finally:
+                spent[name] += time.process_time() - start
+
+        return wrapper
+
+    def session(open_session: Callable[..., Any], method: str, name: str) -> Callable[..., Any]:
+        def opened(*args: Any, **kwargs: Any) -> Any:
+            made = open_session(*args, **kwargs)
+            setattr(made, method, timed(name, getattr(made, method)))
+            return made
+
+        return opened
+
+    def backend(make: Callable[[str], Any], method: str, name: str) -> Callable[[str], Any]:
+        def made(which: str) -> Any:
+            engine = make(which)
+            engine_open = session(engine.open, method, name)
+            return _Proxy(engine, engine_open)
+
+        return made
+
+    with (
+        patch.object(story, "vision_backend", backend(story.vision_backend, "render", "render")),
+        patch.object(
+            story, "acoustic_backend", backend(story.acoustic_backend, "impulse_response", "impulse response")
+        ),
+        patch.object(story, "binaural_clip", timed("convolve", story.binaural_clip)),
+        patch.object(story.ObservationWriter, "add_frame", timed("encode", story.ObservationWriter.add_frame)),
+        patch.object(story.ObservationWriter, "add_mono", timed("encode", story.ObservationWriter.add_mono)),
+    ):
+        yield
+
+
+class _Proxy:
+    """An engine whose ``open`` is replaced."""
+
+    def __init__(self, engine: Any, opener: Callable[..., Any]) -> None:
+        self._engine = engine
+        self.open = opener
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._engine, name)
+
+
+def per_frame(plan: ObservationPlan, cache: Path, repeats: int = REPEATS) -> dict[str, float]:
+    """Medians of CPU seconds per frame, of the loop over frames and of each engine inside it."""
+    loops: list[float] = []
+    engines: dict[str, list[float]] = defaultdict(list)
+    overheads: list[float] = []
+    wholes: list[float] = []
+    for _ in range(repeats):
+        spent: dict[str, float] = defaultdict(float)
+        stamps: list[float] = []
+        with tempfile.TemporaryDirectory() as folder, timed_engines(spent):
+            start = time.process_time()
+            story.generate_observation(plan, Path(folder), cache, lambda _, s=stamps: s.append(time.process_time()))
+            wholes.append(time.process_time() - start)
+        loops.extend(b - a for a, b in zip(stamps, stamps[1:], strict=False))
+        loop = (stamps[-1] - stamps[0]) / (len(stamps) - 1)
+        inside = {name: seconds / plan.camera.frames for name, seconds in spent.items()}
+        overheads.append(loop / sum(inside.values()) - 1)
+        for name, seconds in inside.items():
+            engines[name].append(seconds)
+    fixed = statistics.median(wholes) - statistics.median(loops) * plan.camera.frames
+    return {
+        "frame, encoded and on disk (CPU s)": statistics.median(loops),
+        **{f"of it {name} (CPU s)": statistics.median(values) for name, values in sorted(engines.items())},
+        "overhead over the sum of the engines (%)": 100 * statistics.median(overheads),
+        "once per observation (CPU s)": fixed,
+        "frame of a 120-frame observation, all in (CPU s)": statistics.median(loops) + fixed / 120,
+    }
+
+
+def scaling(
+    source: ManifestFile, plans: tuple[ObservationPlan, ...], cache: Path, repeats: int = REPEATS
+) -> dict[str, float]:
+    """Frames per second (wall) of one and of two workers in their steady state, and their ratio; pairs in turn."""
+    ratios, one, two = [], [], []
+    for _ in range(repeats):
+        rates = []
+        for workers in (1, 2):
+            stamps: dict[str, list[float]] = defaultdict(list)
+            with tempfile.TemporaryDirectory() as folder:
+
+                def listen(event: tuple[str, str, str], seen: dict[str, list[float]] = stamps) -> None:
+                    if event[0] == "frame":
+                        seen[event[1]].append(time.perf_counter())
+
+                run(source, plans, Path(folder) / "data", workers=workers, cache=cache, listen=listen)
+            # Only while every worker draws: beginnings and ends are not what a long run is made of.
+            if workers == 1:
+                rates.append(statistics.median((len(s) - 1) / (s[-1] - s[0]) for s in stamps.values()))
+            else:
+                first, last = max(s[0] for s in stamps.values()), min(s[-1] for s in stamps.values())
+                rates.append(sum(sum(first < t <= last for t in s) for s in stamps.values()) / (last - first))
+        one.append(rates[0])
+        two.append(rates[1])
+        ratios.append(rates[1] / rates[0])
+    return {
+        "one worker (frames/s)": statistics.median(one),
+        "two workers (frames/s)": statistics.median(two),
+        "two workers over one": statistics.median(ratios),
+    }
+
+
+def peak_memory(frames: int = 8, repeats: int = REPEATS) -> dict[str, float]:
+    """Peak resident memory of a process that makes one full-size observation, with ``frames`` frames."""
+    code = (
+        "from benchmarks.bench_pipeline import one_observation; import resource;"
+        f"one_observation({frames}); print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+    )
+    peaks = [
+        int(subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.split()[-1])
+        for _ in range(repeats)
+    ]
+    return {"peak memory of a worker (MB)": statistics.median(peaks) / 1024}
+
+
+def one_observation(frames: int) -> None:
+    """Make the demo's first observation, full size, and throw it away."""
+    plan = make_plans(read_manifest(MANIFEST), frames=frames)[0]
+    with tempfile.TemporaryDirectory() as folder:
+        story.generate_observation(plan, Path(folder), default_cache())
+
+
+def run_all(repeats: int = REPEATS) -> dict[str, float]:
+    """Every figure of this file."""
+    source = read_manifest(MANIFEST)
+    plans = make_plans(source, frames=FRAMES)
+    cache = default_cache()
+    prepare_home(plans[0], cache, workers=len(os.sched_getaffinity(0)))
+    per_frame(plans[0], cache, repeats=1)  # compiles and warms up
+    return {
+        **per_frame(plans[0], cache, repeats),
+        **scaling(source, plans, cache, repeats),
+        **peak_memory(repeats=repeats),
+    }
+
+
+__all__ = ["one_observation", "peak_memory", "per_frame", "run_all", "scaling"]

@@ -1,0 +1,68 @@
+"""CPU time of one full-size frame (RGB, ids, depth) in a furnished, lit flat. Run by itself, it prints a table."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from avs3d_bench.geometry import Intrinsics, Pose
+from generators.scenes.scene import Scene
+from generators.vision.embree import EmbreeBackend, warm_up
+
+#: Headings from the middle of each room, degrees.
+HEADINGS = (0.0, 75.0, 160.0, 250.0)
+
+
+def _cpu(work: Callable[[], object]) -> float:
+    start = time.process_time()
+    work()
+    return time.process_time() - start
+
+
+def _flat() -> Scene:
+    from generators.scenes.apartment import build_apartment
+    from generators.scenes.light import bake
+
+    return bake(build_apartment("bench", 1), quality="preview")
+
+
+def bench_vision(scene: Scene | None = None, size: int = 1008, repeats: int = 5) -> dict[str, float]:
+    """Medians over all views of all rooms, each rendered ``repeats`` times.
+
+    Args:
+        scene: what to render; an apartment with quickly baked light where missing (light maps of any fineness take
+            the same time to read).
+        size: pixels on a side.
+        repeats: of each view; its median counts.
+
+    Returns:
+        ``open_cpu_s``, ``frame_cpu_s`` (median of the views), ``frame_cpu_s_worst`` (slowest view), ``faces``,
+        ``views``.
+    """
+    warm_up()
+    flat = scene or _flat()
+    camera = Intrinsics.from_fov(size)
+    opening = float(np.median([_cpu(lambda: EmbreeBackend().open(flat, camera)) for _ in range(repeats)]))
+    session = EmbreeBackend().open(flat, camera)
+    views: list[float] = []
+    for room in flat.rooms:
+        x, _, z = (np.array(room.low) + np.array(room.high)) / 2
+        for heading in HEADINGS:
+            pose = Pose.from_yaw((x, 1.5, z), np.radians(heading))
+            views.append(float(np.median([_cpu(partial(session.render, pose)) for _ in range(repeats)])))
+    session.close()
+    return {
+        "open_cpu_s": opening,
+        "frame_cpu_s": float(np.median(views)),
+        "frame_cpu_s_worst": max(views),
+        "faces": float(sum(len(part.mesh.positions) for part in flat.parts)),
+        "views": float(len(views)),
+    }
+
+
+if __name__ == "__main__":
+    print(json.dumps(bench_vision(), indent=2))

@@ -1,0 +1,62 @@
+"""`make bench`: every figure this project claims about speed and memory, as a table and as JSON."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
+
+#: Figure → (at most, at least): what the project promises on a core of about 2.1 GHz.
+TARGETS: dict[str, tuple[float | None, float | None]] = {
+    "RGB + ids + depth, 1008² (CPU s)": (0.5, None),
+    "impulse response (CPU s)": (0.15, None),
+    "broadband level, SD over draws (dB)": (0.2, None),
+    "frame, encoded and on disk (CPU s)": (0.8, None),
+    "overhead over the sum of the engines (%)": (15.0, None),
+    "two workers over one": (None, 1.8),
+    "peak memory of a worker (MB)": (1536.0, None),
+}
+
+
+@click.command()
+@click.option("--json", "output", type=click.Path(path_type=Path), default=Path("build/bench.json"), show_default=True)
+@click.option("--repeats", type=click.IntRange(5), default=5, show_default=True, help="Runs behind each median.")
+@click.option("--only", type=click.Choice(["vision", "acoustics", "pipeline"]), default=None)
+def main(output: Path, repeats: int, only: str | None) -> None:
+    """Measure, print medians, and write them as JSON."""
+    from benchmarks import bench_acoustics, bench_pipeline, bench_vision
+
+    suites = {
+        "vision": bench_vision.run_all,
+        "acoustics": bench_acoustics.run_all,
+        "pipeline": bench_pipeline.run_all,
+    }
+    table = Table(
+        "what", "median", "target", title=f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores"
+    )
+    figures: dict[str, dict[str, float]] = {}
+    for name, suite in suites.items():
+        if only in (None, name):
+            figures[name] = suite(repeats=repeats)
+            table.add_section()
+            for what, value in figures[name].items():
+                most, least = TARGETS.get(what, (None, None))
+                met = (most is None or value <= most) and (least is None or value >= least)
+                target = f"≤ {most:g}" if most is not None else f"≥ {least:g}" if least is not None else ""
+                table.add_row(what, f"{value:.3g}", f"{target} {'met' if met else 'MISSED'}" if target else "")
+    Console(width=110).print(table)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    output.write_text(json.dumps({"repeats": repeats, "figures": figures}, indent=1) + "\n")
+    print(output)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,75 @@
+"""What can be wrong with a mesh file before a reader trips over it, or silently leaves out what it cannot find."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+from avs3d_bench.errors import Avs3dError
+
+SUFFIXES = (".glb", ".gltf", ".obj", ".ply")
+
+
+def check_file(file: Path) -> None:
+    """Refuse a file that is missing, of an unknown kind, truncated, or without a file it refers to.
+
+    Raises:
+        Avs3dError: with what is wrong and what to do.
+    """
+    if not file.is_file():
+        raise Avs3dError(f"{file}: no such file; expected a mesh ({', '.join(SUFFIXES)})")
+    suffix = file.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise Avs3dError(f"{file}: unknown kind of mesh {file.suffix!r}; expected one of {', '.join(SUFFIXES)}")
+    if suffix == ".obj":
+        _check_obj(file)
+    elif suffix in (".glb", ".gltf"):
+        _check_gltf(file)
+
+
+def _words(file: Path, key: str) -> Iterator[str]:
+    """What follows ``key`` at the start of a line of a text file."""
+    with file.open(encoding="utf-8", errors="replace") as lines:
+        for line in lines:
+            head, _, rest = line.strip().partition(" ")
+            if head.lower() == key:
+                yield rest.strip()
+
+
+def _check_obj(file: Path) -> None:
+    for library in _words(file, "mtllib"):
+        mtl = file.parent / library
+        if not mtl.is_file():
+            raise Avs3dError(f"{file}: its material library {library!r} is missing beside it; put it there")
+        for value in _words(mtl, "map_kd"):
+            image = value.split()[-1] if value.startswith("-") else value
+            if not (file.parent / image.replace("\\", "/")).is_file():
+                raise Avs3dError(
+                    f"{mtl}: texture {image!r} is missing; put it beside the OBJ or remove its map_Kd line"
+                )
+
+
+def _check_gltf(file: Path) -> None:
+    data = file.read_bytes()
+    if file.suffix.lower() == ".glb":
+        if len(data) < 20 or data[:4] != b"glTF":
+            raise Avs3dError(f"{file}: is no binary glTF (no 'glTF' at its start); is it whole?")
+        (length,) = struct.unpack_from("<I", data, 8)
+        if length > len(data):
+            raise Avs3dError(f"{file}: is truncated ({len(data)} bytes of {length}); fetch it again")
+        (chunk,) = struct.unpack_from("<I", data, 12)
+        data = data[20 : 20 + chunk]
+    try:
+        tree: dict[str, Any] = json.loads(data)
+    except ValueError as error:
+        raise Avs3dError(f"{file}: cannot be read as {file.suffix[1:]} (its JSON is broken); is it whole?") from error
+    for kind in ("buffers", "images"):
+        for item in tree.get(kind, []):
+            uri = item.get("uri", "data:")
+            if not uri.startswith("data:") and not (file.parent / unquote(uri)).is_file():
+                what = "texture" if kind == "images" else "buffer"
+                raise Avs3dError(f"{file}: {what} {uri!r} is missing; put it beside the file")

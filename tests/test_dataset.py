@@ -1,0 +1,168 @@
+"""Reading: our trees and the official release through the same three classes."""
+
+from __future__ import annotations
+
+from dataclasses import astuple
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tiny
+
+from avs3d_bench import layout
+from avs3d_bench.dataset import Dataset, Observation, parse_splits
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.geometry import Intrinsics, direction_to, rotation_angle
+
+
+@pytest.fixture(scope="module")
+def ours(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tiny.write_dataset(tmp_path_factory.mktemp("tiny") / "ours", extras=True)
+
+
+@pytest.fixture(scope="module", params=["names", "files", "cameras", "absent"])
+def release(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tiny.write_release(tmp_path_factory.mktemp("tiny") / "release", style=request.param)
+
+
+def test_iterating_gives_observations_in_order(ours: Path):
+    dataset = Dataset(ours)
+    assert [observation.key for observation in dataset] == [tiny.SINGLE, tiny.MULTI]
+    assert dataset.keys == (tiny.SINGLE, tiny.MULTI)
+    assert len(dataset) == 2
+    assert dataset[tiny.MULTI].place.part == "part_2"
+    assert dataset.name == "tiny"
+    assert [o.key for o in dataset.select("part_2/*")] == [tiny.MULTI]
+    assert repr(dataset) == f"Dataset({str(ours)!r}, 2 observations)"
+    assert repr(dataset[tiny.SINGLE]) == "Observation(part_1/tiny/kitchen/1, 10 frames)"
+    assert repr(dataset[tiny.SINGLE].frames[3]) == "Frame(part_1/tiny/kitchen/1, frame_003)"
+
+
+def test_a_frame_gives_all_it_has(ours: Path):
+    frame = Dataset(ours)[tiny.SINGLE].frames[1]
+    camera, pose = Intrinsics.from_fov(tiny.SIZE), tiny.path_of()[1]
+    rgb, ids, depth = tiny.render(camera, pose, tiny.BOXES[tiny.SINGLE])
+    np.testing.assert_array_equal(frame.rgb(), rgb)
+    np.testing.assert_array_equal(frame.instance_ids(), ids)
+    np.testing.assert_array_equal(frame.mask(), ids == 1)
+    np.testing.assert_allclose(frame.depth(), depth, atol=5.1e-4)
+    assert frame.audio().shape == (2, 44100)
+    assert frame.audio().dtype == np.float32
+    assert frame.mono().shape == (88200,)
+    assert frame.impulse_response().shape == (2, 8)
+    assert frame.pose.position == pytest.approx(pose.position)
+    assert frame.record.visible_pixels == frame.mask().sum()
+
+
+def test_the_split_is_seven_to_one(ours: Path):
+    observation = Dataset(ours)[tiny.SINGLE]
+    assert [frame.name for frame in observation.test] == ["frame_000", "frame_008"]
+    assert len(observation.train) == 8
+    assert observation.frames[8].split == "test"
+
+
+def test_the_release_reads_alike(release: Path, ours: Path):
+    for there, here in zip(Dataset(release), Dataset(ours), strict=True):
+        assert there.record is None
+        assert there.category is None
+        assert "official release" in repr(there)
+        assert [f.name for f in there.test] == [f.name for f in here.test]
+        assert astuple(there.intrinsics) == pytest.approx(astuple(here.intrinsics))
+        for a, b in zip(there.frames, here.frames, strict=True):
+            np.testing.assert_array_equal(a.rgb(), b.rgb())
+            np.testing.assert_array_equal(a.mask(), b.mask())
+            np.testing.assert_allclose(a.audio(), b.audio(), atol=2e-5)  # 16 bits there
+            assert a.record is None
+            assert a.has_pose
+            assert a.pose.position == pytest.approx(b.pose.position, abs=1e-9)
+            assert rotation_angle(a.pose, b.pose) < 1e-5
+
+
+def test_poses_of_the_release_keep_left_and_right(release: Path):
+    """The model's world has Y down; read back, the source must be on the side where it is louder."""
+    for observation in Dataset(release):
+        source = next(box for box in tiny.BOXES[observation.key] if box.sounding).source
+        for frame in observation.frames:
+            azimuth = direction_to(frame.pose, source).azimuth
+            if 20 < abs(azimuth) < 160:
+                left, right = (frame.audio().astype(float) ** 2).mean(axis=1)
+                assert (right > left) == (azimuth > 0)
+
+
+def test_what_the_release_lacks_is_said(release: Path):
+    frame = Dataset(release)[tiny.SINGLE].frames[0]
+    with pytest.raises(Avs3dError, match="instance_masks: missing"):
+        frame.instance_ids()
+    with pytest.raises(Avs3dError, match="depth: missing"):
+        frame.depth()
+
+
+def test_images_stand_in_for_input(release: Path, tmp_path: Path):
+    root = tiny.clone(release, tmp_path / "copy")
+    folder = root / tiny.SINGLE / "input"
+    for path in folder.iterdir():
+        path.unlink()
+    folder.rmdir()
+    observation = Observation(root, tiny.SINGLE)
+    assert len(observation) == tiny.FRAMES
+    assert observation.frames[0].rgb().shape == (tiny.SIZE, tiny.SIZE, 3)
+
+
+def test_an_unregistered_frame_has_no_pose(release: Path, tmp_path: Path):
+    root = tiny.clone(release, tmp_path / "copy")
+    folder = root / tiny.SINGLE
+    (folder / "input/frame_010.png").write_bytes((folder / "input/frame_009.png").read_bytes())
+    frame = Observation(root, tiny.SINGLE).frames[10]
+    assert not frame.has_pose
+    with pytest.raises(Avs3dError, match="frame_010 is not registered"):
+        _ = frame.pose
+
+
+def test_opening_reads_nothing(ours: Path, tmp_path: Path):
+    root = tiny.clone(ours, tmp_path / "copy")
+    tiny.replace(root / tiny.SINGLE / "observation.json", b"{")
+    observation = Dataset(root)[tiny.SINGLE]
+    assert len(observation.frames) == tiny.FRAMES
+    with pytest.raises(Avs3dError, match=r"observation\.json: .*Invalid JSON"):
+        _ = observation.record
+
+
+@pytest.mark.parametrize(
+    ("data", "says"),
+    [
+        ({}, "no list of frame names under 'train'"),
+        ([], "no list of frame names"),
+        ({"train": [1], "test": []}, "'train'"),
+        ({"train": ["frame_001.png"], "test": ["frame_001"]}, "frame_001 is listed twice"),
+    ],
+)
+def test_broken_splits_are_named(data: object, says: str):
+    with pytest.raises(Avs3dError, match=says):
+        parse_splits(data, "camera_splits.json")
+
+
+def test_a_folder_that_is_no_dataset_is_named(tmp_path: Path):
+    with pytest.raises(UsageError, match="no such folder"):
+        Dataset(tmp_path / "nowhere")
+    with pytest.raises(UsageError, match="no dataset"):
+        Dataset(tmp_path)
+
+
+def test_an_unknown_observation_is_named(ours: Path):
+    with pytest.raises(UsageError, match="did you mean 'part_1/tiny/kitchen/1'"):
+        Dataset(ours)["part_1/tiny/kitchen/2"]
+    assert "part_1/tiny/kitchen/2" not in Dataset(ours)
+    assert layout.parse_key(tiny.SINGLE).room == "kitchen"
+
+
+def test_a_clip_at_another_rate_is_refused(ours: Path, tmp_path: Path):
+    import io
+
+    import soundfile
+
+    root = tiny.clone(ours, tmp_path / "copy")
+    stream = io.BytesIO()
+    soundfile.write(stream, np.zeros((100, 2)), 48000, format="WAV")
+    tiny.replace(root / tiny.SINGLE / "audio_clips_binaural/frame_0.wav", stream.getvalue())
+    with pytest.raises(Avs3dError, match=r"frame_0\.wav: 48000 Hz, expected 44100 Hz"):
+        Dataset(root)[tiny.SINGLE].frames[0].audio()

@@ -1,0 +1,295 @@
+"""`avs3d generate` from end to end on a tiny scan: validity, exact masks, determinism, resumption, one-line errors."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+import yaml
+from click.testing import CliRunner
+
+from avs3d_bench import files
+from avs3d_bench.dataset import Dataset
+from avs3d_bench.geometry import direction_to
+from avs3d_bench.validate import validate
+from generators.cli import generate
+from tests.homes import tree_digest, write_manifest
+
+pycolmap = pytest.importorskip("pycolmap", reason="pycolmap reads the sparse model back; it is in the generate extra")
+
+KEYS = ["part_1/box/kitchen/1", "part_2/box/kitchen/1"]
+COMMAND = [sys.executable, "-m", "avs3d_bench", "generate"]
+
+
+def call(*args: object) -> tuple[int, str]:
+    """Exit code and output of `avs3d generate`, as a user meets them."""
+    done = subprocess.run([*COMMAND, *map(str, args)], capture_output=True, text=True, check=False, timeout=240)
+    return done.returncode, done.stdout + done.stderr
+
+
+@pytest.fixture(scope="module")
+def manifest(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_manifest(tmp_path_factory.mktemp("manifest"))
+
+
+@pytest.fixture(scope="module")
+def root(manifest: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The dataset, made in one process, with depth and impulse responses."""
+    root = tmp_path_factory.mktemp("dataset") / "tiny"
+    done = CliRunner().invoke(
+        generate,
+        [str(manifest), "-o", str(root), "--workers", "1", "--audio", "analytic", "--with", "depth", "--with", "rirs"],
+        catch_exceptions=False,
+    )
+    assert done.exit_code == 0, done.output
+    return root
+
+
+def test_the_tree_is_valid_to_the_last_file(root: Path) -> None:
+    report = validate(root, deep=True)
+    assert [str(problem) for problem in report.problems] == []
+    assert list(Dataset(root)) == KEYS
+
+
+def test_masks_are_the_visible_pixels_of_the_sounding_instance(root: Path) -> None:
+    for observation in Dataset(root).values():
+        record = observation.record
+        assert record is not None
+        for frame, info in zip(observation.frames, record.frames, strict=True):
+            mask = frame.mask()
+            assert np.array_equal(mask, frame.instance_ids() == record.sounding.id)
+            assert mask.sum() == info.visible_pixels
+
+
+def test_projected_surface_points_fall_inside_the_mask_where_depth_says_they_are_visible(root: Path) -> None:
+    inside = outside = hits = misses = 0
+    for observation in Dataset(root).values():
+        mesh, camera = observation.mesh(), observation.intrinsics
+        rng = np.random.default_rng(0)
+        triangles = mesh.vertices[mesh.faces].astype(float)
+        area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
+        face = rng.choice(len(area), 4000, p=area / area.sum())
+        a, b = np.sort(rng.random((2, 4000)), axis=0)
+        points = np.einsum("nk,nkd->nd", np.stack([a, b - a, 1 - b], axis=1), triangles[face])
+        for frame in observation.frames:
+            pixels, depth = camera.project(frame.pose, points)
+            with np.errstate(invalid="ignore"):
+                seen = (depth > 0.05) & (pixels >= 0).all(axis=1) & (pixels < camera.width).all(axis=1)
+            column, row = np.floor(pixels[seen]).astype(int).T
+            mask, there, own = frame.mask(), frame.depth()[row, column], depth[seen]
+            # Only pixels whose neighbours agree: a silhouette may cut through a pixel beside its centre.
+            visible = np.abs(there - own) < 0.01 + 0.005 * own
+            hidden = there < own - 0.30
+            core = np.ones_like(visible)
+            for dr, dc in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+                r, c = np.clip(row + dr, 0, camera.height - 1), np.clip(column + dc, 0, camera.width - 1)
+                core &= mask[r, c] == mask[row, column]
+            hits += int(mask[row, column][visible & core].sum())
+            inside += int((visible & core).sum())
+            misses += int((~mask[row, column])[hidden & core].sum())
+            outside += int((hidden & core).sum())
+    assert inside > 2000
+    assert hits / inside >= 0.995
+    assert misses >= 0.995 * outside
+
+
+def test_pycolmap_reads_the_model_and_its_points_reproject(root: Path) -> None:
+    for observation in Dataset(root).values():
+        model = pycolmap.Reconstruction(str(observation.path / "sparse/0"))
+        names = sorted(image.name for image in model.images.values())
+        assert names == [f"{frame.name}.png" for frame in observation.frames]
+        assert len(model.points3D) > 200
+        errors = []
+        for point in model.points3D.values():
+            for element in point.track.elements:
+                image = model.images[element.image_id]
+                pixel = model.cameras[image.camera_id].img_from_cam(image.cam_from_world() * point.xyz)
+                errors.append(np.linalg.norm(pixel - image.points2D[element.point2D_idx].xy))
+        assert max(errors) <= 0.5
+        # Y points down: the floor lies below the cameras, at larger y.
+        centres = np.array([image.projection_center() for image in model.images.values()])
+        heights = np.array([point.xyz[1] for point in model.points3D.values()])
+        assert heights.max() > centres[:, 1].max() + 0.5
+
+
+def test_the_sounds_are_where_and_as_long_as_the_official_tools_expect(root: Path) -> None:
+    for observation in Dataset(root).values():
+        for index in range(len(observation.frames)):
+            binaural = soundfile.info(observation.path / f"audio_clips_binaural/frame_{index}.wav")
+            mono = soundfile.info(observation.path / f"audio_clips_mono/frame_{index}.wav")
+            assert (binaural.channels, binaural.frames, binaural.samplerate) == (2, 44_100, 44_100)
+            assert (mono.channels, mono.frames, mono.samplerate) == (1, 88_200, 44_100)
+        split = json.loads((observation.path / "camera_splits.json").read_text())
+        assert split["test"] == ["frame_000", "frame_008"]
+
+
+def test_directions_agree_with_the_poses_and_the_ears(root: Path) -> None:
+    for observation in Dataset(root).values():
+        record = observation.record
+        assert record is not None
+        for frame in record.frames:
+            direction = direction_to(frame.pose, record.source_position)
+            assert frame.azimuth == pytest.approx(direction.azimuth, abs=1e-3)
+            assert frame.distance == pytest.approx(direction.distance, abs=1e-5)
+            left, right = np.sqrt((observation.frames[int(frame.name[-3:])].audio() ** 2).mean(axis=1))
+            assert (frame.rms_left, frame.rms_right) == pytest.approx((left, right), rel=1e-4)
+
+
+def test_two_workers_write_the_same_bytes_and_a_rerun_keeps_them(root: Path, manifest: Path, tmp_path: Path) -> None:
+    again = tmp_path / "again"
+    args = [manifest, "-o", again, "--audio", "analytic", "--with", "depth", "--with", "rirs"]
+    code, output = call(*args, "--workers", 2)
+    assert code == 0, output
+    assert "2 made, 0 kept, 0 failed" in output
+    assert tree_digest(again) == tree_digest(root)
+    code, output = call(*args, "--workers", 1)
+    assert code == 0, output
+    assert "0 made, 2 kept" in output
+    assert tree_digest(again) == tree_digest(root)
+
+
+@pytest.mark.parametrize("moment", [0, 6])
+def test_a_run_killed_with_signal_9_goes_on_to_the_same_bytes(
+    root: Path, manifest: Path, tmp_path: Path, moment: int
+) -> None:
+    cut = tmp_path / "cut"
+    args = [manifest, "-o", cut, "--audio", "analytic", "--with", "depth", "--with", "rirs", "--workers", 2]
+    process = subprocess.Popen([*COMMAND, *map(str, args)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    deadline = time.monotonic() + 120
+    while not list(cut.glob(f"part_*/*/*/.*.partial/input/frame_{moment:03d}.png")):
+        assert process.poll() is None, process.communicate()[0]
+        assert time.monotonic() < deadline, "no frame appeared"
+        time.sleep(0.002)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    assert not (cut / "dataset.json").exists()
+    code, output = call(*args)
+    assert code == 0, output
+    assert tree_digest(cut) == tree_digest(root)
+
+
+def test_another_manifest_or_other_options_do_not_overwrite(root: Path, manifest: Path) -> None:
+    before = tree_digest(root)
+    code, output = call(manifest, "-o", root, "--audio", "analytic", "--workers", 1)
+    assert code == 2
+    assert output.strip().splitlines()[-1].startswith("avs3d: error:")
+    assert "another manifest, other options or another version" in output
+    assert tree_digest(root) == before
+
+
+def refused(code: int, output: str, expected: int, *words: str) -> None:
+    lines = [line for line in output.splitlines() if line.startswith("avs3d: error:")]
+    assert "Traceback" not in output
+    assert code == expected, output
+    assert len(lines) == 1, output
+    for word in words:
+        assert word in lines[0]
+
+
+def changed(manifest: Path, folder: Path, change) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    document = yaml.safe_load(manifest.read_text())
+    change(document)
+    document["scans"]["box"]["file"] = str(manifest.parent / document["scans"]["box"]["file"])
+    path = folder / "changed.yaml"
+    path.write_text(yaml.safe_dump(document))
+    return path
+
+
+def test_bad_input_is_one_line_and_leaves_nothing_half_written(manifest: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    truncated = tmp_path / "short.wav"
+    soundfile.write(truncated, np.random.default_rng(0).normal(0, 0.1, 44_100), 44_100)
+    truncated.write_bytes(truncated.read_bytes()[:3000])
+    nan = tmp_path / "nan.obj"
+    nan.write_text("v 0 0 0\nv 0.5 0 nan\nv 0 0.3 0\nv 0.2 0.2 0.4\nf 1 2 3\nf 1 2 4\n")
+    bare = tmp_path / "bare.obj"
+    bare.write_text("mtllib bare.mtl\nusemtl a\nv 0 0 0\nv 0.5 0 0\nv 0 0.3 0\nvt 0 0\nf 1/1 2/1 3/1\n")
+    (tmp_path / "bare.mtl").write_text("newmtl a\nmap_Kd missing.png\n")
+    licence = {"name": "CC0-1.0", "author": "x"}
+
+    def sound(name: Path):
+        return lambda d: d.update(sounds={"microwave": [{"file": str(name), "licence": licence}]})
+
+    def mesh(name: Path):
+        return lambda d: d.update(objects={"microwave": [{"file": str(name), "licence": licence}]})
+
+    cases = [
+        (lambda d: d["observations"][0].update(category="microwve"), 2, ["did you mean 'microwave'"]),
+        (lambda d: d["observations"][0].update(scan="castle"), 2, ["unknown scan 'castle'"]),
+        (lambda d: d["scans"]["box"].update(file="nowhere.glb"), 1, ["nowhere.glb"]),
+        (lambda d: d["observations"][0].update(room="bathroom"), 1, ["no room 'bathroom'", "kitchen"]),
+        (lambda d: d["observations"][0].update(category="washing_machine", silent=["toilet"] * 9), 1, ["kitchen"]),
+        (sound(truncated), 1, ["short.wav"]),
+        (sound(tmp_path / "gone.wav"), 1, ["gone.wav"]),
+        (mesh(nan), 1, ["nan.obj"]),
+        (mesh(bare), 1, ["missing.png"]),
+    ]
+    for number, (change, expected, words) in enumerate(cases):
+        path = changed(manifest, tmp_path / str(number), change)
+        args = [str(path), "-o", str(out), "--workers", "1", "--audio", "analytic", "--only", "part_1/*"]
+        code, output = call(*args)
+        refused(code, output, expected, *words)
+        assert not list(out.rglob("*.png"))
+        assert not list(out.rglob(".*.partial"))
+
+
+def test_a_read_only_folder_is_one_line(manifest: Path, tmp_path: Path) -> None:
+    in_the_way = tmp_path / "file"
+    in_the_way.write_text("")
+    code, output = call(manifest, "-o", in_the_way / "data", "--audio", "analytic", "--workers", 1)
+    refused(code, output, 1, str(in_the_way / "data"))
+    if os.geteuid() == 0:
+        return  # root writes into read-only folders
+    folder = tmp_path / "locked"
+    folder.mkdir(mode=0o500)
+    code, output = call(manifest, "-o", folder / "data", "--audio", "analytic", "--workers", 1)
+    refused(code, output, 1, "ermission")
+
+
+def test_a_full_disk_is_one_line_and_the_next_run_goes_on(
+    root: Path, manifest: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written = 0
+    original = files.write_bytes
+
+    def full(path: Path, data: bytes) -> None:
+        nonlocal written
+        written += len(data)
+        if written > 3_000_000:
+            raise files.Avs3dError(files.os_error_line(OSError(errno.ENOSPC, "No space left on device"), path, "write"))
+        original(path, data)
+
+    out = tmp_path / "full"
+    args = [str(manifest), "-o", str(out), "--workers", "1", "--audio", "analytic", "--with", "depth", "--with", "rirs"]
+    for module in ("avs3d_bench.files", "avs3d_bench.media"):
+        monkeypatch.setattr(f"{module}.write_bytes", full)
+    done = CliRunner().invoke(generate, args)
+    assert done.exit_code == 1
+    assert "no space left" in done.output.lower()
+    assert not list(out.rglob("*.png"))
+    monkeypatch.undo()
+    assert CliRunner().invoke(generate, args).exit_code == 0
+    assert tree_digest(out) == tree_digest(root)
+
+
+def test_frames_and_size_make_small_ones(manifest: Path, tmp_path: Path) -> None:
+    out = tmp_path / "small"
+    code, output = call(
+        manifest, "-o", out, "--audio", "analytic", "--only", "part_1/*", "--frames", 5, "--size", 48, "--workers", 1
+    )
+    assert code == 0, output
+    (observation,) = Dataset(out).values()
+    assert len(observation.frames) == 5
+    assert observation.frames[0].rgb().shape == (48, 48, 3)
+    code, output = call(manifest, "-o", out, "--only", "part_9/*", "--audio", "analytic")
+    refused(code, output, 2, "matches no observation")

@@ -1,0 +1,143 @@
+"""Palettes: every role has one material, the same for the same seed whatever is asked for first."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from avs3d_bench.errors import UsageError
+from generators.assets.finishes import DRY_FLOORS, accent_wall, dry_floor, wall_tiles, wet_floor, worktop
+from generators.assets.materials import ROLES, ROOM_KINDS, TILES, Palette
+from generators.assets.styles import STYLES
+from generators.assets.textures.noise import hex_colour, to_linear
+
+LABELS = {
+    *("plaster", "concrete", "brick", "wood", "parquet", "tile", "ceramic", "glass", "metal", "plastic"),
+    *("fabric", "carpet", "curtain", "upholstery", "foliage", "paper", "water"),
+}
+
+
+@pytest.fixture(scope="module", params=list(STYLES))
+def palette(request: pytest.FixtureRequest) -> Palette:
+    return Palette.from_seed(np.random.default_rng(4), request.param)
+
+
+def test_there_are_five_styles_and_seeds_reach_them_all() -> None:
+    assert len(STYLES) >= 5
+    assert {Palette.from_seed(np.random.default_rng(s)).style for s in range(60)} == set(STYLES)
+
+
+def test_every_role_has_a_material_that_is_bright_and_labelled_like_a_real_one(palette: Palette) -> None:
+    for role in ROLES:
+        material = palette.material(role)
+        assert material.name == role
+        assert material.acoustic in LABELS, role
+        assert 0 <= material.gloss <= 0.9
+        colour = np.array(material.colour)
+        if material.texture is not None:
+            colour = colour * to_linear(material.texture.pixels / 255).mean(axis=(0, 1))
+        assert 0.03 < colour.mean() < 0.86, f"{role}: albedo {colour.mean():.3f}"
+        assert material is palette.material(role)
+
+
+def test_a_whole_palette_is_made_in_a_few_seconds() -> None:
+    fresh = Palette.from_seed(np.random.default_rng(4), "scandinavian")
+    start = time.process_time()
+    for role in ROLES:
+        fresh.material(role)
+    # Five seconds on the reference machine; the margin is for slower ones.
+    assert time.process_time() - start < 15
+
+
+def test_materials_do_not_depend_on_the_order_they_are_asked_for() -> None:
+    roles = ("wood", "floor_hall", "sofa", "picture_1", "floor_bedroom", "metal")
+    one, two = (Palette.from_seed(np.random.default_rng(9), "industrial") for _ in range(2))
+    forward = [one.material(r) for r in roles]
+    backward = [two.material(r) for r in reversed(roles)][::-1]
+    for a, b in zip(forward, backward, strict=True):
+        assert a.colour == b.colour
+        assert (a.texture is None) == (b.texture is None)
+        if a.texture is not None and b.texture is not None:
+            assert a.texture.pixels.tobytes() == b.texture.pixels.tobytes()
+
+
+def test_another_seed_is_another_flat() -> None:
+    one, two = (Palette.from_seed(np.random.default_rng(s), "mediterranean") for s in (1, 2))
+    a, b = (p.material("wood").texture for p in (one, two))
+    assert a is not None
+    assert b is not None
+    assert a.pixels.tobytes() != b.pixels.tobytes()
+
+
+@pytest.mark.parametrize("room", ROOM_KINDS)
+def test_a_room_has_all_its_surfaces(palette: Palette, room: str) -> None:
+    finish = palette.finish(room)
+    wet = room in ("bathroom", "kitchen")
+    assert (finish.wall_tiles is not None) == wet
+    assert (finish.tile_height > 1) == (room == "bathroom")
+    assert (finish.accent_wall is finish.wall) == wet
+    assert finish.floor.acoustic in {"parquet", "tile", "concrete"}
+    assert finish.ceiling.acoustic == "plaster"
+    assert TILES[finish.floor.name] >= 2.0
+    assert finish.floor.texture is not None
+    assert min(finish.floor.texture.pixels.shape[:2]) >= 1024
+
+
+def test_dry_rooms_share_one_floor(palette: Palette) -> None:
+    floors = [palette.finish(r).floor.texture for r in ("living_room", "hall", "bedroom")]
+    assert floors[0] is not None
+    assert all(f is not None and f.pixels is floors[0].pixels for f in floors)
+
+
+def test_lamps_shine_and_other_things_do_not(palette: Palette) -> None:
+    lamps = {role for role in ROLES if max(palette.material(role).emission) > 0}
+    assert lamps == {"lamp_shade", "lamp_glass", "bulb", "hood_light"}
+    shade, bulb = palette.material("lamp_shade").emission, palette.material("bulb").emission
+    assert 10 <= np.mean(shade) <= 25
+    assert np.mean(bulb) > 2 * np.mean(shade)
+    assert bulb[0] > bulb[2]
+
+
+def test_metals_and_glass_are_glossy(palette: Palette) -> None:
+    assert palette.material("mirror").gloss == pytest.approx(0.9)
+    assert all(palette.material(r).gloss > 0.2 for r in ("metal", "tap", "chrome", "steel", "glass", "black_glass"))
+
+
+def test_every_tile_entry_names_a_role_and_every_repeating_texture_has_a_size(palette: Palette) -> None:
+    assert set(TILES) <= set(ROLES)
+    assert all(size > 0 for size in TILES.values())
+
+
+def test_unknown_names_are_refused_in_one_line() -> None:
+    rng = np.random.default_rng(0)
+    grey = hex_colour("#808080")
+    palette = Palette.from_seed(rng)
+    for call in (
+        lambda: Palette("baroque", 1),
+        lambda: palette.material("marmalade"),
+        lambda: palette.finish("cellar"),
+        lambda: dry_floor("grass", "oak", rng),
+        lambda: wet_floor("floor_bathroom", "grass", (grey, grey), rng),
+        lambda: wall_tiles("tiles_bathroom", "grass", grey, grey, rng),
+        lambda: worktop("worktop", "grass:#808080", rng),
+    ):
+        with pytest.raises(UsageError, match=r"^unknown .*(expected|see)") as error:
+            call()  # type: ignore[no-untyped-call]
+        assert "\n" not in str(error.value)
+
+
+def test_every_finish_a_style_names_can_be_made() -> None:
+    rng = np.random.default_rng(0)
+    for style in STYLES.values():
+        assert {kind for kind, _ in style.floors} <= set(DRY_FLOORS)
+        for spec in style.worktops:
+            assert worktop("worktop", spec, rng).texture is not None
+        assert all(
+            accent_wall("accent_hall", finish, style, rng).texture is not None for finish in set(style.wall_finish)
+        )
+    for kind, colours in {k: c for s in STYLES.values() for k, c in s.wet_floors}.items():
+        assert wet_floor("floor_bathroom", kind, tuple(hex_colour(c) for c in colours), rng).acoustic == "tile"
+    for kind, colour, grout in {t[0]: t for s in STYLES.values() for t in s.wall_tiles}.values():
+        assert wall_tiles("tiles_bathroom", kind, hex_colour(colour), hex_colour(grout), rng).acoustic == "tile"
