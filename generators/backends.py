@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 from avs3d_bench import __version__
@@ -48,6 +49,7 @@ def backend_versions(vision: str, audio: str) -> dict[str, str]:
     return {
         "avs3d-bench": __version__,
         "numpy": np.__version__,
+        "opencv": cv2.__version__,
         sight.name: sight.version,
         sound.name: sound.version,
     }

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +44,6 @@ def open_home(plan: ObservationPlan, folder: Path, *, workers: int = 1) -> Scene
         path = resolve_file(scans_root(plan.base), spec.file or "", f"scan {plan.spec.scan}")
         scene = load_scan(plan.spec.scan, path, {name: np.asarray(box) for name, box in spec.rooms.items()})
     else:
-        key = hashlib.sha256(f"{plan.home_digest}\0{_code_digest()}".encode()).hexdigest()
 
         def build() -> Scene:
             from generators.scenes.apartment import build_apartment
@@ -55,7 +52,7 @@ def open_home(plan: ObservationPlan, folder: Path, *, workers: int = 1) -> Scene
             assert spec.seed is not None
             return bake(build_apartment(plan.spec.scan, spec.seed), quality=plan.light, workers=workers)
 
-        scene = cached_scene(folder, key, build)
+        scene = cached_scene(folder, plan.home_digest, build)
     scene.room(plan.spec.room)
     return scene
 
@@ -64,13 +61,3 @@ def scans_root(base: Path) -> Path:
     """Where relative names of scan files start: ``$AVS3D_SCANS``, else the manifest's folder."""
     named = os.environ.get("AVS3D_SCANS")
     return Path(named) if named else base
-
-
-@cache
-def _code_digest() -> str:
-    """sha256 of the code that builds and lights homes: whoever changes it must not be served yesterday's flat."""
-    digest = hashlib.sha256()
-    here = Path(__file__).parent
-    for path in sorted([*(here / "scenes").rglob("*.py"), *(here / "assets").rglob("*.py"), here / "vision" / "rays.py"]):
-        digest.update(path.relative_to(here).as_posix().encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()

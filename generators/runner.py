@@ -32,6 +32,7 @@ from avs3d_bench.schema import (
     parse_record,
     unique_attributions,
 )
+from generators.backends import vision_backend
 from generators.homes import prepare_home
 from generators.observation import generate_observation
 from generators.plan import ManifestFile, ObservationPlan
@@ -83,6 +84,8 @@ def run(
         for digest, plan in sorted({plan.home_digest: plan for plan in todo}.items()):
             listen(("home", plan.spec.scan, digest))
             prepare_home(plan, cache, workers=workers)
+        if todo:
+            vision_backend(todo[0].vision).warm_up()
         made, failed = _make(todo, root, workers=workers, cache=cache, listen=listen)
         _seal(source, root)
         return Outcome(tuple(made), tuple(plan.key for plan in kept), tuple(failed))

@@ -104,10 +104,13 @@ class ObservationWriter:
         """Write the split and observation.json with the sha256 of every file, and give the folder its name."""
         files.write_json(self._partial / layout.SPLITS_JSON, CameraSplits.of(self._frames))
         digests: dict[str, str] = {}
-        for path in layout.expected_files(self._frames, depth=self._depth, rirs=self._rirs):
-            twin = path.replace(f"{layout.IMAGES}/", f"{layout.INPUT}/", 1) if path.startswith(layout.IMAGES) else path
-            # images/ are the pictures of input/ under a second name: hashed once.
-            digests[path] = digests.get(twin) or files.sha256_file(self._partial / path)
+        paths = layout.expected_files(self._frames, depth=self._depth, rirs=self._rirs)
+        for path in paths:
+            if not path.startswith(f"{layout.IMAGES}/"):
+                digests[path] = files.sha256_file(self._partial / path)
+        for path in set(paths) - set(digests):
+            # images/ holds the pictures of input/ under a second name.
+            digests[path] = digests[path.replace(layout.IMAGES, layout.INPUT, 1)]
         whole = record.model_copy(update={"files": digests})
         files.write_json(self._partial / layout.OBSERVATION_JSON, whole)
         try:

@@ -66,7 +66,7 @@ def write_manifest(folder: Path, **changes: object) -> Path:
                 "room": "kitchen",
                 "index": 1,
                 "category": "clock",
-                "variant": "round",
+                "variant": "station",
                 "instances": 3,
             },
         ],

@@ -140,6 +140,26 @@ def blocked(triangles: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[n
     return bool(hit.any())
 
 
+def longest_view(triangles: NDArray[np.float64], point: NDArray[np.float64], rays: int = 200) -> float:
+    """Longest free path in m from ``point`` (3,) among ``rays`` evenly spread directions; infinite if one escapes."""
+    k = np.arange(rays) + 0.5
+    y, turn = 1 - 2 * k / rays, np.pi * (3 - math.sqrt(5)) * k
+    flat = np.sqrt(1 - y * y)
+    longest = 0.0
+    edge1, edge2 = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    s = point - triangles[:, 0]
+    q = np.cross(s, edge1)
+    reach = np.einsum("ij,ij->i", edge2, q)
+    for ray in np.stack([flat * np.cos(turn), y, flat * np.sin(turn)], axis=1):
+        p = np.cross(ray, edge2)
+        determinant = np.einsum("ij,ij->i", edge1, p)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            u, v, t = np.einsum("ij,ij->i", s, p) / determinant, q @ ray / determinant, reach / determinant
+            hit = (np.abs(determinant) > 1e-12) & (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 1e-4)
+        longest = max(longest, float(t[hit].min(initial=np.inf)))
+    return longest
+
+
 def checked_position(
     scene: str, what: str, position: tuple[float, float, float], bounds: NDArray[np.float64] | None
 ) -> list[float]:

@@ -31,9 +31,15 @@ from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
-from generators.acoustics.geometry import AcousticMesh, acoustic_mesh, checked_position, reflections_to_decay
+from generators.acoustics.geometry import (
+    AcousticMesh,
+    acoustic_mesh,
+    checked_position,
+    longest_view,
+    reflections_to_decay,
+)
 from generators.acoustics.materials import RESIDUAL, material_for, write_engine_json
-from generators.scenes.scene import Scene
+from generators.scenes.scene import Room, Scene
 
 #: Sample rates the built-in head-related transfer functions were verified at; higher ones abort the process.
 SAMPLE_RATES = (16_000, 22_050, 32_000, 44_100)
@@ -149,10 +155,11 @@ class SoundSpacesSession:
             )
         box = scene.room(room)
         mesh = acoustic_mesh(scene, source)
-        self.sample_rate = sample_rate
         self._scene_name = scene.name
         self._bounds = mesh.bounds
         self._source = self._position(source, "source")
+        self._refuse_enclosure(mesh, box)
+        self.sample_rate = sample_rate
         self.depth = reflections_to_decay(mesh, box, settings.decay_db, settings.max_depth)
         self._context: Any = _new_context(engine, settings, self.depth, sample_rate)
         _upload(self._context, mesh)
@@ -160,6 +167,16 @@ class SoundSpacesSession:
         self._context.set_listener_radius(0, LISTENER_RADIUS)
         self._context.add_source()
         self._context.set_source_position(0, self._source)
+
+    def _refuse_enclosure(self, mesh: AcousticMesh, room: Room) -> None:
+        """A source inside a closed box is all but silent outside it, and the engine lets a few stray rays out."""
+        diagonal = float(np.linalg.norm(np.subtract(room.high, room.low)))
+        view = longest_view(mesh.triangles, np.asarray(self._source))
+        if view < diagonal / 3:
+            raise Avs3dError(
+                f"{self._scene_name}: the source at {tuple(round(c, 3) for c in self._source)} is walled in, it sees "
+                f"{view:.2f} m at most; move it out of the furniture, or give its object an instance id above 0"
+            )
 
     def _position(self, position: tuple[float, float, float], what: str) -> list[float]:
         return checked_position(self._scene_name, what, position, self._bounds)
@@ -188,7 +205,7 @@ class SoundSpacesSession:
         if response.size == 0 or not np.isfinite(response).all() or not response.any():
             raise Avs3dError(
                 f"{self._scene_name}: no sound reaches listener {position} from source {self._source}; "
-                "one of them is enclosed by faces without an opening"
+                "the listener is enclosed by faces without an opening"
             )
         return response
 

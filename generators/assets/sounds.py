@@ -18,7 +18,7 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.taxonomy import check_category
 from generators.assets.synthesis import signals
 from generators.assets.synthesis.loudness import integrated_loudness, normalised
-from generators.assets.synthesis.voices import VOICES
+from generators.assets.synthesis.voices import speak
 
 SAMPLE_RATE = 44_100
 #: Loudness of every source.
@@ -53,7 +53,7 @@ def synthesise(category: str, seconds: float, rng: Generator) -> NDArray[np.floa
     check_category(category)
     if not 1.0 <= seconds <= 3600.0:
         raise Avs3dError(f"sound of {category}: {seconds} s were asked for, expected 1 to 3600 s")
-    raw = VOICES[category](round(seconds * signals.SAMPLE_RATE), rng)
+    raw = speak(category, round(seconds * signals.SAMPLE_RATE), rng)
     return normalised(raw, SAMPLE_RATE, TARGET_LUFS, CEILING_DB)
 
 
@@ -125,6 +125,25 @@ def _read(file: Path) -> tuple[NDArray[np.float64], int]:
             samples = handle.read(dtype="float64", always_2d=True)
     except (soundfile.SoundFileError, RuntimeError, OSError) as error:
         raise Avs3dError(f"{file}: not a readable WAV or FLAC ({error}); replace the file") from error
+    missing = _missing_bytes(file)
+    if missing:
+        raise Avs3dError(f"{file}: truncated, {missing} bytes of its samples are missing; fetch it again")
     if len(samples) == 0 or len(samples) < promised:
         raise Avs3dError(f"{file}: truncated, {len(samples)} of {promised} samples can be read; fetch it again")
     return samples, rate
+
+
+def _missing_bytes(file: Path) -> int:
+    """Bytes by which a RIFF/WAVE file is shorter than its data chunk says (libsndfile passes over that in silence)."""
+    with file.open("rb") as handle:
+        head = handle.read(12)
+        if head[:4] != b"RIFF" or head[8:12] != b"WAVE":
+            return 0
+        size = file.stat().st_size
+        while len(chunk := handle.read(8)) == 8:
+            length = int.from_bytes(chunk[4:], "little")
+            if chunk[:4] == b"data":
+                # 0 and the largest number stand for "unknown" in streamed files.
+                return 0 if length in (0, 0xFFFFFFFF) else max(0, handle.tell() + length - size)
+            handle.seek(length + length % 2, 1)
+    return 0

@@ -26,9 +26,11 @@ CELLS = 256
 _JOIN = 0.25
 #: More emitters than this are not sampled: the strongest ones are kept.
 _MOST = 96
+#: A texel stands out if it reflects this many times the mean radiance.
+BRIGHT = 5.0
 #: Sides of the patches that bright surfaces are cut into, metres; how many at most, and their share of all power.
 _PATCH = 1.0
-_MOST_PATCHES = 16
+_MOST_PATCHES = 48
 _SHARE = 0.97
 #: An emitter that could give less than this part of a texel's direct light gets fewer shadow rays.
 _FAINT = 0.08
@@ -192,9 +194,7 @@ def _morton(position: F32) -> NDArray[np.int64]:
     return code
 
 
-def _emitters(
-    shares: list[NDArray[np.float64]], areas: list[float], points: list[F32], samples: int
-) -> Emitters:
+def _emitters(shares: list[NDArray[np.float64]], areas: list[float], points: list[F32], samples: int) -> Emitters:
     """Emitters of points: ``shares`` are cumulated areas that end at 1, ``points`` (n, 9) position, normal, radiance."""
     fine = net(CELLS)[:, 0]
     coarse = square_points(samples, (0x1B56C4E9, 0x7F4A7C15))[..., 0].astype(np.float64)
@@ -319,6 +319,7 @@ def direct_light(
     normal: F32,
     gloss: F32,
     hidden: Occlusion,
+    besides: F32 | None = None,
 ) -> tuple[F32, F32]:
     """Light of all emitters on some texels.
 
@@ -330,6 +331,7 @@ def direct_light(
         normal: (N, 3).
         gloss: (N,).
         hidden: says which of a number of rays do not count.
+        besides: (N, 3) light from elsewhere, against which an emitter may be faint.
 
     Returns:
         (N, 3) light and (N,) the variance of its luminance.
@@ -341,7 +343,10 @@ def direct_light(
     variance = np.zeros(len(position), dtype=np.float32)
     if not len(texel):
         return arrived, variance
-    share = strength / np.maximum(np.bincount(texel, strength, minlength=len(position)), 1e-20)[texel]
+    total = np.bincount(texel, strength, minlength=len(position))
+    if besides is not None:
+        total += besides.max(axis=1)
+    share = strength / np.maximum(total, 1e-20)[texel]
     samples = emitters.points.shape[2]
     # What adds little is worth few rays; the first quarter of the targets is stratified in itself.
     for pairs, rays in ((share >= _FAINT, samples), ((share < _FAINT) & (share > 0), max(samples // 4, 1))):

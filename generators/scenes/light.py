@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
-from generators.scenes.emitters import Emitters, bright_patches, direct_light, find_emitters, shadow_rays
+from generators.scenes.emitters import BRIGHT, Emitters, bright_patches, direct_light, find_emitters, shadow_rays
 from generators.scenes.exposure import expose
 from generators.scenes.gather import CHUNK, open_texels
 from generators.scenes.insertion import insert
@@ -54,11 +54,11 @@ class Quality:
 
 QUALITIES = {
     "preview": Quality(0.10, 0.05, 1.0, 8, 8, 32, 16),
-    "standard": Quality(0.04, 0.018, 2.0, 16, 32, 64, 64),
+    "standard": Quality(0.04, 0.015, 2.0, 16, 32, 64, 64),
     "high": Quality(0.025, 0.01, 2.0, 32, 32, 128, 192),
 }
 #: A part gets about this many texels before its texels grow to the preset's size.
-_PART_TEXELS = 3500
+_PART_TEXELS = 4500
 
 
 def bake(scene: Scene, *, quality: str = "standard", workers: int = 2) -> Scene:
@@ -90,15 +90,13 @@ def bake(scene: Scene, *, quality: str = "standard", workers: int = 2) -> Scene:
     blocks = make_blocks(surfaces, sheet, texels, is_open)
     emitters = find_emitters(surfaces, preset.shadow_rays)
     beam = find_sun(scene.name, surfaces, tracer)
-    sunlit = _sunlight(texels, blocks, beam, tracer, preset, workers)
-    emitters, sampled = _with_patches(texels, emitters, sunlit, preset)
-    direct = _smoothed(surfaces, sheet, texels, blocks, _direct(texels, blocks, emitters, tracer, workers)) + sunlit
-    bounced = solve(
-        surfaces, sheet, texels, blocks, direct, sampled, tracer, rays=preset.block_rays, workers=workers
-    )
-    gathered = final_gather(
-        surfaces, sheet, texels, blocks, bounced, tracer, rays=preset.gather_rays, workers=workers
-    )
+    bare, variance = _direct(texels, blocks, emitters, tracer, workers)
+    bare += _sunlight(texels, blocks, beam, tracer, preset, workers)
+    patches, sampled = _patches(texels, blocks, bare, preset)
+    again, more = _direct(texels, blocks, patches, tracer, workers, bare)
+    direct = _smoothed(surfaces, sheet, texels, blocks, (bare + again, variance + more))
+    bounced = solve(surfaces, sheet, texels, blocks, direct, sampled, tracer, rays=preset.block_rays, workers=workers)
+    gathered = final_gather(surfaces, sheet, texels, blocks, bounced, tracer, rays=preset.gather_rays, workers=workers)
     light = direct + _smoothed(surfaces, sheet, texels, blocks, gathered)
     cells = spread(sheet, texels, fill(surfaces, sheet, texels, light, is_open))
     return expose(replace(scene, parts=with_light(scene.parts, layouts, sheet, cells)))
@@ -133,9 +131,7 @@ def _layout(part: Part, rooms: tuple[Room, ...], preset: Quality) -> Layout:
     return unwrap(part.mesh.positions, texel, finer)
 
 
-def _sunlight(
-    texels: Texels, blocks: Blocks, beam: Sun | None, tracer: Tracer, preset: Quality, workers: int
-) -> F32:
+def _sunlight(texels: Texels, blocks: Blocks, beam: Sun | None, tracer: Tracer, preset: Quality, workers: int) -> F32:
     """Sunlight (N, 3) on the open texels."""
     light = np.zeros((len(texels), 3), dtype=np.float32)
     if beam is None:
@@ -158,23 +154,22 @@ def _sunlight(
     return light
 
 
-def _with_patches(texels: Texels, emitters: Emitters, sunlit: F32, preset: Quality) -> tuple[Emitters, F32]:
-    """The emitters and the patches in the sun, and the sunlight (N, 3) of the texels in them."""
-    bright = np.flatnonzero(sunlit.max(axis=1) > 0)
+def _patches(texels: Texels, blocks: Blocks, direct: F32, preset: Quality) -> tuple[Emitters, F32]:
+    """What stands out by its direct light as emitters, and the light (N, 3) of the texels in them."""
+    radiance = texels.albedo * direct
+    own = blocks.members
+    mean = float(np.average(radiance[own].mean(axis=1), weights=texels.area[own] + 1e-12)) if len(own) else 0.0
+    bright = np.flatnonzero(radiance.max(axis=1) > BRIGHT * mean)
     patches, used = bright_patches(
-        texels.position[bright],
-        texels.normal[bright],
-        texels.area[bright],
-        texels.albedo[bright] * sunlit[bright],
-        preset.shadow_rays,
+        texels.position[bright], texels.normal[bright], texels.area[bright], radiance[bright], preset.shadow_rays
     )
-    sampled = np.zeros_like(sunlit)
-    sampled[bright[used]] = sunlit[bright[used]]
-    return emitters.joined(patches), sampled
+    sampled = np.zeros_like(direct)
+    sampled[bright[used]] = direct[bright[used]]
+    return patches, sampled
 
 
 def _direct(
-    texels: Texels, blocks: Blocks, emitters: Emitters, tracer: Tracer, workers: int
+    texels: Texels, blocks: Blocks, emitters: Emitters, tracer: Tracer, workers: int, besides: F32 | None = None
 ) -> tuple[F32, F32]:
     """Light (N, 3) of the emitters on the open texels and its variance (N,)."""
     light = np.zeros((len(texels), 3), dtype=np.float32)
@@ -191,15 +186,14 @@ def _direct(
             texels.normal[own],
             texels.gloss[own],
             tracer.occluded,
+            None if besides is None else besides[own],
         )
 
     in_chunks(work, len(blocks.members), CHUNK, workers)
     return light, variance
 
 
-def _reach(
-    texels: Texels, blocks: Blocks, emitters: Emitters, tracer: Tracer, workers: int
-) -> NDArray[np.bool_]:
+def _reach(texels: Texels, blocks: Blocks, emitters: Emitters, tracer: Tracer, workers: int) -> NDArray[np.bool_]:
     """(B, L) whether any of a few rays from a block, or from a block beside it, reaches the emitter."""
     seen = np.zeros((len(blocks), len(emitters)), dtype=bool)
     if not len(emitters):
@@ -240,9 +234,7 @@ def _sees(emitters: Emitters, texels: Texels, texel: NDArray[np.int64], tracer: 
     return free.reshape(len(texel), lights, 4).any(axis=2)
 
 
-def _smoothed(
-    surfaces: Surfaces, sheet: Sheet, texels: Texels, blocks: Blocks, baked: tuple[F32, F32]
-) -> F32:
+def _smoothed(surfaces: Surfaces, sheet: Sheet, texels: Texels, blocks: Blocks, baked: tuple[F32, F32]) -> F32:
     light, variance = baked
     variance = np.where(blocks.of >= 0, variance, -1.0).astype(np.float32)
     return smooth(surfaces, sheet, texels, light, variance, 2.0)

@@ -17,9 +17,11 @@ _RINGS = 2
 
 
 @njit
-def _smooth(light, variance, position, normal, across, cell, index, part, offset, width, height, window, reach, out):  # type: ignore[no-untyped-def]
+def _smooth(
+    chosen, light, variance, position, normal, across, cell, index, part, offset, width, height, window, reach, out
+):  # type: ignore[no-untyped-def]
     half = len(window) // 2
-    for i in range(len(cell)):
+    for i in chosen:
         p = part[i]
         local = cell[i] - offset[p]
         row, column = local // width[p], local % width[p]
@@ -38,7 +40,7 @@ def _smooth(light, variance, position, normal, across, cell, index, part, offset
                 if x < 0 or x >= width[p]:
                     continue
                 j = index[offset[p] + y * width[p] + x]
-                if j < 0 or variance[j] < 0.0 and j != i:
+                if j < 0 or (variance[j] < 0.0 and j != i):
                     continue
                 square = facing = difference = 0.0
                 for c in range(3):
@@ -59,7 +61,15 @@ def _smooth(light, variance, position, normal, across, cell, index, part, offset
             out[i, c] = sums[c] / total if total > 0.0 else light[i, c]
 
 
-def smooth(surfaces: Surfaces, sheet: Sheet, texels: Texels, light: F32, variance: F32, reach: float) -> F32:
+def smooth(
+    surfaces: Surfaces,
+    sheet: Sheet,
+    texels: Texels,
+    light: F32,
+    variance: F32,
+    reach: float,
+    chosen: NDArray[np.int64] | None = None,
+) -> F32:
     """Average (N, 3) ``light`` over tiles of texels of one surface, as far as its differences may be noise.
 
     Args:
@@ -69,9 +79,11 @@ def smooth(surfaces: Surfaces, sheet: Sheet, texels: Texels, light: F32, varianc
         light: (N, 3).
         variance: (N,) of the luminance of ``light``; negative: the texel has no light of its own.
         reach: differences of this many standard deviations count as noise.
+        chosen: indices of the texels to smooth, the others stay; all if missing.
     """
-    out = np.empty_like(light)
+    out = light.copy()
     _smooth(
+        np.arange(len(light)) if chosen is None else chosen,
         light,
         variance,
         texels.position,
@@ -142,7 +154,9 @@ def _fill(light, known, chart, cell, index, part, offset, width, height, rings):
             break
 
 
-def fill(surfaces: Surfaces, sheet: Sheet, texels: Texels, light: F32, known: NDArray[np.bool_], rings: int = -1) -> F32:
+def fill(
+    surfaces: Surfaces, sheet: Sheet, texels: Texels, light: F32, known: NDArray[np.bool_], rings: int = -1
+) -> F32:
     """A copy of (N, 3) ``light`` in which unknown texels take the light of the nearest known ones of their chart.
 
     ``rings`` limits how many texels deep; negative: no limit.

@@ -70,7 +70,9 @@ def find_sun(name: str, surfaces: Surfaces, tracer: Tracer) -> Sun | None:
     """
     area = face_areas(surfaces.triangles)
     glowing = surfaces.emission[surfaces.material].max(axis=1) > 0
-    faces = np.flatnonzero(glowing & surfaces.glass[surfaces.material] & (np.abs(surfaces.face_normal[:, 1]) < 0.1) & (area > 1e-6))
+    faces = np.flatnonzero(
+        glowing & surfaces.glass[surfaces.material] & (np.abs(surfaces.face_normal[:, 1]) < 0.1) & (area > 1e-6)
+    )
     if not len(faces):
         return None
     faces = faces[_outside(surfaces, tracer, faces)]

@@ -65,7 +65,8 @@ class Surfaces:
         meshes = [part.mesh for part in parts]
         triangles = np.concatenate([m.positions for m in meshes]).astype(np.float32)
         cross = np.cross(
-            (triangles[:, 1] - triangles[:, 0]).astype(np.float64), (triangles[:, 2] - triangles[:, 0]).astype(np.float64)
+            (triangles[:, 1] - triangles[:, 0]).astype(np.float64),
+            (triangles[:, 2] - triangles[:, 0]).astype(np.float64),
         )
         length = np.linalg.norm(cross, axis=1, keepdims=True)
         face_normal = np.where(length > 0, cross / np.where(length > 0, length, 1.0), 0.0).astype(np.float32)

@@ -45,6 +45,10 @@ class VisionBackend(Protocol):
     name: str
     version: str
 
+    def warm_up(self) -> None:
+        """Compile or load what is slow the first time; called once, before worker processes start."""
+        ...
+
     def open(self, scene: Scene, intrinsics: Intrinsics) -> VisionSession:
         """Load ``scene`` for a camera with ``intrinsics``."""
         ...

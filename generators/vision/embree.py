@@ -40,6 +40,10 @@ class EmbreeBackend:
         except PackageNotFoundError:
             return "missing"
 
+    def warm_up(self) -> None:
+        """Compile the kernels, or wait for another process that does."""
+        warm_up()
+
     def open(self, scene: Scene, intrinsics: Intrinsics) -> EmbreeSession:
         """Load ``scene`` for a camera with ``intrinsics``.
 

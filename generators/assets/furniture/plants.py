@@ -114,7 +114,7 @@ def plant(kit: Kit, *, height: float | None = None) -> None:
     """A floor plant: rubber tree, palm, snake plant or monstera-like fans."""
     form = kit.pick("rubber", "palm", "snake", "fan")
     tall = float(height or {"rubber": 1.5, "palm": 1.6, "snake": 0.85, "fan": 1.05}[form] * kit.rng.uniform(0.88, 1.1))
-    r, pot = 0.15 + 0.03 * float(kit.rng.random()), 0.29
+    r, pot = 0.15 + 0.03 * float(kit.rng.random()) + (0.03 if form in ("palm", "rubber") else 0.0), 0.3
     _pot(kit, (0.0, 0.0, 0.0), r, pot)
     # The foliage is grown by itself and scaled to the height asked for.
     tree = Kit(kit.palette, kit.rng)
@@ -131,18 +131,18 @@ def plant(kit: Kit, *, height: float | None = None) -> None:
                 s = 0.28 + 0.72 * k / 14
                 a = 2.399963 * k + stem
                 out = np.array([np.cos(a), 0.35 + 0.9 * max(0.0, s - 0.7) / 0.3, np.sin(a)])
-                _leaf(tree, soil + (top - soil) * s, out, 0.25 * (1.1 - 0.35 * s), 0.105, 0.05, leaf, 4)
+                _leaf(tree, soil + (top - soil) * s, out, 0.30 * (1.1 - 0.35 * s), 0.13, 0.06, leaf, 4)
     elif form == "palm":
         for k in range(13):
             a, s = 2.399963 * k, 0.35 + 0.65 * ((k * 7) % 13) / 12
-            out = np.array([0.42 * s * np.cos(a), 1.0, 0.42 * s * np.sin(a)])
+            out = np.array([0.22 * s * np.cos(a), 1.0, 0.22 * s * np.sin(a)])
             length = (tall - pot) * (1.05 - 0.35 * s)
             t = np.linspace(0, 1, 7)
-            drop = 0.55 * s * length
+            drop = 0.38 * s * length
             rib = (
                 soil
                 + out / np.linalg.norm(out) * (length * t)[:, None]
-                + np.array([np.cos(a), 0, np.sin(a)]) * (0.3 * s * length * t**2)[:, None]
+                + np.array([np.cos(a), 0, np.sin(a)]) * (0.2 * s * length * t**2)[:, None]
             )
             rib[:, 1] -= drop * t**3
             tree.tube(rib, np.linspace(0.006, 0.002, 7), tree.m("leaf_alt"), segments=4)
@@ -153,7 +153,7 @@ def plant(kit: Kit, *, height: float | None = None) -> None:
                 across = np.cross(ahead, [0.0, 1.0, 0.0])
                 across /= max(float(np.linalg.norm(across)), 1e-6)
                 for side in (-1, 1):
-                    _leaf(tree, p, ahead * 0.8 + side * across * 0.8, 0.30 * (1.15 - 0.6 * at), 0.036, 0.06, leaf, 2)
+                    _leaf(tree, p, ahead * 0.8 + side * across * 0.8, 0.25 * (1.15 - 0.6 * at), 0.036, 0.06, leaf, 2)
     elif form == "snake":
         for k in range(13):
             a = 2.399963 * k

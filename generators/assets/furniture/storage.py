@@ -282,7 +282,7 @@ def wardrobe(kit: Kit, *, width: float | None = None) -> None:
             span = (-w / 2 + k * step, -w / 2 + (k + 1) * step)
             front(kit, span, (low, tall - 0.004), d - 0.021, box, shaker=is_shaker(kit), pull=None)
             metal = kit.m("metal")
-            side = span[1] - 0.05 if k % 2 == 0 else span[0] + 0.05
+            side = span[1] - 0.05 if k % 2 == 0 and k < count - 1 else span[0] + 0.05
             kit.rod((side, 0.98, d + 0.024), (side, 1.22, d + 0.024), 0.006, metal)
             for y in (1.0, 1.2):
                 kit.rod((side, y, d - 0.003), (side, y, d + 0.024), 0.005, metal, sides=6)

@@ -43,6 +43,15 @@ def resonance(signal: Array, frequency: float, quality: float) -> Array:
     return np.asarray(lfilter(b, a, signal), dtype=np.float64)
 
 
+def shelf(signal: Array, corner: float, gain_db: float) -> Array:
+    """First-order high shelf: 0 dB at low, ``gain_db`` at high frequencies, half of it (in dB) at ``corner``."""
+    gain = 10 ** (gain_db / 20)
+    # Analogue (g·s + ω·√g)/(s + ω·√g), bilinear with the corner prewarped.
+    k = np.tan(np.pi * corner / SAMPLE_RATE) * np.sqrt(gain)
+    b, a = np.array([gain + k, k - gain]) / (1 + k), np.array([1.0, (k - 1) / (1 + k)])
+    return np.asarray(lfilter(b, a, signal), dtype=np.float64)
+
+
 def drift(count: int, rng: Generator, rate: float, depth: float) -> Array:
     """A smooth random curve with about ``rate`` independent values per second, mean 0, standard deviation ``depth``."""
     knots = max(6, int(np.ceil(count / SAMPLE_RATE * rate)) + 4)
