@@ -63,7 +63,7 @@ class RaySettings:
         max_depth: upper limit of the reflections of a ray.
     """
 
-    reflections: int = 200_000
+    reflections: int = 250_000
     source_rays: int = 200
     decay_db: float = 50.0
     min_rays: int = 1000

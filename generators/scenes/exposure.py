@@ -11,7 +11,7 @@ from generators.scenes.scene import Room, Scene
 from generators.vision.tone import inverse_tone_curve
 
 #: Display light (linear) at which a room's mean tone is shown.
-MEAN_TONE = 0.34
+MEAN_TONE = 0.31
 #: At most this part of a room's pictures, windows and lamps apart, may be brighter than `HIGHLIGHT`.
 _BRIGHT_PART = 0.03
 HIGHLIGHT = 0.93
@@ -49,7 +49,9 @@ def _exposure(lit: LitScene, room: Room) -> float:
     directions = np.tile(rays.reshape(-1, 3), (len(eyes), 1)).astype(np.float32)
     origins = np.repeat(eyes, rays.shape[0] * rays.shape[1], axis=0).astype(np.float32)
     hits = lit.tracer.intersect(origins, directions)
-    luminance = lit.reflected(hits) @ np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
+    luminance = lit.reflected(hits["primID"], hits["u"], hits["v"]) @ np.array(
+        [0.2126, 0.7152, 0.0722], dtype=np.float32
+    )
     # What glows is left out: a window is bright whatever one does. So is what a camera inside of a cupboard sees.
     shows = lit.front(hits, directions) & (lit.emitted(hits).max(axis=1) <= 0) & (luminance > 0)
     if not shows.any():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,7 +19,7 @@ _PROBES = 16
 
 
 @inline
-def _frame(x, y, z):  # type: ignore[no-untyped-def]
+def _frame(x: Any, y: Any, z: Any) -> Any:
     """Two tangents of a unit normal (Duff et al., JCGT 2017)."""
     sign = 1.0 if z >= 0.0 else -1.0
     a = -1.0 / (sign + z)
@@ -26,7 +28,7 @@ def _frame(x, y, z):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _rays(position, normal, under, pattern, table, origins, directions):  # type: ignore[no-untyped-def]
+def _rays(position: Any, normal: Any, under: Any, pattern: Any, table: Any, origins: Any, directions: Any) -> Any:
     count = table.shape[1]
     for i in range(len(position)):
         nx, ny, nz = normal[i, 0], normal[i, 1], normal[i, 2]
@@ -64,7 +66,7 @@ def hemisphere_rays(position: F32, normal: F32, under: F32, pattern: I32, table:
 
 
 @njit
-def _buried(found, directions, face_normal, count, share):  # type: ignore[no-untyped-def]
+def _buried(found: Any, directions: Any, face_normal: Any, count: Any, share: Any) -> Any:
     for i in range(len(share)):
         back = 0
         for row in range(i * count, (i + 1) * count):
@@ -101,7 +103,7 @@ def open_texels(surfaces: Surfaces, texels: Texels, tracer: Tracer, workers: int
 
 
 @njit
-def _cells(found, v, w, part, uv, offset, width, height, cells):  # type: ignore[no-untyped-def]
+def _cells(found: Any, v: Any, w: Any, part: Any, uv: Any, offset: Any, width: Any, height: Any, cells: Any) -> Any:
     for i in range(len(found)):
         f = found[i]
         if f < 0:

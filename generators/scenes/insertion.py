@@ -6,14 +6,15 @@ take from the room is the work of `shadowing`.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from generators.scenes.emitters import direct_light
+from generators.scenes.direct import direct_light
 from generators.scenes.gather import CHUNK, cells_at, hemisphere_rays
-from generators.scenes.scene import F32, LightMap, Part, Scene
+from generators.scenes.lit import LitScene
+from generators.scenes.scene import F32, I32, LightMap, Part, Scene
 from generators.scenes.shadowing import shadowed
 from generators.scenes.smoothing import fill, smooth, spread
 from generators.scenes.sun import sun_light
@@ -23,8 +24,8 @@ from generators.scenes.texels import Sheet, rasterise
 from generators.scenes.unwrap import Layout, unwrap
 
 #: The objects of one call get about this many texels in all, within the limits of size that follow (metres).
-_TEXELS = 45000
-_FINEST, _COARSEST = 0.008, 0.02
+_TEXELS = 28000
+_FINEST, _COARSEST = 0.008, 0.025
 _BOUNCES = 3
 
 
@@ -42,15 +43,17 @@ def insert(scene: Scene, parts: tuple[Part, ...]) -> Scene:
         return scene
     objects, layouts = _prepare(parts)
     room = Surroundings.of(scene, objects.boxes())
-    light, is_open = _light_objects(objects, room)
-    filled = fill(objects.surfaces, objects.sheet, objects.texels, light, is_open)
-    cells = spread(objects.sheet, objects.texels, filled)
+    gathered = _gather(objects, room)
+    # The objects throw light on the room and take light from it; they stand in what is left of it.
+    first = _light(objects, room.dim, gathered)
+    around, ratio = shadowed(scene.parts, room, objects, first)
+    cells = _light(objects, replace(room.dim, light=room.dim.light * ratio), gathered)
     lit = []
     for number, (part, layout) in enumerate(zip(parts, layouts, strict=True)):
-        uv = layout.uv / np.array([layout.width, layout.height], dtype=np.float32)
+        uv = (layout.uv / np.array([layout.width, layout.height])).astype(np.float32)
         texels = np.minimum(objects.sheet.image(number, cells), 6e4).astype(np.float16)
         lit.append(replace(part, light=LightMap(uv, texels)))
-    return replace(scene, parts=shadowed(scene.parts, room, objects, cells) + tuple(lit))
+    return replace(scene, parts=around + tuple(lit))
 
 
 def _prepare(parts: tuple[Part, ...]) -> tuple[Objects, list[Layout]]:
@@ -64,14 +67,41 @@ def _prepare(parts: tuple[Part, ...]) -> tuple[Objects, list[Layout]]:
     return Objects(surfaces, sheet, rasterise(surfaces, sheet), Tracer(surfaces.triangles)), layouts
 
 
-def _light_objects(objects: Objects, room: Surroundings) -> tuple[F32, NDArray[np.bool_]]:
-    """Light (N, 3) of the objects' texels, and which of them are open."""
+@dataclass(frozen=True, eq=False)
+class _Gathered:
+    """What the objects' texels see, before it is known how they shade the room.
+
+    Attributes:
+        direct: (N, 3) light of emitters and the sun.
+        noise: (N,) variance of the luminance of what rays find.
+        weight: (N, n) weights of the rays.
+        face: (N·n,) face of the room that a ray meets, -1 where it meets an object or nothing.
+        v: (N·n,) weight of the face's second corner.
+        w: (N·n,) weight of its third corner.
+        links: (N, n) texel of the objects that a ray meets, or -1.
+        is_open: (N,) whether a texel lies in free space.
+    """
+
+    direct: F32
+    noise: F32
+    weight: F32
+    face: I32
+    v: F32
+    w: F32
+    links: I32
+    is_open: NDArray[np.bool_]
+
+
+def _gather(objects: Objects, room: Surroundings) -> _Gathered:
     texels = objects.texels
     count = len(texels)
     table, narrow = bundle()
-    gathered, direct = np.zeros((count, 3), dtype=np.float32), np.zeros((count, 3), dtype=np.float32)
-    noise, shadow_noise = np.zeros(count, dtype=np.float32), np.zeros(count, dtype=np.float32)
+    direct, shadow_noise = np.zeros((count, 3), dtype=np.float32), np.zeros(count, dtype=np.float32)
+    noise = np.zeros(count, dtype=np.float32)
+    weight = np.zeros((count, RAYS), dtype=np.float32)
     links = np.full((count, RAYS), -1, dtype=np.int32)
+    face = np.full(count * RAYS, -1, dtype=np.int32)
+    v, w = np.zeros(count * RAYS, dtype=np.float32), np.zeros(count * RAYS, dtype=np.float32)
     buried = np.zeros(count, dtype=bool)
     reach = room.reach(objects)
 
@@ -79,48 +109,64 @@ def _light_objects(objects: Objects, room: Surroundings) -> tuple[F32, NDArray[n
         return room.tracer.occluded(origins, directions, far) | objects.tracer.occluded(origins, directions, far)
 
     def work(first: int, last: int) -> None:
-        part = slice(first, last)
+        part, rays = slice(first, last), slice(first * RAYS, last * RAYS)
         position, normal, pattern = texels.position[part], texels.normal[part], texels.pattern[part]
         gloss, across = texels.gloss[part], texels.across[part]
         under = objects.surfaces.face_normal[texels.face[part]]
         origins, directions = hemisphere_rays(position, normal, under, pattern, table)
         hits = room.tracer.intersect(origins, directions)
         near = objects.tracer.intersect(origins, directions, hits["tfar"])
-        own = near["primID"] >= 0
+        met = near["primID"] >= 0
         back = np.where(
-            own,
+            met,
             behind(objects.surfaces, near["primID"], directions),
             behind(room.dim.surfaces, hits["primID"], directions),
         )
         buried[part] = back.reshape(-1, RAYS).mean(axis=1) > 0.5
         cells = cells_at(objects.surfaces, objects.sheet, near["primID"], near["u"], near["v"])
-        links[part] = np.where(own, texels.index[cells], -1).reshape(-1, RAYS)
-        seen = np.where(own[:, None], np.float32(0.0), room.dim.reflected(hits)).reshape(-1, RAYS, 3)
-        weight = (1 - gloss)[:, None] / np.float32(RAYS) + gloss[:, None] * narrow[pattern]
-        gathered[part] = np.einsum("ik,ikc->ic", weight, seen)
-        noise[part] = seen.mean(axis=2).var(axis=1) / RAYS
-        kind = objects.surfaces.part[texels.face[part]]
-        direct[part], shadow_noise[part] = direct_light(
+        links[part] = np.where(met, texels.index[cells], -1).reshape(-1, RAYS)
+        face[rays], v[rays], w[rays] = np.where(met, -1, hits["primID"]), hits["u"], hits["v"]
+        seen = room.dim.reflected(face[rays], v[rays], w[rays]).mean(axis=1)
+        noise[part] = seen.reshape(-1, RAYS).var(axis=1) / RAYS
+        weight[part] = (1 - gloss)[:, None] / np.float32(RAYS) + gloss[:, None] * narrow[pattern]
+        free = np.flatnonzero(~buried[part])
+        position, normal, pattern, gloss = position[free], normal[free], pattern[free], gloss[free]
+        own = free + first
+        kind = objects.surfaces.part[texels.face[own]]
+        direct[own], shadow_noise[own] = direct_light(
             room.emitters, reach[kind], pattern, position, normal, gloss, hidden
         )
         if room.sun is not None:
-            direct[part] += sun_light(
-                room.sun, pattern, position, normal, across, gloss, room.tracer, SAMPLES, objects=objects.tracer
+            direct[own] += sun_light(
+                room.sun, pattern, position, normal, across[free], gloss, room.tracer, SAMPLES, objects=objects.tracer
             )
 
     in_chunks(work, count, CHUNK, WORKERS)
-    is_open = ~buried
     closed = np.float32(-1.0)
-    surfaces, sheet = objects.surfaces, objects.sheet
-    direct = smooth(surfaces, sheet, texels, direct, np.where(is_open, shadow_noise, closed), 2.0)
-    gathered = smooth(surfaces, sheet, texels, gathered, np.where(is_open, noise, closed), 3.0)
-    light = direct + gathered
-    linked = np.flatnonzero((links >= 0).any(axis=1) & is_open)
-    used = links[linked]
+    shadow_noise = np.where(buried, closed, shadow_noise)
+    direct = smooth(objects.surfaces, objects.sheet, texels, direct, shadow_noise, 2.0)
+    return _Gathered(direct, np.where(buried, closed, noise), weight, face, v, w, links, ~buried)
+
+
+def _light(objects: Objects, room: LitScene, gathered: _Gathered) -> F32:
+    """Light (cells, 3) of the objects in a room that reflects as ``room`` does."""
+    texels, count = objects.texels, len(objects.texels)
+    arrived = np.zeros((count, 3), dtype=np.float32)
+
+    def work(first: int, last: int) -> None:
+        rays = slice(first * RAYS, last * RAYS)
+        seen = room.reflected(gathered.face[rays], gathered.v[rays], gathered.w[rays]).reshape(-1, RAYS, 3)
+        arrived[first:last] = np.einsum("ik,ikc->ic", gathered.weight[first:last], seen)
+
+    in_chunks(work, count, CHUNK, WORKERS)
+    light = gathered.direct + arrived
+    linked = np.flatnonzero((gathered.links >= 0).any(axis=1) & gathered.is_open)
+    links, weight = gathered.links[linked], gathered.weight[linked]
     for _ in range(_BOUNCES):
-        radiance = np.where(is_open[:, None], texels.albedo * light, np.float32(0.0))
-        bounced = np.where(used[..., None] >= 0, radiance[used], np.float32(0.0)).mean(axis=1)
-        own_light = np.zeros_like(light)
-        own_light[linked] = bounced
-        light = direct + gathered + smooth(surfaces, sheet, texels, own_light, np.where(is_open, noise, closed), 3.0)
-    return light, is_open
+        radiance = np.where(gathered.is_open[:, None], texels.albedo * light, np.float32(0.0))
+        bounced = np.where(links[..., None] >= 0, radiance[links], np.float32(0.0))
+        light = gathered.direct + arrived
+        light[linked] += np.einsum("ik,ikc->ic", weight, bounced)
+    indirect = smooth(objects.surfaces, objects.sheet, texels, light - gathered.direct, gathered.noise, 3.0)
+    filled = fill(objects.surfaces, objects.sheet, texels, gathered.direct + indirect, gathered.is_open)
+    return spread(objects.sheet, texels, filled)

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
-from generators.scenes.emitters import BRIGHT, Emitters, bright_patches, direct_light, find_emitters, shadow_rays
+from generators.scenes.direct import direct_light, shadow_rays
+from generators.scenes.emitters import BRIGHT, Emitters, bright_patches, find_emitters
 from generators.scenes.exposure import expose
 from generators.scenes.gather import CHUNK, open_texels
 from generators.scenes.insertion import insert
@@ -109,7 +110,7 @@ def with_light(parts: tuple[Part, ...], layouts: list[Layout], sheet: Sheet, cel
         if part.light is not None:
             out.append(part)
             continue
-        uv = layout.uv / np.array([layout.width, layout.height], dtype=np.float32)
+        uv = (layout.uv / np.array([layout.width, layout.height])).astype(np.float32)
         texels = np.minimum(sheet.image(number, cells), 6e4).astype(np.float16)
         out.append(replace(part, light=LightMap(uv=uv, texels=texels)))
     return tuple(out)
@@ -231,7 +232,7 @@ def _sees(emitters: Emitters, texels: Texels, texel: NDArray[np.int64], tracer: 
     use = np.flatnonzero(weight > 0)
     free = np.zeros(len(weight), dtype=bool)
     free[use] = ~tracer.occluded(origins[use], directions[use], far[use])
-    return free.reshape(len(texel), lights, 4).any(axis=2)
+    return np.asarray(free.reshape(len(texel), lights, 4).any(axis=2))
 
 
 def _smoothed(surfaces: Surfaces, sheet: Sheet, texels: Texels, blocks: Blocks, baked: tuple[F32, F32]) -> F32:

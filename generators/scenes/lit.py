@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generators.scenes.gather import cells_at
-from generators.scenes.scene import F32, Part
+from generators.scenes.scene import F32, I32, Part
 from generators.scenes.surfaces import TEXTURE_LIMIT, Surfaces, Tracer, albedo_at
 from generators.scenes.texels import Sheet
 from generators.scenes.unwrap import Layout
@@ -53,11 +53,10 @@ class LitScene:
             light.append(part.light.texels.reshape(-1, 3).astype(np.float32))
         return LitScene(surfaces, Sheet.of(layouts), np.concatenate(light), Tracer(surfaces.triangles))
 
-    def reflected(self, hits: dict[str, Any]) -> F32:
-        """(N, 3) radiance without emission where rays met the scene; black where they met nothing."""
-        face = hits["primID"]
-        cells = cells_at(self.surfaces, self.sheet, face, hits["u"], hits["v"])
-        return albedo_at(self.surfaces, face, hits["u"], hits["v"]) * self.light[np.maximum(cells, 0)]
+    def reflected(self, face: I32, v: F32, w: F32) -> F32:
+        """(N, 3) radiance without emission at points of faces; black where ``face`` is negative."""
+        cells = cells_at(self.surfaces, self.sheet, face, v, w)
+        return albedo_at(self.surfaces, face, v, w) * self.light[np.maximum(cells, 0)]
 
     def emitted(self, hits: dict[str, Any]) -> F32:
         """(N, 3) emission where rays met the scene."""

@@ -9,11 +9,12 @@ texel at the blocks' radiosity, which is smooth, so that few rays are enough (Re
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from generators.scenes.emitters import LOBE
+from generators.scenes.direct import LOBE
 from generators.scenes.gather import CHUNK, cells_at, hemisphere_rays
 from generators.scenes.sampling import PATTERNS, TILE, cosine_directions
 from generators.scenes.scene import F32, I32
@@ -67,7 +68,7 @@ def make_blocks(surfaces: Surfaces, sheet: Sheet, texels: Texels, is_open: NDArr
 
 
 @njit
-def _bounce(links, direct, albedo, before, after):  # type: ignore[no-untyped-def]
+def _bounce(links: Any, direct: Any, albedo: Any, before: Any, after: Any) -> Any:
     """One Jacobi step: ``after`` = albedo · (direct + mean of ``before`` over the links)."""
     for b in range(len(links)):
         red = green = blue = 0.0
@@ -151,7 +152,7 @@ def _block_at(cells: NDArray[np.int64], texels: Texels, blocks: Blocks) -> I32:
 
 
 @njit
-def _collect(block, radiance, pattern, table, gloss, light, variance):  # type: ignore[no-untyped-def]
+def _collect(block: Any, radiance: Any, pattern: Any, table: Any, gloss: Any, light: Any, variance: Any) -> Any:
     count = table.shape[1]
     for i in range(len(light)):
         flat = np.zeros(3)

@@ -7,27 +7,33 @@ what they reflect. A texel that no such ray leaves keeps its bytes.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from generators.scenes.emitters import direct_light
+from generators.scenes.direct import direct_light
+from generators.scenes.emitters import Emitters
 from generators.scenes.gather import CHUNK, hemisphere_rays
 from generators.scenes.lit import LitScene
 from generators.scenes.scene import F32, Part
 from generators.scenes.smoothing import fill, smooth
 from generators.scenes.sun import sun_light
 from generators.scenes.surfaces import in_chunks
-from generators.scenes.surroundings import RAYS, SAMPLES, WORKERS, Objects, Surroundings, behind, bundle
+from generators.scenes.surroundings import RAYS, SAMPLES, WORKERS, Objects, Surroundings, behind, bundle, nearest_box
 
 #: How far objects take light from the room's surfaces (metres), fading out over the last part of it.
 REACH = 1.2
+#: Shadow rays per texel and emitter.
+_SHADOW_RAYS = 8
 _FADE = 0.5
 #: How far they throw shadows in the sun, metres.
 _SUN_REACH = 3.0
+#: A texel whose light is less than this part of full sunlight is not in the sun.
+_SUNNY = 0.04
 
 
-def shadowed(parts: tuple[Part, ...], room: Surroundings, objects: Objects, cells: F32) -> tuple[Part, ...]:
+def shadowed(parts: tuple[Part, ...], room: Surroundings, objects: Objects, cells: F32) -> tuple[tuple[Part, ...], F32]:
     """The room's parts, darkened near the objects.
 
     Args:
@@ -37,20 +43,19 @@ def shadowed(parts: tuple[Part, ...], room: Surroundings, objects: Objects, cell
         cells: (cells, 3) light on the objects.
 
     Returns:
-        The parts; those with changed texels have new arrays.
+        The parts, those with changed texels with new arrays, and the factor (cells, 3) by which light changes.
     """
     base, texels = room.lit, room.texels
+    factors = np.ones_like(base.light)
     if not len(texels):
-        return parts
-    distance = np.full(len(texels), np.inf, dtype=np.float32)
-    for box in objects.boxes():
-        gap = np.maximum(np.maximum(box[0] - texels.position, texels.position - box[1]), 0.0)
-        distance = np.minimum(distance, np.linalg.norm(gap, axis=1))
+        return parts, factors
+    distance = nearest_box(texels.position, objects.boxes())
     lost, known = _lost_light(room, objects, distance, cells)
     old = base.light[texels.cell]
     ratio = np.clip(1.0 - lost / np.maximum(old, 1e-6), 0.02, 4.0).astype(np.float32)
     # Texels that the objects bury take the shade of those beside them, or a bright rim would show round the contact.
     ratio = fill(base.surfaces, base.sheet, texels, ratio, known, rings=3)
+    factors[texels.cell] = ratio
     changed = np.any(ratio != 1.0, axis=1)
     new = (old * ratio)[changed]
     cell = texels.cell[changed]
@@ -64,7 +69,38 @@ def shadowed(parts: tuple[Part, ...], room: Surroundings, objects: Objects, cell
         image = light.texels.copy()
         image.reshape(-1, 3)[cell[own] - first] = np.minimum(new[own], 6e4).astype(np.float16)
         out[number] = replace(parts[number], light=replace(light, texels=image))
-    return tuple(out)
+    return tuple(out), factors
+
+
+def _reflected(room: LitScene, hits: dict[str, Any]) -> F32:
+    """(N, 3) radiance that rays meet."""
+    return room.reflected(hits["primID"], hits["u"], hits["v"])
+
+
+def _before(position: F32, normal: F32, boxes: list[F32]) -> NDArray[np.bool_]:
+    """(N,) whether any part of some box lies before the plane of a texel."""
+    out = np.zeros(len(position), dtype=bool)
+    for box in boxes:
+        # The corner of the box that lies farthest along the normal.
+        farthest = np.where(normal > 0, box[1], box[0])
+        out |= np.einsum("ij,ij->i", farthest - position, normal) > 0
+    return out
+
+
+def _between(emitters: Emitters, position: F32, boxes: list[F32]) -> NDArray[np.bool_]:
+    """(N, L) whether some box may stand between a point and an emitter, judged by the balls round both."""
+    out = np.zeros((len(position), len(emitters)), dtype=bool)
+    way = emitters.centre[None] - position[:, None]
+    length = np.maximum(np.sqrt(np.einsum("ilc,ilc->il", way, way)), 1e-6)
+    for box in boxes:
+        radius = float(np.linalg.norm(box[1] - box[0])) / 2
+        to = (box[0] + box[1]) / 2 - position
+        share = np.clip(np.einsum("ilc,ic->il", way, to) / length**2, 0.0, 1.0)
+        aside = share[..., None] * way - to[:, None]
+        beside = np.sqrt(np.einsum("ilc,ilc->il", aside, aside))
+        # The beam from a point to the emitter widens along its way.
+        out |= beside < radius + np.minimum(share + radius / length, 1.0) * emitters.radius
+    return out
 
 
 def _lost_light(room: Surroundings, objects: Objects, distance: F32, cells: F32) -> tuple[F32, NDArray[np.bool_]]:
@@ -76,8 +112,14 @@ def _lost_light(room: Surroundings, objects: Objects, distance: F32, cells: F32)
     noise = np.zeros(count, dtype=np.float32)
     known = np.ones(count, dtype=bool)
     reach = room.reach(objects).any(axis=0)
+    boxes = objects.boxes()
     near = np.flatnonzero(distance < REACH)
-    sunny = np.flatnonzero(distance < _SUN_REACH)
+    near = near[_before(texels.position[near], texels.normal[near], boxes)]
+    sunny = np.zeros(0, dtype=np.int64)
+    if room.sun is not None:
+        cosine = texels.normal @ room.sun.direction.astype(np.float32)
+        enough = base.light[texels.cell].max(axis=1) > _SUNNY * room.sun.radiance.max() * cosine
+        sunny = np.flatnonzero((distance < _SUN_REACH) & (cosine > 0) & enough)
     shade = LitScene(objects.surfaces, objects.sheet, cells, objects.tracer)
 
     def taken(origins: F32, directions: F32, far: F32) -> NDArray[np.bool_]:
@@ -101,14 +143,16 @@ def _lost_light(room: Surroundings, objects: Objects, distance: F32, cells: F32)
         back = behind(objects.surfaces, hits["primID"], directions[rays]) & first_met
         buried = np.bincount(rays[back] // RAYS, minlength=len(texel)) > 0.5 * RAYS
         weight = (1 - gloss)[:, None] / np.float32(RAYS) + gloss[:, None] * narrow[pattern]
-        change = (room.dim.reflected(beyond) - shade.reflected(hits)) * first_met[:, None]
+        change = (_reflected(room.dim, beyond) - _reflected(shade, hits)) * first_met[:, None]
         owner = rays // RAYS
         share = weight.ravel()[rays]
         here = np.stack([np.bincount(owner, share * change[:, c], minlength=len(texel)) for c in range(3)], axis=1)
         square = np.bincount(owner, change.mean(axis=1) ** 2, minlength=len(texel)) / RAYS
         spread_ = np.maximum(square - here.mean(axis=1) ** 2, 0.0) / RAYS
-        selected = np.broadcast_to(reach, (len(texel), len(reach)))
-        direct, shadow_noise = direct_light(room.emitters, selected, pattern, position, normal, gloss, taken)
+        selected = reach & _between(room.emitters, position, boxes)
+        direct, shadow_noise = direct_light(
+            room.emitters, selected, pattern, position, normal, gloss, taken, rays=_SHADOW_RAYS
+        )
         lost[texel] = here + direct
         noise[texel] = spread_ + shadow_noise
         known[texel] = ~buried

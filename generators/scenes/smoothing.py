@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,8 +20,22 @@ _RINGS = 2
 
 @njit
 def _smooth(
-    chosen, light, variance, position, normal, across, cell, index, part, offset, width, height, window, reach, out
-):  # type: ignore[no-untyped-def]
+    chosen: Any,
+    light: Any,
+    variance: Any,
+    position: Any,
+    normal: Any,
+    across: Any,
+    cell: Any,
+    index: Any,
+    part: Any,
+    offset: Any,
+    width: Any,
+    height: Any,
+    window: Any,
+    reach: Any,
+    out: Any,
+) -> Any:
     half = len(window) // 2
     for i in chosen:
         p = part[i]
@@ -103,7 +119,18 @@ def smooth(
 
 
 @njit
-def _fill(light, known, chart, cell, index, part, offset, width, height, rings):  # type: ignore[no-untyped-def]
+def _fill(
+    light: Any,
+    known: Any,
+    chart: Any,
+    cell: Any,
+    index: Any,
+    part: Any,
+    offset: Any,
+    width: Any,
+    height: Any,
+    rings: Any,
+) -> Any:
     """Flood known light into the unknown texels of a chart, ring by ring."""
     count = len(cell)
     waiting = np.empty(count, dtype=np.int64)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from generators.scenes.emitters import LOBE, face_areas, face_groups
+from generators.scenes.direct import LOBE
+from generators.scenes.emitters import face_areas, face_groups
 from generators.scenes.sampling import PATTERNS, net, square_points
 from generators.scenes.scene import F32, I32
 from generators.scenes.surfaces import Surfaces, Tracer
@@ -62,8 +64,9 @@ def _outside(surfaces: Surfaces, tracer: Tracer, faces: NDArray[np.int64]) -> ND
 def find_sun(name: str, surfaces: Surfaces, tracer: Tracer) -> Sun | None:
     """The sun of a flat: on one façade, its direction drawn from the scene's ``name``.
 
-    A window is an upright emitter of glass, of 0.3 m² and more, with nothing of the scene behind it. The façade with the most
-    glass gets the sun, at 28-42° above the horizon and 12-40° to a side, so that patches of light reach floor and walls.
+    A window is an upright emitter of glass, of 0.3 m² and more, with nothing of the scene behind it. The façade with
+    the most glass gets the sun, at 28-42° above the horizon and 12-40° to a side, so that patches of light reach floor
+    and walls.
 
     Returns:
         The sun, or None where the scene has no window.
@@ -99,7 +102,19 @@ def find_sun(name: str, surfaces: Surfaces, tracer: Tracer) -> Sun | None:
 
 
 @njit
-def _sun_rays(pattern, position, normal, across, direction, side, top, disc, jitter, origins, directions):  # type: ignore[no-untyped-def]
+def _sun_rays(
+    pattern: Any,
+    position: Any,
+    normal: Any,
+    across: Any,
+    direction: Any,
+    side: Any,
+    top: Any,
+    disc: Any,
+    jitter: Any,
+    origins: Any,
+    directions: Any,
+) -> Any:
     count = disc.shape[1]
     for i in range(len(position)):
         p = pattern[i]

@@ -70,7 +70,11 @@ class Surfaces:
         )
         length = np.linalg.norm(cross, axis=1, keepdims=True)
         face_normal = np.where(length > 0, cross / np.where(length > 0, length, 1.0), 0.0).astype(np.float32)
-        colour, emission, gloss, glass, image = [], [], [], [], []
+        colour: list[tuple[float, float, float]] = []
+        emission: list[tuple[float, float, float]] = []
+        gloss: list[float] = []
+        glass: list[bool] = []
+        image: list[tuple[int, int, int]] = []
         pixels = [np.ones((1, 3), dtype=np.float32)]
         size = 1
         known: dict[int, tuple[int, int, int]] = {}
@@ -119,7 +123,7 @@ def _reduced(texture: Texture, limit: int) -> F32:
 
 
 @njit
-def _albedo(face, v, w, uv, material, colour, image, pixels, out):  # type: ignore[no-untyped-def]
+def _albedo(face: Any, v: Any, w: Any, uv: Any, material: Any, colour: Any, image: Any, pixels: Any, out: Any) -> Any:
     for i in range(len(face)):
         f = face[i]
         if f < 0:

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from generators.scenes.emitters import BRIGHT, LOBE, Emitters, bright_patches, find_emitters, shadow_rays
+from generators.scenes.direct import LOBE, shadow_rays
+from generators.scenes.emitters import BRIGHT, Emitters, bright_patches, find_emitters
 from generators.scenes.lit import LitScene
 from generators.scenes.sampling import cosine_directions
 from generators.scenes.scene import F32, I32, Scene
@@ -22,6 +23,8 @@ SAMPLES = 16
 WORKERS = 2
 #: Surfaces within this distance count as surroundings, metres.
 _RANGE = 4.0
+#: How many bright patches of them are sampled as emitters.
+_PATCHES = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +92,15 @@ class Surroundings:
             radiance = texels.albedo * light[texels.cell]
             mean = float(np.average(radiance.mean(axis=1), weights=texels.area + 1e-12))
             bright = np.flatnonzero(radiance.max(axis=1) > BRIGHT * mean)
+            away = nearest_box(texels.position[bright], boxes)
             patches, used = bright_patches(
-                texels.position[bright], texels.normal[bright], texels.area[bright], radiance[bright], SAMPLES
+                texels.position[bright],
+                texels.normal[bright],
+                texels.area[bright],
+                radiance[bright],
+                SAMPLES,
+                importance=1.0 / (away**2 + 0.1),
+                most=_PATCHES,
             )
             emitters = emitters.joined(patches)
             light = light.copy()
@@ -128,6 +138,15 @@ class Surroundings:
             free = (weight > 0) & ~self.tracer.occluded(origins, directions, far)
             reach[part] = free.reshape(len(texel), lights, 4).any(axis=(0, 2))
         return reach
+
+
+def nearest_box(position: F32, boxes: list[F32]) -> F32:
+    """(N,) distance of points from the nearest of some boxes, 0 inside."""
+    distance = np.full(len(position), np.inf, dtype=np.float32)
+    for box in boxes:
+        gap = np.maximum(np.maximum(box[0] - position, position - box[1]), 0.0)
+        distance = np.minimum(distance, np.linalg.norm(gap, axis=1))
+    return distance
 
 
 def bundle() -> tuple[F32, F32]:

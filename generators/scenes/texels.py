@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,13 +46,15 @@ class Sheet:
         sizes = [layout.width * layout.height for layout in layouts]
         return Sheet(
             uv=np.concatenate([layout.uv for layout in layouts]),
-            chart=np.concatenate([l.chart + c for l, c in zip(layouts, charts, strict=False)]).astype(np.int32),
+            chart=np.concatenate([own.chart + first for own, first in zip(layouts, charts[:-1], strict=True)]).astype(
+                np.int32
+            ),
             offset=np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
             width=np.array([layout.width for layout in layouts], dtype=np.int64),
             height=np.array([layout.height for layout in layouts], dtype=np.int64),
         )
 
-    def image(self, part: int, values: NDArray[np.float32]) -> NDArray[np.float32]:
+    def image(self, part: int, values: NDArray[Any]) -> NDArray[Any]:
         """(H, W, …) view of part ``part``'s cells in ``values`` (cells, …)."""
         cells = values[self.offset[part] : self.offset[part + 1]]
         return cells.reshape(int(self.height[part]), int(self.width[part]), *values.shape[1:])
@@ -144,7 +147,7 @@ def rasterise(surfaces: Surfaces, sheet: Sheet, wanted: NDArray[np.bool_] | None
 
 
 @inline
-def _closest(px, py, a, b, c):  # type: ignore[no-untyped-def]
+def _closest(px: Any, py: Any, a: Any, b: Any, c: Any) -> Any:
     """Barycentric weights (of b and c) of the triangle's point nearest to (px, py) (Ericson 2005, section 5.1.5)."""
     abx, aby, acx, acy = b[0] - a[0], b[1] - a[1], c[0] - a[0], c[1] - a[1]
     apx, apy = px - a[0], py - a[1]
@@ -175,7 +178,9 @@ def _closest(px, py, a, b, c):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _cover(faces, uv, part, offset, width, height, nearest, owner, weights):  # type: ignore[no-untyped-def]
+def _cover(
+    faces: Any, uv: Any, part: Any, offset: Any, width: Any, height: Any, nearest: Any, owner: Any, weights: Any
+) -> Any:
     for f in faces:
         p = part[f]
         a, b, c = uv[f, 0], uv[f, 1], uv[f, 2]
@@ -199,9 +204,17 @@ def _cover(faces, uv, part, offset, width, height, nearest, owner, weights):  # 
 
 
 @njit
-def _properties(  # type: ignore[no-untyped-def]
-    face, weights, triangles, normals, face_normal, map_uv, position, normal, across
-):  # fmt: skip
+def _properties(
+    face: Any,
+    weights: Any,
+    triangles: Any,
+    normals: Any,
+    face_normal: Any,
+    map_uv: Any,
+    position: Any,
+    normal: Any,
+    across: Any,
+) -> Any:
     for i in range(len(face)):
         f = face[i]
         v, w = weights[i, 0], weights[i, 1]

@@ -294,7 +294,7 @@ def telephone(count: int, rng: Generator) -> Array:
         t = time_axis(count)
         square = np.tanh(6.0 * np.sin(2 * np.pi * warble * t))
         pitch = low + (high - low) * (0.5 + 0.5 * square)
-        phase = phase_of(pitch * (1 + 0.02 * np.sin(2 * np.pi * vibrato * t)), count)
+        phase = phase_of(pitch * (1 + 0.035 * np.sin(2 * np.pi * vibrato * t)), count)
         tone = harmonics(phase, [0.7, 0.4, 0.6, 0.35, 0.45, 0.3, 0.3, 0.2], rng)
         piezo = rng.uniform(2600.0, 3600.0)
         tone = 0.6 * tone + 0.9 * resonance(tone, piezo, 1.5)
@@ -339,7 +339,14 @@ def telephone(count: int, rng: Generator) -> Array:
 
 
 #: How much brighter than its voice a category is made (dB above about 1.5 kHz): what thin sheets and openings radiate.
-_BRIGHTNESS = {"washing_machine": 7.0, "toilet": 3.0, "microwave": 4.0, "coffee_machine": 5.0, "clock": 4.0}
+_BRIGHTNESS = {
+    "washing_machine": 7.0,
+    "toilet": 3.0,
+    "microwave": 4.0,
+    "coffee_machine": 7.0,
+    "clock": 4.0,
+    "telephone": 6.0,
+}
 VOICES: dict[str, Callable[[int, Generator], Array]] = {
     "washing_machine": washing_machine,
     "toilet": toilet,

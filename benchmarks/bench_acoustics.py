@@ -1,0 +1,100 @@
+"""CPU time and steadiness of an impulse response in a furnished flat, and CPU time of sources and clips.
+
+Run by itself, it prints the figures as JSON.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from functools import partial
+from statistics import median
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench.geometry import Pose
+from generators.acoustics.analytic import AnalyticBackend
+from generators.acoustics.base import AcousticBackend, AcousticSession
+from generators.acoustics.clips import SAMPLE_RATE, binaural_clip
+from generators.acoustics.decay import reverberation_time
+from generators.acoustics.soundspaces import SoundSpacesBackend
+from generators.assets.sounds import synthesise
+from generators.scenes.apartment import build_apartment
+from generators.scenes.scene import Scene
+
+ROOMS = ("bathroom", "kitchen", "living_room")
+#: Source and listener as shares of the room's box (x, z); heights in metres.
+SOURCE, LISTENER = (0.5, 0.15), (0.6, 0.55)
+SOURCE_HEIGHT, EAR_HEIGHT = 1.2, 1.5
+#: Draws behind a standard deviation: fewer would not tell 0.15 from 0.2 dB.
+DRAWS = 12
+
+
+def _cpu(work: Callable[[], object]) -> float:
+    start = time.process_time()
+    work()
+    return time.process_time() - start
+
+
+def _place(scene: Scene, room: str, share: tuple[float, float], height: float) -> tuple[float, float, float]:
+    box = scene.room(room)
+    return (
+        box.low[0] + share[0] * (box.high[0] - box.low[0]),
+        height,
+        box.low[2] + share[1] * (box.high[2] - box.low[2]),
+    )
+
+
+def _sessions(backend: AcousticBackend, scene: Scene) -> list[tuple[AcousticSession, Pose]]:
+    return [
+        (
+            backend.open(scene, _place(scene, room, SOURCE, SOURCE_HEIGHT), room=room),
+            Pose.from_yaw(_place(scene, room, LISTENER, EAR_HEIGHT), 0.7),
+        )
+        for room in ROOMS
+    ]
+
+
+def run_all(repeats: int = 5) -> dict[str, float]:
+    """Medians over the rooms of the median of ``repeats`` runs; the slowest or unsteadiest room where it says worst."""
+    scene = build_apartment("bench", 1)
+    figures: dict[str, float] = {"acoustic faces": float(sum(len(p.mesh.acoustic_positions) for p in scene.parts))}
+
+    engine = SoundSpacesBackend()
+    times, spreads, decays = [], [], []
+    for session, pose in _sessions(engine, scene):
+        responses: list[NDArray[np.float32]] = []
+        spent: list[float] = []
+        for _ in range(max(repeats, DRAWS)):
+            start = time.process_time()
+            responses.append(session.impulse_response(pose))
+            spent.append(time.process_time() - start)
+        times.append(median(spent))
+        spreads.append(float(np.std([10 * np.log10(np.sum(np.square(r, dtype=np.float64))) for r in responses])))
+        decays.append(reverberation_time(responses[:2], SAMPLE_RATE) or float("nan"))
+        session.close()
+    figures["impulse response (CPU s)"] = median(times)
+    figures["impulse response, worst room (CPU s)"] = max(times)
+    figures["broadband level, SD over draws (dB)"] = median(spreads)
+    figures["broadband level, SD, worst room (dB)"] = max(spreads)
+    for room, decay in zip(ROOMS, decays, strict=True):
+        figures[f"T30, {room} (s)"] = decay
+
+    times = []
+    for session, pose in _sessions(AnalyticBackend(), scene):
+        response = session.impulse_response(pose)  # the first one builds the diffuse tail
+        times.append(median(_cpu(partial(session.impulse_response, pose)) for _ in range(repeats)))  # type: ignore[misc]
+    figures["analytic impulse response (CPU s)"] = median(times)
+
+    source = synthesise("washing_machine", 10, np.random.default_rng(0))
+    figures["binaural clip (CPU s)"] = median(_cpu(lambda: binaural_clip(source, response, 5)) for _ in range(repeats))
+    figures["synthesised source, per 120 s (CPU s)"] = median(
+        _cpu(lambda: synthesise("toilet", 120, np.random.default_rng(0))) for _ in range(repeats)
+    )
+    return figures
+
+
+if __name__ == "__main__":
+    print(json.dumps(run_all(), indent=2))
