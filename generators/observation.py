@@ -21,7 +21,7 @@ from avs3d_bench.schema import (
     SoundRecord,
     VisionRecord,
 )
-from generators.acoustics.clips import GAIN, binaural_clip, mono_clip, rms
+from generators.acoustics.clips import GAIN, binaural_clip, check_clip, mono_clip, rms
 from generators.acoustics.decay import reverberation_time
 from generators.assets.catalogue import Model, build_model, variants
 from generators.assets.meshfile import load_model
@@ -98,6 +98,7 @@ def generate_observation(
                 frame = view.render(pose)
                 response = hearing.impulse_response(pose)
                 clip = binaural_clip(sound.samples, response, index + PRE_ROLL)
+                check_clip(clip, f"{plan.key}, frame {index}")
                 mask = frame.instance_ids == placements.index(source) + 1
                 writer.add_frame(index, frame, mask, clip, response)
                 points.add(frame, pose)
