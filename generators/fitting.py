@@ -125,7 +125,7 @@ def front_points(mesh: Mesh, count: int = 24) -> Array:
     triangles = mesh.positions.astype(np.float64)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     points, _ = spread_points(triangles, np.maximum(normals[:, 2], 0.0), count)
-    return points + np.array([0.0, 0.0, 0.01])
+    return np.asarray(points + np.array([0.0, 0.0, 0.01]))
 
 
 def spread_points(triangles: Array, weights: Array, count: int) -> tuple[Array, NDArray[np.intp]]:

@@ -1,8 +1,8 @@
 """Objects where they belong: on their support, clear of everything, facing the room, in sight of a walking agent.
 
 `place` collects spots for a model (generators/spots.py), tries them in random order and keeps the first that passes
-every test of generators/fitting.py. Twins (identical copies, one of which sounds) stand at least a metre apart where the room
-allows; a silent oven joins a sounding microwave (the paper's hard pair).
+every test of generators/fitting.py. Twins (identical copies, one of which sounds) stand at least a metre apart where
+the room allows; a silent oven joins a sounding microwave (the paper's hard pair).
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -161,6 +161,7 @@ def place(
         raise Avs3dError(f"{scene.name}/{room}: {instances} instances of {sounding.category} asked for; expected ≥ 1")
     placer = Placer(Site.of(scene, room))
     for attempt in range(_ATTEMPTS):
+        last = attempt == _ATTEMPTS - 1
         copies = placer.twins(sounding, instances, rng)
         chosen = int(rng.integers(instances))
         copies = [replace(copy, sounding=index == chosen) for index, copy in enumerate(copies)]
@@ -169,11 +170,12 @@ def place(
             for model in silent:
                 others.append(placer.companion(model, copies[chosen], [*copies, *others], rng))
         except Avs3dError:
-            # The copies may have taken the only place of a companion: they move before the room is called too small.
-            if attempt == _ATTEMPTS - 1:
+            if last:
                 raise
             continue
-        break
+        # The copies may have taken the place of a companion: they move before it goes without.
+        if last or not any(other.relaxed for other in others):
+            break
     return (*copies, *others)
 
 
@@ -325,10 +327,11 @@ class _Pool:
                     out.append((spot, body))
         return out
 
-    def all(self, wanted: Callable[[Spot], bool]) -> Iterator[Fit]:
-        """Those that are wanted and fit alone."""
+    def between(self, centre: Array, near: float, far: float) -> Iterator[Fit]:
+        """Those that fit alone with their middle ``near`` to ``far`` metres from ``centre``."""
         for index, spot in enumerate(self.spots):
-            if wanted(spot):
+            box = UprightBox.around(self._model.mesh, spot.position, spot.yaw)
+            if near <= float(np.linalg.norm(box.centre - centre)) <= far:
                 body = self._judge(index)
                 if body is not None:
                     yield spot, body
@@ -336,10 +339,6 @@ class _Pool:
 
 def _body(model: Model, position: ArrayLike, yaw: float) -> Body:
     return Body.of(model.mesh, front_points(model.mesh), position, yaw)
-
-
-def _gap(model: Model, spot: Spot, centre: Array) -> float:
-    return float(np.linalg.norm(UprightBox.around(model.mesh, spot.position, spot.yaw).centre - centre))
 
 
 def _size(model: Model) -> str:

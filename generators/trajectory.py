@@ -215,7 +215,7 @@ def visible_fraction(caster: RayCaster, pose: Pose, points: ArrayLike) -> float:
 
 
 def outer_samples(mesh: Mesh, count: int, off: float = 0.01) -> Array:
-    """(≤ count, 3) points spread over what can be seen of ``mesh`` from outside, ``off`` metres in front of the surface.
+    """(≤ count, 3) points spread over what can be seen of ``mesh`` from outside, ``off`` metres off the surface.
 
     Inner surfaces (a drum behind its glass, the back of a panel) are those where a ray along the normal is caught.
     """

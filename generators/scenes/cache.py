@@ -200,6 +200,7 @@ def _pack(scene: Scene) -> tuple[dict[str, list[NDArray[Any]]], dict[str, Any]]:
                     "texture": None if texture is None else textures[id(texture)],
                     "emission": _floats(material.emission),
                     "gloss": float(material.gloss),
+                    "shown": None if material.shown is None else _floats(material.shown),
                 }
             )
         for name in ("positions", "normals", "uv", "face_material", "acoustic_positions"):
@@ -297,6 +298,7 @@ def _unpack(arrays: dict[str, NDArray[Any]], index: dict[str, Any]) -> Scene:
             texture=None if m["texture"] is None else textures[m["texture"]],
             emission=tuple(m["emission"]),
             gloss=m["gloss"],
+            shown=None if m["shown"] is None else tuple(m["shown"]),
         )
         for m in index["materials"]
     ]

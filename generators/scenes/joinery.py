@@ -9,7 +9,7 @@ from numpy.random import Generator
 
 from generators.scenes.floorplan import Opening, WallFrame
 from generators.scenes.roomshell import RoomShell
-from generators.scenes.scene import Material
+from generators.scenes.scene import Material, Texture
 
 #: Radiance of the sky behind a window pane, in the scene's light unit.
 SKY_RADIANCE = 16.0
@@ -19,6 +19,10 @@ CASING_WIDTH = 0.07
 CASING_DEPTH = 0.016
 #: A pane is cut into this many strips, each with its own radiance: the blurred view of the outdoors.
 SKY_STRIPS = 36
+#: The outdoors as the camera sees it: a little brighter than a white wall, short of burning out.
+VIEW_BRIGHTNESS = (2.3, 2.3, 2.3)
+#: Width of the outdoors that the view's texture spans, metres on the pane.
+VIEW_WIDTH = 3.2
 
 
 @dataclass(frozen=True)
@@ -62,8 +66,8 @@ def casing(shell: RoomShell, wall: WallFrame, along: tuple[float, float], top: f
     shell.block(wall, (s0, s1), (top, high), depth, frame, "front top bottom")
 
 
-def sky_strips(style: ShellStyle) -> tuple[Material, ...]:
-    """Materials of the strips of a pane, from the lowest up: garden, bright haze, sky."""
+def sky_strips(style: ShellStyle, view: Texture) -> tuple[Material, ...]:
+    """Materials of the strips of a pane, from the lowest up: garden, bright haze, sky; the camera sees ``view``."""
     stops = np.array([0.0, 0.22, 0.42, 0.62, 1.0])
     colours = np.array(
         [[0.20, 0.24, 0.15], [0.30, 0.36, 0.24], [0.78, 0.80, 0.76], [1.05, 1.04, 1.0], [0.86, 0.97, 1.14]]
@@ -72,7 +76,15 @@ def sky_strips(style: ShellStyle) -> tuple[Material, ...]:
     radiance = np.stack([np.interp(heights, stops, colours[:, c]) for c in range(3)], axis=1)
     radiance *= SKY_RADIANCE * np.array(style.sky)
     return tuple(
-        Material(f"sky_{i}", "glass", (0.04, 0.04, 0.04), emission=(float(r), float(g), float(b)), gloss=0.9)
+        Material(
+            f"sky_{i}",
+            "glass",
+            (0.04, 0.04, 0.04),
+            texture=view,
+            emission=(float(r), float(g), float(b)),
+            gloss=0.9,
+            shown=VIEW_BRIGHTNESS,
+        )
         for i, (r, g, b) in enumerate(radiance)
     )
 
@@ -130,7 +142,11 @@ def window(
                 a, b = max(float(first), bottom), min(float(last), top)
                 if b - a > 1e-4:
                     pane = ((low, a, back), (high, a, back), (high, b, back), (low, b, back))
-                    shell.quad(np.array([wall.point(*c) for c in pane]), material, fit=True)
+                    view = (
+                        ((low - s0) / VIEW_WIDTH, (high - s0) / VIEW_WIDTH),
+                        ((a - y0) / (y1 - y0), (b - y0) / (y1 - y0)),
+                    )
+                    shell.pane(np.array([wall.point(*c) for c in pane]), material, *view)
 
 
 def _window_casing(

@@ -24,11 +24,17 @@ class RoomShell:
         self._acoustic: list[Array] = []
         self._labels: list[str] = []
 
-    def quad(self, corners: Array, material: Material, *, sound: bool = False, fit: bool = False) -> None:
+    def quad(self, corners: Array, material: Material, *, sound: bool = False) -> None:
         """A rectangle, counter-clockwise from its lower left; ``sound``: it is in the acoustic twin too."""
-        self.builder.quad(corners, material, acoustic=False, fit=fit)
+        self.builder.quad(corners, material, acoustic=False)
         if sound:
             self.sound(corners, material)
+
+    def pane(self, corners: Array, material: Material, u: tuple[float, float], v: tuple[float, float]) -> None:
+        """A rectangle that shows the stretch ``u`` × ``v`` of its texture; sound does not meet it."""
+        corner_uv = np.array([(u[0], v[0]), (u[1], v[0]), (u[1], v[1]), (u[0], v[1])])
+        faces = np.array([[0, 1, 2], [0, 2, 3]])
+        self.builder.add(corners, faces, material, uv=corner_uv[faces], acoustic=False)
 
     def sound(self, corners: Array, material: Material) -> None:
         """A rectangle of the acoustic twin alone."""

@@ -39,6 +39,9 @@ class Material:
         texture: optional; sampled at the mesh's uv.
         emission: radiance (3,) in the scene's light unit; lamps and window panes.
         gloss: 0 = matte; towards 1 the bake gathers a narrower lobe round the normal (metal, enamel, glass).
+        shown: what the camera sees in its place: ``texture`` × ``shown``, whatever the light and the exposure. For the
+            view behind a window pane, which lights the room far more brightly than a picture can show; interior
+            photographers expose it for itself.
     """
 
     name: str
@@ -47,6 +50,7 @@ class Material:
     texture: Texture | None = None
     emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
     gloss: float = 0.0
+    shown: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -78,5 +78,7 @@ def _room(
 def build_shell(plan: FloorPlan, palette: Palette, rng: Generator) -> tuple[Part, ...]:
     """One part per room, ``shell_<room>``."""
     style = ShellStyle.from_rng(rng)
-    sky = sky_strips(style)
+    view = palette.material("window_view").texture
+    assert view is not None
+    sky = sky_strips(style, view)
     return tuple(_room(plan, room, palette.finish(room.name), palette, style, sky) for room in plan.rooms)

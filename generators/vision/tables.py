@@ -26,8 +26,8 @@ class SceneTables(NamedTuple):
         texture: (S,) int32 texture of the pool, −1 for none.
         light: (S,) int32 light map, −1 for none.
         instance: (S,) uint16 instance id.
-        albedo: (S, 3) float32 material colour times exposure.
-        emission: (S, 3) float32 emission times exposure.
+        albedo: (S, 3) float32 material colour times exposure, or what is shown in its place.
+        emission: (S, 3) float32 emission times exposure; 0 where something is shown in its place.
         light_texels: flat float32; a map is (height, width, 3), row 0 at v = 0.
         light_offset: (M,) int64, where each map begins.
         light_size: (M, 2) int32 height and width.
@@ -70,6 +70,11 @@ def build_tables(scene: Scene) -> tuple[SceneTables, F32]:
     sizes = [light.texels.shape[:2] for light in maps] or [(1, 1)]
     texels = [light.texels.astype(np.float32).reshape(-1) for light in maps] or [np.ones(3, dtype=np.float32)]
     offsets = np.concatenate([[0], np.cumsum([block.size for block in texels])[:-1]])
+    shown = np.array([material.shown is not None for material in materials])
+    albedo = [
+        material.shown or tuple(scene.exposure * channel for channel in material.colour) for material in materials
+    ]
+    glow = np.array([material.emission for material in materials], dtype=np.float32) * np.float32(scene.exposure)
     triangles = np.concatenate([mesh.positions for mesh in meshes])
     uv = np.concatenate([mesh.uv for mesh in meshes])
     normal, gradient = _frames(triangles, uv)
@@ -82,10 +87,10 @@ def build_tables(scene: Scene) -> tuple[SceneTables, F32]:
             [mesh.face_material + np.int32(first_surface[i]) for i, mesh in enumerate(meshes)], dtype=np.int32
         ),
         texture=np.array(texture_index, dtype=np.int32),
-        light=light_of_part[part_of],
+        light=np.where(shown, np.int32(-1), light_of_part[part_of]),
         instance=np.array([part.instance_id for part in scene.parts], dtype=np.uint16)[part_of],
-        albedo=np.array([material.colour for material in materials], dtype=np.float32) * np.float32(scene.exposure),
-        emission=np.array([material.emission for material in materials], dtype=np.float32) * np.float32(scene.exposure),
+        albedo=np.array(albedo, dtype=np.float32),
+        emission=np.where(shown[:, None], np.float32(0), glow),
         light_texels=np.concatenate(texels),
         light_offset=offsets.astype(np.int64),
         light_size=np.array(sizes, dtype=np.int32),
@@ -105,8 +110,8 @@ def _check(scene: Scene) -> None:
         if not 0 <= part.instance_id < 1 << 16:
             raise Avs3dError(f"{name}: instance id {part.instance_id} does not fit 16 bits (0 to 65535)")
         for material in part.mesh.materials:
-            numbers = (*material.colour, *material.emission)
-            if len(material.colour) != 3 or len(material.emission) != 3 or not np.isfinite(numbers).all():
+            numbers = (*material.colour, *material.emission, *(material.shown or (0.0, 0.0, 0.0)))
+            if len(numbers) != 9 or not np.isfinite(numbers).all():
                 raise Avs3dError(
                     f"{name}: material {material.name!r} has colour or emission {numbers}; expected r, g, b"
                 )
