@@ -223,11 +223,9 @@ class Placer:
         loud, quiet, least, most = HARD_PAIR
         pair = (source.model.category, model.category) == (loud, quiet)
         rounds = [(least, most, "")] if pair else []
-        note = (
-            f"the silent {quiet} stands more than {most} m from the sounding {loud}: no room beside it" if pair else ""
-        )
+        note = f"the silent {quiet} does not stand {least}–{most} m from the sounding {loud}: no room" if pair else ""
         for near, far, relaxed in (*rounds, (0.0, math.inf, note)):
-            for spot, body in pool.all(lambda spot: near <= _gap(model, spot, source.box.centre) <= far):  # noqa: B023
+            for spot, body in pool.between(source.box.centre, near, far):
                 reason = self.fitting.fault_together([body, *bodies])
                 if not reason:
                     return replace(_placement(model, spot), relaxed=relaxed)

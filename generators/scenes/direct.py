@@ -265,7 +265,6 @@ def direct_light(
         # that the share is exactly 0 or 1 (Wilson's shift towards the middle).
         worth = whole**2 / np.maximum((weight**2).sum(axis=1), 1e-30)
         share_seen = (visible * worth + 0.5) / (worth + 1.0)
-        mixed = (visible > 0) & (visible < 1)
-        spread = bare.mean(axis=1) ** 2 * np.where(mixed, share_seen * (1 - share_seen) / np.maximum(worth, 1.0), 0.0)
+        spread = bare.mean(axis=1) ** 2 * share_seen * (1 - share_seen) / np.maximum(worth, 1.0)
         variance += np.bincount(own, spread, minlength=len(position)).astype(np.float32)
     return arrived, variance

@@ -89,23 +89,47 @@ def face_groups(surfaces: Surfaces, faces: NDArray[np.int64]) -> NDArray[np.int6
     return np.asarray(joined[piece], dtype=np.int64)
 
 
+def _tiles(triangles: F32) -> list[tuple[int, bool]]:
+    """(first face, whether it and the next one are the halves of a parallelogram) of every tile of the faces."""
+    tiles: list[tuple[int, bool]] = []
+    face = 0
+    while face < len(triangles):
+        whole = False
+        if face + 1 < len(triangles):
+            (a, b, c), (d, e, f) = triangles[face].astype(np.float64), triangles[face + 1].astype(np.float64)
+            close = 1e-4 * (np.linalg.norm(c - a) + 1e-9)
+            whole = all(np.linalg.norm(gap) < close for gap in (d - a, e - c, a + c - b - f))
+        tiles.append((face, whole))
+        face += 2 if whole else 1
+    return tiles
+
+
 def _spread(surfaces: Surfaces, faces: NDArray[np.int64], points: NDArray[np.float64]) -> F32:
-    """Points (N, 9: position, normal, radiance) on ``faces``, evenly by area, from points (N, 2) in the unit square."""
+    """Points (N, 9: position, normal, radiance) on ``faces``, evenly by area, from points (N, 2) in the unit square.
+
+    The first coordinate runs through the tiles and, within a rectangle, along its shorter side; the second runs along
+    its longer side. So the strips of a window's pane, one above the other, are sampled like one large rectangle, and
+    points that are stratified in the unit square are stratified on the pane.
+    """
     triangles = surfaces.triangles[faces]
-    share = np.cumsum(face_areas(triangles))
-    total = share[-1]
-    target = points[:, 0] * total
-    pick = np.minimum(np.searchsorted(share, target, side="right"), len(share) - 1)
-    before = np.concatenate([[0.0], share])[pick]
-    a = np.clip((target - before) / np.maximum(share[pick] - before, 1e-12), 0.0, 1.0)
-    b = points[:, 1]
-    root = np.sqrt(a)
-    corner = triangles[pick].astype(np.float64)
-    position = (
-        corner[:, 0] * (1 - root)[:, None]
-        + corner[:, 1] * (root * (1 - b))[:, None]
-        + corner[:, 2] * (root * b)[:, None]
-    )
+    tiles = _tiles(triangles)
+    first = np.array([tile[0] for tile in tiles])
+    whole = np.array([tile[1] for tile in tiles])
+    share = np.cumsum(face_areas(triangles[first]) * np.where(whole, 2.0, 1.0))
+    target = points[:, 0] * share[-1]
+    tile = np.minimum(np.searchsorted(share, target, side="right"), len(share) - 1)
+    before = np.concatenate([[0.0], share])[tile]
+    s = np.clip((target - before) / np.maximum(share[tile] - before, 1e-12), 0.0, 1.0)
+    t = points[:, 1]
+    pick = first[tile]
+    a, b, c = (triangles[pick, k].astype(np.float64) for k in range(3))
+    one, other = b - a, c - b
+    longer = (np.linalg.norm(one, axis=1) >= np.linalg.norm(other, axis=1))[:, None]
+    s, t = s[:, None], t[:, None]
+    rectangle = a + np.where(longer, t, s) * one + np.where(longer, s, t) * other
+    root = np.sqrt(s)
+    triangle = a * (1 - root) + b * (root * (1 - t)) + c * (root * t)
+    position = np.where(whole[tile][:, None], rectangle, triangle)
     picked = faces[pick]
     radiance = surfaces.emission[surfaces.material[picked]]
     return np.concatenate([position, surfaces.face_normal[picked], radiance], axis=1).astype(np.float32)

@@ -37,6 +37,7 @@ def _smooth(
     out: Any,
 ) -> Any:
     half = len(window) // 2
+    near = np.empty((len(window), len(window)), dtype=np.int64)
     for i in chosen:
         p = part[i]
         local = cell[i] - offset[p]
@@ -45,29 +46,41 @@ def _smooth(
         for c in range(3):
             step += across[i, 0, c] ** 2 + across[i, 1, c] ** 2
         limit = 1.5 * step * (half + 1) ** 2 + 1e-6
-        total = 0.0
-        sums = np.zeros(3)
+        # A few rays that all agree show no variance of their own: what the tile around shows is the better estimate.
+        spread_sum = 0.0
+        count = 0
         for dy in range(-half, half + 1):
-            y = row + dy
-            if y < 0 or y >= height[p]:
-                continue
             for dx in range(-half, half + 1):
-                x = column + dx
-                if x < 0 or x >= width[p]:
+                y, x = row + dy, column + dx
+                near[dy + half, dx + half] = -1
+                if y < 0 or y >= height[p] or x < 0 or x >= width[p]:
                     continue
                 j = index[offset[p] + y * width[p] + x]
                 if j < 0 or (variance[j] < 0.0 and j != i):
                     continue
-                square = facing = difference = 0.0
+                square = facing = 0.0
                 for c in range(3):
                     square += (position[j, c] - position[i, c]) ** 2
                     facing += normal[j, c] * normal[i, c]
-                    difference += (light[j, c] - light[i, c]) / 3.0
                 if square > limit or facing < 0.7:
                     continue
+                near[dy + half, dx + half] = j
+                spread_sum += max(variance[j], 0.0)
+                count += 1
+        noise = 2.0 * spread_sum / max(count, 1)
+        total = 0.0
+        sums = np.zeros(3)
+        for dy in range(-half, half + 1):
+            for dx in range(-half, half + 1):
+                j = near[dy + half, dx + half]
+                if j < 0:
+                    continue
+                facing = difference = 0.0
+                for c in range(3):
+                    facing += normal[j, c] * normal[i, c]
+                    difference += (light[j, c] - light[i, c]) / 3.0
                 weight = window[dy + half] * window[dx + half] * (facing - 0.7) / 0.3
                 # Differences well above the noise are edges of shadows: they stay.
-                noise = variance[i] + variance[j]
                 if dx != 0 or dy != 0:
                     weight *= np.exp(-difference * difference / (2.0 * reach * reach * noise + 1e-12))
                 total += weight
