@@ -11,6 +11,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -92,7 +93,7 @@ def per_frame(plan: ObservationPlan, cache: Path, repeats: int = REPEATS) -> dic
             start = time.process_time()
             story.generate_observation(plan, Path(folder), cache, lambda _, s=stamps: s.append(time.process_time()))
             wholes.append(time.process_time() - start)
-        loops.extend(b - a for a, b in zip(stamps, stamps[1:], strict=False))
+        loops.extend(b - a for a, b in pairwise(stamps))
         loop = (stamps[-1] - stamps[0]) / (len(stamps) - 1)
         inside = {name: seconds / plan.camera.frames for name, seconds in spent.items()}
         overheads.append(loop / sum(inside.values()) - 1)

@@ -1,0 +1,1 @@
+"""Manifest and assets to dataset."""

@@ -58,7 +58,8 @@ def draw_contact_sheet(observation: Observation, columns: int = 8) -> Figure:
         figure = Figure(figsize=(20, 12.6), facecolor="white", layout="constrained")
         FigureCanvasAgg(figure)
         figure.suptitle(_title(record), fontsize=17, x=0.01, ha="left")
-        top, bottom = figure.subfigures(2, 1, height_ratios=[columns and 5.0, 6.2])
+        halves: Any = figure.subfigures(2, 1, height_ratios=[5.0, 6.2])
+        top, bottom = halves
         _frames(top, observation, record, columns)
         left, right = bottom.subfigures(1, 2, width_ratios=[1.0, 1.35])
         _map(left.subplots(), observation, record)

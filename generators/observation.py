@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from avs3d_bench.geometry import Intrinsics, Pose, direction_to
 from avs3d_bench.schema import (
     AcousticsRecord,
     FrameRecord,
+    InstanceCategory,
     InstanceRecord,
     IntrinsicsRecord,
     LicenceRecord,
@@ -208,7 +210,7 @@ def describe_instance(number: int, placement: Placement) -> InstanceRecord:
     pose = Pose.from_yaw(placement.position, placement.yaw)
     return InstanceRecord(
         id=number,
-        category=placement.model.category,
+        category=cast(InstanceCategory, placement.model.category),
         sounding=placement.sounding,
         position=pose.position,
         rotation=pose.rotation,

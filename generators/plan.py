@@ -16,11 +16,12 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.layout import observation_key
-from avs3d_bench.taxonomy import CATEGORIES, PARTS, check_category, check_room
+from avs3d_bench.schema import Category, Part, Room
+from avs3d_bench.taxonomy import check_category, check_room
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Slug = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
@@ -33,10 +34,10 @@ class _Model(BaseModel):
 class CameraSpec(_Model):
     """The camera: square frames of ``size`` pixels, ``hfov`` degrees wide, ``height`` metres above the floor."""
 
-    size: int = Field(1008, ge=16, le=8192)
-    hfov: Finite = Field(90.0, gt=10.0, lt=170.0)
-    height: Finite = Field(1.5, gt=0.2, lt=2.4)
-    frames: int = Field(120, ge=1, le=999)
+    size: Annotated[int, Field(ge=16, le=8192)] = 1008
+    hfov: Annotated[Finite, Field(gt=10.0, lt=170.0)] = 90.0
+    height: Annotated[Finite, Field(gt=0.2, lt=2.4)] = 1.5
+    frames: Annotated[int, Field(ge=1, le=999)] = 120
 
 
 class LicenceSpec(_Model):
@@ -88,24 +89,14 @@ class SoundSpec(_Model):
 class ObservationSpec(_Model):
     """One observation: where it stands in the tree, what sounds, how many instances of it, what stands by silently."""
 
-    part: Literal["part_1", "part_2"]
+    part: Part
     scan: Slug
-    room: str
+    room: Annotated[Room, BeforeValidator(check_room)]
     index: int = Field(ge=1, le=99)
-    category: str
+    category: Annotated[Category, BeforeValidator(check_category)]
     instances: int | None = Field(None, ge=1, le=4)
     silent: tuple[str, ...] = ()
     variant: str | None = None
-
-    @field_validator("room")
-    @classmethod
-    def _room(cls, value: str) -> str:
-        return check_room(value)
-
-    @field_validator("category")
-    @classmethod
-    def _category(cls, value: str) -> str:
-        return check_category(value)
 
     @field_validator("silent")
     @classmethod
@@ -362,15 +353,3 @@ def resolve_file(base: Path, name: str, what: str) -> Path:
     if not path.is_file():
         raise Avs3dError(f"{path}: {what} not found; put the file there or correct its name in the manifest")
     return path
-
-
-__all__ = [
-    "CATEGORIES",
-    "PARTS",
-    "Manifest",
-    "ObservationPlan",
-    "derive_rng",
-    "read_manifest",
-    "resolve_file",
-    "select",
-]

@@ -76,7 +76,8 @@ def run(
     """
     with _locked(root):
         _sweep(root)
-        todo, kept = [], []
+        todo: list[ObservationPlan] = []
+        kept: list[ObservationPlan] = []
         for plan in plans:
             (kept if _is_done(root, plan) else todo).append(plan)
         for plan in kept:

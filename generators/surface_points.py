@@ -1,4 +1,4 @@
-"""Points on the visible surfaces, with colour and tracks: what structure-from-motion would have found, without its errors.
+"""Points on the visible surfaces, with colour and tracks: what structure-from-motion would find without its errors.
 
 Points are pixels of the frames lifted by their depth; a point's track lists the frames that see it, decided by a ray
 from each camera.

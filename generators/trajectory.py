@@ -32,8 +32,10 @@ Array = NDArray[np.float64]
 MOST_STEP, MOST_TURN = 0.5, 30.0
 #: The sensor keeps this distance from placed objects, horizontally, metres.
 OBJECT_DISTANCE = 0.35
-#: The source is mostly seen from within this range, metres (horizontal).
+#: The source is mostly seen from within this range, metres (horizontal); small objects from nearer (see `_far`).
 NEAR, FAR = 0.8, 3.0
+#: Steps shorter than this are avoided: the views would hardly differ, metres.
+_LEAST_STEP = 0.02
 _TOURS, _GAZES = 8, 48
 _SPACING = 0.02
 _SAMPLES = 64
@@ -151,7 +153,7 @@ def plan_walk(
         track = _tour(space, watcher, frames, rng)
         sight = watcher.sight(track)
         yaw, pitch = gaze.draw_gazes(sight, _GAZES, rng)
-        penalties = Views.of(sight, yaw, pitch).penalty(yaw) + _track_penalty(sight, frames)
+        penalties = Views.of(sight, yaw, pitch).penalty(yaw) + _track_penalty(sight, watcher.far)
         chosen = int(np.argmin(penalties))
         if best is None or penalties[chosen] < best[0]:
             best = (float(penalties[chosen]), sight, yaw[chosen], pitch[chosen])
@@ -239,6 +241,7 @@ class _Watcher:
         self.points = outer_samples(source.mesh, _SAMPLES)
         self.centre = source.box.centre
         self.source = np.asarray(source.source_position)
+        self.far = _far(float(2 * np.linalg.norm(source.box.half)))
 
     def clear(self, track: Array) -> NDArray[np.bool_]:
         """(n, S) free lines from positions (n, 2) to the samples."""
@@ -287,7 +290,7 @@ def _tour(space: FreeSpace, watcher: _Watcher, frames: int, rng: Generator) -> A
     # Small rooms are walked slowly, few frames in longer steps.
     pace = float(np.clip(0.05 + 0.03 * space.area, 0.06, 0.18)) * (1.0 if frames >= 40 else 1.6)
     length = min(pace, 0.3) * (frames - 1)
-    comfort = -0.6 * np.maximum(distance - FAR, 0) - 1.0 * np.maximum(NEAR - distance, 0) + 0.8 * sees
+    comfort = -0.6 * np.maximum(distance - watcher.far, 0) - 1.0 * np.maximum(NEAR - distance, 0) + 0.8 * sees
     current = int(rng.choice(np.flatnonzero(sees))) if sees.any() else int(rng.integers(len(pool)))
     chosen, walked = [current], 0.0
     while walked < 1.15 * length + 0.5 and len(chosen) < 200:
@@ -355,14 +358,22 @@ def _spread_degrees(sight: Sight) -> float:
     return float(360.0 - np.max(np.diff(np.append(angles, angles[0] + 360.0))))
 
 
-def _track_penalty(sight: Sight, frames: int) -> float:
-    """Penalty of a track, whatever the gaze: few views, one-sided views, too near or far, hardly any movement."""
-    distance = np.hypot(*(sight.eyes - sight.source)[:, [0, 2]].T)
+def _far(diagonal: float) -> float:
+    """How far the walk goes from an object: a telephone fills as much of the image as the contract's 3 m allow."""
+    return float(np.clip(1.0 + 1.8 * diagonal, 1.4, FAR))
+
+
+def _track_penalty(sight: Sight, far: float) -> float:
+    """Penalty of a track, whatever the gaze: few or one-sided views, too near or too far, hardly any movement."""
+    ground = sight.eyes[:, [0, 2]]
+    distance = np.linalg.norm(ground - sight.source[[0, 2]], axis=1)
     seen = (sight.clear.mean(axis=1) >= gaze.SEEN_SHARE).mean()
-    outside = float(((distance < NEAR) | (distance > FAR)).mean())
-    area = np.unique(np.round(sight.eyes[:, [0, 2]] / 0.3).astype(int), axis=0)
-    stuck = max(0.0, 1.0 - len(area) / min(frames / 3, 20))
-    return float(3 * max(0.0, 0.7 - seen) + 1.5 * outside + 1.5 * max(0.0, 1 - _spread_degrees(sight) / 100) + stuck)
+    outside = float(((distance < NEAR) | (distance > far)).mean())
+    patches = np.unique(np.round(ground / 0.3).astype(int), axis=0)
+    stuck = max(0.0, 1.0 - len(patches) / min(len(ground) / 3, 20))
+    short = float((np.linalg.norm(np.diff(ground, axis=0), axis=1) < _LEAST_STEP).mean()) if len(ground) > 1 else 0.0
+    one_sided = max(0.0, 1.0 - _spread_degrees(sight) / 100)
+    return float(3 * max(0.0, 0.7 - seen) + 1.5 * outside + 1.5 * one_sided + stuck + 20 * short)
 
 
 def _report(sight: Sight, yaw: Array, pitch: Array, space: FreeSpace) -> WalkReport:

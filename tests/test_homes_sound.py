@@ -1,4 +1,4 @@
-"""In furnished flats, with the real acoustic engine: the louder ear is on the source's side, and rooms ring as rooms do."""
+"""Furnished flats in the real acoustic engine: the louder ear is on the source's side, and rooms ring as rooms do."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from generators.vision.rays import RayCaster
 pytest.importorskip(
     "rlr_audio_propagation", reason="the SoundSpaces engine is not installed: pip install 'avs3d-bench[soundspaces]'"
 )
-from generators.acoustics.soundspaces import SoundSpacesBackend  # noqa: E402
+from generators.acoustics.soundspaces import SoundSpacesBackend
 
 MANIFESTS = Path(__file__).parent.parent / "scenes_manifest"
 
@@ -46,9 +46,7 @@ def test_the_louder_ear_is_on_the_sources_side(manifest: str, key: str) -> None:
     assert plan.scan.seed is not None
     flat = home(plan.spec.scan, plan.scan.seed)
     sounding, silent = choose_models(plan)
-    placed = place(
-        flat, plan.spec.room, sounding, instances=plan.spec.copies, silent=silent, rng=plan.rng("placement")
-    )
+    placed = place(flat, plan.spec.room, sounding, instances=plan.spec.copies, silent=silent, rng=plan.rng("placement"))
     poses, _ = walk(flat, plan.spec.room, placed, frames=plan.camera.frames, rng=plan.rng("path"))
     source = next(placement for placement in placed if placement.sounding)
     scene = flat.with_parts(tuple(p.part(number) for number, p in enumerate(placed, start=1)))

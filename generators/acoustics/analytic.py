@@ -30,6 +30,7 @@ from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
+from avs3d_bench.schema import Scalar
 from generators.acoustics import hrtf
 from generators.acoustics.decay import eyring
 from generators.acoustics.geometry import (
@@ -172,7 +173,7 @@ class AnalyticBackend:
             raise Avs3dError(f"{scene.name}: sample rate {sample_rate!r} Hz, expected 8000 to 192000")
         return AnalyticSession(self, scene, source, room, sample_rate)
 
-    def describe(self) -> dict[str, object]:
+    def describe(self) -> dict[str, Scalar]:
         """The settings that go into observation.json."""
         return {
             "backend": self.name,

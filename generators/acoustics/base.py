@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.geometry import Pose
+from avs3d_bench.schema import Scalar
 from generators.scenes.scene import Scene
 
 
@@ -40,6 +41,6 @@ class AcousticBackend(Protocol):
         """Load ``scene`` with a point source at ``source`` (world, metres) standing in ``room``."""
         ...
 
-    def describe(self) -> dict[str, object]:
+    def describe(self) -> dict[str, Scalar]:
         """The settings that go into observation.json."""
         ...

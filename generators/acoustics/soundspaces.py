@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
+from avs3d_bench.schema import Scalar
 from generators.acoustics.geometry import (
     AcousticMesh,
     acoustic_mesh,
@@ -118,7 +119,7 @@ class SoundSpacesBackend:
         """
         return SoundSpacesSession(self._engine, self.settings, scene, source, room, sample_rate)
 
-    def describe(self) -> dict[str, object]:
+    def describe(self) -> dict[str, Scalar]:
         """The settings that go into observation.json."""
         return {
             "backend": self.name,

@@ -7,10 +7,12 @@ Every primitive is added to a `MeshBuilder`, in metres, Y up. Texture coordinate
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 
 import numpy as np
 import trimesh
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 from shapely.geometry import Polygon
 
 from generators.scenes.scene import F32, Material, Mesh
@@ -41,7 +43,7 @@ _CUBE_FACES = np.array(
 def rotation(axis: str, degrees: float) -> Array:
     """(3, 3) right-handed rotation about ``"x"``, ``"y"`` or ``"z"``."""
     vector = {"x": [1, 0, 0], "y": [0, 1, 0], "z": [0, 0, 1]}[axis]
-    return np.asarray(trimesh.transformations.rotation_matrix(np.radians(degrees), vector)[:3, :3])
+    return np.asarray(Rotation.from_rotvec(np.radians(degrees) * np.array(vector, dtype=np.float64)).as_matrix())
 
 
 def corner_normals(triangles: Array, crease: float = 40.0) -> Array:
@@ -57,7 +59,7 @@ def corner_normals(triangles: Array, crease: float = 40.0) -> Array:
     limit = np.cos(np.radians(crease))
     out = np.repeat(face, 3, axis=0)
     owner = np.repeat(np.arange(len(triangles)), 3)
-    for first, last in zip(starts[:-1], starts[1:], strict=True):
+    for first, last in pairwise(starts):
         corners = order[first:last]
         if len(corners) < 2:
             continue
@@ -139,10 +141,7 @@ class MeshBuilder:
             > 1e-12
         )
         triangles = triangles[keep]
-        if uv is None:
-            uv = box_uv(triangles, self.tiles.get(material.name, 1.0))
-        else:
-            uv = np.asarray(uv)[keep]
+        uv = box_uv(triangles, self.tiles.get(material.name, 1.0)) if uv is None else np.asarray(uv)[keep]
         normals = corner_normals(triangles, crease) if normals is None else np.asarray(normals)[keep]
         self._positions.append(triangles @ turn.T + shift)
         self._normals.append(normals @ turn.T)
@@ -180,7 +179,9 @@ class MeshBuilder:
         # A cube whose faces are split near the edges; the rim is pulled onto a sphere round the inner corner.
         ring = np.sin(np.linspace(-np.pi / 2, 0, segments + 1))
         steps = np.concatenate([ring, -ring[::-1]])
-        vertices, faces, normals = [], [], []
+        vertices: list[Array] = []
+        faces: list[list[int]] = []
+        normals: list[Array] = []
         count = len(steps)
         inner = extents / 2 - radius
         for axis in range(3):

@@ -42,8 +42,15 @@ class VisionSession(Protocol):
 class VisionBackend(Protocol):
     """A renderer."""
 
-    name: str
-    version: str
+    @property
+    def name(self) -> str:
+        """The backend's name on the command line."""
+        ...
+
+    @property
+    def version(self) -> str:
+        """Version of what computes the pixels."""
+        ...
 
     def warm_up(self) -> None:
         """Compile or load what is slow the first time; called once, before worker processes start."""
