@@ -63,17 +63,20 @@ class Sight:
         delta = self.centre - self.eyes
         return np.arctan2(delta[:, 1], np.hypot(delta[:, 0], delta[:, 2]))
 
-    def in_image(self, points: Array, yaw: Array, pitch: Array, margin: float = 1.0) -> Mask:
-        """(P, n, S) whether points (S, 3) fall inside the images of gazes yaw, pitch (P, n)."""
+    def in_camera(self, points: Array, yaw: Array, pitch: Array) -> tuple[Array, Array, Array]:
+        """Points (S, 3) as gazes yaw, pitch (P, n) have them: metres to the right, up and ahead, (P, n, S) each."""
         delta = points[None] - self.eyes[:, None]
         sin, cos = np.sin(yaw)[..., None], np.cos(yaw)[..., None]
         right = cos * delta[..., 0] - sin * delta[..., 2]
-        ahead = -sin * delta[..., 0] - cos * delta[..., 2]
-        s, c = np.sin(pitch)[..., None], np.cos(pitch)[..., None]
-        depth = c * ahead + s * delta[..., 1]
-        up = c * delta[..., 1] - s * ahead
-        reach = np.maximum(depth, 1e-9) * self.extent * margin
-        return np.asarray((depth > 0.05) & (np.abs(right) <= reach) & (np.abs(up) <= reach))
+        level = -sin * delta[..., 0] - cos * delta[..., 2]
+        sin, cos = np.sin(pitch)[..., None], np.cos(pitch)[..., None]
+        return right, cos * delta[..., 1] - sin * level, cos * level + sin * delta[..., 1]
+
+    def in_image(self, points: Array, yaw: Array, pitch: Array, margin: float = 1.0) -> Mask:
+        """(P, n, S) whether points (S, 3) fall inside the images of gazes yaw, pitch (P, n)."""
+        right, up, ahead = self.in_camera(points, yaw, pitch)
+        reach = np.maximum(ahead, 1e-9) * self.extent * margin
+        return np.asarray((ahead > 0.05) & (np.abs(right) <= reach) & (np.abs(up) <= reach))
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +84,7 @@ class Views:
     """What P gazes over n frames show.
 
     Attributes:
-        azimuth: (P, n) of the source, degrees.
+        azimuth: (P, n) of the source in the tilted head's own frame, degrees, as observation.json records it.
         looking: (P, n) the source is looked at: its middle is inside the image and its surface in sight.
         filled: (P, n) something of it is in the image.
     """
@@ -93,7 +96,8 @@ class Views:
     @classmethod
     def of(cls, sight: Sight, yaw: Array, pitch: Array) -> Views:
         """Evaluate gazes yaw, pitch (P, n) in radians."""
-        azimuth = (np.degrees(yaw - sight.bearing) + 180.0) % 360.0 - 180.0
+        right, _, ahead = sight.in_camera(sight.source[None], yaw, pitch)
+        azimuth = np.degrees(np.arctan2(right, ahead))[..., 0]
         seen = sight.in_image(sight.points, yaw, pitch) & sight.clear
         enough = seen.sum(axis=-1) >= max(1.0, SEEN_SHARE * len(sight.points))
         centred = sight.in_image(sight.centre[None], yaw, pitch, INSIDE)[..., 0]

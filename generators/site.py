@@ -147,15 +147,15 @@ def _walls_of(room: Room) -> tuple[Support, ...]:
 def find_surfaces(site: Site) -> list[Support]:
     """Table tops and worktops of a scene that names none, from a height map of the room.
 
-    Rays straight down from 1.9 m on a 5 cm grid; level patches 0.35–1.25 m high become supports (their bounding
-    rectangle; `standing` decides where it is really there). High and deep enough ones count as worktops.
+    Rays straight down on a 5 cm grid from 1.35 m, below wall cupboards; level patches 0.35–1.25 m high become supports
+    (their bounding rectangle; spots are let down onto what is really there). High and deep ones count as worktops.
     """
     centres = site.space.cell_centres()
     shape = site.space.walkable.shape
-    top = site.space.floor + 1.9
-    rays = np.stack([centres[:, 0], np.full(len(centres), top), centres[:, 1]], axis=1)
+    start = 1.35
+    rays = np.stack([centres[:, 0], np.full(len(centres), site.space.floor + start), centres[:, 1]], axis=1)
     distance, _ = site.caster.closest(rays, np.broadcast_to([0.0, -1.0, 0.0], rays.shape))
-    height = (1.9 - distance.astype(np.float64)).reshape(shape)
+    height = (start - np.minimum(distance.astype(np.float64), 1e3)).reshape(shape)
     low, high = np.asarray(site.room.low)[[0, 2]], np.asarray(site.room.high)[[0, 2]]
     inside = ((centres > low) & (centres < high)).all(axis=1).reshape(shape)
     free = site.space.points

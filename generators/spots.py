@@ -100,7 +100,7 @@ def standing(
     y = np.broadcast_to(origins[:, 1:2] + start, x.shape)
     rays = np.stack([x, y, z], axis=-1).reshape(-1, 3)
     distance, _ = site.caster.closest(rays, np.broadcast_to([0.0, -1.0, 0.0], rays.shape))
-    height = (start - distance.astype(np.float64)).reshape(x.shape)
+    height = (start - np.minimum(distance.astype(np.float64), 1e3)).reshape(x.shape)
     top = height.max(axis=1)
     good = (top - height.min(axis=1) <= FLATNESS) & (np.abs(top) <= tolerance)
     keep = np.flatnonzero(good)
@@ -244,10 +244,11 @@ def on_wall(site: Site, mesh: Mesh, support: Support, rng: Generator, *, heights
     ahead = 0.25
     points = centres[:, None] + local[:, :1] * right + local[:, 1:] * np.array([0.0, 1.0, 0.0]) + ahead * normal
     distance, _ = site.caster.closest(points.reshape(-1, 3), np.broadcast_to(-normal, (points.size // 3, 3)))
-    out = ahead - distance.astype(np.float64).reshape(points.shape[:2])
-    top = out.max(axis=1) if len(out) else np.zeros(0)
-    reach = 0.03 if support.clearance < 50 else ahead
-    good = (top - out.min(axis=1) <= FLATNESS) & (np.abs(top) <= reach) if len(out) else np.zeros(0, dtype=bool)
+    out = ahead - np.minimum(distance.astype(np.float64), 1e3).reshape(points.shape[:2])
+    top = out.max(axis=1)
+    # The side of a scan's box only says where to look for the wall.
+    reach = 0.03 if math.isfinite(support.clearance) else ahead
+    good = (top - out.min(axis=1) <= FLATNESS) & (np.abs(top) <= reach)
     rotation = yaw_matrix(yaw)
     anchor = rotation @ np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
     return [

@@ -20,7 +20,7 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
 from generators import gaze
 from generators.fitting import spread_points
-from generators.freespace import FreeSpace, triangles_near
+from generators.freespace import CELL, FreeSpace, triangles_near
 from generators.gaze import Sight, Views
 from generators.placement import Placement
 from generators.scenes.scene import Mesh, Scene
@@ -143,7 +143,8 @@ def plan_walk(
     triangles = np.concatenate([triangles_near(scene, [(box.low, box.high)]), *(p.mesh.positions for p in placements)])
     caster = RayCaster(triangles)
     space = FreeSpace.of(scene, room, triangles=triangles, caster=caster, height=height)
-    space = space.without([p.box.footprint for p in placements], OBJECT_DISTANCE)
+    # A pose may be anywhere in a cell whose centre is walkable: half a diagonal more.
+    space = space.without([p.box.footprint for p in placements], OBJECT_DISTANCE + CELL * math.sqrt(0.5))
     eye = space.floor + height
     watcher = _Watcher(caster, source, eye, math.tan(math.radians(hfov) / 2))
     space = _best_component(space, watcher, f"{scene.name}/{room}")

@@ -1,0 +1,306 @@
+"""Placement: every rule checked in closed form, in rooms made of boxes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from rooms import SIZES, Toy, bathroom, box_model, kitchen, living_room
+from scipy.optimize import linprog
+from shapely.geometry import MultiPoint, Point, Polygon
+
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.taxonomy import CATEGORIES
+from generators.assets.catalogue import Model, build_model, variants
+from generators.boxes import UprightBox, yaw_matrix
+from generators.freespace import FreeSpace
+from generators.placement import RULES, TWIN_DISTANCES, WALL_HEIGHTS, Placement, place
+from generators.scenes.scene import Scene
+
+ROOMS: dict[str, Callable[[], Toy]] = {"kitchen": kitchen, "bathroom": bathroom, "living_room": living_room}
+#: Where each category finds a place in the toy rooms.
+HOMES = [
+    *(("washing_machine", room) for room in ROOMS),
+    *(("toilet", room) for room in ROOMS),
+    *(("vacuum_cleaner", room) for room in ROOMS),
+    *(("clock", room) for room in ROOMS),
+    ("microwave", "kitchen"),
+    ("coffee_machine", "kitchen"),
+    ("coffee_machine", "living_room"),
+    ("telephone", "kitchen"),
+    ("telephone", "living_room"),
+]
+
+
+def rng(seed: int = 0) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+def footprint(placement: Placement, below: float = math.inf) -> Polygon:
+    """Hull of the mesh's plan; with ``below``, of what lies less than that above its lowest point."""
+    points = placement.mesh.positions.reshape(-1, 3).astype(np.float64)
+    return MultiPoint(points[points[:, 1] <= points[:, 1].min() + below][:, [0, 2]]).convex_hull
+
+
+def overlaps(toy: Toy, placement: Placement) -> list[tuple[object, object]]:
+    """The room's boxes that the object's box enters by more than 2 mm."""
+    low, high = placement.bounds.astype(np.float64)
+    plan = Polygon(placement.box.grown(-0.002).footprint)
+    return [
+        (a, b)
+        for a, b in toy.solids
+        if a[1] < high[1] - 0.002 and b[1] > low[1] + 0.002
+        and plan.intersects(Polygon([(a[0], a[2]), (b[0], a[2]), (b[0], b[2]), (a[0], b[2])]))
+    ]  # fmt: skip
+
+
+def check(toy: Toy, placement: Placement) -> None:
+    """All rules for one object."""
+    model, category = placement.model, placement.model.category
+    low, high = placement.bounds.astype(np.float64)
+    assert not overlaps(toy, placement)
+    if placement.support.kind == "wall":
+        # Hangs flush on the inside of a wall, its middle within reach of the eye.
+        w, _, d = toy.size
+        gap = {90: low[0], -90: w - high[0], 0: low[2], 180: d - high[2]}[round(math.degrees(placement.yaw))]
+        assert 0 <= gap <= 0.0005
+        assert WALL_HEIGHTS[0] <= (low[1] + high[1]) / 2 <= WALL_HEIGHTS[1]
+        return
+    tops = sorted({b[1] for _, b in toy.solids if -1e-4 <= low[1] - b[1] <= 0.0005})
+    assert len(tops) == 1, "touches exactly one level"
+    assert toy.tops(tops[0]).buffer(0.006).covers(footprint(placement, 0.02)), "stands on it with its whole foot"
+    if model.mount == "floor":
+        assert tops == [0.0]
+    if category in ("washing_machine", "toilet"):
+        inside = Polygon([(0, 0), (toy.size[0], 0), (toy.size[0], toy.size[2]), (0, toy.size[2])])
+        back = placement.box.footprint[:2]  # the corners at the lowest z of the model's own frame
+        gaps = [inside.exterior.distance(Point(corner)) for corner in back]
+        least, most = RULES[category].gap
+        assert least - 0.001 <= min(gaps) <= max(gaps) <= most + 0.001
+    elif category in RULES and placement.support.kind != "floor":
+        assert placement.front @ np.asarray(placement.support.front) >= math.cos(math.radians(RULES[category].jitter))
+
+
+def check_floor(scene: Scene, room: str, placements: tuple[Placement, ...]) -> None:
+    """The agent's floor is not cut apart."""
+    before = FreeSpace.of(scene, room).largest().area
+    parts = tuple(p.part(i + 1) for i, p in enumerate(placements))
+    after = FreeSpace.of(scene.with_parts(parts), room).largest().area
+    assert after >= min(0.8 * before, 1.2)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize(("category", "room"), HOMES)
+def test_objects_stand_where_they_belong(category: str, room: str, count: int) -> None:
+    toy = ROOMS[room]()
+    if count > 1 and (category, room) in (("coffee_machine", "living_room"), ("toilet", "bathroom")):
+        count = 1
+    placed = place(toy.scene, room, box_model(category), instances=count, rng=rng(count))
+    assert len(placed) == count
+    for placement in placed:
+        check(toy, placement)
+        assert placement.support.room == room
+    check_floor(toy.scene, room, placed)
+    assert sum(p.sounding for p in placed) == 1
+    centres = [p.bounds.mean(axis=0) for p in placed]
+    gaps = [float(np.linalg.norm(a - b)) for a, b in combinations(centres, 2)]
+    notes = [p.relaxed for p in placed if p.relaxed]
+    assert min(gaps, default=9.0) >= (TWIN_DISTANCES[-1] if notes else TWIN_DISTANCES[0]) - 1e-6
+    for one, other in combinations(placed, 2):
+        assert not Polygon(one.box.footprint).intersects(Polygon(other.box.footprint)) or one.support != other.support
+
+
+@pytest.mark.parametrize("category", CATEGORIES)
+def test_every_model_of_the_catalogue_finds_its_place(category: str) -> None:
+    toy = kitchen()
+    for number, variant in enumerate(variants(category)):
+        model = build_model(category, variant, rng(number))
+        placed = place(toy.scene, "kitchen", model, instances=1 + number % 2, rng=rng(number))
+        for placement in placed:
+            check(toy, placement)
+
+
+@pytest.mark.parametrize(("category", "room"), [h for h in HOMES if h[1] != "bathroom"])
+def test_a_scan_names_no_supports_and_they_are_found(category: str, room: str) -> None:
+    toy = ROOMS[room]()
+    (placement,) = place(toy.scan, room, box_model(category), rng=rng())
+    low, _ = placement.bounds.astype(np.float64)
+    assert not overlaps(toy, placement)
+    if placement.support.kind == "wall":
+        check(toy, placement)
+    else:
+        tops = [b[1] for _, b in toy.solids if -1e-4 <= low[1] - b[1] <= 0.0005]
+        assert toy.tops(tops[0]).buffer(0.006).covers(footprint(placement, 0.02))
+
+
+def test_the_same_generator_gives_the_same_places_and_another_gives_others() -> None:
+    scene = kitchen().scene
+
+    def run(seed: int) -> list[tuple[object, ...]]:
+        silent = [box_model("oven"), box_model("telephone")]
+        placed = place(scene, "kitchen", box_model("microwave"), instances=2, silent=silent, rng=rng(seed))
+        return [(p.model.category, p.position, p.yaw, p.sounding, p.relaxed) for p in placed]
+
+    assert run(3) == run(3)
+    assert len({str(run(seed)) for seed in range(5)}) == 5
+
+
+def test_which_twin_sounds_is_random() -> None:
+    scene = living_room().scene
+    sounding = [
+        [p.sounding for p in place(scene, "living_room", box_model("clock"), instances=3, rng=rng(seed))].index(True)
+        for seed in range(12)
+    ]
+    assert set(sounding) == {0, 1, 2}
+
+
+def test_twins_come_closer_only_where_they_must_and_say_so() -> None:
+    def tight(length: float) -> Scene:
+        toy = Toy("kitchen", (4.0, 2.6, 4.0)).shell()
+        return toy.table("worktop", (0, 0, 0), (length, 0.9, 0.6), (0, 0, 1)).scene
+
+    # Widths of 0.48 on a worktop of 1.7 leave 1.22 between the outermost middles; on 1.3, 0.82; on 1.1, 0.62.
+    for length, distance in ((1.7, 1.0), (1.3, 0.7), (1.1, 0.5)):
+        one, two = place(tight(length), "kitchen", box_model("microwave"), instances=2, rng=rng())
+        assert float(np.linalg.norm(np.subtract(one.position, two.position))) >= distance
+        assert (f"{distance} m apart" in one.relaxed) is (distance < 1.0)
+    with pytest.raises(Avs3dError, match=r"no place for 2 × microwave .* no 2 of them together, 0\.5 m apart"):
+        place(tight(0.9), "kitchen", box_model("microwave"), instances=2, rng=rng())
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_silent_oven_stands_beside_the_sounding_microwave(count: int) -> None:
+    toy = kitchen()
+    for seed in range(4):
+        placed = place(
+            toy.scene, "kitchen", box_model("microwave"), instances=count, silent=[box_model("oven")], rng=rng(seed)
+        )
+        source, oven = next(p for p in placed if p.sounding), placed[-1]
+        assert oven.model.category == "oven"
+        assert not oven.sounding
+        assert 0.5 <= float(np.linalg.norm(source.box.centre - oven.box.centre)) <= 1.0
+        for one, other in combinations(placed, 2):
+            assert Polygon(one.box.footprint).distance(Polygon(other.box.footprint)) >= 0.02
+        check(toy, oven)
+
+
+@pytest.mark.parametrize("category", ["washing_machine", "vacuum_cleaner", "toilet"])
+def test_nothing_stands_in_a_doorway(category: str) -> None:
+    toy = Toy("kitchen", (2.2, 2.5, 2.6)).shell(door=(0.6, 1.5))
+    for seed in range(8):
+        (placement,) = place(toy.scene, "kitchen", box_model(category), rng=rng(seed))
+        door = MultiPoint([(0.6, 2.6), (1.5, 2.6)]).convex_hull
+        assert door.distance(Polygon(placement.box.footprint)) >= 0.5
+
+
+def test_every_object_can_be_seen_from_the_free_floor() -> None:
+    # Behind the screen there is a shelf nobody sees; the only visible one is the side table.
+    toy = Toy("living_room", (4.0, 2.6, 4.0)).shell()
+    toy.table("side_table", (0.1, 0, 0.1), (0.6, 0.5, 0.6), (0, 0, 1)).add((0, 0, 0.75), (0.8, 2.6, 0.8))
+    toy.add((0.75, 0, 0), (0.8, 2.6, 0.75))
+    with pytest.raises(Avs3dError, match="are hidden from the free floor"):
+        place(toy.scene, "living_room", box_model("telephone"), rng=rng())
+    toy.table("side_table", (3.4, 0, 1.6), (4.0, 0.5, 2.2), (-1, 0, 0))
+    (placement,) = place(toy.scene, "living_room", box_model("telephone"), rng=rng())
+    assert placement.position[0] > 3.0
+
+
+def test_the_source_and_the_part_move_with_the_object() -> None:
+    (placement,) = place(kitchen().scene, "kitchen", box_model("washing_machine"), rng=rng())
+    part = placement.part(3)
+    assert (part.instance_id, part.category, part.licence) == (3, "washing_machine", placement.model.licence)
+    np.testing.assert_array_equal(part.mesh.bounds, placement.bounds)
+    # It sounds in the middle of its front: half a depth before the middle of the box.
+    expected = placement.box.centre + 0.30 * placement.front
+    np.testing.assert_allclose(placement.source_position, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("toy", "model", "count", "message"),
+    [
+        (bathroom(), box_model("microwave"), 1, "it has no worktop, table or shelf that takes 0.48×0.28×0.36 m"),
+        (Toy("kitchen", (0.5, 2.5, 0.5)).shell(), box_model("clock"), 1, "toy/kitchen: no place for clock"),
+        (Toy("kitchen", (0.3, 2.5, 0.3)).shell(), box_model("toilet"), 1, "it has no free floor"),
+        (kitchen(), box_model("washing_machine", size=(0.9, 3.0, 0.9)), 1, "no place for washing_machine"),
+        (bathroom(), box_model("washing_machine"), 6, "no place for 6 × washing_machine"),
+        (kitchen(), box_model("clock", size=(0.3, 2.4, 0.1)), 1, "it has no free wall that takes 0.30×2.40×0.10 m"),
+        (kitchen(), box_model("clock"), 0, "0 instances of clock asked for; expected ≥ 1"),
+    ],
+)
+def test_no_room_for_an_object_is_one_clear_line(toy: Toy, model: Model, count: int, message: str) -> None:
+    with pytest.raises(Avs3dError) as caught:
+        place(toy.scene, toy.name, model, instances=count, rng=rng())
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_wall_without_room_for_a_clock() -> None:
+    """A wall full of shelves from 1.2 to 2.2 m: every wall support is covered."""
+    toy = Toy("living_room", (3.0, 2.6, 3.0)).shell()
+    for k in range(5):
+        y = 1.2 + 0.2 * k
+        toy.add((0, y, 0), (3.0, y + 0.02, 0.3)).add((0, y, 0.3), (0.3, y + 0.02, 3.0)).add(
+            (2.7, y, 0.3), (3.0, y + 0.02, 3.0)
+        )
+    with pytest.raises(Avs3dError, match=r"no place for clock .* spots \d+ collide with the room"):
+        place(toy.scene, "living_room", box_model("clock"), rng=rng())
+
+
+# The exact tests below the rules.
+
+number = st.floats(-1.2, 1.2)
+triangles = st.lists(st.tuples(number, number, number), min_size=3, max_size=3)
+
+
+@settings(max_examples=150, deadline=None)
+@given(triangles, st.floats(-3.2, 3.2))
+def test_the_separating_axis_test_agrees_with_linear_programming(corners: list[tuple[float, ...]], yaw: float) -> None:
+    box = UprightBox(np.array([0.1, -0.05, 0.0]), np.array([0.5, 0.3, 0.4]), yaw)
+    local = box.to_local(np.array(corners))
+    # A point a·A + b·B + c·C with a + b + c = 1 inside the box, as deep as possible.
+    rows = np.vstack([np.hstack([local.T, np.ones((3, 1))]), np.hstack([-local.T, np.ones((3, 1))])])
+    limits = np.tile(box.half, 2)
+    best = linprog([0, 0, 0, -1], rows, limits, [[1, 1, 1, 0]], [1], bounds=[(0, None)] * 3 + [(None, None)])
+    depth = -best.fun
+    assume(abs(depth) > 1e-6)
+    assert bool(box.hits_triangles(np.array(corners)[None])[0]) is (depth > 0)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.tuples(number, number, number), st.floats(-3.2, 3.2), st.floats(-3.2, 3.2))
+def test_two_boxes_overlap_where_their_plans_and_heights_do(centre: tuple[float, ...], a: float, b: float) -> None:
+    one = UprightBox(np.zeros(3), np.array([0.5, 0.3, 0.4]), a)
+    other = UprightBox(np.array(centre), np.array([0.2, 0.4, 0.6]), b)
+    plans = Polygon(one.footprint), Polygon(other.footprint)
+    assume(abs(abs(centre[1]) - 0.7) > 1e-6)
+    gap = plans[0].distance(plans[1]) - plans[0].intersection(plans[1]).area
+    assume(abs(gap) > 1e-6)
+    assert one.hits_box(other) is (gap < 0 and abs(centre[1]) < 0.7)
+    assert other.hits_box(one) is one.hits_box(other)
+
+
+@settings(max_examples=100, deadline=None)
+@given(triangles, st.floats(-3.2, 3.2))
+def test_a_segment_is_blocked_where_a_sample_lies_inside(ends: list[tuple[float, ...]], yaw: float) -> None:
+    box = UprightBox(np.zeros(3), np.array([0.5, 0.3, 0.4]), yaw)
+    start, end = np.array(ends[:2])
+    samples = start + np.linspace(0, 1, 2001)[:, None] * (end - start)
+    distance = box.distance(samples)
+    if (distance == 0).any():
+        assert box.blocks(start[None], end[None])[0]
+    elif distance.min() > 2e-3:
+        assert not box.blocks(start[None], end[None])[0]
+
+
+@given(st.floats(-3.2, 3.2))
+def test_yaw_turns_the_front_as_documented(yaw: float) -> None:
+    np.testing.assert_allclose(yaw_matrix(yaw) @ (0, 0, 1), (math.sin(yaw), 0, math.cos(yaw)), atol=1e-12)
+
+
+def test_the_toy_models_cover_the_taxonomy() -> None:
+    assert set(SIZES) == {*CATEGORIES, "oven"}
