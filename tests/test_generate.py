@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
+import trimesh
 import yaml
 from click.testing import CliRunner
 
@@ -254,17 +255,47 @@ def test_bad_input_is_one_line_and_leaves_nothing_half_written(manifest: Path, t
         assert not list(out.rglob(".*.partial"))
 
 
-def test_a_read_only_folder_is_one_line(manifest: Path, tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_is_one_line(manifest: Path, tmp_path: Path) -> None:
     in_the_way = tmp_path / "file"
     in_the_way.write_text("")
     code, output = call(manifest, "-o", in_the_way / "data", "--audio", "analytic", "--workers", 1)
     refused(code, output, 1, str(in_the_way / "data"))
-    if os.geteuid() == 0:
-        return  # root writes into read-only folders
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write into read-only folders, so nothing can be refused")
+def test_a_read_only_folder_is_one_line(manifest: Path, tmp_path: Path) -> None:
     folder = tmp_path / "locked"
     folder.mkdir(mode=0o500)
     code, output = call(manifest, "-o", folder / "data", "--audio", "analytic", "--workers", 1)
-    refused(code, output, 1, "ermission")
+    refused(code, output, 1, "ermission", str(folder))
+
+
+def test_files_take_the_place_of_objects_and_sounds(manifest: Path, tmp_path: Path) -> None:
+    box = trimesh.creation.box(extents=(0.5, 0.3, 0.36))
+    box.visual.face_colors = np.tile((200, 30, 30, 255), (12, 1))
+    box.export(tmp_path / "red.glb")
+    tone = 0.2 * np.sin(2 * np.pi * 997 * np.arange(5 * 22_050) / 22_050)
+    soundfile.write(tmp_path / "tone.flac", np.stack([tone, tone], axis=1), 22_050)
+    licence = {"name": "CC-BY-4.0", "author": "Jane Doe", "source": "example.org/1"}
+
+    def change(document: dict) -> None:
+        document["objects"] = {"microwave": [{"file": str(tmp_path / "red.glb"), "height": 0.3, "licence": licence}]}
+        document["sounds"] = {"microwave": [{"file": str(tmp_path / "tone.flac"), "licence": licence}]}
+
+    path, out = changed(manifest, tmp_path / "m", change), tmp_path / "out"
+    code, output = call(path, "-o", out, "--audio", "analytic", "--only", "part_1/*", "--workers", 1)
+    assert code == 0, output
+    dataset = Dataset(out)
+    (observation,) = dataset
+    assert observation.record is not None
+    assert observation.record.sounding.licence.author == "Jane Doe"
+    assert dataset.record is not None
+    assert {a.asset for a in dataset.record.attributions if a.author == "Jane Doe"} >= {str(tmp_path / "tone.flac")}
+    colour = np.concatenate([frame.rgb()[frame.mask()] for frame in observation.frames]).mean(axis=0)
+    assert colour[0] > 2 * colour[1]
+    clip = observation.frames[3].audio()[0]
+    peak = np.abs(np.fft.rfft(clip)).argmax()
+    assert peak == pytest.approx(997, abs=2)
 
 
 def test_a_full_disk_is_one_line_and_the_next_run_goes_on(

@@ -1,7 +1,7 @@
 """Acoustic materials: octave-band absorption and scattering per label, and the engine's material file.
 
 Absorption is the random-incidence energy coefficient α that a reverberation chamber gives (ISO 354), in the octaves
-125 Hz … 4 kHz. The values are the rounded ones of the usual tables:
+125 Hz … 4 kHz. The values follow the usual tables, rounded; they have not been collated with the printed editions:
 
 - [V] M. Vorländer, *Auralization*, Springer 2008, appendix "Tables of random-incidence absorption coefficients".
 - [K] V. O. Knudsen, C. M. Harris, *Acoustical Designing in Architecture*, Acoustical Society of America 1978.

@@ -1,0 +1,80 @@
+"""`python -m benchmarks.dataset_report ROOT`: what a generated dataset turned out to be, per observation and in all."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from avs3d_bench.dataset import Dataset
+from avs3d_bench.layout import is_test
+from avs3d_bench.schema import ObservationRecord
+
+
+def facts(record: ObservationRecord) -> dict[str, float]:
+    """Figures of one observation, all from observation.json."""
+    frames = record.frames
+    judged = [f for f in frames if f.line_of_sight and 20 < abs(f.azimuth) < 160]
+    right = [f for f in judged if (f.rms_right - f.rms_left) * f.azimuth > 0]
+    visible = np.array([f.visible_pixels > 0 for f in frames])
+    test = np.array([is_test(i) for i in range(len(frames))])
+    position = np.array([f.position for f in frames])
+    axis = np.array([f.pose.rotation_matrix[:, 2] for f in frames])
+    turn = np.degrees(np.arccos(np.clip((axis[1:] * axis[:-1]).sum(axis=1), -1, 1)))
+    area = record.intrinsics.width * record.intrinsics.height
+    return {
+        "louder ear right (%)": 100 * len(right) / max(len(judged), 1),
+        "frames judged": len(judged),
+        "visible (%)": 100 * visible.mean(),
+        "empty test frames": int((test & ~visible).sum()),
+        "test frames": int(test.sum()),
+        "mask area where visible (%)": 100
+        * float(np.mean([f.visible_pixels for f in frames if f.visible_pixels] or [0]))
+        / area,
+        "left (%)": 100 * float(np.mean([f.azimuth < -20 for f in frames])),
+        "right (%)": 100 * float(np.mean([f.azimuth > 20 for f in frames])),
+        "longest step (m)": float(np.linalg.norm(np.diff(position, axis=0), axis=1).max(initial=0)),
+        "largest turn (°)": float(turn.max(initial=0)),
+        "T30 (s)": record.acoustics.t30 or float("nan"),
+        "level (dB)": 20 * np.log10(np.mean([f.rms_left + f.rms_right for f in frames]) / 2),
+    }
+
+
+@click.command()
+@click.argument("root", type=click.Path(path_type=Path))
+@click.option("--json", "output", type=click.Path(path_type=Path), default=None, help="Also write the figures here.")
+def main(root: Path, output: Path | None) -> None:
+    """Print a table of the dataset ROOT."""
+    table = Table(
+        "observation", "category", *["ear %", "vis. %", "empty", "area %", "left", "right", "step", "turn", "T30", "dB"]
+    )
+    rows: dict[str, dict[str, float]] = {}
+    for observation in Dataset(root):
+        record = observation.record
+        if record is None:
+            continue
+        row = rows[observation.key] = facts(record)
+        table.add_row(
+            observation.key, record.category,
+            f"{row['louder ear right (%)']:.0f} of {row['frames judged']:.0f}", f"{row['visible (%)']:.0f}",
+            f"{row['empty test frames']:.0f}/{row['test frames']:.0f}", f"{row['mask area where visible (%)']:.2f}",
+            f"{row['left (%)']:.0f}", f"{row['right (%)']:.0f}", f"{row['longest step (m)']:.2f}",
+            f"{row['largest turn (°)']:.0f}", f"{row['T30 (s)']:.2f}", f"{row['level (dB)']:.0f}",
+        )  # fmt: skip
+        for note in record.notes:
+            table.add_row("", note)
+    Console(width=160).print(table)
+    judged = sum(row["frames judged"] for row in rows.values())
+    right = sum(row["louder ear right (%)"] * row["frames judged"] for row in rows.values()) / max(judged, 1)
+    worst = min((row["louder ear right (%)"] for row in rows.values()), default=0.0)
+    print(f"louder ear on the source's side: {right:.1f} % of {judged:.0f} frames; worst observation {worst:.0f} %")
+    if output:
+        output.write_text(json.dumps(rows, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
