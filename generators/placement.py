@@ -255,8 +255,10 @@ class Placer:
 
     def _apart(self, fits: Sequence[Fit], count: int, distance: float) -> list[Fit]:
         """The first ``count`` of ``fits`` that are ``distance`` apart and fit together, or none (depth-first)."""
-        if len(fits) < count or count == 1:
-            return list(fits[:count])
+        if len(fits) < count:
+            return []
+        if count == 1:
+            return [fits[0]]
         centres = np.array([body.centre for _, body in fits])
         apart = np.linalg.norm(centres[:, None] - centres, axis=2) >= distance
         branches, sets = 0, 0

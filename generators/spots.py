@@ -32,6 +32,8 @@ BACK_FLATNESS = 0.030
 RECESS = 0.12
 #: A wall lies this near the side of the room's box; a scan's box is drawn by hand.
 BOX_SLACK = 0.25
+#: Extra distances from the wall, metres: a scanned wall is rougher than the few rays that measured it can tell.
+_EASE = (0.0, 0.006, 0.012)
 #: Spacing of the candidates, metres.
 SPACING = 0.04
 
@@ -120,14 +122,18 @@ def on_top(site: Site, mesh: Mesh, support: Support, rng: Generator, *, jitter: 
     if (length < 0.05).any() or high[1] - low[1] > support.clearance:
         return []
     front = np.asarray(support.front, dtype=np.float64)
-    a, b = (np.arange(0.0, n + 1e-9, SPACING / 2 if n < 0.5 else SPACING) / n for n in length)
+    a, b = (_centred(n, SPACING / 2 if n < 0.6 else SPACING) for n in length)
     ab = np.stack([g.reshape(-1) for g in np.meshgrid(a, b, indexing="ij")], axis=1)
+    # Where a turned model does not fit, one that stands straight may.
+    turns = np.concatenate([rng.uniform(-jitter, jitter, len(ab)), np.zeros(len(ab))])
+    late = np.repeat([0.0, 1.0], len(ab))
+    ab = np.tile(ab, (2, 1))
     centres = origin + ab[:, :1] * u + ab[:, 1:] * v
-    yaws = math.atan2(front[0], front[2]) + rng.uniform(-jitter, jitter, len(ab))
+    yaws = math.atan2(front[0], front[2]) + turns
     ranks = rng.uniform(0.0, 0.9, len(ab))
     depth = (centres - origin) @ front
     span = max(float(np.ptp(depth)), 1e-6)
-    ranks = (1 - rear) * ranks + rear * 0.9 * (depth - depth.min()) / span
+    ranks = (1 - rear) * ranks + rear * 0.9 * (depth - depth.min()) / span + late
     # The footprint's centre goes to the sample; its corners must lie on the rectangle.
     contact = Contact.below(mesh)
     middle = (contact.low + contact.high) / 2
@@ -148,6 +154,12 @@ def on_top(site: Site, mesh: Mesh, support: Support, rng: Generator, *, jitter: 
     kept = np.flatnonzero(inside)
     stands, settled = standing(site, mesh, origins[kept], yaws[kept])
     return [Spot(support, p, float(yaws[kept[i]]), float(ranks[kept[i]])) for i, p in zip(stands, settled, strict=True)]
+
+
+def _centred(length: float, spacing: float) -> Array:
+    """Fractions (K,) of ``length`` metres, ``spacing`` apart, symmetric about the middle."""
+    steps = math.floor(length / 2 / spacing)
+    return np.asarray(0.5 + np.arange(-steps, steps + 1) * spacing / length)
 
 
 def against_wall(site: Site, mesh: Mesh, support: Support, rng: Generator, *, gap: tuple[float, float]) -> list[Spot]:
@@ -195,8 +207,10 @@ def against_wall(site: Site, mesh: Mesh, support: Support, rng: Generator, *, ga
         faces = (cells[picked] - n * nearest[picked, None]) @ n
         side_of_box = max(np.array(corner) @ -n for corner in itertools.product(*zip(*outline, strict=True)))
         ranks = rng.uniform(0.0, 0.9, len(picked)) + (side_of_box + faces > BOX_SLACK)
-        stands, settled = standing(site, mesh, origins[picked], np.full(len(picked), yaw))
-        spots += [Spot(support, p, yaw, float(ranks[i])) for i, p in zip(stands, settled, strict=True)]
+        for rank, ease in enumerate(_EASE):
+            eased = origins[picked] + ease * np.array([n[0], 0.0, n[1]])
+            stands, settled = standing(site, mesh, eased, np.full(len(picked), yaw))
+            spots += [Spot(support, p, yaw, float(ranks[i]) + 2.0 * rank) for i, p in zip(stands, settled, strict=True)]
     return spots
 
 

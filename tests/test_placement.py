@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from rooms import SIZES, Toy, bathroom, box_model, kitchen, living_room
@@ -20,7 +21,7 @@ from generators.assets.catalogue import Model, build_model, variants
 from generators.boxes import UprightBox, yaw_matrix
 from generators.freespace import FreeSpace
 from generators.placement import RULES, TWIN_DISTANCES, WALL_HEIGHTS, Placement, place
-from generators.scenes.scene import Scene
+from generators.scenes.scene import Mesh, Part, Room, Scene
 
 ROOMS: dict[str, Callable[[], Toy]] = {"kitchen": kitchen, "bathroom": bathroom, "living_room": living_room}
 #: Where each category finds a place in the toy rooms.
@@ -171,6 +172,36 @@ def test_twins_come_closer_only_where_they_must_and_say_so() -> None:
         assert (f"{distance} m apart" in one.relaxed) is (distance < 1.0)
     with pytest.raises(Avs3dError, match=r"no place for 2 × microwave .* no 2 of them together, 0\.5 m apart"):
         place(tight(0.9), "kitchen", box_model("microwave"), instances=2, rng=rng())
+
+
+def test_all_copies_or_an_error_but_never_fewer() -> None:
+    """The worktop takes one microwave, at one place."""
+    toy = Toy("kitchen", (4.0, 2.6, 4.0)).shell().table("worktop", (0, 0, 0), (0.5, 0.9, 0.4), (0, 0, 1))
+    assert len(place(toy.scene, "kitchen", box_model("microwave"), rng=rng())) == 1
+    with pytest.raises(Avs3dError, match="no place for 2 × microwave"):
+        place(toy.scene, "kitchen", box_model("microwave"), instances=2, rng=rng())
+
+
+def test_a_rough_scanned_wall_still_takes_a_toilet() -> None:
+    """4 mm of noise on every vertex of a 5 cm mesh: the back goes to the roughness, the foot to the highest grain."""
+    mesh = bathroom().scene.parts[0].mesh
+    vertices, faces = trimesh.remesh.subdivide_to_size(
+        mesh.positions.reshape(-1, 3), np.arange(3 * len(mesh.positions)).reshape(-1, 3), 0.05
+    )
+    unique, index = np.unique(np.round(vertices, 4), axis=0, return_inverse=True)
+    rough = (unique + rng(7).normal(0.0, 0.002, unique.shape))[index.reshape(-1)][faces].astype(np.float32)
+    count = len(rough)
+    scan = Mesh(
+        rough, np.tile(np.float32([0, 1, 0]), (count, 3, 1)), np.zeros((count, 3, 2), dtype=np.float32),
+        np.zeros(count, dtype=np.int32), mesh.materials, mesh.acoustic_positions, mesh.acoustic_labels,
+    )  # fmt: skip
+    scene = Scene("scan", (Part("scan", scan),), (Room("bathroom", (0, 0, 0), (2.2, 2.5, 2.9)),), ())
+    (placement,) = place(scene, "bathroom", box_model("toilet"), rng=rng())
+    low, high = placement.bounds.astype(np.float64)
+    back = min(low[0], 2.2 - high[0], low[2], 2.9 - high[2])
+    assert 0.0 <= back <= 0.03
+    assert 0.0 <= low[1] <= 0.01
+    assert not placement.box.grown(-0.002).hits_triangles(rough).any()
 
 
 @pytest.mark.parametrize("count", [1, 2])

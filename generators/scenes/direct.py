@@ -261,10 +261,8 @@ def direct_light(
         visible = np.where(whole > 0, (weight * free).sum(axis=1) / np.maximum(whole, 1e-30), 1.0)
         for channel in range(3):
             arrived[:, channel] += np.bincount(own, bare[:, channel] * visible, minlength=len(position))
-        # Unequal weights are worth fewer rays (Kish's effective sample size); and few rays that all agree do not prove
-        # that the share is exactly 0 or 1 (Wilson's shift towards the middle).
-        worth = whole**2 / np.maximum((weight**2).sum(axis=1), 1e-30)
-        share_seen = (visible * worth + 0.5) / (worth + 1.0)
-        spread = bare.mean(axis=1) ** 2 * share_seen * (1 - share_seen) / np.maximum(worth, 1.0)
+        # Unequal weights are worth fewer rays (Kish's effective sample size).
+        worth = np.maximum(whole**2 / np.maximum((weight**2).sum(axis=1), 1e-30), 1.0)
+        spread = bare.mean(axis=1) ** 2 * visible * (1 - visible) / worth
         variance += np.bincount(own, spread, minlength=len(position)).astype(np.float32)
     return arrived, variance
