@@ -8,13 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.layout import MONO_SAMPLES, is_test
 from generators.acoustics.clips import (
     GAIN,
-    MONO_SAMPLES,
     binaural_clip,
     check_clip,
     ild_db,
-    is_test_frame,
     mono_clip,
     mono_window,
     rms,
@@ -79,8 +78,8 @@ def test_window_is_whole_leak_free_and_contiguous(case):
     assert sum(stop - start for _, start, stop in pieces) == MONO_SAMPLES
     assert (index, 0, SR) in pieces
     assert all(0 <= frame < count and 0 <= start < stop <= SR for frame, start, stop in pieces)
-    if not is_test_frame(index):
-        assert not any(is_test_frame(frame) for frame, _, _ in pieces)
+    if not is_test(index):
+        assert not any(is_test(frame) for frame, _, _ in pieces)
     if {frame for frame, _, _ in pieces} != {index}:
         times = [(frame * SR + start, frame * SR + stop) for frame, start, stop in pieces]
         assert all(before[1] == after[0] for before, after in itertools.pairwise(times))

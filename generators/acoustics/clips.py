@@ -13,15 +13,10 @@ from numpy.typing import NDArray
 from scipy.signal import oaconvolve
 
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.layout import BINAURAL_SAMPLES, SAMPLE_RATE, is_test
 
-SAMPLE_RATE = 44_100
 #: The fixed gain of every clip: keeps a full-scale source from 0.3 m on below full scale (0.76 at worst).
 GAIN = 0.1
-#: Samples of a binaural clip (1 s) and of a mono clip (2 s).
-CLIP_SAMPLES = SAMPLE_RATE
-MONO_SAMPLES = 2 * SAMPLE_RATE
-#: Every 8th frame is a test frame.
-TEST_EVERY = 8
 
 
 def binaural_clip(
@@ -69,11 +64,6 @@ def binaural_clip(
     return np.asarray(gain * wet, dtype=np.float32)
 
 
-def is_test_frame(index: int) -> bool:
-    """Whether frame ``index`` belongs to the test split."""
-    return index % TEST_EVERY == 0
-
-
 def mono_window(index: int, count: int) -> list[tuple[int, int, int]]:
     """Which samples of which clips make the 2 s mono clip of frame ``index`` of ``count``.
 
@@ -90,10 +80,10 @@ def mono_window(index: int, count: int) -> list[tuple[int, int, int]]:
     """
     if not 0 <= index < count:
         raise Avs3dError(f"mono clip: frame {index} of {count} does not exist; expected 0 to {count - 1}")
-    half, whole = CLIP_SAMPLES // 2, CLIP_SAMPLES
+    half, whole = BINAURAL_SAMPLES // 2, BINAURAL_SAMPLES
 
     def lends(frame: int) -> bool:
-        return 0 <= frame < count and (is_test_frame(index) or not is_test_frame(frame))
+        return 0 <= frame < count and (is_test(index) or not is_test(frame))
 
     before, after = index - 1, index + 1
     own = (index, 0, whole)
@@ -118,7 +108,7 @@ def mono_clip(clips: Sequence[NDArray[np.floating]], index: int) -> NDArray[np.f
     """
     pieces = mono_window(index, len(clips))
     for frame, _, _ in pieces:
-        if np.shape(clips[frame]) != (2, CLIP_SAMPLES):
+        if np.shape(clips[frame]) != (2, BINAURAL_SAMPLES):
             raise Avs3dError(f"mono clip {index}: clip {frame} has shape {np.shape(clips[frame])}, expected (2, 44100)")
     mixed = [np.asarray(clips[frame], dtype=np.float64)[:, start:stop].mean(axis=0) for frame, start, stop in pieces]
     return np.concatenate(mixed).astype(np.float32)

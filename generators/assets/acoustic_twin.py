@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from generators.assets.shapes import ACOUSTIC_DETAIL
+from generators.assets.shapes import ACOUSTIC_DETAIL, BOX_FACES
 
 Array = NDArray[np.float64]
 Labels = tuple[str, ...]
@@ -15,14 +15,11 @@ Labels = tuple[str, ...]
 #: More parts than this are stood for by one box: hundreds of boxes cost rays and hold no more truth.
 MAX_BOXES = 64
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=np.float64)
-_BOX_FACES = np.array(
-    [0, 1, 3, 0, 3, 2, 4, 6, 7, 4, 7, 5, 0, 4, 5, 0, 5, 1, 2, 3, 7, 2, 7, 6, 0, 2, 6, 0, 6, 4, 1, 5, 7, 1, 7, 3]
-).reshape(12, 3)
 
 
 def box_faces(low: Array, high: Array) -> Array:
     """(12, 3, 3) triangles of an axis-aligned box, counter-clockwise from outside."""
-    return np.asarray((low + _CORNERS * (high - low))[_BOX_FACES])
+    return np.asarray((low + _CORNERS * (high - low))[BOX_FACES])
 
 
 def weld(triangles: Array, grid: float = 1e-5) -> tuple[Array, NDArray[np.int64]]:

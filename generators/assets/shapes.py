@@ -22,7 +22,8 @@ Array = NDArray[np.float64]
 #: Details smaller than this in every direction are left out of the acoustic twin (340 m/s / 0.1 m = 3.4 kHz).
 ACOUSTIC_DETAIL = 0.1
 _CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-_CUBE_FACES = np.array(
+#: Two triangles per face of a box whose corners are in binary order (x, y, z), counter-clockwise from outside.
+BOX_FACES = np.array(
     [
         [0, 1, 3],
         [0, 3, 2],
@@ -153,7 +154,7 @@ class MeshBuilder:
             low, high = local.min(axis=0), local.max(axis=0)
             if (high - low).max() >= ACOUSTIC_DETAIL:
                 corners = _CUBE * (high - low) + (low + high) / 2
-                self._sound((corners @ turn.T + shift)[_CUBE_FACES], material)
+                self._sound((corners @ turn.T + shift)[BOX_FACES], material)
         return self
 
     def _sound(self, triangles: Array, material: Material) -> None:
@@ -175,7 +176,7 @@ class MeshBuilder:
         extents = np.asarray(size, dtype=np.float64)
         radius = min(bevel, 0.49 * float(extents.min()))
         if radius <= 0:
-            return self.add(_CUBE * extents, _CUBE_FACES, material, centre=centre, rotate=rotate, acoustic=acoustic)
+            return self.add(_CUBE * extents, BOX_FACES, material, centre=centre, rotate=rotate, acoustic=acoustic)
         # A cube whose faces are split near the edges; the rim is pulled onto a sphere round the inner corner.
         ring = np.sin(np.linspace(-np.pi / 2, 0, segments + 1))
         steps = np.concatenate([ring, -ring[::-1]])

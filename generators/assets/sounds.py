@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 from scipy.signal import resample_poly
 
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.layout import SAMPLE_RATE
 from avs3d_bench.taxonomy import check_category
-from generators.assets.synthesis import signals
 from generators.assets.synthesis.loudness import integrated_loudness, normalised
 from generators.assets.synthesis.voices import speak
 
-SAMPLE_RATE = 44_100
 #: Loudness of every source.
 TARGET_LUFS = -18.0
 #: No source passes this true peak (dBTP).
@@ -53,7 +52,7 @@ def synthesise(category: str, seconds: float, rng: Generator) -> NDArray[np.floa
     check_category(category)
     if not 1.0 <= seconds <= 3600.0:
         raise Avs3dError(f"sound of {category}: {seconds} s were asked for, expected 1 to 3600 s")
-    raw = speak(category, round(seconds * signals.SAMPLE_RATE), rng)
+    raw = speak(category, round(seconds * SAMPLE_RATE), rng)
     return normalised(raw, SAMPLE_RATE, TARGET_LUFS, CEILING_DB)
 
 

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from generators.assets.furniture.forms import (
-    BOX_FACES,
     CHAMFER_FACES,
     CHAMFER_NORMALS,
     INSET,
@@ -25,7 +24,7 @@ from generators.assets.furniture.forms import (
     outward,
 )
 from generators.assets.materials import TILES, Palette
-from generators.assets.shapes import MeshBuilder, rotation
+from generators.assets.shapes import BOX_FACES, MeshBuilder, rotation
 from generators.scenes.scene import Material, Mesh, Support, SupportKind
 
 Mount = Literal["floor", "wall", "ceiling"]

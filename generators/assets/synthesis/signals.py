@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, iirpeak, lfilter, sosfilt
 
+from avs3d_bench.layout import SAMPLE_RATE
+
 Array = NDArray[np.float64]
-SAMPLE_RATE = 44_100
 
 
 def time_axis(count: int) -> Array:

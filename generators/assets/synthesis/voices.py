@@ -16,8 +16,8 @@ import numpy as np
 from numpy.random import Generator
 from scipy.signal import fftconvolve
 
+from avs3d_bench.layout import SAMPLE_RATE
 from generators.assets.synthesis.signals import (
-    SAMPLE_RATE,
     Array,
     add_at,
     band_noise,
