@@ -1,0 +1,1 @@
+"""Dataset and submission to scores and report."""
