@@ -95,14 +95,15 @@ def _check_one(root: str | Path, key: str, ours: bool, deep: bool) -> _Outcome:
     return _Outcome(tuple(findings.problems), len(files), record.category if record else None)
 
 
-def _cores() -> int:
+def available_cores() -> int:
+    """Number of cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _run(
     root: Path, keys: tuple[str, ...], ours: bool, deep: bool, workers: int | None, progress: bool
 ) -> dict[str, _Outcome]:
-    wanted = workers or (_cores() if deep else 1)
+    wanted = workers or (available_cores() if deep else 1)
     count = max(1, min(wanted, len(keys)))
     with _ProgressBar(len(keys), progress) as advance:
         if count == 1:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import statistics
 import subprocess
 import sys
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
+from avs3d_bench.validate import available_cores
 from generators import observation as story
 from generators.homes import default_cache, prepare_home
 from generators.plan import ManifestFile, ObservationPlan, make_plans, read_manifest
@@ -166,7 +166,7 @@ def run_all(repeats: int = REPEATS) -> dict[str, float]:
     source = read_manifest(MANIFEST)
     plans = make_plans(source, frames=FRAMES)
     cache = default_cache()
-    prepare_home(plans[0], cache, workers=len(os.sched_getaffinity(0)))
+    prepare_home(plans[0], cache, workers=available_cores())
     per_frame(plans[0], cache, repeats=1)  # compiles and warms up
     return {
         **per_frame(plans[0], cache, repeats),

@@ -41,6 +41,7 @@ def generate(
     # One thread per process: parallel work is spread over processes, and results stay the same on any machine.
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
+    from avs3d_bench.validate import available_cores
     from generators.homes import default_cache
     from generators.plan import make_plans, read_manifest
     from generators.progress import reporting
@@ -57,7 +58,7 @@ def generate(
         depth="depth" in extras,
         rirs="rirs" in extras,
     )
-    count = workers or len(os.sched_getaffinity(0))
+    count = workers or available_cores()
     with reporting(plans) as listen:
         outcome = run(source, plans, root, workers=count, cache=cache or default_cache(), listen=listen)
     click.echo(f"{root}: {len(outcome.made)} made, {len(outcome.kept)} kept, {len(outcome.failed)} failed")
