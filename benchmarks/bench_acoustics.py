@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.geometry import Pose
+from avs3d_bench.layout import SAMPLE_RATE
 from generators.acoustics.analytic import AnalyticBackend
 from generators.acoustics.base import AcousticBackend, AcousticSession
-from generators.acoustics.clips import SAMPLE_RATE, binaural_clip
+from generators.acoustics.clips import binaural_clip
 from generators.acoustics.decay import reverberation_time
 from generators.acoustics.soundspaces import SoundSpacesBackend
 from generators.assets.sounds import synthesise

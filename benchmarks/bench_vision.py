@@ -64,5 +64,22 @@ def bench_vision(scene: Scene | None = None, size: int = 1008, repeats: int = 5)
     }
 
 
+def run_all(repeats: int = 5) -> dict[str, float]:
+    """Figures for `make bench`, in an apartment of the open benchmark."""
+    from benchmarks.bench_pipeline import MANIFEST
+    from generators.homes import default_cache, open_home
+    from generators.plan import make_plans, read_manifest
+
+    flat = open_home(make_plans(read_manifest(MANIFEST), audio="analytic")[0], default_cache(), workers=2)
+    figures = bench_vision(flat, repeats=repeats)
+    return {
+        "RGB + ids + depth, 1008² (CPU s)": figures["frame_cpu_s"],
+        "RGB + ids + depth, slowest view (CPU s)": figures["frame_cpu_s_worst"],
+        "opening the scene (CPU s)": figures["open_cpu_s"],
+        "triangles of the flat": figures["faces"],
+        "views": figures["views"],
+    }
+
+
 if __name__ == "__main__":
     print(json.dumps(bench_vision(), indent=2))
