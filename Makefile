@@ -23,14 +23,16 @@ $(STAMP): pyproject.toml
 	touch $@
 
 demo: setup
+	@echo "sound by $(AUDIO)"
 	$(BIN)/avs3d generate scenes_manifest/demo.yaml -o data/demo --workers $(WORKERS) --audio $(AUDIO)
 	$(BIN)/avs3d validate data/demo --deep
 	$(BIN)/avs3d contact-sheet data/demo -o data/demo-sheets
 	@echo "Look at data/demo-sheets/*.png; the dataset is in data/demo."
 
 dataset: setup
+	@echo "sound by $(AUDIO)"
 	$(BIN)/avs3d generate $(MANIFEST) -o $(OUT) --workers $(WORKERS) --audio $(AUDIO)
-	$(BIN)/avs3d validate $(OUT)
+	$(BIN)/avs3d validate $(OUT) --deep
 
 test: setup
 	$(BIN)/python -m pytest

@@ -29,7 +29,9 @@ RMS_TOLERANCE = (1e-3, 2e-5)
 #: The louder ear is on the source's side: over frames with line of sight and |azimuth| between these, degrees …
 ILD_AZIMUTHS = (20.0, 160.0)
 #: … in at least this share of them.
-ILD_SHARE = 0.9
+ILD_SHARE = 0.95
+#: Below this share the sound is wrong, and not merely reflected.
+ILD_LEAST = 0.8
 #: Pixels by which the projected mesh is widened before the mask must lie inside it.
 SILHOUETTE_MARGIN = 2
 #: COLMAP's poses against observation.json: metres, degrees; sightings against projections: pixels.
@@ -254,13 +256,13 @@ def _check_levels(frames: tuple[Frame, ...], clips: list[_Sound | None], finding
         judged += 1
         if (clip.rms[1] - clip.rms[0]) * entry.azimuth <= 0:
             wrong.append(layout.audio_name(frame.index))
-    if len(wrong) > max(1.0, (1 - ILD_SHARE) * judged):
+    if len(wrong) > max(2.0, (1 - ILD_SHARE) * judged):
         text = (
             f"the louder ear is on the wrong side of the source in {len(wrong)} of {judged} frames with line of sight "
             f"({', '.join(wrong[:5])}…); expected it right in {ILD_SHARE:.0%}"
         )
-        # Reflections of a live room may win in some frames; they do not in most.
-        if 2 * len(wrong) > judged:
+        # Reflections of a live room may win in some frames; they do not in many.
+        if len(wrong) > (1 - ILD_LEAST) * judged:
             findings.add(layout.BINAURAL, f"{text}: are the channels swapped?")
         else:
             findings.add(layout.BINAURAL, text, severity="warning")

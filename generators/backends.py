@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from importlib import metadata
+
 import cv2
-import numpy as np
 
 from avs3d_bench import __version__
 from avs3d_bench.errors import UsageError
@@ -45,10 +46,15 @@ def acoustic_backend(name: str) -> AcousticBackend:
 
 def backend_versions(vision: str, audio: str) -> dict[str, str]:
     """Name → version of everything whose change may change an observation's bytes."""
+    from generators.scenes.cache import builder_version
+
     sight, sound = vision_backend(vision), acoustic_backend(audio)
+    libraries = {name: metadata.version(name) for name in ("numpy", "scipy", "numba", "xatlas", "trimesh", "soundfile")}
     return {
         "avs3d-bench": __version__,
-        "numpy": np.__version__,
+        "homes and assets": builder_version(),
+        f"settings of {sound.name}": repr(sorted(sound.describe().items())),
+        **libraries,
         "opencv": cv2.__version__,
         sight.name: sight.version,
         sound.name: sound.version,

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from avs3d_bench.errors import Avs3dError
-from generators.plan import ObservationPlan, resolve_file
+from generators.plan import ObservationPlan, resolve_file, scans_root
 from generators.scenes.cache import cached_scene
 from generators.scenes.scene import Scene
 
@@ -55,9 +55,3 @@ def open_home(plan: ObservationPlan, folder: Path, *, workers: int = 1) -> Scene
         scene = cached_scene(folder, plan.home_digest, build)
     scene.room(plan.spec.room)
     return scene
-
-
-def scans_root(base: Path) -> Path:
-    """Where relative names of scan files start: ``$AVS3D_SCANS``, else the manifest's folder."""
-    named = os.environ.get("AVS3D_SCANS")
-    return Path(named) if named else base

@@ -9,8 +9,10 @@ from __future__ import annotations
 import fnmatch
 import hashlib
 import json
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -18,6 +20,7 @@ import numpy as np
 import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
 
+from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.layout import observation_key
 from avs3d_bench.schema import Category, Part, Room
@@ -249,7 +252,7 @@ class ObservationPlan:
         """The generator for one purpose (``placement``, ``path``, ``sound``, …) of this observation."""
         return derive_rng(self.seed, self.key, purpose)
 
-    @property
+    @cached_property
     def digest(self) -> str:
         """sha256 of everything that decides the bytes; a finished observation with another digest is not reused."""
         document = {
@@ -264,8 +267,19 @@ class ObservationPlan:
             "audio": self.audio,
             "with": [self.depth, self.rirs],
             "backends": self.backends,
+            "files": self._file_digests(),
         }
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
+
+    def _file_digests(self) -> dict[str, str]:
+        """sha256 of every file this observation may take something from; a missing one is named when it is opened."""
+        spec = self.spec
+        places = [(sound.file, self.base) for sound in self.sounds.get(spec.category, ())]
+        for category in (spec.category, *spec.silent):
+            places += [(item.file, self.base) for item in self.objects.get(category, ())]
+        if self.scan.file:
+            places.append((self.scan.file, scans_root(self.base)))
+        return {name: files.sha256_file(base / name) for name, base in places if (base / name).is_file()}
 
     @property
     def home_digest(self) -> str:
@@ -299,6 +313,19 @@ def select(manifest: Manifest, patterns: Sequence[str]) -> tuple[ObservationSpec
     )
 
 
+def _check_variant(spec: ObservationSpec, manifest: Manifest) -> None:
+    if spec.variant is None or spec.category in manifest.objects:
+        return
+    from generators.assets.catalogue import variants
+
+    known = variants(spec.category)
+    if spec.variant not in known:
+        raise UsageError(
+            f"{manifest.name}: {spec.key}: unknown variant {spec.variant!r} of {spec.category}; "
+            f"expected one of {', '.join(known)}"
+        )
+
+
 def make_plans(
     source: ManifestFile,
     *,
@@ -322,6 +349,8 @@ def make_plans(
     changes = {"frames": frames, "size": size}
     camera = manifest.camera.model_copy(update={name: value for name, value in changes.items() if value is not None})
     backends = backend_versions(vision, audio)
+    for spec in manifest.observations:
+        _check_variant(spec, manifest)
     return tuple(
         ObservationPlan(
             spec=spec,
@@ -340,6 +369,12 @@ def make_plans(
         )
         for spec in select(manifest, only)
     )
+
+
+def scans_root(base: Path) -> Path:
+    """Where relative names of scan files start: ``$AVS3D_SCANS``, else the manifest's folder."""
+    named = os.environ.get("AVS3D_SCANS")
+    return Path(named) if named else base
 
 
 def resolve_file(base: Path, name: str, what: str) -> Path:

@@ -50,7 +50,7 @@ def reporting(plans: tuple[ObservationPlan, ...]) -> Iterator[Callable[[tuple[st
                     say(f"home {key}: building and lighting it, or taking it from the cache")
                 elif kind == "start":
                     bar.update(task, description="generating")
-                elif kind == "frame":
+                elif kind == "frame" and drawn.get(key, 0) < frames[key]:
                     drawn[key] = drawn.get(key, 0) + 1
                     bar.advance(task)
                 elif kind in ("kept", "done", "failed"):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import fcntl
 import os
 import shutil
+import signal
 import threading
 import time
 import traceback
@@ -16,12 +17,13 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
-from multiprocessing import get_context
+from dataclasses import dataclass, replace
+from multiprocessing import active_children, get_context
 from multiprocessing.queues import SimpleQueue
 from pathlib import Path
 
 from avs3d_bench import __version__, files, layout
+from avs3d_bench.cli import missing_extra
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.schema import (
     AttributionRecord,
@@ -76,20 +78,42 @@ def run(
     """
     with _locked(root):
         _sweep(root)
+        for spec in source.manifest.observations:
+            # What is there already must be of one piece with what is to come, selected or not.
+            _is_done(root, replace(plans[0], spec=spec, scan=source.manifest.scans[spec.scan]))
         todo: list[ObservationPlan] = []
         kept: list[ObservationPlan] = []
         for plan in plans:
             (kept if _is_done(root, plan) else todo).append(plan)
         for plan in kept:
             listen(("kept", plan.key, ""))
-        for digest, plan in sorted({plan.home_digest: plan for plan in todo}.items()):
-            listen(("home", plan.spec.scan, digest))
-            prepare_home(plan, cache, workers=workers)
-        if todo:
-            vision_backend(todo[0].vision).warm_up()
-        made, failed = _make(todo, root, workers=workers, cache=cache, listen=listen)
+        ready, failed = _prepare(todo, workers=workers, cache=cache, listen=listen)
+        if ready:
+            vision_backend(ready[0].vision).warm_up()
+        made, broken = _make(ready, root, workers=workers, cache=cache, listen=listen)
         _seal(source, root)
-        return Outcome(tuple(made), tuple(plan.key for plan in kept), tuple(failed))
+        return Outcome(tuple(made), tuple(plan.key for plan in kept), (*failed, *broken))
+
+
+def _prepare(
+    todo: list[ObservationPlan], *, workers: int, cache: Path, listen: Listener
+) -> tuple[list[ObservationPlan], list[tuple[str, str]]]:
+    """Build and light every home once; the plans whose home stands, and the others with what is wrong with theirs."""
+    homes: dict[str, list[ObservationPlan]] = {}
+    for plan in todo:
+        homes.setdefault(plan.home_digest, []).append(plan)
+    ready: list[ObservationPlan] = []
+    failed: list[tuple[str, str]] = []
+    for group in homes.values():
+        listen(("home", group[0].spec.scan, ""))
+        try:
+            prepare_home(group[0], cache, workers=workers)
+            ready += group
+        except Avs3dError as error:
+            for plan in group:
+                failed.append((plan.key, str(error)))
+                listen(("failed", plan.key, str(error)))
+    return ready, failed
 
 
 def _make(
@@ -118,22 +142,27 @@ def _make(
     pool = ProcessPoolExecutor(count, mp_context=context, initializer=_start_worker, initargs=(events, os.getpid()))
     jobs: dict[Future[tuple[str | None, str]], str] = {}
     try:
-        with pool:
-            jobs = {pool.submit(_in_worker, plan, root, cache): plan.key for plan in todo}
-            for job in as_completed(jobs):
-                finished(jobs[job], *job.result())
-    except BrokenProcessPool:
-        lost = [key for job, key in jobs.items() if key not in made]
+        jobs = {pool.submit(_in_worker, plan, root, cache): plan.key for plan in todo}
+        for job in as_completed(jobs):
+            finished(jobs[job], *job.result())
+    except BaseException as error:
+        # Ctrl-C, or a worker that died: end the others too. A dead worker may hold the lock of the queue, so the
+        # reader, a daemon, is left to itself.
+        pool.shutdown(wait=False, cancel_futures=True)
+        for process in active_children():
+            process.terminate()
+            process.join()
+        _sweep(root)
+        if not isinstance(error, BrokenProcessPool):
+            raise
+        lost = [key for key in jobs.values() if key not in made]
         raise Avs3dError(
             f"{root}: a worker process died (killed, or out of memory) while making {', '.join(lost[:3])}; "
             "run the same command again to go on, with fewer --workers if memory was short"
         ) from None
-    except KeyboardInterrupt:
-        pool.shutdown(wait=False, cancel_futures=True)
-        raise
-    finally:
-        events.put(None)
-        reader.join(timeout=5)
+    pool.shutdown()
+    events.put(None)
+    reader.join(timeout=5)
     return made, failed
 
 
@@ -148,6 +177,8 @@ _events: SimpleQueue[Event | None] | None = None
 def _start_worker(events: SimpleQueue[Event | None], parent: int) -> None:
     global _events
     _events = events
+    # Ctrl-C reaches every process of the terminal; the parent decides what it means.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def watch() -> None:
         # A pool's processes outlive a parent that was killed with -9; they must not go on writing beside its successor.
@@ -169,8 +200,12 @@ def _attempt(plan: ObservationPlan, root: Path, cache: Path, listen: Listener) -
     listen(("start", plan.key, str(plan.camera.frames)))
     try:
         record = generate_observation(plan, root, cache, lambda index: listen(("frame", plan.key, str(index))))
-    except (Avs3dError, OSError) as error:
-        return str(error) or type(error).__name__, ""
+    except Avs3dError as error:
+        return str(error), ""
+    except OSError as error:
+        return files.os_error_line(error), ""
+    except ModuleNotFoundError as error:
+        return missing_extra(error, "generators"), ""
     except Exception as error:
         if os.environ.get("AVS3D_DEBUG"):
             traceback.print_exc()
@@ -187,17 +222,21 @@ def _locked(root: Path) -> Iterator[None]:
     """Make ``root`` and hold it against a second run."""
     try:
         root.mkdir(parents=True, exist_ok=True)
-        handle = os.open(root / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
+        handle = os.open(root, os.O_RDONLY)
     except OSError as error:
         raise Avs3dError(f"{root}: cannot write there ({error.strerror}); choose another folder with -o") from error
     try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise Avs3dError(f"{root}: another avs3d generate is at work in this folder; wait for it") from error
+        # The folder itself is locked, so that nothing is left in it, and the lock ends with the process.
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(handle)
+        raise Avs3dError(f"{root}: another avs3d generate is at work in this folder; wait for it") from None
+    except OSError as error:
+        os.close(handle)
+        raise Avs3dError(files.os_error_line(error, root, "lock")) from error
+    try:
         yield
     finally:
-        (root / ".lock").unlink(missing_ok=True)
         os.close(handle)
 
 

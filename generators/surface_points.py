@@ -23,7 +23,7 @@ class SurfacePoints:
 
     Attributes:
         positions: (N, 3) float64 world coordinates.
-        colours: (N, 3) uint8 sRGB, as the first frame of the track shows them.
+        colours: (N, 3) uint8 sRGB, as the frame shows them in which the point was sampled.
         track_point: (T,) int64 index of the point of each observation, ascending.
         track_frame: (T,) int64 index of the frame that sees it.
         track_pixel: (T, 2) float64 (column, row) of the point's projection there.

@@ -182,6 +182,67 @@ def test_a_run_killed_with_signal_9_goes_on_to_the_same_bytes(
     assert tree_digest(cut) == tree_digest(root)
 
 
+def test_ctrl_c_stops_all_workers_and_the_next_run_goes_on(root: Path, manifest: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut"
+    args = [manifest, "-o", cut, "--audio", "analytic", "--with", "depth", "--with", "rirs", "--workers", 2]
+    process = subprocess.Popen(
+        [*COMMAND, *map(str, args)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True
+    )
+    while not list(cut.glob("part_*/*/*/.*.partial/input/frame_000.png")):
+        assert process.poll() is None, process.communicate()[0]
+        time.sleep(0.002)
+    os.killpg(process.pid, signal.SIGINT)
+    output = process.communicate(timeout=30)[0]
+    assert process.returncode != 0
+    assert b"Traceback" not in output
+    assert not list(cut.rglob(".*.partial"))
+    code, text = call(*args)
+    assert code == 0, text
+    assert tree_digest(cut) == tree_digest(root)
+
+
+def test_a_second_run_in_the_same_folder_is_refused_and_the_first_goes_on(
+    root: Path, manifest: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    args = [manifest, "-o", out, "--audio", "analytic", "--with", "depth", "--with", "rirs", "--workers", 1]
+    first = subprocess.Popen([*COMMAND, *map(str, args)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    while not list(out.glob("part_*/*/*/.*.partial/input/frame_000.png")):
+        assert first.poll() is None, first.communicate()[0]
+        time.sleep(0.002)
+    os.kill(first.pid, signal.SIGSTOP)
+    try:
+        for _ in range(2):
+            refused(*call(*args), 1, "another avs3d generate is at work")
+    finally:
+        os.kill(first.pid, signal.SIGCONT)
+    assert first.wait(timeout=120) == 0
+    assert tree_digest(out) == tree_digest(root)
+
+
+def test_one_bad_home_does_not_stop_the_others(manifest: Path, tmp_path: Path) -> None:
+    def change(document: dict) -> None:
+        document["scans"]["gone"] = document["scans"]["box"] | {"file": "nowhere.glb"}
+        document["observations"][1]["scan"] = "gone"
+
+    out = tmp_path / "out"
+    path = changed(manifest, tmp_path / "m", change)
+    code, output = call(path, "-o", out, "--audio", "analytic", "--frames", 3, "--workers", 1)
+    refused(code, output, 1, "nowhere.glb", "part_2/gone/kitchen/1")
+    assert "1 made, 0 kept, 1 failed" in output
+    assert [observation.key for observation in Dataset(out)] == [KEYS[0]]
+
+
+def test_observations_of_other_options_are_never_mixed(manifest: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    small = ["--audio", "analytic", "--frames", 3, "--workers", 1]
+    assert call(manifest, "-o", out, "--only", "part_1/*", *small, "--size", 32)[0] == 0
+    refused(*call(manifest, "-o", out, "--only", "part_2/*", *small, "--size", 48), 2, "other options", KEYS[0])
+    code, output = call(manifest, "-o", out, "--only", "part_2/*", *small, "--size", 32)
+    assert code == 0, output
+    assert len(Dataset(out)) == 2
+
+
 def test_another_manifest_or_other_options_do_not_overwrite(root: Path, manifest: Path) -> None:
     before = tree_digest(root)
     code, output = call(manifest, "-o", root, "--audio", "analytic", "--workers", 1)

@@ -138,7 +138,7 @@ def check_clip(clip: NDArray[np.floating], where: str) -> None:
     if not np.isfinite(samples).all():
         raise Avs3dError(f"{where}: the clip holds NaN or infinite samples; check the source and the impulse response")
     peak = float(np.abs(samples).max(initial=0.0))
-    if peak > 1.0:
+    if peak >= 1.0:
         raise Avs3dError(f"{where}: the clip reaches {peak:.2f} of full scale; lower the gain or move the source away")
     if peak == 0.0:
         raise Avs3dError(f"{where}: the clip is silent; check the source and the line from it to the listener")
