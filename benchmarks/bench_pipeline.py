@@ -100,12 +100,15 @@ def per_frame(plan: ObservationPlan, cache: Path, repeats: int = REPEATS) -> dic
         for name, seconds in inside.items():
             engines[name].append(seconds)
     fixed = statistics.median(wholes) - statistics.median(loops) * plan.camera.frames
+    all_in = statistics.median(loops) + fixed / 120
+    pure = sum(statistics.median(values) for values in engines.values())
     return {
         "frame, encoded and on disk (CPU s)": statistics.median(loops),
         **{f"of it {name} (CPU s)": statistics.median(values) for name, values in sorted(engines.items())},
-        "overhead over the sum of the engines (%)": 100 * statistics.median(overheads),
+        "overhead of the loop over the sum of the engines (%)": 100 * statistics.median(overheads),
+        "overhead over the sum of the engines (%)": 100 * (all_in / pure - 1),
         "once per observation (CPU s)": fixed,
-        "frame of a 120-frame observation, all in (CPU s)": statistics.median(loops) + fixed / 120,
+        "frame of a 120-frame observation, all in (CPU s)": all_in,
     }
 
 

@@ -19,7 +19,7 @@ TARGETS: dict[str, tuple[float | None, float | None]] = {
     "RGB + ids + depth, 1008² (CPU s)": (0.5, None),
     "impulse response (CPU s)": (0.15, None),
     "broadband level, SD over draws (dB)": (0.2, None),
-    "frame, encoded and on disk (CPU s)": (0.8, None),
+    "frame of a 120-frame observation, all in (CPU s)": (0.8, None),
     "overhead over the sum of the engines (%)": (15.0, None),
     "two workers over one": (None, 1.8),
     "peak memory of a worker (MB)": (1536.0, None),
