@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
+import os
+import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +18,37 @@ from generators.scenes.scene import F32, I32
 #: Empty texels between charts: bilinear look-up reaches one texel beyond a chart on either side.
 PADDING = 1
 _WELD = 1e5
+_TASKS = "/proc/self/task"
+
+
+def _threads() -> set[str]:
+    """The ids of this process's threads; none where the system does not list them."""
+    return set(os.listdir(_TASKS)) if os.path.isdir(_TASKS) else set()
+
+
+def _asleep(thread: str) -> bool:
+    try:
+        with open(f"{_TASKS}/{thread}/stat", encoding="ascii", errors="replace") as stat:
+            return stat.read().rpartition(")")[2].split()[0] == "S"
+    except OSError:
+        return True  # it has ended
+
+
+def _let_go(atlas: xatlas.Atlas, threads: set[str]) -> None:
+    """Make it safe to drop ``atlas``, whose worker threads are ``threads``.
+
+    xatlas ends its workers with a notification that is lost on one that is just about to wait for it; joining that
+    one then takes for ever. So its workers must be seen waiting first; where they cannot be, the atlas is never freed.
+    """
+    quiet = 0
+    for _ in range(1000):
+        quiet = quiet + 1 if threads and all(_asleep(thread) for thread in threads) else 0
+        if quiet == 3:
+            return
+        time.sleep(0.001)
+        if not threads:
+            break
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(atlas))
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +81,9 @@ def unwrap(positions: F32, texel: float, finer: NDArray[np.float32] | None = Non
     """
     count = len(positions)
     factors = np.ones(count, dtype=np.float32) if finer is None else finer
+    before = _threads()
     atlas = xatlas.Atlas()
+    own_threads = _threads() - before
     groups = [np.flatnonzero(factors == factor) for factor in np.unique(factors)]
     for group in groups:
         factor = np.float32(factors[group[0]])
@@ -79,4 +115,5 @@ def unwrap(positions: F32, texel: float, finer: NDArray[np.float32] | None = Non
         chart[group] = label[faces[:, 0]] + offset
         offset += pieces
     uv = np.clip(np.nan_to_num(uv), 0.0, np.array([width, height], dtype=np.float32))
+    _let_go(atlas, own_threads)
     return Layout(uv=uv, chart=chart, width=width, height=height)
