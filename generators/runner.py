@@ -78,13 +78,13 @@ def run(
     """
     with _locked(root):
         _sweep(root)
-        for spec in source.manifest.observations:
-            # What is there already must be of one piece with what is to come, selected or not.
-            _is_done(root, replace(plans[0], spec=spec, scan=source.manifest.scans[spec.scan]))
-        todo: list[ObservationPlan] = []
-        kept: list[ObservationPlan] = []
-        for plan in plans:
-            (kept if _is_done(root, plan) else todo).append(plan)
+        # What is there already must be of one piece with what is to come, selected or not.
+        every = [
+            replace(plans[0], spec=spec, scan=source.manifest.scans[spec.scan]) for spec in source.manifest.observations
+        ]
+        done = {plan.key for plan in every if _is_done(root, plan)}
+        todo = [plan for plan in plans if plan.key not in done]
+        kept = [plan for plan in plans if plan.key in done]
         for plan in kept:
             listen(("kept", plan.key, ""))
         ready, failed = _prepare(todo, workers=workers, cache=cache, listen=listen)
