@@ -24,6 +24,8 @@ SUMMARIES = {
     "contact-sheet": "Draw frames, masks, map and sound of every observation.",
     "validate": "Check a dataset; name every problem by file.",
     "schema": "Write the JSON Schema of every file of the contract.",
+    "check": "Check a submission; name every bad file.",
+    "leaderboard": "Rank files of scores on one static page.",
     "baseline": "Run a baseline on a dataset and write its submission.",
 }
 #: Which extra brings a package that the core install lacks; others are named as they are.
@@ -129,7 +131,7 @@ def validate(root: Path, deep: bool, json_file: Path | None, workers: int | None
 def schema(folder: Path) -> None:
     """Write the JSON Schema of every JSON file of a dataset and of a submission."""
     from avs3d_bench.files import write_bytes
-    from avs3d_bench.schema import schema_texts
+    from avs3d_bench.schema_files import schema_texts
 
     for name, text in schema_texts().items():
         write_bytes(folder / name, text.encode())

@@ -20,6 +20,7 @@ DATASET_JSON = "dataset.json"
 OBSERVATION_JSON = "observation.json"
 SPLITS_JSON = "camera_splits.json"
 SUBMISSION_JSON = "submission.json"
+SCORES_JSON = "scores.json"
 
 INPUT = "input"
 IMAGES = "images"
@@ -37,6 +38,8 @@ COLMAP_FILES = tuple(f"{COLMAP}/{name}.bin" for name in ("cameras", "images", "p
 #: Folders of a submission's observation.
 SUBMISSION_MASKS = "masks"
 SUBMISSION_POINTS = "points.ply"
+#: Where the released pipeline leaves its masks, with and without its refinement, below an observation's folder.
+RELEASED_MASKS = ("3d_segmentation_use_aisrm_True/masks/test", "3d_segmentation_use_aisrm_False/masks/test")
 
 #: The benchmark's numbers: frames per observation, image side, clip rate and lengths (samples), frames per second.
 FRAME_COUNT = 120

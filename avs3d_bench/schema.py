@@ -8,17 +8,17 @@
 | `submission.json`    | `SubmissionRecord`  |
 
 Units: metres, seconds, degrees, pixels. World: right-handed, Y up; quaternions are (w, x, y, z), camera-to-world for
-frames and object-to-world for instances. `json_schemas` gives the JSON Schema of each file.
+frames and object-to-world for instances. avs3d_bench/scores.py has the record of a file of scores,
+avs3d_bench/schema_files.py writes the JSON Schema of each file.
 """
 
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Literal, Self, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -300,14 +300,6 @@ class SubmissionRecord(Record):
     runtime: float | str | dict[str, Scalar] | None = None
 
 
-#: File name → record.
-RECORDS: dict[str, type[Record]] = {
-    layout.DATASET_JSON: DatasetRecord,
-    layout.OBSERVATION_JSON: ObservationRecord,
-    layout.SPLITS_JSON: CameraSplits,
-    layout.SUBMISSION_JSON: SubmissionRecord,
-}
-
 _R = TypeVar("_R", bound=Record)
 
 
@@ -335,21 +327,6 @@ def parse_record(text: str | bytes, record: type[_R], where: str | Path) -> _R:
         first, *rest = describe(error)
         more = f" (and {len(rest)} more)" if rest else ""
         raise Avs3dError(f"{where}: {first}{more}; expected a {record.__name__} (see `avs3d schema`)") from None
-
-
-def json_schemas() -> dict[str, dict[str, Any]]:
-    """JSON Schema (2020-12) of every file, by the schema's own file name (``observation.schema.json``)."""
-    schemas: dict[str, dict[str, Any]] = {}
-    for file_name, record in RECORDS.items():
-        schema = record.model_json_schema(mode="validation")
-        name = file_name.removesuffix(".json") + ".schema.json"
-        schemas[name] = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": name} | schema
-    return schemas
-
-
-def schema_texts() -> dict[str, str]:
-    """The same as the text of files: what `avs3d schema` writes and `avs3d_bench/schemas/` holds."""
-    return {name: json.dumps(schema, indent=2, ensure_ascii=False) + "\n" for name, schema in json_schemas().items()}
 
 
 def unique_attributions(attributions: Iterable[AttributionRecord]) -> tuple[AttributionRecord, ...]:

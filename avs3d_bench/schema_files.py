@@ -1,0 +1,34 @@
+"""JSON Schema (2020-12) of every JSON file of the contract: what `avs3d schema` writes, what `schemas/` holds."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from avs3d_bench import layout
+from avs3d_bench.schema import CameraSplits, DatasetRecord, ObservationRecord, Record, SubmissionRecord
+from avs3d_bench.scores import Scores
+
+#: File name → record.
+RECORDS: dict[str, type[Record]] = {
+    layout.DATASET_JSON: DatasetRecord,
+    layout.OBSERVATION_JSON: ObservationRecord,
+    layout.SPLITS_JSON: CameraSplits,
+    layout.SUBMISSION_JSON: SubmissionRecord,
+    layout.SCORES_JSON: Scores,
+}
+
+
+def json_schemas() -> dict[str, dict[str, Any]]:
+    """JSON Schema of every file, by the schema's own file name (``observation.schema.json``)."""
+    schemas: dict[str, dict[str, Any]] = {}
+    for file_name, record in RECORDS.items():
+        schema = record.model_json_schema(mode="validation")
+        name = file_name.removesuffix(".json") + ".schema.json"
+        schemas[name] = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": name} | schema
+    return schemas
+
+
+def schema_texts() -> dict[str, str]:
+    """The same as the text of files."""
+    return {name: json.dumps(schema, indent=2, ensure_ascii=False) + "\n" for name, schema in json_schemas().items()}

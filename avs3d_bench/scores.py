@@ -1,0 +1,188 @@
+"""The record behind the file of scores that `avs3d-eval --json` writes, and what the metrics in it are called.
+
+Values without a unit lie in [0, 1]. A value that the data cannot give is null, and `unavailable` says why; nothing is
+guessed. docs/metrics.md has the formulas.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from avs3d_bench.schema import NonNegative, Record, RelativePath, Room, Scan, Sha256, SubmissionRecord, Text
+
+#: Protocol → version. It changes when a figure changes for the same masks.
+PROTOCOLS: dict[str, str] = {"official": "1.0", "strict": "1.0"}
+Protocol = Literal["official", "strict"]
+#: The rows printed beside every score: what a submission without any idea gets.
+REFERENCES = ("all_black", "all_white", "centre_box")
+
+Share = Annotated[float, Field(ge=0, le=1)]
+Count = Annotated[int, Field(ge=0)]
+PartName = Literal["part_1", "part_2"]
+
+
+@dataclass(frozen=True)
+class Metric:
+    """How a figure is shown.
+
+    Attributes:
+        protocol: which one it belongs to.
+        name: its key in the file of scores.
+        title: its name for people.
+        higher_is_better: which way is up.
+        unit: ``""`` for shares, ``"m"`` for metres.
+        meaning: one line.
+    """
+
+    protocol: Protocol
+    name: str
+    title: str
+    higher_is_better: bool
+    unit: str
+    meaning: str
+
+
+#: Every figure, in the order in which tables show it.
+METRICS: tuple[Metric, ...] = (
+    Metric("official", "mIoU", "mIoU", True, "", "IoU as released: an empty truth scores the share left unmarked"),
+    Metric("official", "F", "F", True, "", "F (β² = 0.3) as released: never below that of an all-white mask"),
+    Metric("strict", "IoU", "IoU", True, "", "over frames where the object is visible"),
+    Metric("strict", "F", "F", True, "", "F (β² = 0.3) of the mask as given, over frames where the object is visible"),
+    Metric("strict", "boundary_F", "boundary F", True, "", "F of the outlines within 0.8 % of the image diagonal"),
+    Metric("strict", "FP_rate", "FP rate", False, "", "share of the frames without the object that have a mark"),
+    Metric("strict", "FP_area", "FP area", False, "", "marked share of the image in frames without the object"),
+    Metric(
+        "strict",
+        "wrong_instance_rate",
+        "wrong instance",
+        False,
+        "",
+        "share of the frames showing a silent twin in which one is marked",
+    ),
+    Metric("strict", "IoU_3D", "3D IoU", True, "", "of 5 cm voxels against the object's mesh"),
+    Metric("strict", "centroid_error", "centroid error", False, "m", "between the predicted and the true centroid"),
+)
+
+
+def metrics_of(protocol: str) -> tuple[Metric, ...]:
+    """The figures of one protocol, in order."""
+    return tuple(metric for metric in METRICS if metric.protocol == protocol)
+
+
+class OfficialScore(Record):
+    """What the released scoring computes (protocol ``official``)."""
+
+    mIoU: Share  # noqa: N815 - the key is pinned
+    F: Share
+
+
+class StrictScore(Record):
+    """What the numbers should mean (protocol ``strict``)."""
+
+    IoU: Share | None
+    F: Share | None
+    boundary_F: Share | None
+    FP_rate: Share | None
+    FP_area: Share | None
+    wrong_instance_rate: Share | None
+    IoU_3D: Share | None
+    centroid_error: NonNegative | None = Field(description="metres")
+
+
+class OfficialObservation(OfficialScore):
+    """One observation under ``official``."""
+
+
+class StrictObservation(StrictScore):
+    """One observation under ``strict``."""
+
+    visible_frames: Count = Field(description="test frames where the sounding object is visible")
+    absent_frames: Count = Field(description="test frames where it is not")
+    twin_frames: Count | None = Field(description="test frames that show a silent twin; null where that is unknown")
+    unavailable: dict[str, str] = Field(default_factory=dict, description="figure that is null → why")
+
+
+class ObservationScores(Record):
+    """One observation."""
+
+    key: Text
+    part: PartName
+    scan: Scan
+    room: Room
+    category: str | None = Field(description="null in the official release, which does not say it")
+    frames: Count = Field(description="test frames scored")
+    official: OfficialObservation | None = None
+    strict: StrictObservation | None = None
+
+
+Interval = tuple[float, float]
+
+
+class OfficialSummary(OfficialScore):
+    """Plain means over observations."""
+
+    intervals: dict[str, Interval] = Field(default_factory=dict, description="95 % bootstrap interval per figure")
+
+
+class StrictSummary(StrictScore):
+    """Plain means over the observations that have the figure."""
+
+    intervals: dict[str, Interval] = Field(default_factory=dict, description="95 % bootstrap interval per figure")
+    counts: dict[str, Count] = Field(description="figure → over how many observations its mean goes")
+    unavailable: dict[str, str] = Field(default_factory=dict, description="figure that is null → why")
+
+
+class GroupScores(Record):
+    """Means over a group of observations: a part, a category, a room, all."""
+
+    observations: Count
+    frames: Count
+    official: OfficialSummary | None = None
+    strict: StrictSummary | None = None
+
+
+class Evaluator(Record):
+    """What computed the figures."""
+
+    version: Text
+    protocols: dict[Protocol, str] = Field(description="the protocols asked for → their version")
+    bootstrap_resamples: Count
+    bootstrap_seed: Count
+    voxel_size: NonNegative = Field(description="edge of the voxels of the 3D figures, metres")
+
+
+class ScoredSubmission(SubmissionRecord):
+    """What submission.json says, and how the folder was read."""
+
+    layout: Literal["avs3d", "official"] = Field(description="which folder layout it has")
+    points: bool = Field(description="whether it holds a 3D prediction")
+
+
+class ScoredDataset(Record):
+    """What the submission was held against."""
+
+    name: Text
+    version: str | None = Field(description="null in the official release")
+    sha256: Sha256 | None = Field(description="of dataset.json; null in the official release")
+    observations: Count = Field(description="in the dataset")
+    scored: Count = Field(description="of these, how many were scored; fewer only with --only")
+
+
+class Scores(Record):
+    """`avs3d-eval --json`."""
+
+    avs3d_eval: Evaluator
+    submission: ScoredSubmission
+    dataset: ScoredDataset
+    report: RelativePath | None = Field(default=None, description="the HTML report, where it lies at or below this file")
+    observations: tuple[ObservationScores, ...]
+    overall: GroupScores
+    parts: dict[PartName, GroupScores]
+    categories: dict[str, GroupScores]
+    rooms: dict[str, GroupScores]
+    references: dict[str, dict[str, GroupScores]] = Field(
+        description="all_black, all_white, centre_box → part_1, part_2, overall"
+    )

@@ -1,0 +1,81 @@
+"""What travels through the evaluator: a submission on disk, the figures of a frame, the outcome of a whole evaluation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from avs3d_bench import layout
+from avs3d_bench.schema import SubmissionRecord
+from avs3d_bench.scores import Scores
+
+Layout = Literal["avs3d", "official"]
+
+
+@dataclass(frozen=True)
+class Submission:
+    """Where a submission's files lie.
+
+    Attributes:
+        root: its folder; below it one folder per observation, named by its key.
+        layout: ``avs3d`` (`masks/`, `points.ply`) or ``official`` (the folders the released pipeline writes).
+        masks: the folder of masks below an observation's folder.
+        record: submission.json; made up from the folder's name where the official layout has none.
+    """
+
+    root: Path
+    layout: Layout
+    masks: str
+    record: SubmissionRecord
+
+    def mask_path(self, key: str, frame: str) -> Path:
+        """Where the mask of the frame named ``frame`` (``frame_000``) of the observation ``key`` lies."""
+        return self.root / key / self.masks / f"{frame}.png"
+
+    def points_path(self, key: str) -> Path:
+        """Where the 3D prediction of the observation ``key`` lies, if there is one."""
+        return self.root / key / layout.SUBMISSION_POINTS
+
+
+@dataclass(frozen=True)
+class FrameScore:
+    """One frame, for the picture part of a report.
+
+    Attributes:
+        key: the observation's.
+        name: e.g. ``frame_008``.
+        visible: whether the sounding object is visible in it.
+        iou: of prediction and truth; None where the object is not visible.
+        marked: marked share of the image.
+        twins_marked: how many silent twins are marked.
+    """
+
+    key: str
+    name: str
+    visible: bool
+    iou: float | None
+    marked: float
+    twins_marked: int = 0
+
+    @property
+    def badness(self) -> float:
+        """0 (perfect) to 1: 1 − IoU where the object is visible, else 0 or, with a mark, 0.5 + half the marked share."""
+        if self.iou is not None:
+            return 1.0 - self.iou
+        return 0.5 + 0.5 * self.marked if self.marked else 0.0
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The outcome of scoring.
+
+    Attributes:
+        scores: the record that `--json` writes.
+        worst: frames with the largest badness, worst first, at most two per observation.
+        best: frames with the object visible and the highest IoU, best first, at most two per observation; none of `worst`.
+    """
+
+    scores: Scores
+    worst: tuple[FrameScore, ...] = ()
+    best: tuple[FrameScore, ...] = ()
