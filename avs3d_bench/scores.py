@@ -84,7 +84,7 @@ class StrictScore(Record):
 
     IoU: Share | None
     F: Share | None
-    boundary_F: Share | None
+    boundary_F: Share | None  # noqa: N815
     FP_rate: Share | None
     FP_area: Share | None
     wrong_instance_rate: Share | None
@@ -177,7 +177,9 @@ class Scores(Record):
     avs3d_eval: Evaluator
     submission: ScoredSubmission
     dataset: ScoredDataset
-    report: RelativePath | None = Field(default=None, description="the HTML report, where it lies at or below this file")
+    report: RelativePath | None = Field(
+        default=None, description="the HTML report, where it lies at or below this file"
+    )
     observations: tuple[ObservationScores, ...]
     overall: GroupScores
     parts: dict[PartName, GroupScores]

@@ -7,12 +7,9 @@ this toolkit adds to it is not missed.
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -21,6 +18,7 @@ from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset, Observation, find_keys
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import read_bytes, sha256_file
+from avs3d_bench.parallel import process_each
 from avs3d_bench.report import Problem, Report, ordered
 from avs3d_bench.schema import DatasetRecord, describe
 from avs3d_bench.taxonomy import PARTS, ROOMS
@@ -64,7 +62,9 @@ def validate(root: str | Path, *, deep: bool = False, workers: int | None = 1, p
         problems += found
     else:
         problems.append(Problem("note", layout.DATASET_JSON, "absent: read as the official release"))
-    outcomes = _run(base, dataset.keys, ours, deep, workers, progress)
+    look = partial(_look, base, ours=ours, deep=deep)
+    count = workers if deep else workers or 1
+    outcomes = dict(process_each(look, dataset.keys, workers=count, label="checking", progress=progress))
     for key in dataset.keys:
         problems += outcomes[key].problems
     if record:
@@ -80,10 +80,10 @@ def check_observation(root: str | Path, key: str, *, ours: bool = True, deep: bo
         UsageError: if ``key`` is no observation key.
         Avs3dError: if there is no such folder.
     """
-    return ordered(list(_check_one(root, key, ours, deep).problems))
+    return ordered(list(_look(root, key, ours, deep).problems))
 
 
-def _check_one(root: str | Path, key: str, ours: bool, deep: bool) -> _Outcome:
+def _look(root: str | Path, key: str, ours: bool, deep: bool) -> _Outcome:
     observation = Observation(root, key)
     findings, record, files = check_structure(observation, ours=ours)
     if deep:
@@ -93,63 +93,6 @@ def _check_one(root: str | Path, key: str, ours: bool, deep: bool) -> _Outcome:
             observation = Observation(root, key, use_record=False)  # broken: check the files for themselves
         check_contents(observation, record, files, findings, ours=ours)
     return _Outcome(tuple(findings.problems), len(files), record.category if record else None)
-
-
-def available_cores() -> int:
-    """Number of cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _run(
-    root: Path, keys: tuple[str, ...], ours: bool, deep: bool, workers: int | None, progress: bool
-) -> dict[str, _Outcome]:
-    wanted = workers or (available_cores() if deep else 1)
-    count = max(1, min(wanted, len(keys)))
-    with _ProgressBar(len(keys), progress) as advance:
-        if count == 1:
-            outcomes = {}
-            for key in keys:
-                outcomes[key] = _check_one(root, key, ours, deep)
-                advance(key)
-            return outcomes
-        # Not fork: the caller may have threads (a progress bar, OpenCV's pool).
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(count, mp_context=context) as pool:
-            futures = {pool.submit(_check_one, root, key, ours, deep): key for key in keys}
-            outcomes = {}
-            try:
-                for future in as_completed(futures):
-                    outcomes[futures[future]] = future.result()
-                    advance(futures[future])
-            except BrokenProcessPool:
-                raise Avs3dError(f"{root}: a checking process was ended (memory?); run with --workers 1") from None
-        return outcomes
-
-
-class _ProgressBar:
-    """A context that gives ``advance(key)``; a progress bar on stderr if ``shown``."""
-
-    def __init__(self, total: int, shown: bool) -> None:
-        self._total, self._shown = total, shown
-
-    def __enter__(self) -> Callable[[str], None]:
-        if not self._shown:
-            return lambda key: None
-        from rich.console import Console
-        from rich.progress import Progress
-
-        self._progress = Progress(console=Console(stderr=True), transient=True)
-        self._progress.start()
-        task = self._progress.add_task("checking", total=self._total)
-
-        def advance(key: str) -> None:
-            self._progress.update(task, advance=1, description=key)
-
-        return advance
-
-    def __exit__(self, *_: object) -> None:
-        if self._shown:
-            self._progress.stop()
 
 
 def _check_tree(root: Path) -> Iterator[Problem]:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from avs3d_bench.validate import available_cores
+from avs3d_bench.parallel import available_cores
 from generators import observation as story
 from generators.homes import default_cache, prepare_home
 from generators.plan import ManifestFile, ObservationPlan, make_plans, read_manifest

@@ -1,1 +1,37 @@
-"""Dataset and submission to scores and report."""
+"""Dataset and submission to scores and report.
+
+    evaluation = evaluate("submission", "open-s34-o7")
+    evaluation.scores.parts["part_2"].strict.IoU
+
+The story is in `evaluators.score`; the figures are pure functions in `evaluators.metrics`, `evaluators.contour` and
+`evaluators.volume`; docs/metrics.md defines them. Importing this package imports nothing: names are fetched when used.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from evaluators.checks import InvalidSubmission as InvalidSubmission
+    from evaluators.checks import check_submission as check_submission
+    from evaluators.leaderboard import write_leaderboard as write_leaderboard
+    from evaluators.report import write_report as write_report
+    from evaluators.score import evaluate as evaluate
+    from evaluators.submission import open_submission as open_submission
+
+_HOMES = {
+    "InvalidSubmission": "checks",
+    "check_submission": "checks",
+    "evaluate": "score",
+    "open_submission": "submission",
+    "write_leaderboard": "leaderboard",
+    "write_report": "report",
+}
+__all__ = list(_HOMES)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'evaluators' has no attribute {name!r}")
+    return getattr(import_module(f"evaluators.{_HOMES[name]}"), name)

@@ -1,4 +1,4 @@
-"""What travels through the evaluator: a submission on disk, the figures of a frame, the outcome of a whole evaluation."""
+"""What travels through the evaluator: a submission on disk, the figures of a frame, the outcome of an evaluation."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class FrameScore:
 
     @property
     def badness(self) -> float:
-        """0 (perfect) to 1: 1 − IoU where the object is visible, else 0 or, with a mark, 0.5 + half the marked share."""
+        """0 (perfect) to 1: 1 − IoU where the object is visible; elsewhere 0, or 0.5 and more with a mark."""
         if self.iou is not None:
             return 1.0 - self.iou
         return 0.5 + 0.5 * self.marked if self.marked else 0.0
@@ -73,7 +73,8 @@ class Evaluation:
     Attributes:
         scores: the record that `--json` writes.
         worst: frames with the largest badness, worst first, at most two per observation.
-        best: frames with the object visible and the highest IoU, best first, at most two per observation; none of `worst`.
+        best: frames with the object visible and the highest IoU, best first, at most two per observation, none of the
+            worst.
     """
 
     scores: Scores

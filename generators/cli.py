@@ -41,7 +41,7 @@ def generate(
     # One thread per process: parallel work is spread over processes, and results stay the same on any machine.
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ[variable] = "1"
-    from avs3d_bench.validate import available_cores
+    from avs3d_bench.parallel import available_cores
     from generators.homes import default_cache
     from generators.plan import make_plans, read_manifest
     from generators.progress import reporting

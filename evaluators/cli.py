@@ -1,0 +1,130 @@
+"""The commands `avs3d-eval`, `avs3d check` and `avs3d leaderboard`."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+import click
+
+from avs3d_bench import __version__
+from avs3d_bench.cli import run
+
+_HELP = {"help_option_names": ["-h", "--help"]}
+_PATH: Any = click.Path(path_type=Path)
+#: Problems that `check` prints before it only counts.
+_SCREENFUL = 40
+
+_dataset = click.option("--dataset", type=_PATH, required=True, help="Root of the dataset.")
+_only = click.option("--only", multiple=True, metavar="KEY_GLOB", help="Only these observations; repeatable.")
+_workers = click.option("--workers", type=click.IntRange(1, 256), default=None, help="Processes [one per core].")
+
+
+@click.command(context_settings=_HELP)
+@click.argument("submission", type=_PATH)
+@_dataset
+@click.option("--protocol", type=click.Choice(["official", "strict", "all"]), default="all", show_default=True)
+@click.option("--json", "json_file", type=_PATH, help="Write the scores to this file.")
+@click.option("--html", "html_file", type=_PATH, help="Write a report to this file.")
+@_only
+@_workers
+@click.version_option(__version__, prog_name="avs3d-eval")
+def evaluate(
+    submission: Path,
+    dataset: Path,
+    protocol: str,
+    json_file: Path | None,
+    html_file: Path | None,
+    only: tuple[str, ...],
+    workers: int | None,
+) -> None:
+    """Score SUBMISSION, a folder or a .zip, against a dataset.
+
+    SUBMISSION is laid out as docs/metrics.md says, or as the released pipeline leaves its masks. Exit status: 0 scored,
+    1 submission invalid (every bad file named), 2 usage.
+    """
+    from avs3d_bench.dataset import Dataset
+    from avs3d_bench.files import write_json
+    from avs3d_bench.scores import PROTOCOLS
+    from evaluators.checks import InvalidSubmission
+    from evaluators.score import score
+    from evaluators.submission import open_submission
+    from evaluators.table import print_scores
+
+    wanted: Any = tuple(PROTOCOLS) if protocol == "all" else (protocol,)
+    data = Dataset(dataset)
+    with open_submission(submission) as opened:
+        try:
+            evaluation = score(opened, data, protocols=wanted, only=only, workers=workers, progress=sys.stderr.isatty())
+        except InvalidSubmission as error:
+            _print_problems(error.report, submission, dataset)
+            raise SystemExit(1) from None
+        scores = evaluation.scores
+        if html_file is not None:
+            from evaluators.report import write_report
+
+            write_report(html_file, evaluation, data, opened)
+    if json_file is not None:
+        write_json(json_file, scores.model_copy(update={"report": _beside(html_file, json_file)}))
+    print_scores(scores)
+    for path in (json_file, html_file):
+        if path is not None:
+            click.echo(str(path))
+
+
+def _beside(html_file: Path | None, json_file: Path) -> str | None:
+    """The report's path relative to the file of scores, where it lies at or below it."""
+    if html_file is None:
+        return None
+    relative = Path(os.path.relpath(html_file.resolve(), json_file.resolve().parent)).as_posix()
+    return None if relative.startswith("..") else relative
+
+
+def _print_problems(report: Any, submission: Path, dataset: Path) -> None:
+    from avs3d_bench.report import print_report
+
+    print_report(report, shown=_SCREENFUL)
+    if len(report.problems) > _SCREENFUL:
+        click.echo(f"all of them: avs3d check {submission} --dataset {dataset} --json FILE")
+
+
+@click.command(context_settings=_HELP, short_help="Check a submission; name every bad file.")
+@click.argument("submission", type=_PATH)
+@_dataset
+@click.option("--json", "json_file", type=_PATH, help="Write the findings to this file as well.")
+@_only
+@_workers
+def check(submission: Path, dataset: Path, json_file: Path | None, only: tuple[str, ...], workers: int | None) -> None:
+    """Check SUBMISSION, a folder or a .zip, before anyone scores it.
+
+    Exit status: 0 fit to be scored, 1 problems found (every bad file named), 2 usage.
+    """
+    from avs3d_bench.files import write_json
+    from avs3d_bench.report import print_report
+    from evaluators.checks import check_submission
+
+    report = check_submission(submission, dataset, only=only, workers=workers, progress=sys.stderr.isatty())
+    if json_file is not None:
+        write_json(json_file, report.as_dict())
+    print_report(report, shown=_SCREENFUL)
+    if not report.valid:
+        raise SystemExit(1)
+
+
+@click.command(context_settings=_HELP, short_help="Rank files of scores on one static page.")
+@click.argument("scores", nargs=-1, required=True, type=_PATH, metavar="SCORES.json…")
+@click.option("-o", "--output", "folder", type=_PATH, required=True, help="Folder for the page.")
+def leaderboard(scores: tuple[Path, ...], folder: Path) -> None:
+    """Rank any number of files of scores (avs3d-eval --json) on one static page, with links to their reports."""
+    from evaluators.leaderboard import write_leaderboard
+
+    write_leaderboard(folder, scores)
+    click.echo(str(folder / "index.html"))
+
+
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """The `avs3d-eval` program."""
+    run(evaluate, arguments, program="avs3d-eval")

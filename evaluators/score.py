@@ -1,0 +1,341 @@
+"""Scoring a submission, from its folder to the record of scores: the story of this package.
+
+    open the submission → check names, sizes, headers → decode and count, observation by observation, in parallel
+    → any bad file: no score, every bad file named → else means, intervals, reference rows
+
+Each mask is decoded once: its contents are checked while it is scored. Results do not depend on the number of
+processes: every observation is computed whole in one of them, and means are exactly rounded sums.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from heapq import nsmallest
+from pathlib import Path
+from typing import Any
+
+from avs3d_bench import __version__, layout
+from avs3d_bench.dataset import Dataset, Frame, Observation
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.files import sha256_file
+from avs3d_bench.parallel import process_each
+from avs3d_bench.report import Problem, Report, ordered
+from avs3d_bench.scores import (
+    PROTOCOLS,
+    REFERENCES,
+    Evaluator,
+    GroupScores,
+    ObservationScores,
+    Protocol,
+    ScoredDataset,
+    ScoredSubmission,
+    Scores,
+)
+from avs3d_bench.taxonomy import CATEGORIES, PARTS, ROOMS
+from evaluators import bootstrap
+from evaluators.checks import InvalidSubmission, check_structure, check_submission, read_mask, read_points
+from evaluators.frames import FrameFigures, Truth, frame_figures, reference_figures
+from evaluators.metrics import as_bytes
+from evaluators.protocols import (
+    NO_INSTANCE_MASKS,
+    NO_MESH,
+    NO_POINTS,
+    ONE_INSTANCE,
+    official_observation,
+    strict_observation,
+    summarise,
+)
+from evaluators.records import Evaluation, FrameScore, Submission
+from evaluators.submission import open_submission
+from evaluators.volume import VOXEL_SIZE, VolumeScore, score_points, true_volume
+
+#: Frames that the report shows: so many of each kind, and at most so many of one observation.
+SHOWN_FRAMES = 12
+SHOWN_PER_OBSERVATION = 2
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What scoring one observation gave.
+
+    Attributes:
+        scores: of the submission; None if a file of it is bad.
+        references: name of the reference → its scores.
+        worst: its worst frames.
+        best: its best frames.
+        problems: what is wrong with the submission's files.
+        files: how many files of the submission were read.
+    """
+
+    scores: ObservationScores | None
+    references: Mapping[str, ObservationScores]
+    worst: tuple[FrameScore, ...]
+    best: tuple[FrameScore, ...]
+    problems: tuple[Problem, ...]
+    files: int
+
+
+def evaluate(
+    submission: str | Path,
+    dataset: str | Path,
+    *,
+    protocols: Sequence[Protocol] = ("official", "strict"),
+    only: Iterable[str] = (),
+    workers: int | None = 1,
+    progress: bool = False,
+) -> Evaluation:
+    """Score the submission at a path (a folder or a .zip) against the dataset at a path.
+
+    Args:
+        submission: its folder or archive.
+        dataset: the dataset's root; ours or the official release.
+        protocols: which to compute.
+        only: shell patterns of observation keys; the others are left out.
+        workers: processes; None: one per core.
+        progress: show a bar on stderr.
+
+    Raises:
+        InvalidSubmission: if anything is wrong with a file of the submission; its report names every one.
+        UsageError: if a path is neither submission nor dataset, or no observation matches ``only``.
+        Avs3dError: if the dataset itself is damaged.
+    """
+    data = Dataset(dataset)
+    with open_submission(Path(submission)) as opened:
+        return score(opened, data, protocols=protocols, only=only, workers=workers, progress=progress)
+
+
+def score(
+    submission: Submission,
+    dataset: Dataset,
+    *,
+    protocols: Sequence[Protocol] = ("official", "strict"),
+    only: Iterable[str] = (),
+    workers: int | None = 1,
+    progress: bool = False,
+) -> Evaluation:
+    """Score an opened submission; arguments and errors as for `evaluate`."""
+    observations = _selected(dataset, tuple(only))
+    problems = check_structure(submission, dataset, observations)
+    if any(problem.severity == "error" for problem in problems):
+        # Nothing will be scored: now name what is wrong inside the files as well.
+        raise InvalidSubmission(
+            check_submission(submission.root, dataset.root, only=only, workers=workers, progress=progress)
+        )
+    has_points = any(submission.points_path(o.key).exists() for o in observations)
+    job = partial(score_observation, dataset.root, submission, tuple(protocols), has_points)
+    outcomes: dict[str, Outcome] = {}
+    worst: tuple[FrameScore, ...] = ()
+    best: tuple[FrameScore, ...] = ()
+    keys = [observation.key for observation in observations]
+    for key, outcome in process_each(job, keys, workers=workers, label="scoring", progress=progress):
+        worst = _worst((*worst, *outcome.worst), SHOWN_FRAMES)
+        best = _best((*best, *outcome.best), 2 * SHOWN_FRAMES)
+        outcomes[key] = replace(outcome, worst=(), best=())
+    bad = [problem for outcome in outcomes.values() for problem in outcome.problems]
+    if bad:
+        files = sum(outcome.files for outcome in outcomes.values())
+        raise InvalidSubmission(Report(submission.root, True, len(keys), files, ordered([*problems, *bad])))
+    done = [(o.scores, o.references) for key in keys if (o := outcomes[key]).scores is not None]
+    best = tuple(frame for frame in best if frame not in worst)[:SHOWN_FRAMES]
+    return Evaluation(_record(submission, dataset, protocols, has_points, done), worst, best)
+
+
+def _selected(dataset: Dataset, only: tuple[str, ...]) -> tuple[Observation, ...]:
+    chosen = dataset.select(*only)
+    if not chosen:
+        what = f"no observation matches {' '.join(only)}" if only else "no observation"
+        raise UsageError(f"{dataset.root}: {what}; expected some of {', '.join(dataset.keys[:3]) or 'part_1/…'}")
+    return chosen
+
+
+def score_observation(
+    root: Path, submission: Submission, wanted: Sequence[Protocol], has_points: bool, key: str
+) -> Outcome:
+    """Score one observation: every mask decoded once, one frame in memory at a time.
+
+    Args:
+        root: the dataset's.
+        submission: where its files lie.
+        wanted: the protocols.
+        has_points: whether the submission has 3D predictions.
+        key: the observation's.
+
+    Raises:
+        Avs3dError: if the dataset is damaged.
+    """
+    observation = Observation(root, key)
+    strict = "strict" in wanted
+    twin_ids = _twin_ids(observation) if strict else None
+    figures: list[FrameFigures] = []
+    references: dict[str, list[FrameFigures]] = {name: [] for name in REFERENCES}
+    frames, problems, files = [], [], 0
+    for frame in observation.test:
+        truth = _truth(frame, twin_ids, strict)
+        height, width = truth.mask.shape
+        path = submission.mask_path(key, frame.name)
+        files += 1
+        try:
+            prediction = read_mask(path, width, height, released=submission.layout == "official")
+        except Avs3dError as error:
+            problems.append(_problem(submission, path, error))
+            continue
+        found = frame_figures(truth, prediction)
+        figures.append(found)
+        for name, reference in reference_figures(truth).items():
+            references[name].append(reference)
+        frames.append(_frame_score(key, frame.name, found))
+    if not figures and not problems:
+        raise Avs3dError(f"{observation.path}: no test frame; expected some in {layout.SPLITS_JSON}")
+    volume: VolumeScore | None = None
+    if strict and has_points:
+        files += 1
+        try:
+            volume = _volume(observation, submission)
+        except _BadPointsError as error:
+            problems.append(_problem(submission, submission.points_path(key), error))
+    if problems:
+        return Outcome(None, {}, (), (), tuple(problems), files)
+    scored = _observation_scores(observation, figures, volume, wanted, has_points)
+    beside = {
+        name: _observation_scores(observation, frames_, None, wanted, False) for name, frames_ in references.items()
+    }
+    few = SHOWN_PER_OBSERVATION
+    return Outcome(scored, beside, _worst(frames, few), _best(frames, few), (), files)
+
+
+def _problem(submission: Submission, path: Path, error: Avs3dError) -> Problem:
+    return Problem("error", path.relative_to(submission.root).as_posix(), str(error).removeprefix(f"{path}: "))
+
+
+def _twin_ids(observation: Observation) -> tuple[int, ...] | None:
+    """Ids of the silent instances of the sounding category; None where they are not known."""
+    record = observation.record
+    if record is None or observation.place.part == "part_1":
+        return None
+    return tuple(i.id for i in record.instances if i.category == record.category and not i.sounding)
+
+
+def _truth(frame: Frame, twin_ids: tuple[int, ...] | None, strict: bool) -> Truth:
+    mask = as_bytes(frame.mask())
+    ids = None
+    if twin_ids is not None:
+        ids = frame.instance_ids()
+        if ids.shape != mask.shape:
+            path = frame.path(layout.INSTANCE_MASKS)
+            raise Avs3dError(
+                f"{path}: shape {ids.shape}, expected that of the mask, {mask.shape}; make the dataset anew"
+            )
+    return Truth.of(mask, ids, twin_ids or (), outlines=strict)
+
+
+class _BadPointsError(Avs3dError):
+    """The prediction's cloud is bad, not the dataset's mesh."""
+
+
+def _volume(observation: Observation, submission: Submission) -> VolumeScore | None:
+    """The 3D figures; None where the dataset has no mesh."""
+    if not (observation.path / layout.SOUNDING_OBJECT).exists():
+        return None
+    try:
+        points = read_points(submission.points_path(observation.key))
+    except Avs3dError as error:
+        raise _BadPointsError(str(error)) from None
+    mesh = observation.mesh()
+    return score_points(points, true_volume(mesh.vertices, mesh.faces))
+
+
+def _frame_score(key: str, name: str, figures: FrameFigures) -> FrameScore:
+    counts = figures.counts
+    iou = counts.overlap / counts.union if counts.truth else None
+    marked = counts.predicted / counts.pixels
+    return FrameScore(key, name, counts.truth > 0, iou, marked, figures.twins_marked)
+
+
+def _observation_scores(
+    observation: Observation,
+    frames: Sequence[FrameFigures],
+    volume: VolumeScore | None,
+    wanted: Sequence[Protocol],
+    has_points: bool,
+) -> ObservationScores:
+    place = observation.place
+    unavailable = {}
+    if place.part == "part_1":
+        unavailable["wrong_instance_rate"] = ONE_INSTANCE
+    elif observation.record is None:
+        unavailable["wrong_instance_rate"] = NO_INSTANCE_MASKS
+    if volume is None:
+        reason = NO_MESH if has_points else NO_POINTS
+        unavailable |= {"IoU_3D": reason, "centroid_error": reason}
+    return ObservationScores(
+        key=observation.key,
+        part=place.part,
+        scan=place.scan,
+        room=place.room,
+        category=observation.category,
+        frames=len(frames),
+        official=official_observation(frames) if "official" in wanted else None,
+        strict=strict_observation(frames, volume, unavailable) if "strict" in wanted else None,
+    )
+
+
+def _worst(frames: Iterable[FrameScore], count: int) -> tuple[FrameScore, ...]:
+    """The frames with the largest badness; ties by name."""
+    bad = (frame for frame in frames if frame.badness > 0)
+    return tuple(nsmallest(count, bad, key=lambda f: (-f.badness, f.key, f.name)))
+
+
+def _best(frames: Iterable[FrameScore], count: int) -> tuple[FrameScore, ...]:
+    """The frames with the object in sight and the highest IoU; ties by name."""
+    seen = (frame for frame in frames if frame.visible)
+    return tuple(nsmallest(count, seen, key=lambda f: (f.badness, f.key, f.name)))
+
+
+def _record(
+    submission: Submission,
+    dataset: Dataset,
+    wanted: Sequence[Protocol],
+    has_points: bool,
+    outcomes: Sequence[tuple[ObservationScores, Mapping[str, ObservationScores]]],
+) -> Scores:
+    """The record of scores: observations, and their means over parts, categories and rooms."""
+    scored = [scores for scores, _ in outcomes]
+    record = dataset.record
+    return Scores(
+        avs3d_eval=Evaluator(
+            version=__version__,
+            protocols={name: version for name, version in PROTOCOLS.items() if name in wanted},
+            bootstrap_resamples=bootstrap.RESAMPLES,
+            bootstrap_seed=bootstrap.SEED,
+            voxel_size=VOXEL_SIZE,
+        ),
+        submission=ScoredSubmission(**submission.record.model_dump(), layout=submission.layout, points=has_points),
+        dataset=ScoredDataset(
+            name=dataset.name,
+            version=record.version if record else None,
+            sha256=sha256_file(dataset.root / layout.DATASET_JSON) if record else None,
+            observations=len(dataset),
+            scored=len(scored),
+        ),
+        observations=tuple(scored),
+        overall=summarise(scored),
+        parts=_grouped(scored, PARTS, "part"),
+        categories=_grouped(scored, CATEGORIES, "category"),
+        rooms=_grouped(scored, ROOMS, "room"),
+        references={name: _reference([beside[name] for _, beside in outcomes]) for name in REFERENCES},
+    )
+
+
+def _grouped(scored: Sequence[ObservationScores], names: Iterable[str], field: str) -> dict[Any, GroupScores]:
+    """Group → its means, in the order of ``names``, without those that have no observation."""
+    groups = {name: [scores for scores in scored if getattr(scores, field) == name] for name in names}
+    return {name: summarise(group) for name, group in groups.items() if group}
+
+
+def _reference(scored: Sequence[ObservationScores]) -> dict[str, GroupScores]:
+    """A reference's means; without intervals, which nobody reads of a picture that looks at nothing."""
+    groups = {part: [scores for scores in scored if scores.part == part] for part in PARTS}
+    parts = {part: summarise(group, intervals=False) for part, group in groups.items() if group}
+    return parts | {"overall": summarise(scored, intervals=False)}

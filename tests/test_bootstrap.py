@@ -1,0 +1,61 @@
+"""Intervals of means: seeded, blind to order, and about as wide as theory says."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from evaluators import bootstrap
+from evaluators.bootstrap import interval
+
+values = st.lists(st.floats(0, 1), min_size=2, max_size=40)
+
+
+@given(values, st.randoms(use_true_random=False))
+@settings(max_examples=30, deadline=None)
+def test_order_changes_nothing_and_the_mean_lies_within(numbers: list[float], random: Any):
+    low, high = interval(numbers, resamples=500)
+    assert (low, high) == interval(random.sample(numbers, len(numbers)), resamples=500)
+    assert min(numbers) <= low <= high <= max(numbers)
+
+
+def test_one_value_has_no_interval():
+    assert interval([0.5]) is None
+    assert interval([]) is None
+
+
+def test_equal_values_have_an_interval_of_no_width():
+    assert interval([0.1] * 7) == (0.1, 0.1)
+
+
+def test_it_is_as_wide_as_the_normal_approximation_says():
+    sample = np.random.default_rng(5).normal(0.5, 0.1, 200)
+    low, high = interval(list(sample))
+    error = sample.std() / np.sqrt(len(sample))
+    assert low == pytest.approx(sample.mean() - 1.96 * error, abs=0.1 * error)
+    assert high == pytest.approx(sample.mean() + 1.96 * error, abs=0.1 * error)
+
+
+def test_it_covers_the_true_mean_as_often_as_it_says():
+    rng = np.random.default_rng(11)
+    hits = 0
+    for _ in range(300):
+        low, high = interval(list(rng.uniform(0, 1, 34)), resamples=1000)
+        hits += low <= 0.5 <= high
+    assert 0.90 <= hits / 300 <= 0.98
+
+
+def test_blocks_change_no_draw(monkeypatch: pytest.MonkeyPatch):
+    numbers = list(np.random.default_rng(0).uniform(0, 1, 30))
+    whole = interval(numbers, resamples=1000)
+    monkeypatch.setattr(bootstrap, "_BLOCK", 30 * 64)
+    assert interval(numbers, resamples=1000) == whole
+
+
+def test_another_seed_draws_otherwise():
+    numbers = list(np.random.default_rng(0).uniform(0, 1, 30))
+    assert interval(numbers, seed=1) != interval(numbers, seed=0)
