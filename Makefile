@@ -27,7 +27,19 @@ demo: setup
 	$(BIN)/avs3d generate scenes_manifest/demo.yaml -o data/demo --workers $(WORKERS) --audio $(AUDIO)
 	$(BIN)/avs3d validate data/demo --deep
 	$(BIN)/avs3d contact-sheet data/demo -o data/demo-sheets
-	@echo "Look at data/demo-sheets/*.png; the dataset is in data/demo."
+	$(BIN)/avs3d baseline all-black --dataset data/demo -o data/demo-submissions/all-black --overwrite
+	$(BIN)/avs3d baseline all-white --dataset data/demo -o data/demo-submissions/all-white --overwrite
+	$(BIN)/avs3d baseline centre-box --dataset data/demo -o data/demo-submissions/centre-box --overwrite
+	$(BIN)/avs3d baseline oracle --dataset data/demo -o data/demo-submissions/oracle --overwrite
+	$(BIN)/avs3d baseline oracle --dataset data/demo -o data/demo-submissions/oracle-with-errors --overwrite \
+	  --instance sounding --points --drop 0.1 --swap 0.5 --dilate 4 --confuse 0.5 --seed 1
+	@mkdir -p data/demo-scores
+	for name in all-black all-white centre-box oracle oracle-with-errors; do \
+	  $(BIN)/avs3d-eval data/demo-submissions/$$name --dataset data/demo \
+	    --json data/demo-scores/$$name.json --html data/demo-scores/$$name.html || exit 1; \
+	done
+	$(BIN)/avs3d leaderboard data/demo-scores/*.json -o data/demo-leaderboard
+	@echo "Look at data/demo-sheets/*.png, data/demo-scores/oracle.html and data/demo-leaderboard/index.html."
 
 dataset: setup
 	@echo "sound by $(AUDIO)"

@@ -23,21 +23,25 @@ TARGETS: dict[str, tuple[float | None, float | None]] = {
     "overhead over the sum of the engines (%)": (15.0, None),
     "two workers over one": (None, 1.8),
     "peak memory of a worker (MB)": (1536.0, None),
+    "scoring over decoding, 1 process": (1.5, None),
+    "scoring over decoding, 2 processes": (1.5, None),
+    "peak memory of scoring, 34 observations (MB)": (300.0, None),
 }
 
 
 @click.command()
 @click.option("--json", "output", type=click.Path(path_type=Path), default=Path("build/bench.json"), show_default=True)
 @click.option("--repeats", type=click.IntRange(5), default=5, show_default=True, help="Runs behind each median.")
-@click.option("--only", type=click.Choice(["vision", "acoustics", "pipeline"]), default=None)
+@click.option("--only", type=click.Choice(["vision", "acoustics", "pipeline", "scoring"]), default=None)
 def main(output: Path, repeats: int, only: str | None) -> None:
     """Measure, print medians, and write them as JSON."""
-    from benchmarks import bench_acoustics, bench_pipeline, bench_vision
+    from benchmarks import bench_acoustics, bench_pipeline, bench_scoring, bench_vision
 
     suites = {
         "vision": bench_vision.run_all,
         "acoustics": bench_acoustics.run_all,
         "pipeline": bench_pipeline.run_all,
+        "scoring": bench_scoring.run_all,
     }
     table = Table(
         "what", "median", "target", title=f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores"

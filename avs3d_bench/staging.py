@@ -1,0 +1,116 @@
+"""A folder that appears under its name only when it is whole.
+
+Beside the target ``NAME`` lies ``.NAME.partial/`` while somebody writes: the new folder, a lock that ends with its
+process, and, for the moment of the exchange, the folder whose place is taken. Whoever comes next and finds the lock
+free clears the rest away (and puts the old folder back, should the exchange itself have been cut short).
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import socket
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.files import os_error_line
+
+#: What file systems without locks answer (some of clusters and networks); there, nobody is kept out.
+_NO_LOCKS = (errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK)
+#: How often to try again when the last holder clears away what we are about to lock.
+_TRIES = 20
+
+
+@contextmanager
+def staged_folder(path: str | Path, check: Callable[[Path], None]) -> Iterator[Path]:
+    """An empty folder that takes the name ``path`` when the block ends well, and vanishes otherwise.
+
+    Args:
+        path: the folder to make; missing parents are made.
+        check: called with the resolved ``path`` before anything is made and again before the exchange; it raises if
+            what stands there must not be replaced (and deleted).
+
+    Raises:
+        Avs3dError: if another process is writing the same folder, or the system refuses.
+    """
+    final = Path(path).resolve()
+    check(final)
+    partial = final.with_name(f".{final.name}.partial")
+    fresh, previous = partial / "new", partial / "previous"
+    with _one_line(path):
+        lock = _hold(partial, path)
+    try:
+        with _one_line(path):
+            _put_back(previous, final)
+            for rest in (fresh, previous):
+                shutil.rmtree(rest, ignore_errors=True)
+            fresh.mkdir()
+        yield fresh
+        check(final)
+        with _one_line(path):
+            if final.exists():
+                os.replace(final, previous)
+            os.replace(fresh, final)
+    finally:
+        _put_back(previous, final)
+        shutil.rmtree(partial, ignore_errors=True)
+        os.close(lock)
+
+
+@contextmanager
+def _one_line(path: str | Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise Avs3dError(os_error_line(error, path, "write")) from error
+
+
+def _put_back(previous: Path, final: Path) -> None:
+    if previous.exists() and not final.exists():
+        os.replace(previous, final)
+
+
+def _hold(partial: Path, path: str | Path) -> int:
+    """Make and lock the folder ``partial``; the lock lasts until the descriptor is closed or the process ends."""
+    file = partial / "lock"
+    for _ in range(_TRIES):
+        partial.mkdir(parents=True, exist_ok=True)
+        try:
+            handle = os.open(file, os.O_RDWR | os.O_CREAT)
+        except FileNotFoundError:
+            continue
+        try:
+            if not _locked(handle):
+                holder = os.read(handle, 200).decode(errors="replace").strip() or "another process"
+                raise Avs3dError(f"{path}: {holder} is writing it; wait for that to end or choose another folder")
+            # The last holder may have removed the file between our opening and locking it.
+            if file.exists() and os.path.samestat(os.fstat(handle), file.stat()):
+                os.ftruncate(handle, 0)
+                os.write(handle, f"process {os.getpid()} on {socket.gethostname()}\n".encode())
+                return handle
+        except BaseException:
+            os.close(handle)
+            raise
+        os.close(handle)
+    raise Avs3dError(f"{path}: others keep writing it; choose another folder")
+
+
+def _locked(handle: int) -> bool:
+    """Lock an open file for this process alone, without waiting; False if another holds it."""
+    if sys.platform == "win32":
+        # No such locks: two writers of one folder are not kept apart there.
+        return True
+    import fcntl
+
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            raise
+    return True

@@ -1,0 +1,305 @@
+"""Writing a submission: one mask per test frame, points where the method has them, all of it or nothing.
+
+    with SubmissionWriter("my-submission", Dataset("open-s34-o7"), method="mine 1.0") as writer:
+        for observation in writer.observations:
+            for frame in observation.test:
+                writer.write_mask(frame, predict(frame.rgb(), frame.audio(), frame.pose))
+
+Files go to a hidden folder beside the target, which takes the target's name when the block ends well and every test
+frame has its mask. After an error or Ctrl-C nothing is left; after a kill the next writer clears the rest away.
+
+Worker processes write through `SubmissionWriter.folder`, a small record that can be pickled: which files belong to the
+submission is a matter of the disk alone, so nothing has to come back from them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import ValidationError
+
+from avs3d_bench import layout
+from avs3d_bench.dataset import Dataset, Frame, Observation
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.files import write_json
+from avs3d_bench.media import png_header, write_ply_points, write_png_mask
+from avs3d_bench.schema import Scalar, SubmissionRecord, describe
+from avs3d_bench.staging import staged_folder
+
+#: `dataset_version` of a submission for data without dataset.json (the official release).
+UNVERSIONED = "unversioned"
+#: A cloud larger than this is no object any more.
+MAX_POINTS = 2_000_000
+#: Names in a message before it only counts.
+_NAMED = 5
+_OWN_FILE = re.compile(rf"part_[12]/[^/]+/[^/]+/[^/]+/({layout.SUBMISSION_MASKS}/frame_[0-9]+\.png|points\.ply)")
+
+
+def frame_size(frame: Frame) -> tuple[int, int]:
+    """(height, width) of a frame in pixels, from its picture's header: nothing is decoded."""
+    folder = layout.INPUT if (frame.observation.path / layout.INPUT).is_dir() else layout.IMAGES
+    header = png_header(frame.path(folder))
+    return header.height, header.width
+
+
+def as_mask(mask: ArrayLike, size: tuple[int, int], where: str) -> NDArray[np.bool_]:
+    """A method's mask as (H, W) bool.
+
+    Args:
+        mask: boolean, or whole numbers that are all 0 and 1 or all 0 and 255.
+        size: (height, width) that is expected.
+        where: what messages name.
+
+    Raises:
+        Avs3dError: if the shape, the type or a value is another. Scores and probabilities are refused rather than
+            cut at a threshold that the method did not choose.
+    """
+    try:
+        array = np.asarray(mask)
+    except ValueError as error:
+        raise Avs3dError(f"{where}: the mask is no array ({error}); expected {size} bool") from None
+    if array.shape != size:
+        raise Avs3dError(f"{where}: the mask has shape {array.shape}, expected {size} (height, width)")
+    if array.dtype == np.bool_:
+        return array
+    if array.dtype.kind not in "iu":
+        raise Avs3dError(f"{where}: the mask is {array.dtype}, expected bool, or integers 0 and 255; threshold it")
+    top = int(array.max(initial=0))
+    marked = np.count_nonzero(array == top) if top else 0
+    if top not in (0, 1, 255) or marked != np.count_nonzero(array):
+        values = ", ".join(str(value) for value in np.unique(array)[:_NAMED])
+        raise Avs3dError(f"{where}: the mask holds {values} …, expected only 0 and 1, or only 0 and 255; threshold it")
+    return np.asarray(array != 0)
+
+
+@dataclass(frozen=True)
+class SubmissionFolder:
+    """Where the files of a submission go while it is written; can be pickled and used from any process or thread.
+
+    Attributes:
+        root: the folder.
+        keys: the observations that the submission covers.
+    """
+
+    root: Path
+    keys: tuple[str, ...]
+
+    def mask_path(self, key: str, frame: str) -> Path:
+        """Where the mask of the frame named ``frame`` of the observation ``key`` lies."""
+        return self.root / key / layout.SUBMISSION_MASKS / f"{frame}.png"
+
+    def points_path(self, key: str) -> Path:
+        """Where the points of the observation ``key`` lie."""
+        return self.root / key / layout.SUBMISSION_POINTS
+
+    def write_mask(self, frame: Frame, mask: ArrayLike) -> None:
+        """Write the mask of a test frame; a second one for the same frame takes the place of the first.
+
+        Args:
+            frame: a test frame of one of the observations.
+            mask: (H, W) of the frame's size: bool, or whole numbers 0 and 1, or 0 and 255.
+
+        Raises:
+            UsageError: if the frame is no test frame, or of another observation.
+            Avs3dError: if the mask has another size, type or value, or the system refuses.
+        """
+        key = self._known(frame.observation)
+        where = f"{key}/{frame.name}"
+        if frame.split != "test":
+            raise UsageError(f"{where}: a {frame.split or 'left-out'} frame; a submission holds masks of test frames")
+        write_png_mask(self.mask_path(key, frame.name), as_mask(mask, frame_size(frame), where))
+
+    def write_points(self, observation: Observation, points: ArrayLike) -> None:
+        """Write the 3D prediction of an observation.
+
+        Args:
+            observation: one of those covered. Either every one gets points or none does.
+            points: (N, 3) metres, world coordinates (Y up); N = 0 says that nothing was found.
+
+        Raises:
+            UsageError: if the observation is not covered.
+            Avs3dError: if the array has another form, a number is not finite, there are more than `MAX_POINTS`, or
+                the system refuses.
+        """
+        key = self._known(observation)
+        try:
+            with np.errstate(over="ignore"):
+                cloud = np.asarray(points).astype(np.float32)
+        except (TypeError, ValueError) as error:
+            raise Avs3dError(f"{key}: the points are no numbers ({error}); expected (N, 3) metres") from None
+        if cloud.ndim != 2 or cloud.shape[1] != 3:
+            raise Avs3dError(f"{key}: the points have shape {cloud.shape}, expected (N, 3) metres")
+        if len(cloud) > MAX_POINTS:
+            raise Avs3dError(f"{key}: {len(cloud):,} points, expected at most {MAX_POINTS:,}; thin them out")
+        if not np.isfinite(cloud).all():
+            raise Avs3dError(f"{key}: the points hold NaN or infinite numbers, expected metres; drop those points")
+        write_ply_points(self.points_path(key), cloud)
+
+    def _known(self, observation: Observation) -> str:
+        if observation.key not in self.keys:
+            raise UsageError(f"{observation.key}: not among the {len(self.keys)} observations of this submission")
+        return observation.key
+
+
+class SubmissionWriter:
+    """A context in which a submission is written as a whole; see the module's docstring for its use.
+
+    Attributes:
+        path: the submission's folder; it appears when the block ends.
+        dataset: what the submission is for.
+        observations: those it covers, sorted by key.
+        record: what submission.json will hold.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        dataset: Dataset | str | Path,
+        *,
+        method: str,
+        url: str | None = None,
+        authors: str | tuple[str, ...] | None = None,
+        notes: str | None = None,
+        only: Iterable[str] = (),
+        overwrite: bool = False,
+    ) -> None:
+        """Describe the submission; nothing is written yet.
+
+        Args:
+            path: the folder to make.
+            dataset: the dataset, or its root.
+            method: the method's name, as tables will show it.
+            url: where the method is described.
+            authors: one text or several.
+            notes: settings, whatever a reader must know.
+            only: shell patterns of observation keys; a submission of a part is scored with the same `--only`.
+            overwrite: take the place of a submission that stands there.
+
+        Raises:
+            UsageError: if no observation matches, or a text is not what submission.json holds.
+        """
+        self.path = Path(path)
+        self.dataset = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
+        only = tuple(only)
+        self.observations = self.dataset.select(*only)
+        if not self.observations:
+            what = f"no observation matches {' '.join(only)}" if only else "no observation to write masks for"
+            raise UsageError(f"{self.dataset.root}: {what}; expected some of {', '.join(self.dataset.keys[:3])}")
+        version = self.dataset.record.version if self.dataset.record else UNVERSIONED
+        try:
+            self.record = SubmissionRecord(
+                method=method, dataset=self.dataset.name, dataset_version=version, url=url, authors=authors, notes=notes
+            )
+        except ValidationError as error:
+            raise UsageError(f"{layout.SUBMISSION_JSON}: {describe(error)[0]}") from None
+        self._overwrite = overwrite
+        self._stack = ExitStack()
+        self._folder: SubmissionFolder | None = None
+
+    @property
+    def folder(self) -> SubmissionFolder:
+        """Where files go until the block ends; hand it to worker processes.
+
+        Raises:
+            UsageError: outside of the ``with`` block.
+        """
+        if self._folder is None:
+            raise UsageError(f"{self.path}: the writer is not open; use `with SubmissionWriter(…) as writer:`")
+        return self._folder
+
+    def write_mask(self, frame: Frame, mask: ArrayLike) -> None:
+        """See `SubmissionFolder.write_mask`."""
+        self.folder.write_mask(frame, mask)
+
+    def write_points(self, observation: Observation, points: ArrayLike) -> None:
+        """See `SubmissionFolder.write_points`."""
+        self.folder.write_points(observation, points)
+
+    def set_runtime(self, runtime: float | str | dict[str, Scalar]) -> None:
+        """Say in submission.json what the method took: seconds, a text, or named figures."""
+        try:
+            self.record = SubmissionRecord(**{**self.record.model_dump(), "runtime": runtime})
+        except ValidationError as error:
+            raise UsageError(f"{layout.SUBMISSION_JSON}: {describe(error)[0]}") from None
+
+    def missing(self) -> tuple[Frame, ...]:
+        """The test frames that have no mask yet, in order."""
+        folder = self.folder
+        frames = (frame for observation in self.observations for frame in observation.test)
+        return tuple(f for f in frames if not folder.mask_path(f.observation.key, f.name).exists())
+
+    def __enter__(self) -> Self:
+        root = self._stack.enter_context(staged_folder(self.path, self._check_target))
+        self._folder = SubmissionFolder(root, tuple(observation.key for observation in self.observations))
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        stack, self._stack = self._stack, ExitStack()
+        try:
+            if kind is not None:
+                stack.__exit__(kind, error, trace)
+                return
+            with stack:
+                self._finish()
+        finally:
+            self._folder = None
+
+    def _finish(self) -> None:
+        """Refuse what is not whole; else write submission.json, the last file."""
+        missing = self.missing()
+        if missing:
+            total = sum(len(observation.test) for observation in self.observations)
+            names = _some([f"{frame.observation.key}/{frame.name}" for frame in missing])
+            raise Avs3dError(f"{self.path}: not written: {len(missing)} of {total} masks are missing: {names}")
+        without = [o.key for o in self.observations if not self.folder.points_path(o.key).exists()]
+        if 0 < len(without) < len(self.observations):
+            raise Avs3dError(
+                f"{self.path}: not written: no points for {_some(without)}; expected points for every observation or "
+                "none (an empty cloud says that nothing was found)"
+            )
+        # Only a worker that was killed in the middle of a file can have left one.
+        for leftover in self.folder.root.rglob(".*.tmp"):
+            leftover.unlink(missing_ok=True)
+        write_json(self.folder.root / layout.SUBMISSION_JSON, self.record)
+
+    def _check_target(self, final: Path) -> None:
+        """Refuse a target that is not ours to take.
+
+        Raises:
+            UsageError: saying why.
+        """
+        root = self.dataset.root.resolve()
+        if final.is_relative_to(root) or root.is_relative_to(final):
+            raise UsageError(f"{self.path}: inside or around the dataset {self.dataset.root}; choose another folder")
+        if not final.exists():
+            return
+        if not final.is_dir():
+            raise UsageError(f"{self.path}: a file stands there, expected a folder; choose another name")
+        if not any(final.iterdir()):
+            return
+        if not (final / layout.SUBMISSION_JSON).is_file():
+            raise UsageError(f"{self.path}: not empty and no submission; choose another folder")
+        if not self._overwrite:
+            raise UsageError(
+                f"{self.path}: a submission stands there; choose another folder, or overwrite it (--overwrite)"
+            )
+        # What is replaced is deleted: only what a writer may have written.
+        files = (path.relative_to(final).as_posix() for path in sorted(final.rglob("*")) if not path.is_dir())
+        foreign = next((f for f in files if f != layout.SUBMISSION_JSON and not _OWN_FILE.fullmatch(f)), None)
+        if foreign is not None:
+            raise UsageError(f"{self.path}: cannot overwrite: {foreign} is no part of a submission; move it away")
+
+
+def _some(names: list[str]) -> str:
+    more = len(names) - _NAMED
+    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")

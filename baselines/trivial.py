@@ -1,0 +1,95 @@
+"""Predictions that look at nothing but the size of the pictures: what any method must beat.
+
+The evaluator prints the same three as reference rows. Here they are real submissions, written without a look at the
+truth: sizes come from the headers of the input pictures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench.dataset import Dataset, Observation
+from avs3d_bench.parallel import process_each
+from avs3d_bench.submission import SubmissionFolder, SubmissionWriter, frame_size
+
+Mask = NDArray[np.bool_]
+
+
+def all_black(height: int, width: int) -> Mask:
+    """(H, W) False: nothing sounds."""
+    return np.zeros((height, width), dtype=np.bool_)
+
+
+def all_white(height: int, width: int) -> Mask:
+    """(H, W) True: everything sounds."""
+    return np.ones((height, width), dtype=np.bool_)
+
+
+def centre_box(height: int, width: int) -> Mask:
+    """(H, W) True in the middle half of rows and columns, a quarter of the area.
+
+    Rows H // 4 to H − H // 4 and columns W // 4 to W − W // 4 (the end not included): a side of odd length, or of no
+    multiple of four, gets a box that is centred and up to two pixels longer than its half (5 of 7, 4 of 6, 3 of 5).
+    """
+    mask = all_black(height, width)
+    mask[height // 4 : height - height // 4, width // 4 : width - width // 4] = True
+    return mask
+
+
+#: Name → the mask for a size (height, width).
+TRIVIAL: dict[str, Callable[[int, int], Mask]] = {
+    "all-black": all_black,
+    "all-white": all_white,
+    "centre-box": centre_box,
+}
+_NOTES = {
+    "all-black": "looks at nothing: every mask is black",
+    "all-white": "looks at nothing: every mask is white",
+    "centre-box": "looks at nothing: every mask is the central quarter of the picture",
+}
+
+
+def write_trivial(
+    name: str,
+    dataset: Dataset,
+    path: str | Path,
+    *,
+    only: Iterable[str] = (),
+    overwrite: bool = False,
+    progress: bool = False,
+) -> SubmissionWriter:
+    """Write the submission of one of `TRIVIAL`.
+
+    Args:
+        name: which.
+        dataset: what to write masks for; no truth of it is read.
+        path: the submission's folder.
+        only: shell patterns of observation keys.
+        overwrite: take the place of a submission that stands there.
+        progress: show a bar on stderr.
+
+    Returns:
+        The writer, which knows what was written.
+
+    Raises:
+        UsageError: if no observation matches, or the target is not free.
+        Avs3dError: if a picture is damaged or the system refuses.
+    """
+    only = tuple(only)
+    notes = _NOTES[name] + (f"; only {' '.join(only)}" if only else "")
+    with SubmissionWriter(path, dataset, method=name, notes=notes, only=only, overwrite=overwrite) as writer:
+        job = partial(_write_observation, writer.folder, TRIVIAL[name])
+        # Writing a uniform mask takes a millisecond: more processes would only take time to start.
+        for _ in process_each(job, writer.observations, workers=1, label=name, progress=progress):
+            pass
+    return writer
+
+
+def _write_observation(folder: SubmissionFolder, mask_of: Callable[[int, int], Mask], observation: Observation) -> None:
+    for frame in observation.test:
+        folder.write_mask(frame, mask_of(*frame_size(frame)))

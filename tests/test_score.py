@@ -1,0 +1,336 @@
+"""Scoring whole submissions: ours, the released pipeline's, on our data and on the official release."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tiny
+
+from avs3d_bench import files, layout, media
+from avs3d_bench.dataset import Dataset, Frame
+from avs3d_bench.scores import PROTOCOLS, Scores
+from evaluators import protocols
+from evaluators.cli import main
+from evaluators.score import evaluate
+
+FRAMES = 17  # three test frames: 0, 8 and 16
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tiny.write_dataset(tmp_path_factory.mktemp("data") / "tiny", frames=FRAMES)
+
+
+@pytest.fixture(scope="module")
+def release(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tiny.write_release(tmp_path_factory.mktemp("data") / "release", frames=FRAMES)
+
+
+def submit(folder: Path, root: Path, predict: Any, *, masks: str = "masks", points: Any = None) -> Path:
+    """A submission of what ``predict(frame)`` gives; submission.json only in our layout."""
+    dataset = Dataset(root)
+    if masks == layout.SUBMISSION_MASKS:
+        version = dataset.record.version if dataset.record else "release"
+        said = {"method": "test", "dataset": dataset.name, "dataset_version": version}
+        media.write_json(folder / layout.SUBMISSION_JSON, said)
+    for observation in dataset:
+        for frame in observation.test:
+            media.write_png_mask(folder / observation.key / masks / f"{frame.name}.png", predict(frame))
+        if points is not None:
+            media.write_ply_points(folder / observation.key / layout.SUBMISSION_POINTS, points(observation))
+    return folder
+
+
+def true_mask(frame: Frame) -> np.ndarray:
+    return frame.mask()
+
+
+def shifted(frame: Frame) -> np.ndarray:
+    return np.roll(frame.mask(), 2, axis=1)
+
+
+def twin(frame: Frame) -> np.ndarray:
+    """The silent instance of the category, where there is one."""
+    silent = [i.id for i in frame.observation.record.instances if not i.sounding]
+    return np.isin(frame.instance_ids(), silent)
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: Any) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as end:
+        main([str(a) for a in arguments])
+    said = capsys.readouterr()
+    return int(end.value.code or 0), said.out, said.err
+
+
+def test_the_truth_is_perfect(data: Path, tmp_path: Path):
+    scores = evaluate(submit(tmp_path / "s", data, true_mask), data).scores
+    for group in (scores.overall, *scores.parts.values(), *scores.categories.values(), *scores.rooms.values()):
+        assert group.official.mIoU == pytest.approx(1, abs=1e-6)
+        assert group.official.F == group.strict.IoU == group.strict.boundary_F == 1
+        assert group.strict.FP_rate in (0, None)
+    assert scores.parts["part_2"].strict.wrong_instance_rate == 0
+    assert scores.parts["part_1"].strict.unavailable["wrong_instance_rate"] == protocols.ONE_INSTANCE
+    assert scores.overall.strict.unavailable["IoU_3D"] == protocols.NO_POINTS
+
+
+def test_figures_are_those_of_the_masks_counted_by_hand(data: Path, tmp_path: Path):
+    scores = evaluate(submit(tmp_path / "s", data, shifted), data).scores
+    for observation in Dataset(data):
+        pairs = [(frame.mask(), shifted(frame)) for frame in observation.test]
+        ious = [(g & p).sum() / (g | p).sum() for g, p in pairs if g.any()]
+        found = next(o for o in scores.observations if o.key == observation.key)
+        assert found.strict.IoU == pytest.approx(np.mean(ious), rel=1e-12)
+        assert found.strict.visible_frames == len(ious) < found.frames == len(pairs)
+        assert found.official.mIoU == pytest.approx(np.mean([*ious, *[1.0] * (len(pairs) - len(ious))]), abs=1e-6)
+        assert found.strict.FP_rate == found.strict.FP_area == 0
+
+
+def test_marking_the_twin_is_found_out_in_part_2_only(data: Path, tmp_path: Path):
+    scores = evaluate(submit(tmp_path / "s", data, twin), data).scores
+    assert scores.parts["part_2"].strict.wrong_instance_rate == 1
+    assert scores.parts["part_2"].strict.IoU == 0
+    assert scores.parts["part_1"].strict.wrong_instance_rate is None
+
+
+@pytest.mark.parametrize("name", ["all_black", "all_white", "centre_box"])
+def test_reference_rows_are_the_scores_of_such_submissions(data: Path, tmp_path: Path, name: str):
+    def predict(frame: Frame) -> np.ndarray:
+        out = np.full((tiny.SIZE, tiny.SIZE), name == "all_white")
+        if name == "centre_box":
+            out[16:48, 16:48] = True
+        return out
+
+    scores = evaluate(submit(tmp_path / "s", data, predict), data).scores
+    for part, group in {**scores.parts, "overall": scores.overall}.items():
+        beside = scores.references[name][part]
+        assert beside.official.model_copy(update={"intervals": {}}) == group.official.model_copy(update={"intervals": {}})
+        assert beside.strict.model_copy(update={"intervals": {}}) == group.strict.model_copy(update={"intervals": {}})
+
+
+def test_a_cloud_on_the_mesh_scores_in_3d(data: Path, tmp_path: Path):
+    def cloud(observation: Any) -> np.ndarray:
+        mesh = observation.mesh()
+        corners = mesh.vertices[mesh.faces].astype(np.float64)
+        a, b = np.mgrid[0:1:40j, 0:1:40j].reshape(2, -1)
+        a, b = a[a + b <= 1], b[a + b <= 1]
+        return np.concatenate([(1 - a - b)[:, None] * t[0] + a[:, None] * t[1] + b[:, None] * t[2] for t in corners])
+
+    scores = evaluate(submit(tmp_path / "s", data, true_mask, points=cloud), data).scores
+    assert scores.submission.points
+    assert scores.overall.strict.IoU_3D > 0.9
+    assert scores.overall.strict.centroid_error < 0.02
+    away = evaluate(submit(tmp_path / "t", data, true_mask, points=lambda o: cloud(o) + 5), data).scores
+    assert away.overall.strict.IoU_3D == 0
+    assert away.overall.strict.centroid_error == pytest.approx(np.sqrt(75), abs=0.05)
+    assert away.references["all_black"]["overall"].strict.unavailable["IoU_3D"] == protocols.NO_POINTS
+
+
+def test_processes_change_nothing_to_the_last_bit(data: Path, tmp_path: Path):
+    submission = submit(tmp_path / "s", data, shifted)
+    serial, parallel = (evaluate(submission, data, workers=workers) for workers in (1, 2))
+    assert serial == parallel
+    assert files.dump_json(serial.scores) == files.dump_json(parallel.scores)
+
+
+def test_the_official_release_as_it_is(release: Path, tmp_path: Path):
+    scores = evaluate(submit(tmp_path / "s", release, true_mask), release).scores
+    assert scores.overall.strict.IoU == scores.overall.official.F == 1
+    assert scores.parts["part_2"].strict.unavailable["wrong_instance_rate"] == protocols.NO_INSTANCE_MASKS
+    assert scores.dataset.version is scores.dataset.sha256 is None
+    assert scores.categories == {}
+    assert all(o.category is None and o.strict.twin_frames is None for o in scores.observations)
+
+
+def test_3d_against_the_official_release_is_not_available(release: Path, tmp_path: Path):
+    cloud = np.zeros((5, 3), np.float32)
+    scores = evaluate(submit(tmp_path / "s", release, true_mask, points=lambda o: cloud), release).scores
+    assert scores.overall.strict.IoU_3D is None
+    assert scores.overall.strict.unavailable["IoU_3D"] == protocols.NO_MESH
+
+
+@pytest.mark.parametrize("masks", layout.RELEASED_MASKS)
+def test_the_released_pipelines_own_folders(data: Path, tmp_path: Path, masks: str):
+    ours = evaluate(submit(tmp_path / "ours", data, shifted), data).scores
+    theirs = evaluate(submit(tmp_path / "theirs", data, shifted, masks=masks), data).scores
+    assert theirs.submission.layout == "official"
+    assert theirs.observations == ours.observations
+
+
+def test_the_released_pipeline_wrote_into_the_dataset_itself(release: Path, tmp_path: Path):
+    root = tiny.clone(release, tmp_path / "work")
+    submit(root, root, true_mask, masks=layout.RELEASED_MASKS[0])
+    assert evaluate(root, root).scores.overall.strict.IoU == 1
+
+
+def test_one_frame_observations(tmp_path: Path):
+    root = tiny.write_dataset(tmp_path / "one", frames=1)
+    scores = evaluate(submit(tmp_path / "s", root, true_mask), root).scores
+    assert [o.frames for o in scores.observations] == [1, 1]
+    assert scores.overall.strict.IoU == 1
+    assert scores.parts["part_1"].strict.intervals == {}
+
+
+def test_names_of_observations_do_not_matter(data: Path, tmp_path: Path):
+    """The same observations under other keys, in another order, with another number of workers: the same means."""
+    submission = submit(tmp_path / "s", data, shifted)
+    scores = evaluate(submission, data).scores
+    for root, target in ((data, tmp_path / "d2"), (submission, tmp_path / "s2")):
+        for number, key in enumerate((tiny.SINGLE, tiny.MULTI)):
+            there = target / key.replace("/tiny/", f"/z{number}/")
+            tiny.clone(root / key, there)
+            (there / layout.OBSERVATION_JSON).unlink(missing_ok=True)
+    said = {"method": "test", "dataset": "d2", "dataset_version": "1"}
+    media.write_json(tmp_path / "s2" / layout.SUBMISSION_JSON, said)
+    renamed = evaluate(tmp_path / "s2", tmp_path / "d2", workers=2).scores
+    assert renamed.overall.official == scores.overall.official
+    assert renamed.overall.strict.intervals["IoU"] == scores.overall.strict.intervals["IoU"]
+
+
+def test_only_some_observations(data: Path, tmp_path: Path):
+    submission = submit(tmp_path / "s", data, true_mask)
+    shutil.rmtree(submission / tiny.SINGLE)
+    scores = evaluate(submission, data, only=["part_2/*"]).scores
+    assert [o.key for o in scores.observations] == [tiny.MULTI]
+    assert (scores.dataset.observations, scores.dataset.scored) == (2, 1)
+
+
+def test_worst_and_best_frames(data: Path, tmp_path: Path):
+    evaluation = evaluate(submit(tmp_path / "s", data, twin), data)
+    assert all(frame.iou == 0 or not frame.visible for frame in evaluation.worst)
+    assert not set(evaluation.worst) & set(evaluation.best)
+    perfect = evaluate(submit(tmp_path / "p", data, true_mask), data)
+    assert perfect.worst == ()
+    assert [frame.iou for frame in perfect.best] == [1.0] * len(perfect.best) != []
+
+
+# The command line
+
+
+def test_the_command_prints_a_table_and_writes_the_pinned_keys(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("COLUMNS", "100")
+    out = tmp_path / "scores.json"
+    code, said, _ = run(capsys, submit(tmp_path / "s", data, shifted), "--dataset", data, "--json", out)
+    assert code == 0
+    for word in ("part_1", "part_2", "overall", "all black", "all white", "centre box", "microwave", "kitchen", "mIoU"):
+        assert word in said
+    found = json.loads(out.read_text())
+    assert list(found["avs3d_eval"]["protocols"].items()) == [("official", "1.0"), ("strict", "1.0")]
+    assert found["submission"]["method"] == "test"
+    assert found["dataset"]["name"] == "tiny"
+    first = found["observations"][0]
+    assert (first["key"], first["category"], first["frames"]) == (tiny.SINGLE, "microwave", 3)
+    assert {"mIoU", "F"} <= set(first["official"])
+    assert set(found["parts"]) == {"part_1", "part_2"}
+    assert {"mIoU", "F"} <= set(found["parts"]["part_1"]["official"])
+    assert "IoU" in found["parts"]["part_2"]["strict"]
+    assert set(found["references"]) == {"all_black", "all_white", "centre_box"}
+    assert Scores.model_validate_json(out.read_text()).overall.observations == 2
+
+
+def test_the_table_fits_eighty_columns(data: Path, tmp_path: Path):
+    environment = os.environ | {"COLUMNS": "80"}
+    submission = submit(tmp_path / "s", data, shifted)
+    call = [sys.executable, "-c", "from evaluators.cli import main; main()", str(submission), "--dataset", str(data)]
+    said = subprocess.run(call, capture_output=True, text=True, env=environment, check=True).stdout
+    assert "…" not in said
+    assert max(map(len, said.splitlines())) <= 80
+
+
+def test_one_protocol_alone(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    submission = submit(tmp_path / "s", data, shifted)
+    for protocol in PROTOCOLS:
+        out = tmp_path / f"{protocol}.json"
+        assert run(capsys, submission, "--dataset", data, "--protocol", protocol, "--json", out)[0] == 0
+        found = Scores.model_validate_json(out.read_text())
+        assert set(found.avs3d_eval.protocols) == {protocol}
+        for group in (found.overall, found.observations[0], found.references["all_white"]["part_1"]):
+            assert [name for name in PROTOCOLS if getattr(group, name) is not None] == [protocol]
+
+
+def test_the_report_is_named_beside_the_scores(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    submission = submit(tmp_path / "s", data, shifted)
+    json_file, html = tmp_path / "out" / "a.json", tmp_path / "out" / "reports" / "a.html"
+    html.parent.mkdir(parents=True)
+    assert run(capsys, submission, "--dataset", data, "--json", json_file, "--html", html)[0] == 0
+    assert json.loads(json_file.read_text())["report"] == "reports/a.html"
+    assert html.read_text().startswith("<!doctype html>")
+    first = json_file.read_bytes(), html.read_bytes()
+    assert run(capsys, submission, "--dataset", data, "--json", json_file, "--html", html, "--workers", "2")[0] == 0
+    assert (json_file.read_bytes(), html.read_bytes()) == first
+
+
+def test_a_broken_submission_gets_no_score_and_every_bad_file_named(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    submission = submit(tmp_path / "s", data, true_mask)
+    grey = submission / tiny.MULTI / "masks" / "frame_008.png"
+    tiny.replace(grey, b"")
+    missing = submission / tiny.SINGLE / "masks" / "frame_016.png"
+    missing.unlink()
+    code, said, error = run(capsys, submission, "--dataset", data, "--json", tmp_path / "scores.json")
+    assert code == 1
+    assert not (tmp_path / "scores.json").exists()
+    assert "frame_008.png" in said
+    assert "frame_016.png" in said
+    assert "Traceback" not in said + error
+
+
+def test_usage_errors(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    submission = submit(tmp_path / "s", data, true_mask)
+    for arguments in (
+        (tmp_path / "nowhere", "--dataset", data),
+        (submission, "--dataset", tmp_path / "nowhere"),
+        (submission,),
+        (submission, "--dataset", data, "--only", "part_3/*"),
+        (submission, "--dataset", data, "--protocol", "lenient"),
+    ):
+        code, said, error = run(capsys, *arguments)
+        assert code == 2, arguments
+        assert said == ""
+        assert error.count("\n") == 1
+        assert error.startswith("avs3d-eval: error: ")
+
+
+def test_a_damaged_truth_is_the_datasets_fault(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    root = tiny.clone(data, tmp_path / "data")
+    submission = submit(tmp_path / "s", root, true_mask)
+    tiny.replace(root / tiny.SINGLE / "semantic_masks" / "frame_008.png", b"no picture")
+    code, _, error = run(capsys, submission, "--dataset", root)
+    assert code == 1
+    assert "semantic_masks/frame_008.png" in error
+    assert error.count("\n") == 1
+
+
+# The weight of the package
+
+
+def test_importing_the_evaluator_pulls_in_nothing_heavy():
+    code = (
+        "import sys, evaluators, evaluators.score, evaluators.cli, evaluators.table\n"
+        "print(*sorted({m.split('.')[0] for m in sys.modules} & {'torch', 'trimesh', 'generators', 'baselines', 'embreex',"
+        " 'numba', 'matplotlib', 'pycolmap', 'pandas', 'soundfile'}))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []
+
+
+def test_help_answers_in_half_a_second():
+    call = [sys.executable, "-c", "from evaluators.cli import main; main(['--help'])"]
+    seconds = []
+    for _ in range(5):
+        start = time.perf_counter()
+        done = subprocess.run(call, capture_output=True, text=True, check=True)
+        seconds.append(time.perf_counter() - start)
+    assert "--protocol" in done.stdout
+    assert min(seconds) <= 0.5
