@@ -31,10 +31,12 @@ demo: setup
 	$(BIN)/avs3d baseline all-white --dataset data/demo -o data/demo-submissions/all-white --overwrite
 	$(BIN)/avs3d baseline centre-box --dataset data/demo -o data/demo-submissions/centre-box --overwrite
 	$(BIN)/avs3d baseline oracle --dataset data/demo -o data/demo-submissions/oracle --overwrite
+	$(BIN)/avs3d baseline oracle --dataset data/demo -o data/demo-submissions/oracle-sounding --overwrite \
+	  --instance sounding --points
 	$(BIN)/avs3d baseline oracle --dataset data/demo -o data/demo-submissions/oracle-with-errors --overwrite \
-	  --instance sounding --points --drop 0.1 --swap 0.5 --dilate 4 --confuse 0.5 --seed 1
+	  --instance sounding --drop 0.1 --swap 0.5 --dilate 4 --confuse 0.5 --seed 1
 	@mkdir -p data/demo-scores
-	for name in all-black all-white centre-box oracle oracle-with-errors; do \
+	for name in all-black all-white centre-box oracle oracle-sounding oracle-with-errors; do \
 	  $(BIN)/avs3d-eval data/demo-submissions/$$name --dataset data/demo \
 	    --json data/demo-scores/$$name.json --html data/demo-scores/$$name.html || exit 1; \
 	done

@@ -13,6 +13,7 @@ import io
 import os
 import struct
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -43,6 +44,7 @@ __all__ = [
     "PngHeader",
     "WavHeader",
     "atomic_path",
+    "decode_png",
     "dump_json",
     "link_or_copy",
     "png_header",
@@ -221,9 +223,21 @@ def _check_chunks(data: bytes, path: str | Path) -> None:
         raise Avs3dError(f"{path}: truncated after {len(data)} bytes; expected a whole PNG picture")
 
 
-def _decode(path: str | Path, flag: int) -> tuple[NDArray[Any], PngHeader]:
+def decode_png(path: str | Path, flag: int, check: Callable[[PngHeader], None] | None = None) -> NDArray[Any]:
+    """Read a PNG file and decode it with OpenCV, after every chunk's checksum was found right.
+
+    Args:
+        path: the file.
+        flag: of ``cv2.imdecode``.
+        check: called with the header before anything is decoded; it raises what is wrong with it.
+
+    Raises:
+        Avs3dError: if the file is missing, truncated or damaged.
+    """
     data = read_bytes(path)
     header = _parse_png_header(data, path)
+    if check is not None:
+        check(header)
     _check_chunks(data, path)
     try:
         pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flag)
@@ -231,7 +245,12 @@ def _decode(path: str | Path, flag: int) -> tuple[NDArray[Any], PngHeader]:
         pixels = None
     if pixels is None:
         raise Avs3dError(f"{path}: damaged PNG (it cannot be decoded); make it anew")
-    return pixels, header
+    return pixels
+
+
+def _decode(path: str | Path, flag: int) -> tuple[NDArray[Any], PngHeader]:
+    headers: list[PngHeader] = []
+    return decode_png(path, flag, headers.append), headers[0]
 
 
 def read_png_rgb(path: str | Path) -> U8:

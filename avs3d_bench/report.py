@@ -93,25 +93,25 @@ def _group(path: str) -> tuple[str, str]:
     return ("/".join(pieces[:4]), "/".join(pieces[4:])) if len(pieces) >= 4 else ("", path)
 
 
-def print_report(report: Report, console: Console | None = None) -> None:
+def print_report(report: Report, console: Console | None = None, *, shown: int = SHOWN) -> None:
     """Print the findings grouped by observation, one line each, the graver first, and the count at the end.
 
-    More than `SHOWN` findings are counted, not shown.
+    More than ``shown`` findings are counted, not shown.
     """
     from rich.console import Console as RichConsole
     from rich.text import Text
 
     out = console or RichConsole(highlight=False)
-    shown = sorted(report.problems, key=lambda p: _RANK[p.severity])[:SHOWN]
+    first = sorted(report.problems, key=lambda p: _RANK[p.severity])[:shown]
     heading: str | None = None
-    for problem in sorted(shown, key=lambda p: (_group(p.path)[0], _RANK[p.severity], p.path)):
+    for problem in sorted(first, key=lambda p: (_group(p.path)[0], _RANK[p.severity], p.path)):
         group, inside = _group(problem.path)
         if group != heading:
             heading = group
             out.print(Text(group or str(report.root), style="bold"), soft_wrap=True)
         line = Text("  ").append(f"{problem.severity:<8}", style=_STYLE[problem.severity])
         out.print(line.append(f"{inside or '.'}: ").append(problem.message), soft_wrap=True)
-    left = Counter(p.severity for p in report.problems) - Counter(p.severity for p in shown)
+    left = Counter(p.severity for p in report.problems) - Counter(p.severity for p in first)
     if left:
         rest = ", ".join(f"{left[s]} {s}s" for s in _RANK if left[s])
         out.print(Text(f"  … and {rest} more (--json FILE holds all)"), soft_wrap=True)

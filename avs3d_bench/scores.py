@@ -13,9 +13,9 @@ from pydantic import Field
 
 from avs3d_bench.schema import NonNegative, Record, RelativePath, Room, Scan, Sha256, SubmissionRecord, Text
 
-#: Protocol → version. It changes when a figure changes for the same masks.
-PROTOCOLS: dict[str, str] = {"official": "1.0", "strict": "1.0"}
 Protocol = Literal["official", "strict"]
+#: Protocol → version. It changes when a figure changes for the same masks.
+PROTOCOLS: dict[Protocol, str] = {"official": "1.0", "strict": "1.0"}
 #: The rows printed beside every score: what a submission without any idea gets.
 REFERENCES = ("all_black", "all_white", "centre_box")
 

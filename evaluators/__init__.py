@@ -13,15 +13,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from evaluators.checks import InvalidSubmission as InvalidSubmission
     from evaluators.checks import check_submission as check_submission
     from evaluators.leaderboard import write_leaderboard as write_leaderboard
+    from evaluators.records import InvalidSubmission as InvalidSubmission
     from evaluators.report import write_report as write_report
     from evaluators.score import evaluate as evaluate
     from evaluators.submission import open_submission as open_submission
 
 _HOMES = {
-    "InvalidSubmission": "checks",
+    "InvalidSubmission": "records",
     "check_submission": "checks",
     "evaluate": "score",
     "open_submission": "submission",

@@ -49,7 +49,7 @@ def evaluate(
     from avs3d_bench.dataset import Dataset
     from avs3d_bench.files import write_json
     from avs3d_bench.scores import PROTOCOLS
-    from evaluators.checks import InvalidSubmission
+    from evaluators.records import InvalidSubmission
     from evaluators.score import score
     from evaluators.submission import open_submission
     from evaluators.table import print_scores

@@ -34,8 +34,8 @@ class Contour:
     Attributes:
         top: row of the crop's first pixel in the image.
         left: its column.
-        boundary: (h, w) uint8, 255 on boundary pixels.
-        near: (h, w) uint8, 255 within the tolerance of one.
+        boundary: (h, w) uint8, non-zero on boundary pixels.
+        near: (h, w) uint8, non-zero within the tolerance of one.
         length: number of boundary pixels.
     """
 
@@ -70,7 +70,7 @@ def contour(mask: U8) -> Contour:
         return _EMPTY
     distance = cv2.distanceTransform(away, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     # Squared distances are whole numbers: half a thousandth decides no tie.
-    near = cv2.compare(distance, reach + 5e-4, cv2.CMP_LT)
+    near = (distance < reach + 5e-4).view(np.uint8)
     return Contour(top, left, cv2.bitwise_not(away).astype(np.uint8), near.astype(np.uint8), length)
 
 
@@ -83,7 +83,7 @@ def found(of: Contour, by: Contour) -> int:
         return 0
     mine = of.boundary[top - of.top : bottom - of.top, left - of.left : right - of.left]
     other = by.near[top - by.top : bottom - by.top, left - by.left : right - by.left]
-    return cv2.countNonZero(cv2.bitwise_and(mine, other))
+    return cv2.countNonZero(cv2.min(mine, other))
 
 
 def boundary_f(truth: Contour, prediction: Contour) -> float:

@@ -78,7 +78,7 @@ class Truth:
         """
         twins = None
         if ids is not None:
-            masks = (cv2.compare(ids, float(number), cv2.CMP_EQ).astype(np.uint8, copy=False) for number in twin_ids)
+            masks = ((ids == number).view(np.uint8) for number in twin_ids)
             twins = tuple(twin for twin in masks if cv2.countNonZero(twin))
         visible = outlines and cv2.countNonZero(mask) > 0
         return cls(mask, twins, contour(mask) if visible else None)

@@ -93,8 +93,8 @@ def summarise(observations: Sequence[ObservationScores], *, intervals: bool = Tr
     official = strict = None
     if officials:
         columns = {m.name: [float(getattr(o, m.name)) for o in officials] for m in metrics_of("official")}
-        official = OfficialSummary(
-            mIoU=mean(columns["mIoU"]), F=mean(columns["F"]), intervals=_intervals(columns, intervals)
+        official = OfficialSummary.model_validate(
+            {name: mean(values) for name, values in columns.items()} | {"intervals": _intervals(columns, intervals)}
         )
     if stricts:
         columns = {

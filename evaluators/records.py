@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Literal
 
 from avs3d_bench import layout
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.report import Problem, Report
 from avs3d_bench.schema import SubmissionRecord
 from avs3d_bench.scores import Scores
 
@@ -21,13 +23,22 @@ class Submission:
         root: its folder; below it one folder per observation, named by its key.
         layout: ``avs3d`` (`masks/`, `points.ply`) or ``official`` (the folders the released pipeline writes).
         masks: the folder of masks below an observation's folder.
-        record: submission.json; made up from the folder's name where the official layout has none.
+        record: submission.json; made up from the folder's name where there is none, or none that can be read.
+        source: the folder or archive as the user named it, where that is not ``root``.
+        problems: what was found wrong on opening.
     """
 
     root: Path
     layout: Layout
     masks: str
     record: SubmissionRecord
+    source: Path | None = None
+    problems: tuple[Problem, ...] = ()
+
+    @property
+    def named(self) -> Path:
+        """What messages call it."""
+        return self.source or self.root
 
     def mask_path(self, key: str, frame: str) -> Path:
         """Where the mask of the frame named ``frame`` (``frame_000``) of the observation ``key`` lies."""
@@ -80,3 +91,14 @@ class Evaluation:
     scores: Scores
     worst: tuple[FrameScore, ...] = ()
     best: tuple[FrameScore, ...] = ()
+
+
+class InvalidSubmission(Avs3dError):  # noqa: N818 - the word that users know from the exit status
+    """Something is wrong with a submission's files: there is no score. `report` names every one."""
+
+    def __init__(self, report: Report) -> None:
+        self.report = report
+        first = next(problem for problem in report.problems if problem.severity == "error")
+        count = report.count("error")
+        more = f" (and {count - 1} more)" if count > 1 else ""
+        super().__init__(f"{report.root}: {first.path}: {first.message}{more}")

@@ -231,9 +231,7 @@ def _order(names: Iterable[str], found: Mapping[str, Any]) -> list[str]:
     return known + sorted(name for name in found if name not in known)
 
 
-def scale_end(
-    metric: Metric, values: Iterable[float | None], intervals: Iterable[tuple[float, float] | None]
-) -> float:
+def scale_end(metric: Metric, values: Iterable[float | None], intervals: Iterable[tuple[float, float] | None]) -> float:
     """Where a chart's scale ends: 1 for shares, else a round number that all fit below."""
     if not metric.unit:
         return 1.0

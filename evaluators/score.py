@@ -18,7 +18,7 @@ from typing import Any
 
 from avs3d_bench import __version__, layout
 from avs3d_bench.dataset import Dataset, Frame, Observation
-from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import sha256_file
 from avs3d_bench.parallel import process_each
 from avs3d_bench.report import Problem, Report, ordered
@@ -35,8 +35,9 @@ from avs3d_bench.scores import (
 )
 from avs3d_bench.taxonomy import CATEGORIES, PARTS, ROOMS
 from evaluators import bootstrap
-from evaluators.checks import InvalidSubmission, check_structure, check_submission, read_mask, read_points
+from evaluators.checks import check_contents, check_structure, has_points, problem_of, select
 from evaluators.frames import FrameFigures, Truth, frame_figures, reference_figures
+from evaluators.masks import read_mask, read_points
 from evaluators.metrics import as_bytes
 from evaluators.protocols import (
     NO_INSTANCE_MASKS,
@@ -47,7 +48,7 @@ from evaluators.protocols import (
     strict_observation,
     summarise,
 )
-from evaluators.records import Evaluation, FrameScore, Submission
+from evaluators.records import Evaluation, FrameScore, InvalidSubmission, Submission
 from evaluators.submission import open_submission
 from evaluators.volume import VOXEL_SIZE, VolumeScore, score_points, true_volume
 
@@ -116,15 +117,13 @@ def score(
     progress: bool = False,
 ) -> Evaluation:
     """Score an opened submission; arguments and errors as for `evaluate`."""
-    observations = _selected(dataset, tuple(only))
+    observations = select(dataset, only)
     problems = check_structure(submission, dataset, observations)
     if any(problem.severity == "error" for problem in problems):
         # Nothing will be scored: now name what is wrong inside the files as well.
-        raise InvalidSubmission(
-            check_submission(submission.root, dataset.root, only=only, workers=workers, progress=progress)
-        )
-    has_points = any(submission.points_path(o.key).exists() for o in observations)
-    job = partial(score_observation, dataset.root, submission, tuple(protocols), has_points)
+        raise InvalidSubmission(check_contents(submission, observations, problems, workers=workers, progress=progress))
+    points = has_points(submission, observations)
+    job = partial(score_observation, dataset.root, submission, tuple(protocols), points)
     outcomes: dict[str, Outcome] = {}
     worst: tuple[FrameScore, ...] = ()
     best: tuple[FrameScore, ...] = ()
@@ -136,22 +135,14 @@ def score(
     bad = [problem for outcome in outcomes.values() for problem in outcome.problems]
     if bad:
         files = sum(outcome.files for outcome in outcomes.values())
-        raise InvalidSubmission(Report(submission.root, True, len(keys), files, ordered([*problems, *bad])))
+        raise InvalidSubmission(Report(submission.named, True, len(keys), files, ordered([*problems, *bad])))
     done = [(o.scores, o.references) for key in keys if (o := outcomes[key]).scores is not None]
     best = tuple(frame for frame in best if frame not in worst)[:SHOWN_FRAMES]
-    return Evaluation(_record(submission, dataset, protocols, has_points, done), worst, best)
-
-
-def _selected(dataset: Dataset, only: tuple[str, ...]) -> tuple[Observation, ...]:
-    chosen = dataset.select(*only)
-    if not chosen:
-        what = f"no observation matches {' '.join(only)}" if only else "no observation"
-        raise UsageError(f"{dataset.root}: {what}; expected some of {', '.join(dataset.keys[:3]) or 'part_1/…'}")
-    return chosen
+    return Evaluation(_record(submission, dataset, protocols, points, done), worst, best)
 
 
 def score_observation(
-    root: Path, submission: Submission, wanted: Sequence[Protocol], has_points: bool, key: str
+    root: Path, submission: Submission, wanted: Sequence[Protocol], points: bool, key: str
 ) -> Outcome:
     """Score one observation: every mask decoded once, one frame in memory at a time.
 
@@ -159,7 +150,7 @@ def score_observation(
         root: the dataset's.
         submission: where its files lie.
         wanted: the protocols.
-        has_points: whether the submission has 3D predictions.
+        points: whether the submission has 3D predictions.
         key: the observation's.
 
     Raises:
@@ -179,7 +170,7 @@ def score_observation(
         try:
             prediction = read_mask(path, width, height, released=submission.layout == "official")
         except Avs3dError as error:
-            problems.append(_problem(submission, path, error))
+            problems.append(problem_of(submission, path, error))
             continue
         found = frame_figures(truth, prediction)
         figures.append(found)
@@ -189,24 +180,20 @@ def score_observation(
     if not figures and not problems:
         raise Avs3dError(f"{observation.path}: no test frame; expected some in {layout.SPLITS_JSON}")
     volume: VolumeScore | None = None
-    if strict and has_points:
+    if strict and points:
         files += 1
         try:
             volume = _volume(observation, submission)
         except _BadPointsError as error:
-            problems.append(_problem(submission, submission.points_path(key), error))
+            problems.append(problem_of(submission, submission.points_path(key), error))
     if problems:
         return Outcome(None, {}, (), (), tuple(problems), files)
-    scored = _observation_scores(observation, figures, volume, wanted, has_points)
+    scored = _observation_scores(observation, figures, volume, wanted, points)
     beside = {
         name: _observation_scores(observation, frames_, None, wanted, False) for name, frames_ in references.items()
     }
     few = SHOWN_PER_OBSERVATION
     return Outcome(scored, beside, _worst(frames, few), _best(frames, few), (), files)
-
-
-def _problem(submission: Submission, path: Path, error: Avs3dError) -> Problem:
-    return Problem("error", path.relative_to(submission.root).as_posix(), str(error).removeprefix(f"{path}: "))
 
 
 def _twin_ids(observation: Observation) -> tuple[int, ...] | None:
@@ -239,11 +226,11 @@ def _volume(observation: Observation, submission: Submission) -> VolumeScore | N
     if not (observation.path / layout.SOUNDING_OBJECT).exists():
         return None
     try:
-        points = read_points(submission.points_path(observation.key))
+        cloud = read_points(submission.points_path(observation.key))
     except Avs3dError as error:
         raise _BadPointsError(str(error)) from None
     mesh = observation.mesh()
-    return score_points(points, true_volume(mesh.vertices, mesh.faces))
+    return score_points(cloud, true_volume(mesh.vertices, mesh.faces))
 
 
 def _frame_score(key: str, name: str, figures: FrameFigures) -> FrameScore:
@@ -258,7 +245,7 @@ def _observation_scores(
     frames: Sequence[FrameFigures],
     volume: VolumeScore | None,
     wanted: Sequence[Protocol],
-    has_points: bool,
+    points: bool,
 ) -> ObservationScores:
     place = observation.place
     unavailable = {}
@@ -267,17 +254,19 @@ def _observation_scores(
     elif observation.record is None:
         unavailable["wrong_instance_rate"] = NO_INSTANCE_MASKS
     if volume is None:
-        reason = NO_MESH if has_points else NO_POINTS
+        reason = NO_MESH if points else NO_POINTS
         unavailable |= {"IoU_3D": reason, "centroid_error": reason}
-    return ObservationScores(
-        key=observation.key,
-        part=place.part,
-        scan=place.scan,
-        room=place.room,
-        category=observation.category,
-        frames=len(frames),
-        official=official_observation(frames) if "official" in wanted else None,
-        strict=strict_observation(frames, volume, unavailable) if "strict" in wanted else None,
+    return ObservationScores.model_validate(
+        {
+            "key": observation.key,
+            "part": place.part,
+            "scan": place.scan,
+            "room": place.room,
+            "category": observation.category,
+            "frames": len(frames),
+            "official": official_observation(frames) if "official" in wanted else None,
+            "strict": strict_observation(frames, volume, unavailable) if "strict" in wanted else None,
+        }
     )
 
 
@@ -297,7 +286,7 @@ def _record(
     submission: Submission,
     dataset: Dataset,
     wanted: Sequence[Protocol],
-    has_points: bool,
+    points: bool,
     outcomes: Sequence[tuple[ObservationScores, Mapping[str, ObservationScores]]],
 ) -> Scores:
     """The record of scores: observations, and their means over parts, categories and rooms."""
@@ -311,7 +300,7 @@ def _record(
             bootstrap_seed=bootstrap.SEED,
             voxel_size=VOXEL_SIZE,
         ),
-        submission=ScoredSubmission(**submission.record.model_dump(), layout=submission.layout, points=has_points),
+        submission=ScoredSubmission(**submission.record.model_dump(), layout=submission.layout, points=points),
         dataset=ScoredDataset(
             name=dataset.name,
             version=record.version if record else None,

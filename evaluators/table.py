@@ -53,7 +53,6 @@ def print_scores(scores: Scores, console: Console | None = None) -> None:
     columns = [metric for metric in METRICS if metric.protocol in wanted and _known(scores, metric)]
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("", no_wrap=True)
-    table.add_column("obs.", justify="right")
     for position, metric in enumerate(columns):
         first = position == 0 or columns[position - 1].protocol != metric.protocol
         title = _HEADINGS.get(metric.name, metric.title)
@@ -61,18 +60,18 @@ def print_scores(scores: Scores, console: Console | None = None) -> None:
         table.add_column(head, justify="right", no_wrap=True)
 
     def add(name: str, group: GroupScores, style: str = "") -> None:
-        table.add_row(name, str(group.observations), *(_number(_value(group, m)) for m in columns), style=style)
+        table.add_row(name, *(_number(_value(group, m)) for m in columns), style=style)
 
     def add_all(groups: Iterable[tuple[str, GroupScores]]) -> None:
         for name, group in groups:
-            add(name, group)
+            add(f"{name} ({group.observations})", group)
         table.add_section()
 
     for name, group in [*scores.parts.items(), ("overall", scores.overall)]:
-        add(name, group, "bold")
+        add(f"{name} ({group.observations})", group, "bold")
         spread = [_interval(group, metric) for metric in columns]
         if any(spread):
-            table.add_row("  95 % interval", "", *spread, style="dim")
+            table.add_row("  95 % interval", *spread, style="dim")
         for reference in REFERENCES:
             add(f"  {reference.replace('_', ' ')}", scores.references[reference][name], "dim")
         table.add_section()

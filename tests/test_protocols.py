@@ -18,7 +18,11 @@ from evaluators.metrics import FrameCounts
 from evaluators.protocols import official_observation, strict_observation, summarise
 from evaluators.volume import VolumeScore
 
-WHY = {"wrong_instance_rate": protocols.ONE_INSTANCE, "IoU_3D": protocols.NO_POINTS, "centroid_error": protocols.NO_POINTS}
+WHY = {
+    "wrong_instance_rate": protocols.ONE_INSTANCE,
+    "IoU_3D": protocols.NO_POINTS,
+    "centroid_error": protocols.NO_POINTS,
+}
 
 
 def disc(x: int, y: int, radius: int, size: int = 96) -> np.ndarray:

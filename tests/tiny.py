@@ -160,7 +160,7 @@ def _model(camera: Intrinsics, poses: list[Pose], boxes: tuple[Box, ...]) -> Col
                     continue
                 if other == number or abs(depths[other][int(pixel[1]), int(pixel[0])] - z) < 0.02:
                     seen.append((len(positions), other, *pixel))
-            if len(seen) >= 2:
+            if len(seen) >= min(2, len(poses)):
                 tracks += seen
                 positions.append(xyz)
                 colours.append(colour)

@@ -59,7 +59,8 @@
       row.cells[0].textContent = rank === null ? "–" : String(rank);
       row.cells[0].dataset.v = rank === null ? "" : String(rank);
     });
-    table.dataset.rankedBy = heading.textContent.trim();
+    const named = table.parentElement.previousElementSibling?.querySelector("[data-ranked-by]");
+    if (named) named.textContent = heading.textContent.trim();
     for (const other of heading.parentElement.children) other.classList.toggle("ranks", other === heading);
   }
 
@@ -78,10 +79,11 @@
 
   /** Show the rows that hold every word of the box. */
   function filterBox(input) {
-    const table = document.getElementById(input.dataset.filter);
     const count = document.querySelector(`[data-count="${input.dataset.filter}"]`);
-    const rows = [...table.tBodies].flatMap((body) => [...body.rows]);
-    const haystack = new Map(rows.map((row) => [row, [...row.querySelectorAll(".text")].map((cell) => `${cell.textContent} ${cell.dataset.v ?? ""}`).join(" ").toLowerCase()]));
+    const tables = [...document.querySelectorAll(`[data-filterable="${input.dataset.filter}"]`)];
+    const rows = tables.flatMap((table) => [...table.tBodies]).flatMap((body) => [...body.rows]).filter((row) => !row.dataset.fixed);
+    const words = (row) => [...row.querySelectorAll(".text")].map((cell) => `${cell.textContent} ${cell.dataset.v ?? ""}`).join(" ").toLowerCase();
+    const haystack = new Map(rows.map((row) => [row, words(row)]));
     const apply = () => {
       const wanted = input.value.toLowerCase().split(/\s+/).filter(Boolean);
       let shown = 0;
@@ -89,7 +91,7 @@
         row.hidden = !wanted.every((word) => haystack.get(row).includes(word));
         shown += !row.hidden;
       }
-      count.textContent = `${shown} of ${rows.length}`;
+      if (count) count.textContent = `${shown} of ${rows.length}`;
     };
     input.addEventListener("input", apply);
     apply();
