@@ -133,7 +133,10 @@ def _header(data: bytes, path: str | Path) -> tuple[str, list[_Element], int]:
             if words[0] == "format":
                 form = words[1]
             elif words[0] == "element":
-                elements.append(_Element(words[1], int(words[2]), ()))
+                size = int(words[2])
+                if size < 0:
+                    raise ValueError
+                elements.append(_Element(words[1], size, ()))
             elif words[0] == "property":
                 prop = (
                     _Property(words[4], _TYPES[words[3]], _TYPES[words[2]])

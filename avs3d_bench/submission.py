@@ -280,7 +280,8 @@ class SubmissionWriter:
         """
         root = self.dataset.root.resolve()
         if final.is_relative_to(root) or root.is_relative_to(final):
-            raise UsageError(f"{self.path}: inside or around the dataset {self.dataset.root}; choose another folder")
+            how = "inside of" if final.is_relative_to(root) else "around"
+            raise UsageError(f"{self.path}: lies {how} the dataset {self.dataset.root}; choose another folder")
         if not final.exists():
             return
         if not final.is_dir():

@@ -28,8 +28,9 @@ Mask = NDArray[np.bool_]
 
 #: No error at all.
 PERFECT = ErrorModel()
-#: Points of `--points` per cm² of the true mesh's surface.
-POINTS_PER_CM2 = 2.0
+#: Points of `--points` per cm² of the true mesh's surface: 100 in a face of a 5 cm voxel. What is missed are voxels of
+#: which the surface cuts off a mere tip (1 % of a washing machine's, 6 % of a telephone's).
+POINTS_PER_CM2 = 4.0
 
 
 def oracle_mask(frame: Frame, *, instance: Instance, errors: ErrorModel = PERFECT) -> Mask:
@@ -82,10 +83,8 @@ def check_truth(
         raise UsageError(f"instance {instance!r}: expected category or sounding")
     if instance == "category" and errors.swap:
         raise UsageError("swap needs --instance sounding: the union over the category holds every twin already")
-    needs = [
-        name for name, needed in (("--instance category", instance == "category"), ("--swap", errors.swap),
-                                  ("--confuse", errors.confuse)) if needed
-    ]  # fmt: skip
+    asked = {"--instance category": instance == "category", "--swap": errors.swap, "--confuse": errors.confuse}
+    needs = [name for name, wanted in asked.items() if wanted]
     if needs and (observation.record is None or not (observation.path / layout.INSTANCE_MASKS).is_dir()):
         raise UsageError(
             f"{observation.path}: {needs[0]} needs {layout.OBSERVATION_JSON} and {layout.INSTANCE_MASKS}/, which the "

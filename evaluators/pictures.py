@@ -99,7 +99,7 @@ def draw_triple(score: FrameScore, dataset: Dataset, submission: Submission) -> 
             f"Prediction in {label}: {_error_words(truth, prediction)}",
         ),
         len(twins),
-        _note(score, truth, prediction, len(twins)),
+        _note(score, truth, prediction),
     )
 
 
@@ -259,7 +259,7 @@ def _error_words(truth: Mask, prediction: Mask) -> str:
     return f"{percent(float(prediction[truth].mean()))} of the object hit; {false}"
 
 
-def _note(score: FrameScore, truth: Mask, prediction: Mask, twins: int) -> str:
+def _note(score: FrameScore, truth: Mask, prediction: Mask) -> str:
     """The one thing to know about the frame."""
     if score.twins_marked:
         return "marks a silent twin" if score.twins_marked == 1 else f"marks {score.twins_marked} silent twins"
@@ -269,5 +269,5 @@ def _note(score: FrameScore, truth: Mask, prediction: Mask, twins: int) -> str:
         return "nothing marked"
     if not (truth & prediction).any():
         return "no overlap with the object"
-    beside = " beside a silent twin" if twins else ""
-    return f"{percent(float(prediction[truth].mean()))} of the object hit{beside}"
+    false = percent(float((~truth)[prediction].mean()))
+    return f"{percent(float(prediction[truth].mean()))} hit, {false} of marks false"

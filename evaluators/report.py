@@ -175,8 +175,9 @@ def cards(scores: Scores, known: tuple[Metric, ...]) -> tuple[Card, ...]:
 
 def _parts(scores: Scores) -> dict[str, GroupScores]:
     """Overall first; a dataset of one part is told once."""
-    parts = {name: scores.parts[name] for name in PARTS if name in scores.parts}
-    return {"overall": scores.overall, **parts} if len(parts) != 1 else dict(parts)
+    found: dict[str, GroupScores] = {str(name): group for name, group in scores.parts.items()}
+    parts = {name: found[name] for name in PARTS if name in found}
+    return parts if len(parts) == 1 else {"overall": scores.overall, **parts}
 
 
 def best_reference(scores: Scores, part: str, metric: Metric) -> tuple[str, float] | None:

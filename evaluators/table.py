@@ -10,6 +10,7 @@ from avs3d_bench.scores import METRICS, REFERENCES, GroupScores, Metric, Scores
 if TYPE_CHECKING:
     from rich.console import Console
 
+_PROTOCOLS = {"official": "off.", "strict": "strict"}
 #: Headings as narrow as 80 columns ask for.
 _HEADINGS = {
     "boundary_F": "bound.\nF",
@@ -19,7 +20,6 @@ _HEADINGS = {
     "IoU_3D": "3D\nIoU",
     "centroid_error": "centr.\nerr. m",
 }
-_DECIMALS = 3
 
 
 def _value(group: GroupScores, metric: Metric) -> float | None:
@@ -29,13 +29,17 @@ def _value(group: GroupScores, metric: Metric) -> float | None:
 
 
 def _number(value: float | None) -> str:
-    return "–" if value is None else f"{value:.{_DECIMALS}f}"
+    """Four characters: ``.823``, ``1.00``, ``12.3``."""
+    if value is None:
+        return "–"
+    text = f"{value:.3f}"
+    return text.removeprefix("0") if text.startswith("0.") else text[:4].rstrip(".")
 
 
 def _interval(group: GroupScores, metric: Metric) -> str:
     scores = getattr(group, metric.protocol)
     pair = scores.intervals.get(metric.name) if scores else None
-    return "" if pair is None else f"{pair[0]:.{_DECIMALS}f}\n{pair[1]:.{_DECIMALS}f}"
+    return "" if pair is None else "\n".join(map(_number, pair))
 
 
 def print_scores(scores: Scores, console: Console | None = None) -> None:
@@ -51,12 +55,12 @@ def print_scores(scores: Scores, console: Console | None = None) -> None:
     out = console or RichConsole(highlight=False)
     wanted = scores.avs3d_eval.protocols
     columns = [metric for metric in METRICS if metric.protocol in wanted and _known(scores, metric)]
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0)
     table.add_column("", no_wrap=True)
     for position, metric in enumerate(columns):
         first = position == 0 or columns[position - 1].protocol != metric.protocol
         title = _HEADINGS.get(metric.name, metric.title)
-        head = Text(f"{metric.protocol if first else ''}\n{title}")
+        head = Text(f"{_PROTOCOLS[metric.protocol] if first else ''}\n{title}".replace("\n\n", "\n"))
         table.add_column(head, justify="right", no_wrap=True)
 
     def add(name: str, group: GroupScores, style: str = "") -> None:

@@ -83,7 +83,8 @@ def column(page: Any, table: str, heading: str) -> list[str]:
         table,
         """(table, heading) => {
           const heads = [...table.tHead.rows[table.tHead.rows.length - 1].cells];
-          const at = heads.findIndex((cell) => (cell.querySelector('button')?.ariaLabel ?? cell.textContent.trim()) === heading);
+          const name = (cell) => cell.querySelector('button')?.ariaLabel ?? cell.textContent.trim();
+          const at = heads.findIndex((cell) => name(cell) === heading);
           if (at < 0) throw new Error(`no column ${heading}`);
           return [...table.tBodies].flatMap((body) => [...body.rows]).filter((row) => !row.hidden && !row.dataset.fixed)
             .map((row) => row.cells[at].firstChild ? row.cells[at].textContent.trim() : '');

@@ -1,4 +1,4 @@
-"""Plausible files of scores from a seeded generator: any number of observations, any gaps. No picture is scored here."""
+"""Plausible files of scores from a seeded generator: any number of observations, any gaps; no picture is scored."""
 
 from __future__ import annotations
 
@@ -76,7 +76,9 @@ def example_scores(
     groups = {name: [row for row in rows if row["part"] == name] for name in PARTS}
     references = {
         name: {
-            part: _reference(group, name, chosen, release) for part, group in (groups | {"overall": rows}).items() if group
+            part: _reference(group, name, chosen, release)
+            for part, group in (groups | {"overall": rows}).items()
+            if group
         }
         for name in REFERENCES
     }
@@ -131,8 +133,8 @@ def _observation(
         row["official"] = {"mIoU": (iou * (15 - absent) + 0.97 * absent) / 15, "F": max(0.03, min(1.0, iou**0.8))}
     if "strict" in protocols:
         row["strict"] = {name: None if name in why else value for name, value in figures.items()} | {
-            "visible_frames": 15 - absent, "absent_frames": absent, "twin_frames": 6 if multi else None if release else 0,
-            "unavailable": why,
+            "visible_frames": 15 - absent, "absent_frames": absent,
+            "twin_frames": 6 if multi else None if release else 0, "unavailable": why,
         }  # fmt: skip
     return row
 
@@ -178,7 +180,9 @@ def _grouped(
     return {name: _summary(group, protocols) for name, group in groups.items() if group}
 
 
-def write_masks(root: Path, dataset: Dataset, *, seed: int = 0, only: Iterable[str] = ()) -> tuple[Submission, list[FrameScore]]:
+def write_masks(
+    root: Path, dataset: Dataset, *, seed: int = 0, only: Iterable[str] = ()
+) -> tuple[Submission, list[FrameScore]]:
     """A submission of shifted, shrunk, grown, swapped and dropped true masks, and the figures of its frames."""
     import cv2
 
@@ -194,7 +198,9 @@ def write_masks(root: Path, dataset: Dataset, *, seed: int = 0, only: Iterable[s
         twins = [i.id for i in ours.instances if not i.sounding and i.category == ours.category] if ours else []
         for frame in observation.test:
             truth = frame.mask()
-            kind = rng.choice(["good", "shifted", "grown", "shrunk", "other", "dropped"], p=[0.5, 0.15, 0.1, 0.1, 0.1, 0.05])
+            kind = rng.choice(
+                ["good", "shifted", "grown", "shrunk", "other", "dropped"], p=[0.5, 0.15, 0.1, 0.1, 0.1, 0.05]
+            )
             mask = truth.astype(np.uint8)
             reach = max(1, round(truth.shape[0] * float(rng.uniform(0.004, 0.04))))
             kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
@@ -215,6 +221,8 @@ def write_masks(root: Path, dataset: Dataset, *, seed: int = 0, only: Iterable[s
             media.write_png_mask(submission.mask_path(observation.key, frame.name), marked)
             union = int((truth | marked).sum())
             iou = int((truth & marked).sum()) / union if truth.any() else None
-            hit = sum(bool(marked[ids == twin].mean() > 0.5) for twin in twins if ids is not None and (ids == twin).any())
+            hit = sum(
+                bool(marked[ids == twin].mean() > 0.5) for twin in twins if ids is not None and (ids == twin).any()
+            )
             scores.append(FrameScore(observation.key, frame.name, bool(truth.any()), iou, float(marked.mean()), hit))
     return submission, scores
