@@ -109,6 +109,7 @@ def check_structure(submission: Submission, dataset: Dataset, observations: Sequ
     """
     problems = list(submission.problems)
     problems += _check_record(submission, dataset)
+    problems += _check_folders(submission, observations)
     found: dict[str, str] = {}
     expected = _expected(submission, observations)
     scan = _walk(submission, observations, len(expected))
@@ -139,6 +140,16 @@ def _check_record(submission: Submission, dataset: Dataset) -> Iterator[Problem]
             "error", layout.SUBMISSION_JSON,
             f"made for {said.dataset} {said.dataset_version}, expected {record.name} {record.version}, this dataset",
         )  # fmt: skip
+
+
+def _check_folders(submission: Submission, observations: Iterable[Observation]) -> Iterator[Problem]:
+    """Folders of masks in the released pipeline's own tree that a link puts elsewhere (in ours a link is no folder)."""
+    root = submission.root.resolve()
+    for observation in observations:
+        folder = submission.root / observation.key / submission.masks
+        if submission.layout == "official" and folder.is_dir() and not folder.resolve().is_relative_to(root):
+            path = folder.relative_to(submission.root).as_posix()
+            yield Problem("error", path, "a link out of the submission; expected a folder")
 
 
 def _expected(submission: Submission, observations: Iterable[Observation]) -> dict[str, None]:

@@ -60,6 +60,7 @@ class FrameScore:
         iou: of prediction and truth; None where the object is not visible.
         marked: marked share of the image.
         twins_marked: how many silent twins are marked.
+        wrong: share of the image that is marked and should not be, or the other way round.
     """
 
     key: str
@@ -68,6 +69,7 @@ class FrameScore:
     iou: float | None
     marked: float
     twins_marked: int = 0
+    wrong: float = 0.0
 
     @property
     def badness(self) -> float:

@@ -237,7 +237,8 @@ def _frame_score(key: str, name: str, figures: FrameFigures) -> FrameScore:
     counts = figures.counts
     iou = counts.overlap / counts.union if counts.truth else None
     marked = counts.predicted / counts.pixels
-    return FrameScore(key, name, counts.truth > 0, iou, marked, figures.twins_marked)
+    wrong = (counts.union - counts.overlap) / counts.pixels
+    return FrameScore(key, name, counts.truth > 0, iou, marked, figures.twins_marked, wrong)
 
 
 def _observation_scores(
@@ -271,9 +272,9 @@ def _observation_scores(
 
 
 def _worst(frames: Iterable[FrameScore], count: int) -> tuple[FrameScore, ...]:
-    """The frames with the largest badness; ties by name."""
+    """The frames with the largest badness; of equal ones those with more wrong pixels."""
     bad = (frame for frame in frames if frame.badness > 0)
-    return tuple(nsmallest(count, bad, key=lambda f: (-f.badness, f.key, f.name)))
+    return tuple(nsmallest(count, bad, key=lambda f: (-f.badness, -f.wrong, f.key, f.name)))
 
 
 def _best(frames: Iterable[FrameScore], count: int) -> tuple[FrameScore, ...]:

@@ -51,9 +51,7 @@ def test_each_kind_is_tried_at_least_seven_times(kind: str):
 
 
 @pytest.mark.parametrize("seed", range(COUNT))
-def test_a_broken_submission(
-    data: Path, whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], seed: int
-):
+def test_a_broken_submission(data: Path, whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], seed: int):
     root = tiny.clone(whole, tmp_path / "submission")
     kinds, named = mutants.broken(root, seed)
     assert named
