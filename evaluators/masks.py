@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.media import PngHeader, decode_png
 from avs3d_bench.ply import read_ply
+from avs3d_bench.submission import MAX_POINTS
 from evaluators.metrics import U8
 
-#: A cloud larger than this is no object any more.
-MAX_POINTS = 2_000_000
 MAX_POINTS_BYTES = 64 * 2**20
 _GREY, _RGB = 0, 2
 #: Values named in a message.

@@ -9,7 +9,7 @@ arithmetic is on integers and exact.
     I  voxels that S encloses
     Q  voxels that hold a predicted point
 
-    IoU_3D = |Q ∩ S| / |S ∪ (Q \\ I)|
+    IoU_3D = |Q ∩ S| / |S ∪ (Q ∖ I)|
 
 A prediction of the surface and one of the filled solid can both reach 1; points inside are neither right nor wrong.
 docs/metrics.md has a worked example.
@@ -24,7 +24,6 @@ So no path of such neighbours leads from inside to outside, and filling holes fi
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,17 +40,19 @@ Floats = NDArray[np.float64]
 VOXEL_SIZE = 0.05
 #: Coordinates are whole numbers of 1 / this many metres: 10 µm.
 _PER_METRE = 100_000
-#: Largest extent of a mesh along an axis, metres. Up to here 6 · extent³ in 10 µm fits 63 bits.
-MAX_EXTENT = 10.0
-#: Largest grid laid over a mesh; 10 m at 5 cm are 8 million voxels.
+#: Largest extent of a mesh along an axis, metres. Up to 8 m, no product of the overlap test leaves 63 bits.
+MAX_EXTENT = 6.0
+#: Largest grid laid over a mesh; 6 m at 5 cm are 1.8 million voxels.
 _MAX_VOXELS = 10_000_000
 #: Vertices beyond this are in a wrong unit, metres.
 _MAX_COORDINATE = 50_000.0
 #: A voxel's three indices share 63 bits; points beyond (52 km at 5 cm) count as if they lay on the limit.
 _BITS = 21
 _MAX_INDEX = 2 ** (_BITS - 1) - 1
-#: Candidates, or points, that are worked on at a time.
+#: Pairs of triangle and cube, or points, that are worked on at a time.
 _CHUNK = 1 << 17
+#: A cube's eighths, as offsets.
+_EIGHTHS = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1).reshape(8, 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +99,8 @@ def true_volume(vertices: ArrayLike, faces: ArrayLike, *, size: float = VOXEL_SI
         size: edge of a voxel, metres; a multiple of 10 µm.
 
     Raises:
-        Avs3dError: if the mesh has no area, is larger than 10 m, or its numbers are not finite or out of range.
+        Avs3dError: if the mesh has no area, is larger than 6 m along an axis, or holds numbers that are not finite or
+            out of range.
     """
     step = _step(size)
     corners = _triangles(vertices, faces)
@@ -168,7 +170,7 @@ def _triangles(vertices: ArrayLike, faces: ArrayLike) -> Floats:
         raise Avs3dError("the true mesh has no face: expected triangles; make the dataset anew")
     if not np.issubdtype(index.dtype, np.integer) or index.min() < 0 or index.max() >= len(points):
         raise Avs3dError(f"the true mesh names vertices outside of its {len(points)}; make the dataset anew")
-    corners = points[index].astype(np.float64)
+    corners: Floats = points[index].astype(np.float64)
     # NaN compares false as well.
     if not np.all(np.abs(corners) <= _MAX_COORDINATE):
         raise Avs3dError(
@@ -193,6 +195,9 @@ def _surface_centroid(corners: Floats) -> tuple[float, float, float]:
 def _surface_voxels(units: Ints, step: int, shape: Ints) -> Bools:
     """(X, Y, Z) bool: voxels of the grid that hold a point of a triangle.
 
+    Coarse to fine: a triangle is tested against cubes of 2ⁿ voxels, and then against the eighths of those that it
+    meets, so that the work goes with its area and not with the volume of its box.
+
     Args:
         units: (F, 3, 3) corners in 10 µm, from the grid's corner on.
         step: edge of a voxel in 10 µm.
@@ -200,36 +205,33 @@ def _surface_voxels(units: Ints, step: int, shape: Ints) -> Bools:
     """
     marked = np.zeros(tuple(shape.tolist()), dtype=np.bool_)
     first, last = units.min(axis=1) // step, units.max(axis=1) // step
-    spans = last - first + 1
+    reach = (last - first).max(axis=1)
     # Triangles within one voxel, most of a finely made mesh, need no test.
-    counts = spans.prod(axis=1)
-    x, y, z = first[counts == 1].T
+    x, y, z = first[reach == 0].T
     marked[x, y, z] = True
-    large = counts > 1
-    for triangle, offset in _candidates(spans[large]):
-        voxel = first[large][triangle] + offset
-        # What another triangle has marked need not be tested again.
-        new = ~marked[voxel[:, 0], voxel[:, 1], voxel[:, 2]]
-        triangle, voxel = triangle[new], voxel[new]
-        voxel = voxel[_overlaps(units[large][triangle] - (voxel * step)[:, None, :], step)]
-        marked[voxel[:, 0], voxel[:, 1], voxel[:, 2]] = True
+    # Cubes of 2ⁿ ≥ reach voxels: two of them along each axis hold the triangle.
+    levels = np.ceil(np.log2(reach.clip(min=1))).astype(np.int64)
+    todo = []
+    for level in range(int(levels.max()) + 1):
+        triangle = np.flatnonzero((levels == level) & (reach > 0))
+        todo.append((level, triangle, first[triangle] >> level))
+    while todo:
+        level, triangle, corner = todo.pop()
+        if len(triangle) > _CHUNK // 8:
+            todo += [(level, triangle[half], corner[half]) for half in (slice(0, None, 2), slice(1, None, 2))]
+            continue
+        triangle, cube = np.repeat(triangle, 8), (corner[:, None] + _EIGHTHS).reshape(-1, 3)
+        near = ((cube >= first[triangle] >> level) & (cube <= last[triangle] >> level)).all(axis=1)
+        triangle, cube = triangle[near], cube[near]
+        edge = step << level
+        met = _overlaps(units[triangle] - (cube * edge)[:, None], edge)
+        triangle, cube = triangle[met], cube[met]
+        if level:
+            todo.append((level - 1, triangle, 2 * cube))
+        else:
+            x, y, z = cube.T
+            marked[x, y, z] = True
     return marked
-
-
-def _candidates(spans: Ints) -> Iterator[tuple[Ints, Ints]]:
-    """All voxels of boxes, in blocks: which box (n,), and the offset within it (n, 3).
-
-    Args:
-        spans: (F, 3) voxels along each axis of each box.
-    """
-    ends = np.cumsum(spans.prod(axis=1))
-    total = int(ends[-1]) if len(ends) else 0
-    for start in range(0, total, _CHUNK):
-        flat = np.arange(start, min(start + _CHUNK, total))
-        box = np.searchsorted(ends, flat, side="right")
-        rest = flat - np.concatenate([[0], ends])[box]
-        _, ny, nz = spans[box].T
-        yield box, np.stack([rest // (ny * nz), rest // nz % ny, rest % nz], axis=1)
 
 
 def _overlaps(triangles: Ints, step: int) -> Bools:
@@ -273,21 +275,22 @@ def _occupied(points: NDArray[np.generic], step: int) -> Ints:
     """Packed indices of the voxels that hold a point, sorted, each once."""
     if points.ndim != 2 or points.shape[1] != 3:
         raise Avs3dError(f"the predicted cloud has shape {points.shape}: expected (N, 3)")
-    keys = np.zeros(0, dtype=np.int64)
+    keys = np.empty(len(points), dtype=np.int64)
     limit = float(_MAX_INDEX * step)
     for start in range(0, len(points), _CHUNK):
         block = points[start : start + _CHUNK].astype(np.float64)
         if not np.isfinite(block).all():
             raise Avs3dError("the predicted cloud holds NaN or infinite coordinates: expected metres in the world")
-        # Clipped before it is scaled, lest it overflow; and before it becomes an integer.
+        # Clipped before it is scaled, lest it overflow; and after, to whole voxels.
         block = np.rint(np.clip(block, -limit, limit) * _PER_METRE).clip(-limit, limit)
         index = block.astype(np.int64) // step + _MAX_INDEX
-        packed = (index[:, 0] << 2 * _BITS) | (index[:, 1] << _BITS) | index[:, 2]
-        keys = np.union1d(keys, packed)
-    return keys
+        keys[start : start + _CHUNK] = (index[:, 0] << 2 * _BITS) | (index[:, 1] << _BITS) | index[:, 2]
+    keys.sort()
+    return keys[np.concatenate([[True], keys[1:] != keys[:-1]])] if len(keys) else keys
 
 
 def _unpack(keys: Ints) -> Ints:
     """(n, 3) world indices of packed voxels."""
     mask = 2**_BITS - 1
-    return np.stack([keys >> 2 * _BITS, keys >> _BITS & mask, keys & mask], axis=1) - _MAX_INDEX
+    index: Ints = np.stack([keys >> 2 * _BITS, keys >> _BITS & mask, keys & mask], axis=1) - _MAX_INDEX
+    return index
