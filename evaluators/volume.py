@@ -1,4 +1,4 @@
-"""How well predicted points fill the true object: IoU over voxels, and the error of the centroid.
+r"""How well predicted points fill the true object: IoU over voxels, and the error of the centroid.
 
 A voxel is half open, [k·size, (k + 1)·size) along each axis of the world, so that every point of space lies in exactly
 one. Coordinates are first rounded to 10 µm, the resolution of float32 some ten metres from the origin: a face that lies
@@ -64,7 +64,7 @@ class TrueVolume:
         origin: world index of the grid's first voxel along (x, y, z).
         surface: (X, Y, Z) bool, S: voxels that hold a point of the mesh's surface.
         interior: (X, Y, Z) bool, I: voxels enclosed by them; none of S.
-        centroid: (x, y, z) of the surface, weighted by area, metres.
+        centroid: (x, y, z) mean of the centres of ``surface``, metres.
     """
 
     size: float
@@ -104,7 +104,6 @@ def true_volume(vertices: ArrayLike, faces: ArrayLike, *, size: float = VOXEL_SI
     """
     step = _step(size)
     corners = _triangles(vertices, faces)
-    centroid = _surface_centroid(corners)
     units = np.rint(corners * _PER_METRE).astype(np.int64)
     low, high = units.min(axis=(0, 1)), units.max(axis=(0, 1))
     first, last = low // step, high // step
@@ -120,7 +119,8 @@ def true_volume(vertices: ArrayLike, faces: ArrayLike, *, size: float = VOXEL_SI
     # Filled on a padded grid, so that the outside is in one piece and reaches every border voxel of the object.
     interior = ndimage.binary_fill_holes(np.pad(surface, 1))[1:-1, 1:-1, 1:-1] & ~surface
     x, y, z = (int(index) for index in first)
-    return TrueVolume(size, (x, y, z), surface, np.ascontiguousarray(interior), centroid)
+    centroid = ((np.argwhere(surface).mean(axis=0) + (x, y, z) + 0.5) * size).tolist()
+    return TrueVolume(size, (x, y, z), surface, np.ascontiguousarray(interior), tuple(centroid))
 
 
 def score_points(points: ArrayLike, truth: TrueVolume) -> VolumeScore:
@@ -177,19 +177,11 @@ def _triangles(vertices: ArrayLike, faces: ArrayLike) -> Floats:
             f"the true mesh has coordinates that are not finite or beyond {_MAX_COORDINATE / 1000:g} km: "
             "expected world coordinates in metres"
         )
-    return corners
-
-
-def _surface_centroid(corners: Floats) -> tuple[float, float, float]:
-    """Mean of the triangles' centres, weighted by their areas."""
     # Relative to a corner: far from the origin, cross products would lose digits.
-    base = corners[0, 0]
-    local = corners - base
-    twice = np.linalg.norm(np.cross(local[:, 1] - local[:, 0], local[:, 2] - local[:, 0]), axis=1)
-    if not twice.sum() > 0:
+    sides = corners[:, 1:] - corners[:, :1]
+    if not np.cross(sides[:, 0], sides[:, 1]).any():
         raise Avs3dError("the true mesh has no area: expected the surface of an object; make the dataset anew")
-    x, y, z = (base + twice @ local.mean(axis=1) / twice.sum()).tolist()
-    return x, y, z
+    return corners
 
 
 def _surface_voxels(units: Ints, step: int, shape: Ints) -> Bools:

@@ -1,0 +1,474 @@
+"""docs/metrics.md: every number of its worked examples, recomputed twice from the drawings.
+
+Blocks whose info string begins with `masks`, `voxels` or `values` draw an example; `figures NAME` blocks hold chains
+like ``strict.IoU = (6/9 + 0)/2 ≈ 0.3333``. Of each chain, what names something is looked up in the evaluator and in a
+second implementation below (sets of pixels and fractions, nothing shared), and all that is arithmetic is worked out.
+All must agree: after ``=`` to 1e-6 (the released IoU has an epsilon), after ``≈`` to half a unit of the last digit.
+"""
+
+from __future__ import annotations
+
+import ast
+import itertools
+import math
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from score_examples import example_scores
+
+from avs3d_bench.geometry import flip_world
+from avs3d_bench.scores import METRICS, REFERENCES, ObservationScores, Scores, metrics_of
+from avs3d_bench.submission import MAX_POINTS
+from evaluators import bootstrap, protocols
+from evaluators.contour import contour, found, tolerance
+from evaluators.frames import Truth, frame_figures, reference_figures
+from evaluators.metrics import f_measure, frame_counts, iou
+from evaluators.protocols import official_observation, strict_observation, summarise
+from evaluators.volume import VolumeScore, score_points, true_volume
+
+DOCUMENT = Path(__file__).parent.parent / "docs" / "metrics.md"
+TEXT = DOCUMENT.read_text(encoding="utf-8")
+
+Pixels = set[tuple[int, int]]
+Values = dict[str, float | None]
+
+# --- Reading the document ---------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Picture:
+    """One frame: its size, and the marked pixels of each drawing, by its heading."""
+
+    height: int
+    width: int
+    drawings: dict[str, list[str]]
+
+    def pixels(self, name: str, marks: str = "#") -> Pixels:
+        rows = self.drawings.get(name, [])
+        return {(y, x) for y, row in enumerate(rows) for x, mark in enumerate(row) if mark in marks}
+
+    def array(self, pixels: Pixels) -> np.ndarray:
+        mask = np.zeros((self.height, self.width), np.uint8)
+        for y, x in pixels:
+            mask[y, x] = 255
+        return mask
+
+    @property
+    def twins(self) -> dict[str, Pixels]:
+        letters = {mark for row in self.drawings.get("twins", []) for mark in row} - {"."}
+        return {letter: self.pixels("twins", letter) for letter in sorted(letters)}
+
+
+@dataclass
+class Example:
+    frames: dict[str, Picture] = field(default_factory=dict)
+    cube: tuple[float, float] | None = None
+    voxels: list[tuple[int, int, int]] = field(default_factory=list)
+    values: list[float | None] = field(default_factory=list)
+    chains: list[tuple[str, str]] = field(default_factory=list)
+
+
+def blocks() -> Iterator[tuple[list[str], list[str]]]:
+    """Info string in words, and lines, of every fenced block that is ours."""
+    for info, body in re.findall(r"^```(\S[^\n]*)\n(.*?)^```$", TEXT, re.M | re.S):
+        if info.split()[0] in ("masks", "voxels", "values", "figures"):
+            yield info.split(), [line for line in body.splitlines() if line.strip()]
+
+
+def columns(lines: list[str]) -> dict[str, list[str]]:
+    """Drawings side by side below their titles."""
+    titles, *rows = (line.split() for line in lines)
+    assert all(len(row) == len(titles) for row in rows), lines
+    return {title: [row[i] for row in rows] for i, title in enumerate(titles)}
+
+
+def pictures(lines: list[str]) -> dict[str, Picture]:
+    """Frames side by side, their drawings below one another; a drawing's first line begins with its name.
+
+    Or one frame, whose name begins the first line, with its drawings side by side.
+    """
+    names = lines[0].split()
+    if len(names) > 1 and not names[1].startswith("frame_"):
+        name = names.pop(0)
+        drawings = columns([" ".join(names), *lines[1:]])
+        return {name: Picture(len(lines) - 1, len(drawings[names[0]][0]), drawings)}
+    out = {name: Picture(0, 0, {}) for name in names}
+    title = ""
+    for line in lines[1:]:
+        words = line.split()
+        if len(words) > len(names):
+            title = words.pop(0)
+        assert len(words) == len(names), line
+        for name, row in zip(names, words, strict=True):
+            out[name].drawings.setdefault(title, []).append(row)
+    for name, frame in out.items():
+        sizes = {(len(rows), len(row)) for rows in frame.drawings.values() for row in rows}
+        assert len(sizes) == 1, f"{name}: drawings of different sizes"
+        frame.height, frame.width = sizes.pop()
+    return out
+
+
+def read_examples() -> dict[str, Example]:
+    out: dict[str, Example] = {}
+    for (kind, name, *rest), lines in blocks():
+        example = out.setdefault(name, Example())
+        if kind == "masks":
+            example.frames |= pictures(lines)
+        elif kind == "voxels":
+            example.cube = (float(rest[0]), float(rest[1]))
+            for title, rows in columns(lines).items():
+                y = int(title.removeprefix("y="))
+                example.voxels += [(x, y, z) for z, row in enumerate(rows) for x, mark in enumerate(row) if mark == "#"]
+        elif kind == "values":
+            example.values = [None if word == "null" else float(word) for line in lines for word in line.split()]
+        else:
+            for line in lines:
+                prefix, _, rest_of_line = line.rpartition(": ")
+                example.chains += [(prefix, chain.strip()) for chain in rest_of_line.split(";")]
+    return out
+
+
+EXAMPLES = read_examples()
+CHAINS = [(name, prefix, chain) for name, example in EXAMPLES.items() for prefix, chain in example.chains]
+
+# --- Arithmetic as it is written --------------------------------------------------------------------------------------
+
+_SIGNS = {"·": "*", "−": "-", "²": "**2", "³": "**3", "√": "sqrt"}
+_FUNCTIONS: dict[str, Callable[..., float]] = {"sqrt": math.sqrt, "ceil": math.ceil, "max": max, "min": min}
+_OPERATORS: dict[type, Callable[[float, float], float]] = {
+    ast.Add: lambda a, b: a + b, ast.Sub: lambda a, b: a - b, ast.Mult: lambda a, b: a * b,
+    ast.Div: lambda a, b: a / b, ast.Pow: lambda a, b: a**b,
+}  # fmt: skip
+
+
+def work_out(text: str) -> float:
+    """A sum as a person writes it: ``0.05·√105/11``."""
+    for sign, python in _SIGNS.items():
+        text = text.replace(sign, python)
+    text = re.sub(r"sqrt\s*([\d.]+)", r"sqrt(\1)", text)
+
+    def value(node: ast.AST) -> float:
+        if isinstance(node, ast.Constant) and isinstance(node.value, int | float):
+            return node.value
+        if isinstance(node, ast.BinOp):
+            return _OPERATORS[type(node.op)](value(node.left), value(node.right))
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            return _FUNCTIONS[node.func.id](*map(value, node.args))
+        raise AssertionError(f"not arithmetic: {text}")
+
+    return value(ast.parse(text.strip(), mode="eval").body)
+
+
+def test_sums_are_worked_out():
+    assert work_out("0.05·√((13/11 − 1)² + 2)") == 0.05 * math.sqrt((13 / 11 - 1) ** 2 + 2)
+    assert work_out("0.05·√105/11") == 0.05 * math.sqrt(105) / 11
+    assert work_out("max(1, ceil(2.1)) − 3³") == -24
+
+
+# --- The evaluator ----------------------------------------------------------------------------------------------------
+
+
+def _scores(example: Example, reference: str | None, volume: VolumeScore | None) -> Values:
+    """The figures of an observation, by the evaluator."""
+    frames = []
+    for frame in example.frames.values():
+        twins = frame.twins
+        ids = np.zeros((frame.height, frame.width), np.uint16)
+        for number, pixels in enumerate(twins.values(), start=2):
+            ids[frame.array(pixels) > 0] = number
+        known = any("twins" in other.drawings for other in example.frames.values())
+        truth = Truth.of(
+            frame.array(frame.pixels("truth")), ids if known else None, range(2, 2 + len(twins)), outlines=True
+        )
+        prediction = frame.array(frame.pixels("prediction"))
+        frames.append(reference_figures(truth)[reference] if reference else frame_figures(truth, prediction))
+    strict = strict_observation(frames, volume, {})
+    out: Values = {f"strict.{metric.name}": getattr(strict, metric.name) for metric in metrics_of("strict")}
+    if frames:
+        official = official_observation(frames)
+        out |= {"official.mIoU": official.mIoU, "official.F": official.F}
+    return out
+
+
+def evaluated(example: Example) -> dict[str, Values]:
+    """Prefix → name → value, by the evaluator."""
+    volume, out = None, dict[str, Values]()
+    plain: Values = {}
+    if example.cube is not None:
+        low, high = example.cube
+        corners = np.array(list(itertools.product((low, high), repeat=3)))
+        sides = [np.flatnonzero(corners[:, axis] == end) for axis in range(3) for end in (low, high)]
+        faces = np.array([side[three] for side in sides for three in ([0, 1, 2], [1, 2, 3])])
+        truth = true_volume(corners, faces)
+        points = (np.array(example.voxels) + 0.5) * truth.size
+        index = np.array(example.voxels) - truth.origin
+        inside = index[((index >= 0) & (index < truth.surface.shape)).all(axis=1)]
+        volume = score_points(points, truth)
+        plain |= {
+            "|S|": truth.surface.sum(), "|I|": truth.interior.sum(), "|Q|": len(points),
+            "|Q∩S|": truth.surface[tuple(inside.T)].sum(), "|Q∩I|": truth.interior[tuple(inside.T)].sum(),
+        }  # fmt: skip
+    if example.values:
+        numbers = [value for value in example.values if value is not None]
+        group = summarise([_observation(value, index) for index, value in enumerate(example.values)]).strict
+        assert group is not None
+        low, high = group.intervals["IoU"]
+        assert (low, high) == bootstrap.interval(numbers)
+        plain |= {"count": group.counts["IoU"], "mean": group.IoU, "low": low, "high": high}
+    plain |= _scores(example, None, volume)
+    out[""] = plain
+    if example.frames:
+        out |= {reference: _scores(example, reference, None) for reference in REFERENCES}
+    for name, frame in example.frames.items():
+        g, p = frame.array(frame.pixels("truth")), frame.array(frame.pixels("prediction"))
+        counts = frame_counts(g, p)
+        values: Values = {
+            "|G|": counts.truth, "|P|": counts.predicted, "|P∩G|": counts.overlap, "|P∪G|": counts.union,
+            "F": f_measure(counts),
+        }  # fmt: skip
+        plain |= {"N": counts.pixels, "τ": tolerance(frame.height, frame.width)}
+        if counts.truth:
+            values["IoU"] = iou(counts)
+        if counts.truth and counts.predicted:
+            dg, dp = contour(g), contour(p)
+            values |= {
+                "p": counts.overlap / counts.predicted, "r": counts.overlap / counts.truth,
+                "|∂G|": dg.length, "|∂P|": dp.length,
+                "precision": found(dp, dg) / dp.length if dp.length else None,
+                "recall": found(dg, dp) / dg.length if dg.length else None,
+                "boundary_F": frame_figures(Truth.of(g, None, (), outlines=True), p).boundary_f,
+            }  # fmt: skip
+        for letter, pixels in frame.twins.items():
+            of_twin = frame_counts(frame.array(pixels), p)
+            values |= {f"|{letter}|": of_twin.truth, f"|P∩{letter}|": of_twin.overlap}
+        out[name] = values
+    return out
+
+
+def _observation(value: float | None, index: int) -> ObservationScores:
+    """An observation whose strict IoU is known."""
+    strict = strict_observation([], None, {}).model_copy(update={"IoU": value})
+    return ObservationScores(
+        key=f"part_1/apartment_{index}/kitchen/1", part="part_1", scan=f"apartment_{index}", room="kitchen",
+        category="clock", frames=1, strict=strict,
+    )  # fmt: skip
+
+
+# --- The second implementation: sets of pixels and fractions, by the document's text ----------------------------------
+
+
+def _average(values: list[Fraction]) -> Fraction | None:
+    return sum(values, Fraction(0)) / len(values) if values else None
+
+
+def _f(p: Pixels, g: Pixels) -> Fraction:
+    both = len(p & g)
+    return Fraction(13, 10) * both / (Fraction(3, 10) * len(g) + len(p)) if both else Fraction(0)
+
+
+def _boundary(mask: Pixels, frame: Picture) -> Pixels:
+    image = set(itertools.product(range(frame.height), range(frame.width)))
+    steps = ((-1, 0), (1, 0), (0, -1), (0, 1))
+    return {(y, x) for y, x in mask if any((y + a, x + b) in image - mask for a, b in steps)}
+
+
+def _near(pixels: Pixels, others: Pixels, reach: int) -> Fraction:
+    close = [(y, x) for y, x in pixels if any((y - a) ** 2 + (x - b) ** 2 <= reach**2 for a, b in others)]
+    return Fraction(len(close), len(pixels))
+
+
+def _boundary_f(p: Pixels, g: Pixels, frame: Picture) -> Fraction:
+    dp, dg = _boundary(p, frame), _boundary(g, frame)
+    if not dp or not dg:
+        return Fraction(int(not dp and not dg))
+    reach = math.ceil(0.008 * math.hypot(frame.height, frame.width))
+    precision, recall = _near(dp, dg, reach), _near(dg, dp, reach)
+    return 2 * precision * recall / (precision + recall) if precision + recall else Fraction(0)
+
+
+def _witness_scores(example: Example, reference: str | None) -> dict[str, Fraction | None]:
+    frames = []
+    for frame in example.frames.values():
+        image = set(itertools.product(range(frame.height), range(frame.width)))
+        h, w = frame.height, frame.width
+        box = {(y, x) for y, x in image if h // 4 <= y < h - h // 4 and w // 4 <= x < w - w // 4}
+        made = {None: frame.pixels("prediction"), "all_black": set(), "all_white": image, "centre_box": box}
+        frames.append((frame, image, made[reference], frame.pixels("truth")))
+    visible = [(f, image, p, g) for f, image, p, g in frames if g]
+    absent = [(f, image, p) for f, image, p, g in frames if not g]
+    with_twins = [(f, p) for f, _, p, _ in frames if f.twins]
+    share = [
+        Fraction(len(p & g), len(p | g)) if g else Fraction(len(image - p), len(image)) for _, image, p, g in frames
+    ]
+    marked = [any(2 * len(p & twin) > len(twin) for twin in f.twins.values()) for f, p in with_twins]
+    return {
+        "official.mIoU": _average(share),
+        "official.F": max(
+            _average([_f(p, g) for _, _, p, g in visible]) or Fraction(0),
+            _average([_f(image, g) for _, image, _, g in visible]) or Fraction(0),
+        ),
+        "strict.IoU": _average([Fraction(len(p & g), len(p | g)) for _, _, p, g in visible]),
+        "strict.F": _average([_f(p, g) for _, _, p, g in visible]),
+        "strict.boundary_F": _average([_boundary_f(p, g, f) for f, _, p, g in visible]),
+        "strict.FP_rate": _average([Fraction(bool(p)) for _, _, p in absent]),
+        "strict.FP_area": _average([Fraction(len(p), len(image)) for _, image, p in absent]),
+        "strict.wrong_instance_rate": _average([Fraction(one) for one in marked]),
+    }
+
+
+def witnessed(example: Example) -> dict[str, dict[str, Fraction | float | None]]:
+    """Prefix → name → value, by the second implementation."""
+    out: dict[str, dict[str, Fraction | float | None]] = {"": {}}
+    if example.frames:
+        out = {prefix: dict(_witness_scores(example, prefix or None)) for prefix in ("", *REFERENCES)}
+    for name, frame in example.frames.items():
+        p, g = frame.pixels("prediction"), frame.pixels("truth")
+        values: dict[str, Fraction | float | None] = {
+            "|G|": len(g), "|P|": len(p), "|P∩G|": len(p & g), "|P∪G|": len(p | g), "F": _f(p, g),
+        }  # fmt: skip
+        reach = math.ceil(0.008 * math.hypot(frame.height, frame.width))
+        out[""] |= {"N": frame.height * frame.width, "τ": reach}
+        if g:
+            values["IoU"] = Fraction(len(p & g), len(p | g))
+        if p and g:
+            dp, dg = _boundary(p, frame), _boundary(g, frame)
+            values |= {
+                "p": Fraction(len(p & g), len(p)), "r": Fraction(len(p & g), len(g)),
+                "|∂G|": len(dg), "|∂P|": len(dp), "precision": _near(dp, dg, reach), "recall": _near(dg, dp, reach),
+                "boundary_F": _boundary_f(p, g, frame),
+            }  # fmt: skip
+        for letter, pixels in frame.twins.items():
+            values |= {f"|{letter}|": len(pixels), f"|P∩{letter}|": len(p & pixels)}
+        out[name] = values
+    if example.cube is not None:
+        low, high = (math.floor(Fraction(str(end)) / Fraction("0.05")) for end in example.cube)
+        solid = set(itertools.product(range(low, high + 1), repeat=3))
+        inside = {v for v in solid if all(low < c < high for c in v)}
+        shell, q = solid - inside, set(example.voxels)
+        centre = [sum((c + 0.5) * 0.05 for c in axis) / len(q) for axis in zip(*q, strict=True)]
+        out[""] |= {
+            "|S|": len(shell), "|I|": len(inside), "|Q|": len(q), "|Q∩S|": len(q & shell), "|Q∩I|": len(q & inside),
+            "strict.IoU_3D": Fraction(len(q & shell), len(shell | (q - inside))),
+            "strict.centroid_error": math.dist(centre, [sum(example.cube) / 2] * 3),
+        }  # fmt: skip
+    if example.values:
+        out[""] |= _exact_interval([Fraction(str(value)) for value in example.values if value is not None])
+    return out
+
+
+def _exact_interval(values: list[Fraction]) -> dict[str, Fraction | float | None]:
+    """All resamples there are, each as likely: no draws."""
+    means = sorted(sum(drawn) / len(values) for drawn in itertools.product(values, repeat=len(values)))
+    low, high = (means[math.ceil(share * len(means)) - 1] for share in (0.025, 0.975))
+    return {"count": len(values), "mean": _average(values), "low": low, "high": high}
+
+
+# --- The document against both ----------------------------------------------------------------------------------------
+
+RECKONED = {name: (evaluated(example), witnessed(example)) for name, example in EXAMPLES.items()}
+
+
+@pytest.mark.parametrize(("example", "prefix", "chain"), CHAINS, ids=[f"{n} {p} {c}"[:70] for n, p, c in CHAINS])
+def test_every_number_of_every_example(example: str, prefix: str, chain: str):
+    if prefix in EXAMPLES:
+        example, prefix = prefix, ""
+    pieces = re.split(r"\s*([=≈])\s*", chain)
+    assert len(pieces) >= 3, f"nothing is claimed: {chain}"
+    name = re.sub(r"\s", "", pieces[0])
+    evaluator, witness = RECKONED[example]
+    if name in evaluator[prefix] or name in witness[prefix]:
+        values = [evaluator[prefix][name], witness[prefix][name]]
+    else:
+        values = [work_out(pieces[0])]
+    for sign, text in zip(pieces[1::2], pieces[2::2], strict=True):
+        if text == "null":
+            assert values == [None, None]
+            continue
+        decimals = len(text.partition(".")[2])
+        margin = 0.5 * 10**-decimals + 1e-9 if sign == "≈" else 1e-6
+        for value in values:
+            assert value is not None
+            assert abs(work_out(text) - float(value)) <= margin, f"{text}, not {float(value)}"
+
+
+def test_every_figure_has_an_example():
+    claimed = {re.split(r"\s*[=≈]", chain)[0] for _, _, chain in CHAINS if not chain.endswith("null")}
+    assert {f"{metric.protocol}.{metric.name}" for metric in METRICS} <= claimed
+    assert {"low", "high", "mean", "count"} <= claimed
+    assert {prefix for _, prefix, _ in CHAINS} >= set(REFERENCES)
+    # The drawings are used, and there are no chains of examples that nobody drew.
+    assert all(e.chains and (e.frames or e.cube or e.values) for e in EXAMPLES.values())
+
+
+def test_the_drawn_boundaries_are_the_boundaries():
+    frame = EXAMPLES["outline"].frames["frame_000"]
+    for mask in ("truth", "prediction"):
+        assert frame.pixels(f"∂{mask}", "o") == _boundary(frame.pixels(mask), frame)
+
+
+def test_a_chain_that_is_wrong_is_found():
+    with pytest.raises(AssertionError):
+        test_every_number_of_every_example("walk", "", "strict.IoU = (6/9 + 0)/2 ≈ 0.3334")
+    with pytest.raises(AssertionError):
+        test_every_number_of_every_example("walk", "frame_000", "|P ∩ G| = 7")
+    with pytest.raises(AssertionError):
+        test_every_number_of_every_example("walk", "", "strict.IoU = null")
+
+
+def first_column(heading: str) -> set[str]:
+    """What stands in backticks in the first column of the first table below a heading."""
+    section = TEXT.split(heading, 1)[1]
+    table = re.search(r"(?:^\|.*\n)+", section, re.M)
+    assert table
+    cells = [line.split("|")[1] for line in table.group().splitlines()[2:]]
+    return {key for cell in cells for key in re.findall(r"`([^`]+)`", cell)}
+
+
+def test_the_table_at_the_top_lists_every_figure():
+    rows = re.findall(r"^\| (official|strict) \| `(\w+)` \| (high|low) \| (metres)?", TEXT, re.M)
+    assert [(protocol, name, way == "high", unit == "metres") for protocol, name, way, unit in rows] == [
+        (m.protocol, m.name, m.higher_is_better, m.unit == "m") for m in METRICS
+    ]
+
+
+def test_every_key_of_the_file_of_scores_is_explained():
+    assert first_column("## A file of scores") == set(Scores.model_fields)
+
+
+def test_every_reason_for_a_null_is_listed():
+    constants = {name: value for name, value in vars(protocols).items() if name.isupper() and name[0] != "_"}
+    reasons = [value for value in constants.values() if isinstance(value, str)]
+    assert reasons
+    for reason in reasons:
+        assert f"| {reason} |" in TEXT, reason
+
+
+def test_constants_in_the_text_are_those_of_the_code():
+    assert f"{bootstrap.RESAMPLES:,} times" in TEXT
+    assert bootstrap.CONFIDENCE == 0.95
+    assert MAX_POINTS == 2_000_000
+    assert tolerance(1008, 1008) == 12
+    assert 0.15 / 0.05 == 2.9999999999999996
+    assert np.array_equal(flip_world([[1.0, 2.0, 3.0]]), [[1.0, -2.0, -3.0]])
+
+
+def test_python_in_the_document_compiles():
+    snippets = re.findall(r"^```python\n(.*?)^```$", TEXT, re.M | re.S)
+    assert len(snippets) == 2
+    for snippet in snippets:
+        compile(snippet, str(DOCUMENT), "exec")
+
+
+def test_the_snippet_reads_a_file_of_scores(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    (tmp_path / "scores.json").write_text(example_scores().model_dump_json())
+    monkeypatch.chdir(tmp_path)
+    snippet = re.findall(r"^```python\n(import json.*?)^```$", TEXT, re.M | re.S)[0]
+    exec(compile(snippet, str(DOCUMENT), "exec"), {})
+    assert re.match(r"IoU 0\.\d{3} \[0\.\d{3}, 0\.\d{3}\] over \d+ observations\n", capsys.readouterr().out)
