@@ -6,6 +6,7 @@ imported only when it is called or asked for its own help, so that ``avs3d --hel
 
 from __future__ import annotations
 
+import io
 import sys
 from collections.abc import Sequence
 from importlib import metadata
@@ -156,6 +157,9 @@ def run(command: click.Command, arguments: Sequence[str] | None = None, *, progr
         arguments: instead of the process's own.
         program: its name in messages.
     """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # an ASCII terminal, a file name that is no UTF-8
     try:
         code = command.main(
             args=None if arguments is None else list(arguments), prog_name=program, standalone_mode=False

@@ -192,7 +192,8 @@ def write_json(path: str | Path, value: Any) -> None:
     Raises:
         Avs3dError: if the system refuses, or a number is not finite.
     """
-    write_bytes(path, dump_json(value).encode())
+    # File names may hold bytes that are no UTF-8: JSON has escapes for the code points that stand for them.
+    write_bytes(path, dump_json(value).encode("utf-8", "backslashreplace"))
 
 
 def read_json(path: str | Path) -> Any:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.connection import wait
 from typing import TypeVar
 
 from avs3d_bench.errors import Avs3dError
@@ -50,7 +52,7 @@ def process_each(
             return
         # Not fork: the caller may have threads (a progress bar, OpenCV's pool).
         context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(count, mp_context=context) as pool:
+        with ProcessPoolExecutor(count, mp_context=context, initializer=_end_with_parent) as pool:
             futures = {pool.submit(work, item): item for item in items}
             try:
                 for future in as_completed(futures):
@@ -62,6 +64,19 @@ def process_each(
             finally:
                 for future in futures:
                     future.cancel()
+
+
+def _end_with_parent() -> None:
+    """End this worker when its parent is gone: a killed parent tells nobody, and workers would wait for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+
+    def watch() -> None:
+        wait([parent.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 class _Bar:

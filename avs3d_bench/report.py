@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -93,15 +94,26 @@ def _group(path: str) -> tuple[str, str]:
     return ("/".join(pieces[:4]), "/".join(pieces[4:])) if len(pieces) >= 4 else ("", path)
 
 
+def screen() -> Console:
+    """Standard output; when its reader goes away (`| head`) the rest is dropped and the exit status stays."""
+    from rich.console import Console as RichConsole
+
+    class Screen(RichConsole):
+        def on_broken_pipe(self) -> None:
+            with suppress(SystemExit):  # 1, which would say that the problems found are the reason
+                super().on_broken_pipe()
+
+    return Screen(highlight=False)
+
+
 def print_report(report: Report, console: Console | None = None, *, shown: int = SHOWN) -> None:
     """Print the findings grouped by observation, one line each, the graver first, and the count at the end.
 
     More than ``shown`` findings are counted, not shown.
     """
-    from rich.console import Console as RichConsole
     from rich.text import Text
 
-    out = console or RichConsole(highlight=False)
+    out = console or screen()
     first = sorted(report.problems, key=lambda p: _RANK[p.severity])[:shown]
     heading: str | None = None
     for problem in sorted(first, key=lambda p: (_group(p.path)[0], _RANK[p.severity], p.path)):

@@ -63,7 +63,14 @@ METRICS: tuple[Metric, ...] = (
         "share of the frames showing a silent twin in which one is marked",
     ),
     Metric("strict", "IoU_3D", "3D IoU", True, "", "of 5 cm voxels against the object's mesh"),
-    Metric("strict", "centroid_error", "centroid error", False, "m", "between the centroids of the predicted and the true voxels"),
+    Metric(
+        "strict",
+        "centroid_error",
+        "centroid error",
+        False,
+        "m",
+        "between the centroids of the predicted and the true voxels",
+    ),
 )
 
 

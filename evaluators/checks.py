@@ -84,7 +84,9 @@ def problem_of(submission: Submission, path: Path, error: Avs3dError) -> Problem
 
 
 def has_points(submission: Submission, observations: Iterable[Observation]) -> bool:
-    """Whether the submission holds any 3D prediction."""
+    """Whether the submission holds any 3D prediction; the released pipeline writes none, whatever its folders hold."""
+    if submission.layout == "official":
+        return False
     return any(os.path.lexists(submission.points_path(observation.key)) for observation in observations)
 
 
@@ -130,15 +132,16 @@ def _check_record(submission: Submission, dataset: Dataset) -> Iterator[Problem]
     if submission.layout == "official" or any(p.path == layout.SUBMISSION_JSON for p in submission.problems):
         return
     said, record = submission.record, dataset.record
+    named = printable(f"{said.dataset} {said.dataset_version}")
     if record is None:
         yield Problem(
-            "note", layout.SUBMISSION_JSON, f"{said.dataset} {said.dataset_version}: cannot be held against this "
+            "note", layout.SUBMISSION_JSON, f"{named}: cannot be held against this "
             f"dataset, which has no {layout.DATASET_JSON}",
         )  # fmt: skip
     elif (said.dataset, said.dataset_version) != (record.name, record.version):
         yield Problem(
             "error", layout.SUBMISSION_JSON,
-            f"made for {said.dataset} {said.dataset_version}, expected {record.name} {record.version}, this dataset",
+            f"made for {named}, expected {record.name} {record.version}, this dataset",
         )  # fmt: skip
 
 

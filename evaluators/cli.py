@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
 import click
 
-from avs3d_bench import __version__
+from avs3d_bench import __version__, layout
 from avs3d_bench.cli import run
+from avs3d_bench.errors import UsageError
+from avs3d_bench.taxonomy import PARTS
 
 _HELP = {"help_option_names": ["-h", "--help"]}
 _PATH: Any = click.Path(path_type=Path)
@@ -55,7 +59,9 @@ def evaluate(
     from evaluators.table import print_scores
 
     wanted: Any = tuple(PROTOCOLS) if protocol == "all" else (protocol,)
+    _clean_up_when_terminated()
     data = Dataset(dataset)
+    _check_targets((json_file, html_file), submission, dataset)
     with open_submission(submission) as opened:
         try:
             evaluation = score(opened, data, protocols=wanted, only=only, workers=workers, progress=sys.stderr.isatty())
@@ -63,13 +69,16 @@ def evaluate(
             _print_problems(error.report, submission, dataset)
             raise SystemExit(1) from None
         scores = evaluation.scores
-        if html_file is not None:
-            from evaluators.report import write_report
+        try:
+            if html_file is not None:
+                from evaluators.report import write_report
 
-            write_report(html_file, evaluation, data, opened)
-    if json_file is not None:
-        write_json(json_file, scores.model_copy(update={"report": _beside(html_file, json_file)}))
-    print_scores(scores)
+                write_report(html_file, evaluation, data, opened)
+            if json_file is not None:
+                write_json(json_file, scores.model_copy(update={"report": _beside(html_file, json_file)}))
+        finally:
+            # A full disk must not cost the scores as well.
+            print_scores(scores)
     for path in (json_file, html_file):
         if path is not None:
             click.echo(str(path))
@@ -77,10 +86,42 @@ def evaluate(
 
 def _beside(html_file: Path | None, json_file: Path) -> str | None:
     """The report's path relative to the file of scores, where it lies at or below it."""
+    from evaluators.archive import printable
+
     if html_file is None:
         return None
     relative = Path(os.path.relpath(html_file.resolve(), json_file.resolve().parent)).as_posix()
-    return None if relative.startswith("..") else relative
+    # A name that is no UTF-8 cannot stand in a file of scores.
+    return None if relative.startswith("..") or printable(relative) != relative else relative
+
+
+def _check_targets(targets: Sequence[Path | None], submission: Path, dataset: Path) -> None:
+    """Refuse, before any work is done, to write where a folder or a file of the submission or dataset belongs.
+
+    Raises:
+        UsageError: naming the file.
+    """
+    places = [Path(os.path.realpath(target)) for target in targets if target is not None]
+    if len(set(places)) < len(places):
+        raise UsageError(f"{places[0]}: named twice; expected a file each for --json and --html")
+    for place in places:
+        if place.is_dir():
+            raise UsageError(f"{place}: a folder stands there, expected a file")
+        for root, record in ((submission, layout.SUBMISSION_JSON), (dataset, layout.DATASET_JSON)):
+            home = Path(os.path.realpath(root))
+            inside = place.relative_to(home).parts if place.is_relative_to(home) else None
+            if inside is not None and (inside in ((), (record,)) or inside[0] in PARTS):
+                raise UsageError(f"{place}: would overwrite or litter {root}; choose another file")
+
+
+def _clean_up_when_terminated() -> None:
+    """Let SIGTERM (`timeout`, job schedulers) end the program as Ctrl-C does: no temporary folder is left."""
+
+    def end(number: int, _: object) -> NoReturn:
+        raise SystemExit(128 + number)
+
+    with suppress(ValueError):  # only the main thread may ask for signals
+        signal.signal(signal.SIGTERM, end)
 
 
 def _print_problems(report: Any, submission: Path, dataset: Path) -> None:
@@ -106,6 +147,8 @@ def check(submission: Path, dataset: Path, json_file: Path | None, only: tuple[s
     from avs3d_bench.report import print_report
     from evaluators.checks import check_submission
 
+    _clean_up_when_terminated()
+    _check_targets((json_file,), submission, dataset)
     report = check_submission(submission, dataset, only=only, workers=workers, progress=sys.stderr.isatty())
     if json_file is not None:
         write_json(json_file, report.as_dict())

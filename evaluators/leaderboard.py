@@ -106,8 +106,9 @@ def _report(path: Path, scores: Scores) -> Path | None:
     """The report that lies beside the file of scores; None where it is gone, or a link leads elsewhere."""
     if scores.report is None:
         return None
-    report = (path.parent / scores.report).resolve()
-    return report if report.is_file() and report.is_relative_to(path.parent.resolve()) else None
+    folder = path.resolve().parent  # a link to a file of scores has no report beside it
+    report = (folder / scores.report).resolve()
+    return report if report.is_file() and report.is_relative_to(folder) else None
 
 
 def _slug(method: str) -> str:

@@ -17,6 +17,8 @@ from avs3d_bench.submission import MAX_POINTS
 from evaluators.metrics import U8
 
 MAX_POINTS_BYTES = 64 * 2**20
+#: No home is as large as this, metres: points beyond are in another unit.
+MAX_COORDINATE = 1000.0
 _GREY, _RGB = 0, 2
 #: Values named in a message.
 _NAMED = 4
@@ -95,4 +97,9 @@ def read_points(path: Path) -> NDArray[np.float32]:
     points = read_ply(path).vertices
     if len(points) > MAX_POINTS:
         raise Avs3dError(f"{path}: {len(points):,} points, expected at most {MAX_POINTS:,}")
+    if len(points) and float(np.abs(points).max()) > MAX_COORDINATE:
+        raise Avs3dError(
+            f"{path}: points {float(np.abs(points).max()):.3g} m from the origin, expected world coordinates in metres, "
+            f"within {MAX_COORDINATE:g} m"
+        )
     return points

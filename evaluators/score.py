@@ -16,6 +16,9 @@ from heapq import nsmallest
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from avs3d_bench import __version__, layout
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError
@@ -180,12 +183,16 @@ def score_observation(
     if not figures and not problems:
         raise Avs3dError(f"{observation.path}: no test frame; expected some in {layout.SPLITS_JSON}")
     volume: VolumeScore | None = None
-    if strict and points:
+    if points:
         files += 1
+        path = submission.points_path(key)
         try:
-            volume = _volume(observation, submission)
-        except _BadPointsError as error:
-            problems.append(problem_of(submission, submission.points_path(key), error))
+            # Read whatever becomes of it: a submission with a bad file gets no score under any protocol.
+            cloud = read_points(path)
+        except Avs3dError as error:
+            problems.append(problem_of(submission, path, error))
+        else:
+            volume = _volume(observation, cloud) if strict else None
     if problems:
         return Outcome(None, {}, (), (), tuple(problems), files)
     scored = _observation_scores(observation, figures, volume, wanted, points)
@@ -217,18 +224,10 @@ def _truth(frame: Frame, twin_ids: tuple[int, ...] | None, strict: bool) -> Trut
     return Truth.of(mask, ids, twin_ids or (), outlines=strict)
 
 
-class _BadPointsError(Avs3dError):
-    """The prediction's cloud is bad, not the dataset's mesh."""
-
-
-def _volume(observation: Observation, submission: Submission) -> VolumeScore | None:
-    """The 3D figures; None where the dataset has no mesh."""
+def _volume(observation: Observation, cloud: NDArray[np.float32]) -> VolumeScore | None:
+    """The 3D figures of a predicted cloud (N, 3); None where the dataset has no mesh."""
     if not (observation.path / layout.SOUNDING_OBJECT).exists():
         return None
-    try:
-        cloud = read_points(submission.points_path(observation.key))
-    except Avs3dError as error:
-        raise _BadPointsError(str(error)) from None
     mesh = observation.mesh()
     return score_points(cloud, true_volume(mesh.vertices, mesh.faces))
 

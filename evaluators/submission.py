@@ -18,13 +18,13 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import read_bytes
 from avs3d_bench.report import Problem, Report, ordered
 from avs3d_bench.schema import SubmissionRecord, describe
-from evaluators.archive import top_folder, unpack, vet
+from evaluators.archive import printable, top_folder, unpack, vet
 from evaluators.masks import check_file
 from evaluators.records import InvalidSubmission, Submission
 
 _EXPECTED = (
-    f"expected {layout.SUBMISSION_JSON} and part_1|part_2/<scan>/<room>/<index>/{layout.SUBMISSION_MASKS}/ with one PNG "
-    f"per test frame (or {layout.RELEASED_MASKS[0]}/ in place of {layout.SUBMISSION_MASKS}/)"
+    f"expected {layout.SUBMISSION_JSON} and part_1|part_2/<scan>/<room>/<index>/{layout.SUBMISSION_MASKS}/ with one "
+    f"PNG per test frame (or {layout.RELEASED_MASKS[0]}/ in place of {layout.SUBMISSION_MASKS}/)"
 )
 _JSON = '{"method": …, "dataset": …, "dataset_version": …}'
 #: submission.json holds a few lines.
@@ -80,7 +80,8 @@ def _opened(root: Path, source: Path | None) -> Submission:
 
 
 def _made_up(named: Path) -> SubmissionRecord:
-    return SubmissionRecord(method=named.resolve().stem or "unnamed", dataset="unknown", dataset_version="unknown")
+    method = printable(named.resolve().stem or "unnamed")
+    return SubmissionRecord(method=method, dataset="unknown", dataset_version="unknown")
 
 
 def _record(path: Path, named: Path) -> tuple[SubmissionRecord, tuple[Problem, ...]]:

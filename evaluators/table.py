@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from avs3d_bench.report import screen
 from avs3d_bench.scores import METRICS, REFERENCES, GroupScores, Metric, Scores
+from evaluators.archive import printable
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 _PROTOCOLS = {"official": "off.", "strict": "strict"}
+#: Columns that the table may take.
+_WIDEST = 1000
 #: Headings as narrow as 80 columns ask for.
 _HEADINGS = {
     "boundary_F": "bound.\nF",
@@ -48,11 +52,10 @@ def print_scores(scores: Scores, console: Console | None = None) -> None:
     The intervals (95 %, bootstrap over observations) stand below the means of the parts.
     """
     from rich.box import SIMPLE_HEAD
-    from rich.console import Console as RichConsole
     from rich.table import Table
     from rich.text import Text
 
-    out = console or RichConsole(highlight=False)
+    out = console or screen()
     wanted = scores.avs3d_eval.protocols
     columns = [metric for metric in METRICS if metric.protocol in wanted and _known(scores, metric)]
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0)
@@ -60,8 +63,8 @@ def print_scores(scores: Scores, console: Console | None = None) -> None:
     for position, metric in enumerate(columns):
         first = position == 0 or columns[position - 1].protocol != metric.protocol
         title = _HEADINGS.get(metric.name, metric.title)
-        head = Text(f"{_PROTOCOLS[metric.protocol] if first else ''}\n{title}".replace("\n\n", "\n"))
-        table.add_column(head, justify="right", no_wrap=True)
+        head = f"{_PROTOCOLS[metric.protocol]}\n{title}" if first else title
+        table.add_column(Text(head), justify="right", no_wrap=True)
 
     def add(name: str, group: GroupScores, style: str = "") -> None:
         table.add_row(name, *(_number(_value(group, m)) for m in columns), style=style)
@@ -83,8 +86,10 @@ def print_scores(scores: Scores, console: Console | None = None) -> None:
     add_all(scores.rooms.items())
     said = scores.submission
     version = f" {scores.dataset.version}" if scores.dataset.version else " (official release)"
-    out.print(Text(f"{said.method} on {scores.dataset.name}{version}", style="bold"), soft_wrap=True)
-    out.print(table)
+    out.print(Text(printable(f"{said.method} on {scores.dataset.name}{version}"), style="bold"), soft_wrap=True)
+    # Whole on a narrow terminal too, which wraps its lines: cut to its width there would be no figure left.
+    table.width = out.measure(table, options=out.options.update(max_width=_WIDEST)).maximum
+    out.print(table, soft_wrap=True)
     part = scores.dataset
     if part.scored < part.observations:
         out.print(Text(f"{part.scored} of {part.observations} observations were asked for: no score of the benchmark"))

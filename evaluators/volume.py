@@ -1,4 +1,4 @@
-r"""How well predicted points fill the true object: IoU over voxels, and the error of the centroid.
+"""How well predicted points fill the true object: IoU over voxels, and the error of the centroid.
 
 A voxel is half open, [k·size, (k + 1)·size) along each axis of the world, so that every point of space lies in exactly
 one. Coordinates are first rounded to 10 µm, the resolution of float32 some ten metres from the origin: a face that lies
@@ -177,7 +177,6 @@ def _triangles(vertices: ArrayLike, faces: ArrayLike) -> Floats:
             f"the true mesh has coordinates that are not finite or beyond {_MAX_COORDINATE / 1000:g} km: "
             "expected world coordinates in metres"
         )
-    # Relative to a corner: far from the origin, cross products would lose digits.
     sides = corners[:, 1:] - corners[:, :1]
     if not np.cross(sides[:, 0], sides[:, 1]).any():
         raise Avs3dError("the true mesh has no area: expected the surface of an object; make the dataset anew")

@@ -56,6 +56,14 @@ def test_the_higher_iou_is_first_and_references_have_no_rank(tmp_path: Path) -> 
     assert all(row.rank is None for row in rows if row.entry is None)
 
 
+def test_a_link_to_a_file_of_scores_keeps_its_report(tmp_path: Path) -> None:
+    file = save(tmp_path / "away", example_scores(seed=1, method="mine"), report="mine")
+    link = tmp_path / "scores.json"
+    link.symlink_to(file)
+    write_leaderboard(tmp_path / "board", [link])
+    assert "<title>mine</title>" in (tmp_path / "board" / "reports" / "mine.html").read_text()
+
+
 def test_equal_figures_share_a_rank(tmp_path: Path) -> None:
     files = [save(tmp_path / name, example_scores(seed=seed, skill=skill, method=name))
              for name, seed, skill in [("a", 1, 0.9), ("b", 2, 0.6), ("c", 2, 0.6), ("d", 3, 0.3)]]  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -314,13 +315,164 @@ def test_a_damaged_truth_is_the_datasets_fault(data: Path, tmp_path: Path, capsy
     assert error.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    "target",
+    [
+        "s",
+        "s/submission.json",
+        f"s/{tiny.SINGLE}/masks/frame_000.png",
+        f"s/{tiny.SINGLE}/new",
+        "data/dataset.json",
+        "z",
+    ],
+)
+def test_a_result_never_takes_the_place_of_what_it_is_about(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], target: str
+):
+    root, submission = tiny.clone(data, tmp_path / "data"), submit(tmp_path / "s", data, true_mask)
+    (tmp_path / "z").symlink_to(tmp_path / "s" / layout.SUBMISSION_JSON)
+    before = tiny.hashes(tmp_path)
+    for option in ("--json", "--html"):
+        code, said, error = run(capsys, submission, "--dataset", root, option, tmp_path / target)
+        assert (code, said, error.count("\n")) == (2, "", 1), option
+    assert tiny.hashes(tmp_path) == before
+
+
+def test_nor_an_archives_or_one_another(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    archive = Path(shutil.make_archive(str(tmp_path / "s"), "zip", submit(tmp_path / "s", data, true_mask)))
+    before = archive.read_bytes()
+    assert run(capsys, archive, "--dataset", data, "--json", archive)[0] == 2
+    assert archive.read_bytes() == before
+    same = tmp_path / "scores"
+    assert run(capsys, archive, "--dataset", data, "--json", same, "--html", tmp_path / "s" / ".." / "scores")[0] == 2
+    assert not same.exists()
+
+
+def test_scores_that_cannot_be_written_are_printed_all_the_same(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    code, said, error = run(capsys, submit(tmp_path / "s", data, true_mask), "--dataset", data, "--json", "/proc/a/b")
+    assert code == 1
+    assert "overall (2)" in said
+    assert error.startswith("avs3d-eval: error: /proc/a/b: cannot write")
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+@pytest.mark.parametrize("mesh", [True, False])
+def test_a_broken_cloud_gets_no_score_even_where_nobody_asks_for_it(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], protocol: str, mesh: bool
+):
+    root = tiny.clone(data, tmp_path / "data")
+    submission = submit(tmp_path / "s", root, true_mask, points=lambda o: np.ones((2, 3)))
+    cloud = submission / tiny.SINGLE / layout.SUBMISSION_POINTS
+    tiny.replace(cloud, cloud.read_bytes()[:-4] + np.float32(np.nan).tobytes())
+    if not mesh:
+        (root / tiny.SINGLE / layout.SOUNDING_OBJECT).unlink()
+    code, said, _ = run(capsys, submission, "--dataset", root, "--protocol", protocol)
+    assert code == 1
+    assert "points.ply" in said
+    assert "overall" not in said
+
+
+def test_the_released_pipelines_other_files_are_no_prediction(data: Path, tmp_path: Path):
+    submission = submit(tmp_path / "s", data, true_mask, masks=layout.RELEASED_MASKS[0])
+    (submission / tiny.SINGLE / layout.SUBMISSION_POINTS).write_text("no cloud of ours")
+    scores = evaluate(submission, data).scores
+    assert not scores.submission.points
+    assert scores.overall.strict.unavailable["IoU_3D"] == protocols.NO_POINTS
+
+
+def test_a_methods_name_cannot_steer_the_terminal(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    submission = submit(tmp_path / "s", data, true_mask)
+    for name, code in (("tiny", 0), ("\x1b]0;other", 1)):
+        said = {"method": "evil\x1b[31m \u202etxt.exe\n[bold]", "dataset": name, "dataset_version": "1"}
+        media.write_json(submission / layout.SUBMISSION_JSON, said)
+        found, out, _ = run(capsys, submission, "--dataset", data)
+        assert found == code
+        assert not set(out) & set("\x1b\u202e")
+        assert "\\x1b" in out
+
+
+def shell(submission: Path, root: Path, *arguments: str, **environment: str) -> subprocess.Popen[str]:
+    """The program in a process of its own."""
+    call = [sys.executable, "-c", "from evaluators.cli import main; main()", str(submission), "--dataset", str(root)]
+    pipe = subprocess.PIPE
+    return subprocess.Popen([*call, *arguments], stdout=pipe, stderr=pipe, text=True, env=os.environ | environment)
+
+
+@pytest.mark.parametrize("broken", [False, True])
+def test_a_reader_that_goes_away_changes_no_verdict(data: Path, tmp_path: Path, broken: bool):
+    submission = submit(tmp_path / "s", data, true_mask)
+    if broken:
+        (submission / tiny.SINGLE / "masks" / "frame_000.png").unlink()
+    program = shell(submission, data, "--json", str(tmp_path / "scores.json"))
+    assert program.stdout
+    program.stdout.close()
+    assert (program.wait(), program.stderr.read()) == (int(broken), "")
+    assert (tmp_path / "scores.json").exists() != broken
+
+
+def test_a_terminal_that_knows_ascii_only(data: Path, tmp_path: Path):
+    out, error = shell(submit(tmp_path / "s", data, true_mask), data, PYTHONIOENCODING="ascii").communicate()
+    assert "overall (2)" in out
+    assert error == ""
+
+
+def test_a_narrow_terminal_loses_no_figure(data: Path, tmp_path: Path):
+    submission = submit(tmp_path / "s", data, shifted)
+    wide, narrow = (shell(submission, data, COLUMNS=str(columns)).communicate()[0] for columns in (120, 40))
+    assert "…" not in narrow
+    assert narrow.split() == wide.split()
+
+
+def test_a_name_that_is_no_text(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    odd = os.fsdecode(b"caf\xe9")
+    submission = submit(tmp_path / odd, data, true_mask, masks=layout.RELEASED_MASKS[0])
+    json_file, html = tmp_path / "scores.json", tmp_path / f"{odd}.html"
+    assert run(capsys, submission, "--dataset", data, "--json", json_file, "--html", html)[0] == 0
+    found = Scores.model_validate_json(json_file.read_bytes())
+    assert (found.submission.method, found.report) == ("caf\\udce9", None)
+
+
+def test_terminated_it_cleans_up(data: Path, tmp_path: Path):
+    """`timeout` and job schedulers send SIGTERM: the unpacked archive goes, and the workers with it."""
+    archive = shutil.make_archive(str(tmp_path / "s"), "zip", submit(tmp_path / "s", data, true_mask))
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    program = shell(Path(archive), data, "--workers", "2", TMPDIR=str(scratch))
+    while not list(scratch.glob("avs3d-submission-*")):
+        assert program.poll() is None, program.communicate()
+        time.sleep(0.002)
+    program.send_signal(signal.SIGTERM)
+    _, error = program.communicate(timeout=60)  # ends only when no worker holds the pipe any more
+    assert program.returncode == 128 + signal.SIGTERM
+    assert "Traceback" not in error
+    assert not list(scratch.iterdir())
+
+
+def test_workers_end_with_a_killed_parent():
+    code = (
+        "import os, signal\n"
+        "from avs3d_bench.parallel import process_each\n"
+        "if __name__ == '__main__':\n"
+        "    next(iter(process_each(abs, [1, 2, 3], workers=2)))\n"
+        "    for _ in process_each(abs, [1, 2, 3], workers=2):\n"
+        "        os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    # The pipes are inherited: communicate() returns only when the last worker has ended.
+    program = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    program.communicate(timeout=60)
+    assert program.returncode == -signal.SIGKILL
+
+
 # The weight of the package
 
 
 def test_importing_the_evaluator_pulls_in_nothing_heavy():
     code = (
         "import sys, evaluators, evaluators.score, evaluators.cli, evaluators.table\n"
-        "heavy = {'torch', 'trimesh', 'generators', 'baselines', 'embreex', 'numba', 'matplotlib', 'pycolmap', 'pandas'}\n"
+        "heavy = {'torch', 'trimesh', 'generators', 'baselines', 'embreex', 'numba', 'matplotlib', 'pycolmap', "
+        "'pandas'}\n"
         "print(*sorted({m.split('.')[0] for m in sys.modules} & heavy))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

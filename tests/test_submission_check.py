@@ -200,6 +200,9 @@ def test_clouds_have_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(masks, "MAX_POINTS", 10)
     with pytest.raises(Avs3dError, match="11 points, expected at most 10"):
         read_points(path)
+    media.write_ply_points(path, [[0, 1, 2], [0, 3400, 0]])
+    with pytest.raises(Avs3dError, match=r"points 3.4e\+03 m from the origin, expected world coordinates in metres"):
+        read_points(path)
     monkeypatch.setattr(masks, "MAX_POINTS_BYTES", 100)
     with pytest.raises(Avs3dError, match="expected at most 100"):
         read_points(path)
