@@ -97,9 +97,10 @@ def read_points(path: Path) -> NDArray[np.float32]:
     points = read_ply(path).vertices
     if len(points) > MAX_POINTS:
         raise Avs3dError(f"{path}: {len(points):,} points, expected at most {MAX_POINTS:,}")
-    if len(points) and float(np.abs(points).max()) > MAX_COORDINATE:
+    furthest = float(np.abs(points).max(initial=0.0))
+    if furthest > MAX_COORDINATE:
         raise Avs3dError(
-            f"{path}: points {float(np.abs(points).max()):.3g} m from the origin, expected world coordinates in metres, "
-            f"within {MAX_COORDINATE:g} m"
+            f"{path}: points {furthest:.3g} m from the origin, expected world coordinates in metres, within "
+            f"{MAX_COORDINATE:g} m"
         )
     return points
