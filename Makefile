@@ -7,6 +7,8 @@ MANIFEST ?= scenes_manifest/open-s34-o7.yaml
 NAME := $(basename $(notdir $(MANIFEST)))
 OUT ?= data/$(NAME)
 WORKERS ?= $(shell nproc 2>/dev/null || echo 2)
+# A pinned PyTorch: on a machine with a GPU, `make setup TORCH=torch` takes the newest build.
+TORCH ?= torch==2.13.0
 # Where the SoundSpaces engine could not be compiled, sound comes from the closed-form renderer.
 AUDIO ?= $(shell $(BIN)/python -c 'import rlr_audio_propagation' 2>/dev/null && echo soundspaces || echo analytic)
 
@@ -17,7 +19,8 @@ setup: $(STAMP)
 $(STAMP): pyproject.toml
 	$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(v < (3, 11) and f"Python 3.11 or newer is needed, this is {v.major}.{v.minor}: make PYTHON=python3.11")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[generate,dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check '$(TORCH)'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[generate,baselines,dev]'
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[soundspaces]' || \
 	  echo "The SoundSpaces engine did not compile (a C++ compiler is needed): make uses --audio analytic instead."
 	touch $@

@@ -27,6 +27,7 @@ SUMMARIES = {
     "schema": "Write the JSON Schema of every file of the contract.",
     "check": "Check a submission; name every bad file.",
     "leaderboard": "Rank files of scores on one static page.",
+    "tables": "Turn files of scores into the paper's tables.",
     "baseline": "Run a baseline on a dataset and write its submission.",
 }
 #: Which extra brings a package that the core install lacks; others are named as they are.

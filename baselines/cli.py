@@ -151,3 +151,162 @@ def oracle(
         progress=sys.stderr.isatty(),
     )
     _done(writer)
+
+
+def _owod_bind_options(command: _F) -> _F:
+    """Which networks, and where their checkpoints lie."""
+    for option in (
+        click.option("--boxes", type=click.Choice(["owlv2", "mavl"]), default="owlv2", show_default=True),
+        click.option("--boxes-checkpoint", type=_PATH, help="Folder of OWLv2 or MAVL."),
+        click.option("--sam-checkpoint", type=_PATH, help="Folder of SAM."),
+        click.option(
+            "--similarity", type=click.Choice(["imagebind", "pe-av"]), help="[imagebind where installed, else pe-av]"
+        ),
+        click.option("--similarity-checkpoint", type=_PATH, help="Folder of ImageBind or PE-AV."),
+    ):
+        command = option(command)
+    return command
+
+
+@baseline.command("owod-bind", context_settings=_HELP, short_help="Boxes, masks, and what sounds like what is seen.")
+@_common
+@_owod_bind_options
+@click.option("--threshold", type=_RATE, default=0.2, show_default=True, help="Of the softmax over proposals.")
+@click.option("--device", default=None, help="cpu, cuda:0, … [CUDA where there is one].")
+@click.option(
+    "--split", type=click.Choice(["test", "train"]), default="test", show_default=True,
+    help="test writes a submission, train a folder of masks for `echosegnet --masks`.",
+)  # fmt: skip
+def owod_bind(
+    root: Path,
+    path: Path,
+    only: tuple[str, ...],
+    overwrite: bool,
+    threshold: float,
+    device: str | None,
+    split: Any,
+    **networks: Any,
+) -> None:
+    """Run OWOD-BIND, frame by frame: class-agnostic boxes, SAM, audio-visual similarity.
+
+    Checkpoints are local folders; nothing is downloaded. One that is missing is named, with its licence and size.
+    """
+    from avs3d_bench.dataset import Dataset
+    from baselines.owod_bind.run import load_owod_bind, write_mask_folder, write_owod_bind
+
+    model = load_owod_bind(device=device, threshold=threshold, **networks)
+    progress = sys.stderr.isatty()
+    if split == "train":
+        count = write_mask_folder(Dataset(root), path, model, only=only, progress=progress)
+        click.echo(f"{path}: {count} masks of train frames: {model.method}")
+    else:
+        _done(write_owod_bind(Dataset(root), path, model, only=only, overwrite=overwrite, progress=progress))
+
+
+@baseline.command(context_settings=_HELP, short_help="Where self-supervised features of picture and sound agree.")
+@_common
+@click.option("--checkpoint", type=_PATH, help="Folder of DenseAV.")
+@click.option("--threshold", type=_RATE, default=0.5, show_default=True, help="Of the normalised similarity.")
+@click.option(
+    "--normalise", type=click.Choice(["observation", "frame"]), default="observation", show_default=True,
+    help="Over what the similarity's least and greatest value are taken.",
+)  # fmt: skip
+@click.option("--device", default=None, help="cpu, cuda:0, … [CUDA where there is one].")
+def denseav(
+    root: Path,
+    path: Path,
+    only: tuple[str, ...],
+    overwrite: bool,
+    checkpoint: Path | None,
+    threshold: float,
+    normalise: Any,
+    device: str | None,
+) -> None:
+    """Run DenseAV (Hamilton et al. 2024), frame by frame, through its own package and a local checkpoint."""
+    from avs3d_bench.dataset import Dataset
+    from baselines.denseav import load_denseav, write_denseav
+
+    model = load_denseav(checkpoint, device=device, threshold=threshold, normalise=normalise)
+    _done(write_denseav(Dataset(root), path, model, only=only, overwrite=overwrite, progress=sys.stderr.isatty()))
+
+
+@baseline.command(context_settings=_HELP, short_help="3D Gaussian splatting, lifted masks, refined by sound.")
+@_common
+@click.option("--masks", required=True, metavar="oracle|owod-bind|DIR", help="2D masks of the train frames.")
+@click.option(
+    "--instance",
+    type=click.Choice(["category", "sounding"]),
+    default="category",
+    show_default=True,
+    help="Of --masks oracle: every instance of the sounding category, or the sounding one.",
+)
+@click.option(
+    "--variant", type=click.Choice(["official", "spatial"]), default="official", show_default=True,
+    help="As released, or with occlusion-aware votes and the likelihood of what both ears heard.",
+)  # fmt: skip
+@click.option("--no-aisrm", is_flag=True, help="Keep every labelled Gaussian, whatever is heard.")
+@click.option("--voting-threshold", type=click.FloatRange(0.0, 1.0, max_open=True), default=0.3, show_default=True)
+@click.option("--iterations", type=click.IntRange(1), default=30_000, show_default=True, help="Of the training.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the training.")
+@click.option(
+    "--sweep", type=click.Choice(["voting-threshold"]), default=None,
+    help="Write one submission for each threshold of the paper's Table 3 into the output folder.",
+)  # fmt: skip
+@_owod_bind_options
+@click.option("--work", type=_PATH, default=None, help="Folder of intermediate results [OUTPUT.work].")
+@click.option("--device", "devices", multiple=True, help="cpu, cuda:0, …; repeat it to use several [all there are].")
+def echosegnet(
+    root: Path,
+    path: Path,
+    only: tuple[str, ...],
+    overwrite: bool,
+    masks: str,
+    instance: Any,
+    variant: Any,
+    no_aisrm: bool,
+    voting_threshold: float,
+    iterations: int,
+    seed: int,
+    sweep: str | None,
+    work: Path | None,
+    devices: tuple[str, ...],
+    **networks: Any,
+) -> None:
+    """Run EchoSegnet (Sokolov, Bhosale, Zhu, 2024).
+
+    What does not change between two runs is not computed again: another voting threshold trains nothing. With --masks
+    oracle the truth of TRAIN frames is used, which submission.json says.
+    """
+    from avs3d_bench.dataset import Dataset
+    from baselines.echosegnet.pipeline import Settings
+    from baselines.echosegnet.run import all_devices, write_echosegnet, write_sweep
+    from baselines.echosegnet.sources import mask_source
+    from baselines.echosegnet.train import TrainingSettings
+    from baselines.errors import ErrorModel
+
+    settings = Settings(
+        variant=variant,
+        refine=not no_aisrm,
+        voting_threshold=voting_threshold,
+        training=TrainingSettings(iterations=iterations, seed=seed),
+    )
+    shared: dict[str, Any] = {
+        "work": work or path.with_name(path.name + ".work"),
+        "devices": devices or all_devices(),
+        "only": only,
+        "overwrite": overwrite,
+        "progress": sys.stderr.isatty(),
+    }
+    if masks == "owod-bind":
+        from baselines.owod_bind.run import load_owod_bind, write_mask_folder
+
+        folder = Path(shared["work"]) / "owod-bind"
+        model = load_owod_bind(device=shared["devices"][0], **networks)
+        write_mask_folder(Dataset(root), folder, model, only=only, progress=shared["progress"])
+        masks = str(folder)
+    source = mask_source(masks, instance=instance, errors=ErrorModel())
+    if sweep:
+        for writer in write_sweep(Dataset(root), path, source, settings, **shared):
+            _done(writer)
+    else:
+        _done(write_echosegnet(Dataset(root), path, source, settings, **shared))

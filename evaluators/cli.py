@@ -1,4 +1,4 @@
-"""The commands `avs3d-eval`, `avs3d check` and `avs3d leaderboard`."""
+"""The commands `avs3d-eval`, `avs3d check`, `avs3d leaderboard` and `avs3d tables`."""
 
 from __future__ import annotations
 
@@ -166,6 +166,23 @@ def leaderboard(scores: tuple[Path, ...], folder: Path) -> None:
 
     write_leaderboard(folder, scores)
     click.echo(str(folder / "index.html"))
+
+
+@click.command(context_settings=_HELP, short_help="Turn files of scores into the paper's tables.")
+@click.argument("scores", nargs=-1, required=True, type=_PATH, metavar="SCORES.json…")
+@click.option("-o", "--output", "folder", type=_PATH, required=True, help="Folder for the tables.")
+@click.option("--table", "which", type=click.Choice(["2", "3", "all"]), default="all", show_default=True)
+@click.option("--plot/--no-plot", default=True, show_default=True, help="Draw PNG and SVG too; needs matplotlib.")
+def tables(scores: tuple[Path, ...], folder: Path, which: Any, plot: bool) -> None:
+    """Turn files of scores (avs3d-eval --json) into the paper's tables: Markdown, CSV and a plot.
+
+    Table 2 is methods × parts, Table 3 a sweep of the voting threshold (avs3d baseline echosegnet --sweep
+    voting-threshold); the paper's own figures stand beside.
+    """
+    from evaluators.tables import write_tables
+
+    for path in write_tables(folder, scores, which=which, plot=plot):
+        click.echo(str(path))
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:

@@ -1,0 +1,311 @@
+"""Checkpoints of other people's networks: local folders, looked at before they are loaded, never downloaded.
+
+Every network that a baseline runs is described once in `CHECKPOINTS`: which files its folder must hold, where they come
+from, under which licence, and how large they are. What is missing or broken becomes one line that says all of it.
+Whoever loads a network does so inside of `loading`, where no library may fetch anything.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import pickle
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
+from dataclasses import dataclass
+from importlib import import_module
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+from avs3d_bench.errors import Avs3dError, UsageError
+
+#: Weights as `save_pretrained` writes them: one file, or an index beside several.
+_WEIGHTS = ("model.safetensors", "model.safetensors.index.json", "pytorch_model.bin", "pytorch_model.bin.index.json")
+_PREPROCESSOR = ("preprocessor_config.json", "processor_config.json")
+_OFFLINE = ("HF_HUB_OFFLINE", "TRANSFORMERS_OFFLINE")
+#: What a library's message is cut to in ours.
+_CAUSE = 160
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """What a network needs on disk.
+
+    Attributes:
+        name: as messages and submission.json name it.
+        files: what the folder must hold; of each inner tuple one file is enough.
+        source: where the files come from.
+        licence: of the weights.
+        size: of the download, roughly.
+        packages: modules that must be importable, beside torch.
+        install: how to get those packages.
+    """
+
+    name: str
+    files: tuple[tuple[str, ...], ...]
+    source: str
+    licence: str
+    size: str
+    packages: tuple[str, ...] = ()
+    install: str = ""
+
+    @property
+    def advice(self) -> str:
+        """Which files to put there, and all that must be known about them."""
+        wanted = ", ".join(" or ".join(_brief(choice)) for choice in self.files)
+        return f"put {wanted} there, from {self.source} ({self.licence}, {self.size})"
+
+
+def _brief(choice: tuple[str, ...]) -> tuple[str, ...]:
+    """The forms of weights that are worth naming."""
+    return choice[:1] if choice == _WEIGHTS else choice
+
+
+_TRANSFORMERS = "pip install 'avs3d-bench[baselines]'"
+
+#: Name on the command line → what the network needs.
+CHECKPOINTS: dict[str, Checkpoint] = {
+    "owlv2": Checkpoint(
+        name="OWLv2",
+        files=(("config.json",), _WEIGHTS, _PREPROCESSOR),
+        source="https://huggingface.co/google/owlv2-base-patch16-ensemble",
+        licence="Apache-2.0",
+        size="0.6 GB",
+        packages=("transformers",),
+        install=_TRANSFORMERS,
+    ),
+    "mavl": Checkpoint(
+        name="MAVL",
+        files=(("MDef_DETR_r101_epoch20_ore.pth", "MDef_DETR_r101_epoch20.pth"),),
+        source="https://github.com/mmaaz60/mvits_for_class_agnostic_od",
+        licence="MIT",
+        size="about 0.8 GB",
+        packages=("models.model",),
+        install="clone https://github.com/mmaaz60/mvits_for_class_agnostic_od, build models/ops, add it to PYTHONPATH",
+    ),
+    "sam": Checkpoint(
+        name="SAM",
+        files=(("config.json",), _WEIGHTS, _PREPROCESSOR),
+        source="https://huggingface.co/facebook/sam-vit-huge",
+        licence="Apache-2.0",
+        size="2.6 GB",
+        packages=("transformers",),
+        install=_TRANSFORMERS,
+    ),
+    "imagebind": Checkpoint(
+        name="ImageBind",
+        files=(("imagebind_huge.pth",),),
+        source="https://dl.fbaipublicfiles.com/imagebind/imagebind_huge.pth",
+        licence="CC-BY-NC-SA-4.0, not for commercial use",
+        size="4.5 GB",
+        packages=("imagebind",),
+        install="pip install git+https://github.com/facebookresearch/ImageBind",
+    ),
+    "pe-av": Checkpoint(
+        name="PE-AV",
+        files=(("config.json",), _WEIGHTS, _PREPROCESSOR),
+        source="https://huggingface.co/facebook/pe-av-large",
+        licence="Apache-2.0",
+        size="several GB; pe-av-small and pe-av-base are smaller",
+        packages=("transformers",),
+        install="pip install 'avs3d-bench[baselines]' timm torchvision",
+    ),
+    "denseav": Checkpoint(
+        name="DenseAV",
+        files=(("denseav_sound.ckpt", "denseav_2head.ckpt"),),
+        source="https://marhamilresearch4.blob.core.windows.net/denseav-public/hub/denseav_sound.ckpt",
+        licence="MIT",
+        size="about 1.4 GB",
+        packages=("denseav",),
+        install="pip install git+https://github.com/mhamilton723/DenseAV",
+    ),
+}
+
+
+def require_packages(kind: str) -> None:
+    """Refuse to go on without the packages of a network; nothing is imported.
+
+    Raises:
+        UsageError: naming the missing package and how to install it.
+    """
+    checkpoint = CHECKPOINTS[kind]
+    for package in ("torch", *checkpoint.packages):
+        if not has_package(package):
+            how = _TRANSFORMERS if package == "torch" else checkpoint.install
+            raise UsageError(f"{checkpoint.name} needs the Python package {package}, which is not installed: {how}")
+
+
+def has_package(module: str) -> bool:
+    """Whether a module can be imported; it is not."""
+    if module in sys.modules:
+        return True
+    try:
+        return importlib.util.find_spec(module) is not None
+    except (ImportError, ValueError):
+        return False
+
+
+def find_checkpoint(kind: str, folder: str | Path | None) -> dict[str, Path]:
+    """The files of a checkpoint.
+
+    Args:
+        kind: a key of `CHECKPOINTS`.
+        folder: where the user says it lies; None: they did not say.
+
+    Returns:
+        For each entry of `Checkpoint.files`, keyed by its first name, the path of the file that is there.
+
+    Raises:
+        UsageError: if no folder was named.
+        Avs3dError: if the folder, or a file of it, is missing or empty.
+    """
+    checkpoint = CHECKPOINTS[kind]
+    if folder is None:
+        raise UsageError(f"no folder with the checkpoint of {checkpoint.name}: make one and {checkpoint.advice}")
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise Avs3dError(f"{folder}: no folder with the checkpoint of {checkpoint.name}; {checkpoint.advice}")
+    found = {}
+    for choice in checkpoint.files:
+        there = [folder / name for name in choice if (folder / name).is_file()]
+        if not there:
+            missing = " or ".join(_brief(choice))
+            raise Avs3dError(f"{folder}: {missing} of {checkpoint.name} is missing; {checkpoint.advice}")
+        if there[0].stat().st_size == 0:
+            raise Avs3dError(f"{there[0]}: empty, the checkpoint of {checkpoint.name} is broken; {checkpoint.advice}")
+        found[choice[0]] = there[0]
+    return found
+
+
+@contextmanager
+def loading(kind: str, folder: str | Path) -> Iterator[None]:
+    """A block that loads a network: nothing is downloaded in it, and what fails becomes one line.
+
+    Raises:
+        Avs3dError: for whatever a library raises about unreadable, truncated or foreign files.
+    """
+    checkpoint = CHECKPOINTS[kind]
+    try:
+        with offline(), _quiet():
+            yield
+    except Avs3dError:
+        raise
+    except ImportError as error:
+        raise UsageError(f"{checkpoint.name}: {_cause(error)}; {checkpoint.install}") from error
+    except Exception as error:
+        if not isinstance(error, _load_errors()):
+            raise
+        raise Avs3dError(
+            f"{folder}: cannot load the checkpoint of {checkpoint.name}: {_cause(error)}; {checkpoint.advice}"
+        ) from error
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """A block in which libraries neither draw bars nor talk; what matters, they raise."""
+    with redirect_stdout(StringIO()):
+        try:
+            logging: Any = import_module("transformers.utils.logging")
+        except ImportError:
+            yield
+            return
+        verbosity, bars = logging.get_verbosity(), logging.is_progress_bar_enabled()
+        logging.set_verbosity(logging.CRITICAL)
+        logging.disable_progress_bar()
+        try:
+            yield
+        finally:
+            logging.set_verbosity(verbosity)
+            if bars:
+                logging.enable_progress_bar()
+
+
+def _load_errors() -> tuple[type[Exception], ...]:
+    """What the libraries raise for files that are not what they should be."""
+    known: list[type[Exception]] = [OSError, ValueError, RuntimeError, KeyError, TypeError, AttributeError, EOFError]
+    known += [AssertionError, pickle.UnpicklingError]
+    if "safetensors" in sys.modules:
+        known.append(sys.modules["safetensors"].SafetensorError)
+    if "huggingface_hub.errors" in sys.modules:
+        known.append(sys.modules["huggingface_hub.errors"].StrictDataclassError)
+    return tuple(known)
+
+
+def _cause(error: BaseException) -> str:
+    """The first line of what a library said, cut."""
+    lines = str(error).strip().splitlines()
+    text = f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
+    return text if len(text) <= _CAUSE else f"{text[:_CAUSE]}…"
+
+
+@contextmanager
+def offline() -> Iterator[None]:
+    """A block in which neither the Hugging Face libraries nor torch.hub fetch a file.
+
+    Caches that the user filled stay usable. `huggingface_hub` reads its environment once, when it is imported, so its
+    constant is set as well.
+    """
+    constants: Any = import_module("huggingface_hub.constants")
+    hub: Any = import_module("torch.hub")
+
+    def refuse(url: Any, *_: Any, **__: Any) -> Any:
+        where = getattr(url, "full_url", url)
+        raise OSError(f"it asks for {where}, and nothing is downloaded here; fetch that file into torch.hub's cache")
+
+    environment = {name: os.environ.get(name) for name in _OFFLINE}
+    before = constants.HF_HUB_OFFLINE, hub.urlopen
+    os.environ.update(dict.fromkeys(_OFFLINE, "1"))
+    constants.HF_HUB_OFFLINE, hub.urlopen = True, refuse
+    try:
+        yield
+    finally:
+        constants.HF_HUB_OFFLINE, hub.urlopen = before
+        for name, value in environment.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def load_pretrained(kind: str, cls: Any, folder: str | Path) -> Any:
+    """A transformers model in float32 and evaluation mode, with every one of its weights from the folder.
+
+    `from_pretrained` only warns about weights that the files lack and leaves them random; here that is an error.
+
+    Args:
+        kind: a key of `CHECKPOINTS`.
+        cls: a class with `from_pretrained`.
+        folder: the checkpoint.
+
+    Raises:
+        Avs3dError: if the files cannot be read or do not hold the weights of ``cls``.
+    """
+    import torch
+
+    with loading(kind, folder):
+        model, info = cls.from_pretrained(
+            str(folder),
+            local_files_only=True,
+            dtype=torch.float32,
+            # Collected, so that the message below can name them.
+            ignore_mismatched_sizes=True,
+            output_loading_info=True,
+        )
+        absent = sorted({*info["missing_keys"], *(key for key, *_ in info["mismatched_keys"])})
+        if absent:
+            raise ValueError(f"{len(absent)} weights are missing or have another shape, the first is {absent[0]}")
+    return model.eval().requires_grad_(False)
+
+
+def load_weights(kind: str, path: Path) -> Any:
+    """The tensors of a ``.pth`` file, on the CPU; nothing but tensors and plain containers is unpickled.
+
+    Raises:
+        Avs3dError: if the file is no such file.
+    """
+    import torch
+
+    with loading(kind, path.parent):
+        return torch.load(path, map_location="cpu", weights_only=True)

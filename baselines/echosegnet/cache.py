@@ -1,0 +1,61 @@
+"""Stages whose result is kept on disk, under a name made of everything that decides it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench import layout
+from avs3d_bench.dataset import Observation
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.files import atomic_path, sha256_file
+
+
+def inputs_digest(observation: Observation) -> str:
+    """sha256 over what training reads: the sparse model, the split, and names and sizes of the pictures."""
+    said: dict[str, Any] = {"splits": dict(sorted(observation.splits.items()))}
+    for name in layout.COLMAP_FILES:
+        path = observation.path / name
+        if not path.exists():
+            raise Avs3dError(f"{path}: missing; EchoSegnet needs the sparse model (run COLMAP, or generate it again)")
+        said[name] = sha256_file(path)
+    said["pictures"] = sorted((p.name, p.stat().st_size) for p in (observation.path / layout.INPUT).glob("*.png"))
+    return digest(said)
+
+
+def digest(values: Any) -> str:
+    """16 hexadecimal digits of the sha256 of values as JSON."""
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
+
+
+@dataclass(frozen=True)
+class Stages:
+    """The folder of one observation's intermediate results."""
+
+    folder: Path
+
+    def path(self, stage: str, key: str, suffix: str) -> Path:
+        """Where a stage's result lies."""
+        return self.folder / f"{stage}-{key}{suffix}"
+
+    def load_arrays(self, stage: str, key: str) -> dict[str, NDArray[Any]] | None:
+        """Arrays kept earlier; None if there are none, or the file is damaged (then they are made again)."""
+        path = self.path(stage, key, ".npz")
+        try:
+            with np.load(path) as file:
+                return dict(file)
+        except (OSError, ValueError, KeyError, EOFError):
+            return None
+
+    def save_arrays(self, stage: str, key: str, arrays: dict[str, NDArray[Any]]) -> None:
+        """Keep arrays, atomically."""
+        path = self.path(stage, key, ".npz")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_path(path) as temporary, open(temporary, "wb") as stream:
+            np.savez(stream, allow_pickle=False, **arrays)

@@ -1,0 +1,80 @@
+"""Checkpoints of a training: parameters, moments and running sums, under a digest of what they were made from."""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+from dataclasses import asdict
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.files import atomic_path, dump_json
+from baselines.echosegnet.densify import PARAMETERS, Pull, parameters
+from baselines.echosegnet.gaussians import Gaussians
+from baselines.echosegnet.schedule import TrainingSettings
+
+_FORMAT = 1
+_MOMENTS = ("step", "exp_avg", "exp_avg_sq")
+
+
+def digest(settings: TrainingSettings, start: Gaussians, pictures: Tensor) -> str:
+    """sha256 over settings, initial Gaussians and pictures (one pixel in 16 of each)."""
+    out = hashlib.sha256(dump_json(asdict(settings)).encode())
+    out.update(start.means.numpy().tobytes() + start.sh[:, 0].contiguous().numpy().tobytes())
+    out.update(pictures[:, ::4, ::4].cpu().numpy().tobytes())
+    return out.hexdigest()
+
+
+def save(path: Path, optimiser: torch.optim.Adam, pull: Pull, iteration: int, made_from: str) -> None:
+    """Write a checkpoint; the file before it stays whole until the new one is.
+
+    Raises:
+        Avs3dError: if the system refuses.
+    """
+    values = parameters(optimiser)
+    state = {name: {key: optimiser.state[values[name]][key] for key in _MOMENTS} for name in PARAMETERS}
+    content = {
+        "format": _FORMAT,
+        "digest": made_from,
+        "iteration": iteration,
+        "parameters": {name: value.detach() for name, value in values.items()},
+        "state": state,
+        "pull": {"total": pull.total, "count": pull.count},
+    }
+    with atomic_path(path) as temporary:
+        try:
+            torch.save(content, temporary)
+        except RuntimeError as error:
+            # torch's archive writer reports a full disk that way.
+            raise Avs3dError(f"{path}: cannot write the checkpoint: {str(error).splitlines()[0]}") from None
+
+
+def load(path: Path, optimiser: torch.optim.Adam, made_from: str, device: torch.device) -> tuple[int, Pull]:
+    """Put a checkpoint's parameters and moments into the optimiser.
+
+    Returns:
+        Iterations done, and the running sums.
+
+    Raises:
+        Avs3dError: if the file is damaged, or was made from other pictures, points or settings.
+    """
+    try:
+        content = torch.load(path, map_location=device, weights_only=True)
+        if content["format"] != _FORMAT:
+            raise KeyError("format")
+        if content["digest"] != made_from:
+            raise Avs3dError(f"{path}: made from other pictures, points or settings; delete it or name another file")
+        for group in optimiser.param_groups:
+            name = group["name"]
+            optimiser.state.pop(group["params"][0], None)
+            new = torch.nn.Parameter(content["parameters"][name])
+            state = {key: content["state"][name][key] for key in _MOMENTS}
+            optimiser.state[new] = state
+            group["params"] = [new]
+        return int(content["iteration"]), Pull(content["pull"]["total"], content["pull"]["count"])
+    except (OSError, RuntimeError, EOFError, KeyError, TypeError, pickle.UnpicklingError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise Avs3dError(f"{path}: damaged checkpoint ({reason[:80]}); delete it to start anew") from None

@@ -1,0 +1,241 @@
+"""3D Gaussians as tensors, their start from a point cloud, and their PLY files.
+
+The parameters are those of 3D-GS (Kerbl et al. 2023) before activation: scales as logarithms, opacities as logits,
+rotations as quaternions (w, x, y, z) of any norm, colour as real spherical harmonics with the mean colour at 0.5.
+
+PLY layout of the reference, binary little endian, float32: x y z nx ny nz, f_dc_0…2, f_rest_0…44 (channel-major: all of
+red, then green, then blue), opacity, scale_0…2, rot_0…3; here also ``audio_intensity`` where it is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.files import read_bytes, write_bytes
+
+#: The constant spherical harmonic, ½·√(1/π).
+SH_C0 = 0.28209479177387814
+#: Opacity of a Gaussian made from a point.
+INITIAL_OPACITY = 0.1
+_NEIGHBOURS = 3
+_INTENSITY = "audio_intensity"
+
+
+@dataclass(frozen=True, eq=False)
+class Gaussians:
+    """N Gaussians; all tensors share device and dtype (float32; float64 in tests).
+
+    Attributes:
+        means: (N, 3) centres, metres, Y-down world.
+        log_scales: (N, 3) natural logarithm of the standard deviations in metres.
+        rotations: (N, 4) quaternions (w, x, y, z), local to world, not normalised.
+        opacities: (N,) logits.
+        sh: (N, K, 3) spherical harmonics, K = (degree + 1)², RGB.
+    """
+
+    means: Tensor
+    log_scales: Tensor
+    rotations: Tensor
+    opacities: Tensor
+    sh: Tensor
+
+    def __post_init__(self) -> None:
+        """Refuse tensors that do not fit together.
+
+        Raises:
+            Avs3dError: naming the attribute, its shape and the expected one.
+        """
+        count, bands = len(self.means), self.sh.shape[1] if self.sh.ndim == 3 else 0
+        expected = {"means": (count, 3), "log_scales": (count, 3), "rotations": (count, 4), "opacities": (count,)}
+        for name, shape in {**expected, "sh": (count, bands, 3)}.items():
+            found = tuple(getattr(self, name).shape)
+            if found != shape:
+                raise Avs3dError(f"Gaussians: {name} has shape {found}, expected {shape}")
+        if bands not in (1, 4, 9, 16):
+            raise Avs3dError(f"Gaussians: {bands} spherical harmonics, expected 1, 4, 9 or 16")
+
+    def __len__(self) -> int:
+        return len(self.means)
+
+    @property
+    def scales(self) -> Tensor:
+        """(N, 3) standard deviations along the own axes, metres."""
+        return self.log_scales.exp()
+
+    @property
+    def alphas(self) -> Tensor:
+        """(N,) opacity at the centre, in (0, 1)."""
+        return self.opacities.sigmoid()
+
+    @property
+    def sh_degree(self) -> int:
+        """Degree of the spherical harmonics."""
+        return int(self.sh.shape[1] ** 0.5) - 1
+
+    @property
+    def device(self) -> torch.device:
+        """Where the tensors are."""
+        return self.means.device
+
+    def select(self, mask: Tensor | NDArray[Any]) -> Gaussians:
+        """Those where ``mask`` (N,) is true, or those at the given indices, in that order."""
+        index = torch.as_tensor(mask, device=self.device)
+        return Gaussians(*(getattr(self, field.name)[index] for field in fields(self)))
+
+    def to(self, device: torch.device | str) -> Gaussians:
+        """The same on another device."""
+        return Gaussians(*(getattr(self, field.name).to(device) for field in fields(self)))
+
+
+def from_points(xyz: ArrayLike, rgb: ArrayLike, *, sh_degree: int = 3) -> Gaussians:
+    """Isotropic Gaussians at points, as 3D-GS starts.
+
+    Scale = root mean square distance to the three nearest other points; opacity 0.1; constant colour.
+
+    Args:
+        xyz: (N, 3) metres.
+        rgb: (N, 3), uint8 or floats in [0, 1].
+        sh_degree: room for spherical harmonics up to this degree; those above 0 start at zero.
+
+    Returns:
+        float32, on the CPU.
+
+    Raises:
+        Avs3dError: if there are fewer than two points, or numbers are not finite.
+    """
+    points, colours = np.asarray(xyz, dtype=np.float64), np.asarray(rgb)
+    if points.ndim != 2 or points.shape[1] != 3 or colours.shape != points.shape:
+        raise Avs3dError(f"initial points have shape {points.shape}, colours {colours.shape}; expected (N, 3) both")
+    if len(points) < 2:
+        raise Avs3dError(f"{len(points)} initial points, expected at least 2: sparse/0 holds too little")
+    if colours.dtype == np.uint8:
+        colours = colours / 255.0
+    if not (np.isfinite(points).all() and np.isfinite(colours).all()):
+        raise Avs3dError("initial points or colours hold NaN or infinite numbers; repair sparse/0/points3D.bin")
+    near, _ = cKDTree(points).query(points, k=range(2, min(_NEIGHBOURS, len(points) - 1) + 2))
+    # The floor keeps coincident points from becoming Gaussians of no size.
+    scale = np.sqrt(np.maximum(np.mean(near**2, axis=1), 1e-7))
+    sh = np.zeros((len(points), (sh_degree + 1) ** 2, 3))
+    sh[:, 0] = (colours - 0.5) / SH_C0
+    rotations = np.tile([1.0, 0.0, 0.0, 0.0], (len(points), 1))
+    logit = np.log(INITIAL_OPACITY / (1.0 - INITIAL_OPACITY))
+    parts = (points, np.repeat(np.log(scale)[:, None], 3, axis=1), rotations, np.full(len(points), logit), sh)
+    return Gaussians(*(torch.from_numpy(np.ascontiguousarray(part, dtype=np.float32)) for part in parts))
+
+
+def _columns(bands: int) -> list[str]:
+    rest = [f"f_rest_{i}" for i in range(3 * (bands - 1))]
+    return [
+        *("x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"), *rest, "opacity",
+        *("scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"),
+    ]  # fmt: skip
+
+
+def write_ply(path: str | Path, gaussians: Gaussians, audio_intensity: ArrayLike | Tensor | None = None) -> None:
+    """Write a PLY in the reference layout, atomically.
+
+    Args:
+        path: the file.
+        gaussians: on any device.
+        audio_intensity: (N,), written as one more property.
+
+    Raises:
+        Avs3dError: if a number is not finite, lengths differ, or the system refuses.
+    """
+    count, bands = len(gaussians), gaussians.sh.shape[1]
+    sh = _numpy(gaussians.sh)
+    table = np.concatenate(
+        [
+            _numpy(gaussians.means), np.zeros((count, 3)), sh[:, 0],
+            sh[:, 1:].transpose(0, 2, 1).reshape(count, 3 * (bands - 1)), _numpy(gaussians.opacities)[:, None],
+            _numpy(gaussians.log_scales), _numpy(gaussians.rotations),
+        ],
+        axis=1,
+    )  # fmt: skip
+    names = _columns(bands)
+    if audio_intensity is not None:
+        intensity = _numpy(audio_intensity)
+        if intensity.shape != (count,):
+            raise Avs3dError(f"{path}: audio_intensity has shape {intensity.shape}, expected ({count},)")
+        table, names = np.column_stack([table, intensity]), [*names, _INTENSITY]
+    if not np.isfinite(table).all():
+        bad = names[int(np.argwhere(~np.isfinite(table))[0, 1])]
+        raise Avs3dError(f"{path}: {bad} holds NaN or infinite numbers; the training diverged")
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {count}"]
+    header += [*(f"property float {name}" for name in names), "end_header\n"]
+    write_bytes(path, "\n".join(header).encode() + np.ascontiguousarray(table, dtype="<f4").tobytes())
+
+
+def _numpy(values: ArrayLike | Tensor) -> NDArray[Any]:
+    return np.asarray(values.detach().cpu() if isinstance(values, Tensor) else values)
+
+
+def _read_table(path: str | Path) -> Mapping[str, NDArray[np.float32]]:
+    data = read_bytes(path)
+    head, mark, body = data.partition(b"end_header\n")
+    lines = [line.split() for line in head.decode("latin-1").splitlines()]
+    if not mark or lines[:1] != [["ply"]] or ["format", "binary_little_endian", "1.0"] not in lines:
+        raise Avs3dError(f"{path}: expected Gaussians as a binary little-endian PLY")
+    elements = [line for line in lines if line[0] == "element"]
+    properties = [line for line in lines if line[0] == "property"]
+    simple = all(len(line) == 3 and line[1] in ("float", "float32") for line in properties)
+    if len(elements) != 1 or elements[0][1] != "vertex" or not simple:
+        raise Avs3dError(f"{path}: expected a PLY with one element, vertex, of float properties only")
+    count, names = int(elements[0][2]), [line[2] for line in properties]
+    if len(body) != 4 * count * len(names):
+        raise Avs3dError(f"{path}: {len(body)} bytes of data, expected {4 * count * len(names)}; make it anew")
+    table = np.frombuffer(body, dtype="<f4").reshape(count, len(names))
+    if not np.isfinite(table).all():
+        raise Avs3dError(f"{path}: holds NaN or infinite numbers; make it anew")
+    return {name: table[:, column] for column, name in enumerate(names)}
+
+
+def read_ply(path: str | Path) -> Gaussians:
+    """Read Gaussians that any implementation of 3D-GS wrote (binary little endian).
+
+    Raises:
+        Avs3dError: if the file is missing, truncated, or lacks a property.
+    """
+    table = _read_table(path)
+    rest = sum(name.startswith("f_rest_") for name in table)
+    names = _columns(rest // 3 + 1)
+    missing = [name for name in names if name not in table and name not in ("nx", "ny", "nz")]
+    if missing or rest not in (0, 9, 24, 45):
+        what = f"no property {missing[0]}" if missing else f"{rest} properties f_rest_*"
+        raise Avs3dError(f"{path}: {what}; expected the layout of 3D-GS")
+
+    def take(*wanted: str) -> Tensor:
+        return torch.from_numpy(np.stack([table[name] for name in wanted], axis=1).astype(np.float32))
+
+    count = len(table["x"])
+    sh = take("f_dc_0", "f_dc_1", "f_dc_2")[:, None]
+    if rest:
+        tail = take(*(f"f_rest_{i}" for i in range(rest)))
+        sh = torch.cat([sh, tail.reshape(count, 3, rest // 3).transpose(1, 2)], dim=1)
+    return Gaussians(
+        means=take("x", "y", "z"),
+        log_scales=take("scale_0", "scale_1", "scale_2"),
+        rotations=take("rot_0", "rot_1", "rot_2", "rot_3"),
+        opacities=take("opacity")[:, 0],
+        sh=sh.contiguous(),
+    )
+
+
+def read_audio_intensity(path: str | Path) -> NDArray[np.float32] | None:
+    """The property ``audio_intensity`` (N,) of such a file; None where it has none.
+
+    Raises:
+        Avs3dError: if the file is missing or truncated.
+    """
+    table = _read_table(path)
+    return table[_INTENSITY].copy() if _INTENSITY in table else None

@@ -1,0 +1,112 @@
+"""Where the 2D masks of train frames come from: the oracle, or a folder of pictures (OWOD-BIND writes one)."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench.dataset import Frame
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.files import read_bytes
+from avs3d_bench.media import read_png_mask
+from baselines.errors import ErrorModel
+from baselines.oracle import PERFECT, Instance, oracle_mask
+
+Mask = NDArray[np.bool_]
+
+
+class MaskSource(Protocol):
+    """Gives a mask for a train frame."""
+
+    @property
+    def name(self) -> str:
+        """What submission.json calls it."""
+
+    def identity(self, frames: tuple[Frame, ...]) -> str:
+        """A text that differs whenever a mask of one of the frames may differ: the key of what is cached."""
+
+    def mask(self, frame: Frame) -> Mask:
+        """(H, W) bool, of the frame's size."""
+
+
+@dataclass(frozen=True)
+class OracleMasks:
+    """The truth of train frames, perfect or with errors.
+
+    Attributes:
+        instance: ``category``, the ambiguous masks of a perfect detector that cannot hear, or ``sounding``.
+        errors: what goes wrong.
+    """
+
+    instance: Instance = "category"
+    errors: ErrorModel = PERFECT
+
+    @property
+    def name(self) -> str:
+        """E.g. ``oracle (category)``."""
+        faults = ", ".join(f"{k} {v:g}" for k, v in self.errors.settings.items())
+        return f"oracle ({self.instance}{', ' + faults if faults else ''})"
+
+    def identity(self, frames: tuple[Frame, ...]) -> str:
+        """Its settings: the truth itself is part of the observation."""
+        return f"oracle {self.instance} {self.errors}"
+
+    def mask(self, frame: Frame) -> Mask:
+        """The oracle's mask of a train frame."""
+        if frame.split != "train":
+            raise UsageError(f"{frame.observation.key}/{frame.name}: the truth of test frames is not for this baseline")
+        return oracle_mask(frame, instance=self.instance, errors=self.errors)
+
+
+@dataclass(frozen=True)
+class FolderMasks:
+    """Masks on disk: ``<folder>/<key>/<frame>.png``, 0 and 255, at the size of the frame.
+
+    A frame without a file has an empty mask; an observation without any is an error.
+    """
+
+    folder: Path
+
+    @property
+    def name(self) -> str:
+        """The folder's name."""
+        return self.folder.resolve().name
+
+    def identity(self, frames: tuple[Frame, ...]) -> str:
+        """A hash of the pictures."""
+        digest = hashlib.sha256()
+        for frame in frames:
+            path = self._path(frame)
+            digest.update(frame.name.encode() + (read_bytes(path) if path.exists() else b"-"))
+        return f"folder {digest.hexdigest()}"
+
+    def mask(self, frame: Frame) -> Mask:
+        """The picture of a frame."""
+        path = self._path(frame)
+        if not path.exists():
+            if not path.parent.is_dir() or not any(path.parent.glob("*.png")):
+                raise Avs3dError(f"{path.parent}: no mask; expected {path.name} and on for the train frames")
+            return np.zeros((frame.observation.intrinsics.height, frame.observation.intrinsics.width), np.bool_)
+        return read_png_mask(path)
+
+    def _path(self, frame: Frame) -> Path:
+        return self.folder / frame.observation.key / f"{frame.name}.png"
+
+
+def mask_source(text: str, *, instance: Instance, errors: ErrorModel) -> MaskSource:
+    """The source that ``--masks`` names: ``oracle``, or a folder.
+
+    Raises:
+        UsageError: if it is neither.
+    """
+    if text == "oracle":
+        return OracleMasks(instance, errors)
+    folder = Path(text)
+    if not folder.is_dir():
+        raise UsageError(f"--masks {text}: expected 'oracle', 'owod-bind' or a folder <key>/<frame>.png of masks")
+    return FolderMasks(folder)

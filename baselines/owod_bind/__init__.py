@@ -1,0 +1,16 @@
+"""OWOD-BIND: open-world boxes, their masks, and the ones of them that match the sound. A 2D baseline, training-free.
+
+For every frame on its own, from its picture and its two-second mono clip (`run.OwodBind`):
+
+1. `boxes` proposes class-agnostic boxes; those with a score > 0.15 and sides < 0.98 of the image stay.
+2. `masks` turns every box into one mask (SAM).
+3. `select` cuts the masked objects out, everything outside the mask blurred.
+4. `similarity` compares each cut-out with the clip.
+5. `select` keeps the masks whose softmax over the frame's proposals is > 0.2, and joins them.
+
+The three networks stand behind the protocols of `protocols`; their weights are local folders (`baselines.checkpoints`).
+Nothing of a frame's truth is read. The masks of test frames are a submission, those of train frames are what
+EchoSegnet lifts into 3D.
+
+Reference: "3D Audio-Visual Segmentation", Sokolov, Bhosale, Zhu, 2024, section 4; and its released code.
+"""

@@ -1,0 +1,72 @@
+"""The device that networks run on, and what goes wrong with it, in one line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from avs3d_bench.errors import Avs3dError, UsageError
+
+
+def pick_device(name: str | None = None) -> Any:
+    """The `torch.device` of that name; without one, the first GPU or else the CPU.
+
+    Raises:
+        UsageError: if there is no such device here.
+    """
+    import torch
+
+    if name is None:
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    try:
+        device = torch.device(name)
+    except RuntimeError:
+        raise UsageError(f"device {name!r}: expected cpu, cuda or cuda:<number>") from None
+    if device.type not in ("cpu", "cuda"):
+        raise UsageError(f"device {name!r}: expected cpu, cuda or cuda:<number>")
+    if device.type == "cuda":
+        count = torch.cuda.device_count() if torch.cuda.is_available() else 0
+        if not count:
+            raise UsageError(f"device {name!r}: no CUDA device here (torch {torch.__version__}); use --device cpu")
+        if device.index is not None and device.index >= count:
+            raise UsageError(f"device {name!r}: only {count} CUDA devices here, the last is cuda:{count - 1}")
+    return device
+
+
+@contextmanager
+def enough_memory(device: Any, where: str) -> Iterator[None]:
+    """A block after which too little memory has become one line.
+
+    Args:
+        device: what the block runs on.
+        where: what the message names, e.g. the frame.
+
+    Raises:
+        Avs3dError: if the device, or the machine, has too little memory.
+    """
+    import torch
+
+    try:
+        yield
+    except (torch.OutOfMemoryError, MemoryError) as error:
+        raise _too_little(device, where) from error
+    except RuntimeError as error:
+        # The CPU's allocator has no class of its own.
+        if "can't allocate memory" not in str(error):
+            raise
+        raise _too_little(device, where) from error
+
+
+def _too_little(device: Any, where: str) -> Avs3dError:
+    hint = "; or use --device cpu" if device.type == "cuda" else ""
+    return Avs3dError(f"{where}: too little memory on {device}; free some or take smaller checkpoints{hint}")
+
+
+@contextmanager
+def inference(device: Any, where: str) -> Iterator[None]:
+    """A block that runs networks: no gradients, and `enough_memory`."""
+    import torch
+
+    with enough_memory(device, where), torch.inference_mode():
+        yield

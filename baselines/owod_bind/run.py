@@ -1,0 +1,292 @@
+"""OWOD-BIND from a frame to its mask, and from a dataset to a submission or to a folder of masks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from avs3d_bench import layout
+from avs3d_bench.dataset import Dataset, Frame, Observation
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.files import dump_json, read_json, write_json
+from avs3d_bench.media import write_png_mask
+from avs3d_bench.parallel import process_each
+from avs3d_bench.submission import SubmissionWriter
+from baselines.checkpoints import find_checkpoint, has_package, require_packages
+from baselines.owod_bind import select
+from baselines.owod_bind.device import enough_memory, inference, pick_device
+from baselines.owod_bind.protocols import AudioVisualSimilarity, BoxProposer, Detections, Mask, MaskPredictor, Picture
+from baselines.owod_bind.sound import check_clip
+
+BoxKind = Literal["owlv2", "mavl"]
+SimilarityKind = Literal["imagebind", "pe-av"]
+Split = Literal["train", "test"]
+
+#: Says, in a folder of masks, what they were made with.
+MASKS_JSON = "masks.json"
+#: Pictures that go through the box network at a time.
+BATCH = 4
+
+
+@dataclass(frozen=True)
+class OwodBind:
+    """The three networks and the settings of the rule; called with a frame, it gives the frame's mask.
+
+    Attributes:
+        boxes: finds objects.
+        masks: segments them.
+        similarity: compares them with the sound.
+        device: the `torch.device` they run on.
+        threshold: of `select.choose`.
+        min_score: of `select.keep_boxes`.
+        max_side: of `select.keep_boxes`.
+        checkpoints: the names of the weights' folders, for submission.json.
+    """
+
+    boxes: BoxProposer
+    masks: MaskPredictor
+    similarity: AudioVisualSimilarity
+    device: Any
+    threshold: float = select.THRESHOLD
+    min_score: float = select.MIN_SCORE
+    max_side: float = select.MAX_SIDE
+    checkpoints: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("threshold", "min_score", "max_side"):
+            value = getattr(self, name)
+            if not 0.0 <= value <= 1.0:
+                raise UsageError(f"{name} {value}: expected a number from 0 to 1")
+
+    def __call__(self, frame: Frame) -> Mask:
+        """(H, W) bool: the objects of a frame, train or test, that sound; see `masks_of`."""
+        return self.masks_of([frame])[0]
+
+    def masks_of(self, frames: Iterable[Frame]) -> list[Mask]:
+        """The masks of several frames, from the picture and the mono clip of each.
+
+        Raises:
+            Avs3dError: if a frame has no sound, a file is damaged, or memory runs out.
+        """
+        frames = tuple(frames)
+        masks: list[Mask] = []
+        for start in range(0, len(frames), BATCH):
+            part = frames[start : start + BATCH]
+            pictures = [frame.rgb() for frame in part]
+            with inference(self.device, _where(part[0])):
+                found = self.boxes.propose(pictures)
+            masks += [self._mask(*each) for each in zip(part, pictures, found, strict=True)]
+        return masks
+
+    def _mask(self, frame: Frame, picture: Picture, found: Detections) -> Mask:
+        where, size = _where(frame), (picture.shape[0], picture.shape[1])
+        clip = check_clip(frame.mono(), where)
+        kept = select.keep_boxes(found, size, min_score=self.min_score, max_side=self.max_side)
+        if not len(kept):
+            return np.zeros(size, dtype=np.bool_)
+        blurred = select.blur(picture)
+        with inference(self.device, where):
+            masks = self.masks.segment(picture, kept.boxes)
+            crops = [select.cut_out(picture, blurred, *each) for each in zip(masks, kept.boxes, strict=True)]
+            logits = self.similarity.logits(crops, clip, layout.SAMPLE_RATE)
+        try:
+            scores = select.softmax(logits)
+        except Avs3dError as error:
+            raise Avs3dError(f"{where}: {error}") from None
+        return select.union(masks[select.choose(scores, self.threshold)], size)
+
+    @property
+    def method(self) -> str:
+        """As tables name it."""
+        return f"OWOD-BIND ({self.boxes.name}, {self.masks.name}, {self.similarity.name})"
+
+    @property
+    def notes(self) -> str:
+        """The settings, for submission.json."""
+        return (
+            "2D, every frame on its own, from its picture and its mono clip; boxes with a score > "
+            f"{self.min_score:g} and sides < {self.max_side:g} of the image; "
+            f"masks whose softmax over the proposals is > {self.threshold:g}"
+            + (f"; checkpoints {', '.join(self.checkpoints)}" if self.checkpoints else "")
+        )
+
+
+def _where(frame: Frame) -> str:
+    return f"{frame.observation.path}/{frame.name}"
+
+
+def load_owod_bind(
+    *,
+    boxes: BoxKind = "owlv2",
+    boxes_checkpoint: str | Path | None,
+    sam_checkpoint: str | Path | None,
+    similarity: SimilarityKind | None = None,
+    similarity_checkpoint: str | Path | None,
+    device: str | None = None,
+    threshold: float = select.THRESHOLD,
+) -> OwodBind:
+    """Load the networks from local folders; see `baselines.checkpoints.CHECKPOINTS` for what must lie there.
+
+    Args:
+        boxes: which detector.
+        boxes_checkpoint: its folder.
+        sam_checkpoint: SAM's.
+        similarity: which network compares; None: ImageBind where its package is installed, else PE-AV.
+        similarity_checkpoint: its folder.
+        device: cpu, cuda or cuda:<number>; None: a GPU where there is one.
+        threshold: of the softmax.
+
+    Raises:
+        UsageError: if a folder is not named, a package or the device is missing.
+        Avs3dError: if a checkpoint is missing or broken.
+    """
+    from baselines.owod_bind.boxes import Owlv2Boxes
+    from baselines.owod_bind.imagebind import ImageBindSimilarity
+    from baselines.owod_bind.masks import SamMasks
+    from baselines.owod_bind.mavl import MavlBoxes
+    from baselines.owod_bind.pe_av import PeAvSimilarity
+
+    if similarity is None:
+        similarity = "imagebind" if has_package("imagebind") else "pe-av"
+    proposers: dict[str, Callable[..., BoxProposer]] = {"owlv2": Owlv2Boxes, "mavl": MavlBoxes}
+    comparers: dict[str, Callable[..., AudioVisualSimilarity]] = {
+        "imagebind": ImageBindSimilarity,
+        "pe-av": PeAvSimilarity,
+    }
+    for network, known in ((boxes, proposers), (similarity, comparers)):
+        if network not in known:
+            raise UsageError(f"no network {network!r}: expected one of {', '.join(known)}")
+    folders = {boxes: boxes_checkpoint, "sam": sam_checkpoint, similarity: similarity_checkpoint}
+    # What is missing is said before the first network takes its minutes.
+    for kind, folder in folders.items():
+        require_packages(kind)
+        find_checkpoint(kind, folder)
+    where = pick_device(device)
+    with enough_memory(where, "loading the networks"):
+        return OwodBind(
+            boxes=proposers[boxes](folders[boxes], where),
+            masks=SamMasks(sam_checkpoint or "", where),
+            similarity=comparers[similarity](folders[similarity], where),
+            device=where,
+            threshold=threshold,
+            checkpoints=tuple(Path(folder or "").resolve().name for folder in folders.values()),
+        )
+
+
+def write_owod_bind(
+    dataset: Dataset,
+    path: str | Path,
+    model: OwodBind,
+    *,
+    only: Iterable[str] = (),
+    overwrite: bool = False,
+    progress: bool = False,
+) -> SubmissionWriter:
+    """Write the masks of the test frames as a submission.
+
+    Args:
+        dataset: what to look at; of test frames only pictures and mono clips are read.
+        path: the submission's folder.
+        model: from `load_owod_bind`.
+        only: shell patterns of observation keys.
+        overwrite: take the place of a submission that stands there.
+        progress: show a bar on stderr.
+
+    Returns:
+        The writer, which knows what was written.
+
+    Raises:
+        UsageError: if no observation matches, or the target is not free.
+        Avs3dError: if a file is missing or damaged, memory runs out, or the system refuses.
+    """
+    only = tuple(only)
+    notes = model.notes + (f"; only {' '.join(only)}" if only else "")
+    with SubmissionWriter(path, dataset, method=model.method, notes=notes, only=only, overwrite=overwrite) as writer:
+        job = partial(_write_masks, writer, model)
+        frames = [frame for observation in writer.observations for frame in observation.test]
+        for _ in process_each(job, _batches(frames), workers=1, label="OWOD-BIND", progress=progress):
+            pass
+    return writer
+
+
+def _batches(frames: list[Frame]) -> list[tuple[Frame, ...]]:
+    return [tuple(frames[start : start + BATCH]) for start in range(0, len(frames), BATCH)]
+
+
+def _write_masks(writer: SubmissionWriter, model: OwodBind, frames: tuple[Frame, ...]) -> None:
+    for frame, mask in zip(frames, model.masks_of(frames), strict=True):
+        writer.write_mask(frame, mask)
+
+
+def write_mask_folder(
+    dataset: Dataset,
+    folder: str | Path,
+    model: OwodBind,
+    *,
+    split: Split = "train",
+    only: Iterable[str] = (),
+    progress: bool = False,
+) -> int:
+    """Write masks as ``<key>/<frame>.png``, the folder that ``baseline echosegnet --masks DIR`` reads.
+
+    A second run with the same networks and settings goes on where the first one stopped.
+
+    Args:
+        dataset: what to look at; only pictures and mono clips are read.
+        folder: where to write; empty, missing, or begun with the same networks and settings.
+        model: from `load_owod_bind`.
+        split: of which frames.
+        only: shell patterns of observation keys.
+        progress: show a bar on stderr.
+
+    Returns:
+        The number of masks written now.
+
+    Raises:
+        UsageError: if no observation matches, or the folder holds something else.
+        Avs3dError: if a file is missing or damaged, memory runs out, or the system refuses.
+    """
+    folder, only = Path(folder), tuple(only)
+    observations = dataset.select(*only)
+    if not observations:
+        raise UsageError(f"{dataset.root}: no observation matches {' '.join(only)}; expected e.g. {dataset.keys[:1]}")
+    _claim(folder, {"dataset": dataset.name, "method": model.method, "notes": model.notes, "split": split})
+    frames = [f for o in observations for f in _split(o, split) if not _mask_path(folder, f).exists()]
+    job = partial(_write_files, folder, model)
+    for _ in process_each(job, _batches(frames), workers=1, label="OWOD-BIND", progress=progress):
+        pass
+    return len(frames)
+
+
+def _split(observation: Observation, split: Split) -> tuple[Frame, ...]:
+    return observation.train if split == "train" else observation.test
+
+
+def _mask_path(folder: Path, frame: Frame) -> Path:
+    return folder / frame.observation.key / f"{frame.name}.png"
+
+
+def _write_files(folder: Path, model: OwodBind, frames: tuple[Frame, ...]) -> None:
+    for frame, mask in zip(frames, model.masks_of(frames), strict=True):
+        write_png_mask(_mask_path(folder, frame), mask)
+
+
+def _claim(folder: Path, record: dict[str, str]) -> None:
+    """Begin a folder of masks, or make sure that it was begun with the same settings.
+
+    Raises:
+        UsageError: if it holds something else.
+    """
+    path = folder / MASKS_JSON
+    if path.is_file():
+        if dump_json(read_json(path)) != dump_json(record):
+            raise UsageError(f"{folder}: holds masks made with other settings ({path.name}); choose another folder")
+        return
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UsageError(f"{folder}: not empty and no folder of masks (no {path.name}); choose another folder")
+    write_json(path, record)

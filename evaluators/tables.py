@@ -1,0 +1,300 @@
+"""The paper's Table 2 (methods × parts) and Table 3 (voting thresholds) from files of scores.
+
+Only like stands beside like: a section of a table holds one dataset (name, version, sha256 of dataset.json), one set of
+protocols and versions, one set of scored observations, one truth (`evaluators.ranking`). Files that differ in any of it
+get a section of their own, which says what it holds.
+
+A series (Table 3) is two or more files of one section that have the same method and settings (`series.SETTINGS`) and
+differ in ``runtime.voting_threshold`` of submission.json. Of a series, Table 2 shows the run at the paper's threshold.
+
+    table2.md   table2.csv   table2.png   table2.svg        and likewise table3; the pictures of the second section
+    and on are called table2-2 …
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.files import write_bytes
+from avs3d_bench.schema import Scalar
+from avs3d_bench.scores import METRICS, REFERENCES, GroupScores, Metric, Scores
+from avs3d_bench.taxonomy import PARTS
+from evaluators import paper
+from evaluators.leaderboard import read_entries
+from evaluators.pages import REFERENCE_TITLES, figure, interval
+from evaluators.ranking import Entry, Ruler
+from evaluators.series import SETTINGS, THRESHOLD, comparable, series_of, titles_of
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+Which = Literal["2", "3", "all"]
+#: The figures in both tables.
+COLUMNS: tuple[Metric, ...] = tuple(
+    metric
+    for metric in METRICS
+    if (metric.protocol, metric.name)
+    in {("official", "mIoU"), ("official", "F"), ("strict", "IoU"), ("strict", "F"), ("strict", "wrong_instance_rate")}
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of a table.
+
+    Attributes:
+        title: the method or reference, told apart from others of its name.
+        entry: None for a reference.
+        part: ``part_1``, ``part_2`` or ``overall``.
+        group: the scores in the row.
+        match: the paper's row, or why there is none; None for a reference.
+        paper: figure of the protocol ``official`` → the paper's.
+        threshold: in Table 3.
+    """
+
+    title: str
+    entry: Entry | None
+    part: str
+    group: GroupScores
+    match: paper.Match | None
+    paper: Mapping[str, float]
+    threshold: float | None = None
+
+
+@dataclass(frozen=True)
+class Section:
+    """What compares.
+
+    Attributes:
+        number: from 1.
+        rulers: protocols and versions.
+        rows: of the table: per part the methods, best first, and the references; at least one of a method.
+        swept: how many runs of a series only Table 3 shows.
+    """
+
+    number: int
+    rulers: tuple[Ruler, ...]
+    rows: tuple[Row, ...]
+    swept: int = 0
+
+    @property
+    def scores(self) -> Scores:
+        """Any of its files: what they say of dataset, observations and references is the same."""
+        return self._entry.scores
+
+    @property
+    def heading(self) -> str:
+        """Dataset, version and how much of it, e.g. ``open-s34-o7 1.0.0, 8 of 34 observations``."""
+        return _heading(self._entry)
+
+    @property
+    def columns(self) -> tuple[Metric, ...]:
+        """The figures that any row has."""
+        return tuple(m for m in COLUMNS if any(figure(row.group, m) is not None for row in self.rows))
+
+    @property
+    def _entry(self) -> Entry:
+        return next(row.entry for row in self.rows if row.entry)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of the paper, made anew.
+
+    Attributes:
+        name: ``table2`` or ``table3``.
+        sections: what compares with what; never empty.
+        elsewhere: headings of what only the other table shows.
+    """
+
+    name: str
+    sections: tuple[Section, ...]
+    elsewhere: tuple[str, ...] = ()
+
+    def picture(self, section: Section) -> str:
+        """Name of a section's picture, without its suffix."""
+        return self.name if section.number == 1 else f"{self.name}-{section.number}"
+
+
+def write_tables(folder: Path, score_files: Sequence[Path], *, which: Which = "all", plot: bool = True) -> list[Path]:
+    """Write the tables as Markdown, CSV and, with ``plot``, PNG and SVG; the same bytes for the same scores.
+
+    Args:
+        folder: made if missing; files of other names in it stay.
+        score_files: written by ``avs3d-eval --json``, in any order; a file given twice counts once.
+        which: with ``all``, Table 3 is left out where there is no series.
+        plot: draw as well; needs matplotlib.
+
+    Returns:
+        The files, in the order of the tables.
+
+    Raises:
+        UsageError: if there is no score file, one would be overwritten, or there is no series though ``which`` is 3.
+        Avs3dError: if a file is broken, matplotlib is missing, or nothing can be written.
+    """
+    from evaluators.tables_markdown import markdown
+
+    if plot:
+        _need_matplotlib()
+    entries = read_entries(score_files)
+    tables = []
+    if which in ("2", "all"):
+        tables.append(table_2(entries))
+    if which in ("3", "all"):
+        third = table_3(entries)
+        if third is not None:
+            tables.append(third)
+        elif which == "3":
+            raise UsageError(
+                f"{score_files[0]}{' and the others' if len(score_files) > 1 else ''}: no series for Table 3; expected "
+                f"two or more files that differ in runtime.{THRESHOLD} of submission.json alone "
+                "(avs3d baseline echosegnet --sweep voting-threshold)"
+            )
+    files: dict[Path, bytes] = {}
+    for table in tables:
+        files[folder / f"{table.name}.md"] = markdown(table, pictures=plot).encode("utf-8", "replace")
+        files[folder / f"{table.name}.csv"] = csv(table).encode("utf-8", "replace")
+        if plot:
+            from evaluators.tables_plot import draw
+
+            for section in table.sections:
+                for suffix, data in draw(table, section).items():
+                    files[folder / f"{table.picture(section)}.{suffix}"] = data
+    inputs = {Path(file).resolve() for file in score_files}
+    for path in files:
+        if path.resolve() in inputs:
+            raise UsageError(f"{path}: would overwrite a file of scores; choose another folder")
+    for path, data in files.items():
+        write_bytes(path, data)
+    return list(files)
+
+
+def _need_matplotlib() -> None:
+    from importlib.util import find_spec
+
+    if find_spec("matplotlib") is None:
+        raise Avs3dError(
+            "matplotlib is not installed; plots need pip install 'avs3d-bench[generate]', and --no-plot writes the "
+            "tables without them"
+        )
+
+
+def table_2(entries: Iterable[Entry]) -> Table:
+    """Methods × parts, reference rows last.
+
+    A group of files that has nothing but series is left to Table 3, unless there is no other.
+    """
+    groups = [(rulers, members, series_of(members)) for rulers, members in comparable(entries)]
+    only_series = [sum(map(len, several)) == len(members) for _, members, several in groups]
+    sections: list[Section] = []
+    elsewhere: list[str] = []
+    for (rulers, members, several), swept_whole in zip(groups, only_series, strict=True):
+        if swept_whole and not all(only_series):
+            elsewhere.append(_heading(members[0]))
+            continue
+        swept = {
+            entry.digest
+            for series in several
+            if paper.VOTING_THRESHOLD in series
+            for threshold, entry in series.items()
+            if threshold != paper.VOTING_THRESHOLD
+        }
+        shown = tuple(entry for entry in members if entry.digest not in swept)
+        titles = titles_of(shown)
+        rows: list[Row] = []
+        for part in PARTS:
+            for entry in shown:
+                group = _part(entry.scores.parts, part)
+                if group is not None:
+                    match = paper.match(entry.scores.submission)
+                    figures = paper.TABLE_2[match.row][part] if match.row else {}
+                    rows.append(Row(titles[entry.digest], entry, part, group, match, figures))
+            rows += _references(shown[0], part)
+        if not rows:
+            raise Avs3dError(f"{shown[0].source}: parts: empty, expected part_1 or part_2; score the submission anew")
+        sections.append(Section(len(sections) + 1, rulers, tuple(rows), len(swept)))
+    return Table("table2", tuple(sections), tuple(elsewhere))
+
+
+def table_3(entries: Iterable[Entry]) -> Table | None:
+    """Series of voting thresholds, the highest first; None where there is no series."""
+    sections: list[Section] = []
+    for rulers, members in comparable(entries):
+        several = series_of(members)
+        if not several:
+            continue
+        titles = titles_of([next(iter(series.values())) for series in several], SETTINGS)
+        rows: list[Row] = []
+        for series in several:
+            title = titles[next(iter(series.values())).digest]
+            for threshold, entry in series.items():
+                match = paper.match_sweep(entry.scores.submission)
+                figures = paper.TABLE_3.get(threshold, {}) if match.row else {}
+                rows.append(Row(title, entry, "overall", entry.scores.overall, match, figures, threshold))
+        rows += _references(members[0], "overall")
+        sections.append(Section(len(sections) + 1, rulers, tuple(rows)))
+    return Table("table3", tuple(sections)) if sections else None
+
+
+def _heading(entry: Entry) -> str:
+    """Dataset, version and how much of it, e.g. ``open-s34-o7 1.0.0, 8 of 34 observations``."""
+    data = entry.scores.dataset
+    count = f"{data.scored} observation{'' if data.scored == 1 else 's'}"
+    part = count if entry.whole else f"{data.scored} of {data.observations} observations"
+    return f"{data.name} {data.version or '(official release)'}, {part}"
+
+
+def _part(groups: Mapping[Any, GroupScores], part: str) -> GroupScores | None:
+    return groups.get(part)
+
+
+def _references(entry: Entry, part: str) -> list[Row]:
+    """What needs no idea; the same for every entry of a section, because one truth gives one figure."""
+    beside = {name: entry.scores.references.get(name, {}).get(part) for name in REFERENCES}
+    return [Row(REFERENCE_TITLES[name], None, part, group, None, {}) for name, group in beside.items() if group]
+
+
+def frame(table: Table) -> DataFrame:
+    """A table as it stands in its CSV: one line per row and part, full precision, intervals as ``_low``, ``_high``."""
+    import pandas as pd
+
+    return pd.DataFrame([_record(section, row, table) for section in table.sections for row in section.rows])
+
+
+def csv(table: Table) -> str:
+    """The text of the CSV file; `pandas.read_csv` gives `frame` back."""
+    return frame(table).to_csv(index=False, lineterminator="\n")
+
+
+def _record(section: Section, row: Row, table: Table) -> dict[str, Scalar]:
+    data = section.scores.dataset
+    out: dict[str, Scalar] = {
+        "section": section.number,
+        "dataset": data.name,
+        "dataset_version": data.version,
+        "dataset_sha256": data.sha256,
+        "dataset_observations": data.observations,
+        "protocols": ", ".join(f"{ruler.protocol} {ruler.version}" for ruler in section.rulers),
+        "part": row.part,
+        "observations": row.group.observations,
+        "kind": "method" if row.entry else "reference",
+        "method": row.title,
+        "digest": row.entry.short_digest if row.entry else None,
+    }
+    if table.name == "table3":
+        out[THRESHOLD] = row.threshold
+    for metric in COLUMNS:
+        low, high = interval(row.group, metric) or (None, None)
+        name = f"{metric.protocol}_{metric.name}"
+        out |= {name: figure(row.group, metric), f"{name}_low": low, f"{name}_high": high}
+        if metric.protocol == "official":
+            out[f"paper_{metric.name}"] = row.paper.get(metric.name)
+    found = row.match
+    return out | {
+        "paper_row": found.row if found else None,
+        "paper_differs": "; ".join(found.differs) or None if found else None,
+    }
