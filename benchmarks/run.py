@@ -26,22 +26,24 @@ TARGETS: dict[str, tuple[float | None, float | None]] = {
     "scoring over decoding, 1 process": (1.5, None),
     "scoring over decoding, 2 processes": (1.5, None),
     "peak memory of scoring, 34 observations (MB)": (300.0, None),
+    "lifting + decomposition + AISRM, 300k × 105 (s)": (90.0, None),
 }
 
 
 @click.command()
 @click.option("--json", "output", type=click.Path(path_type=Path), default=Path("build/bench.json"), show_default=True)
 @click.option("--repeats", type=click.IntRange(5), default=5, show_default=True, help="Runs behind each median.")
-@click.option("--only", type=click.Choice(["vision", "acoustics", "pipeline", "scoring"]), default=None)
+@click.option("--only", type=click.Choice(["vision", "acoustics", "pipeline", "scoring", "lifting"]), default=None)
 def main(output: Path, repeats: int, only: str | None) -> None:
     """Measure, print medians, and write them as JSON."""
-    from benchmarks import bench_acoustics, bench_pipeline, bench_scoring, bench_vision
+    from benchmarks import bench_acoustics, bench_lifting, bench_pipeline, bench_scoring, bench_vision
 
     suites = {
         "vision": bench_vision.run_all,
         "acoustics": bench_acoustics.run_all,
         "pipeline": bench_pipeline.run_all,
         "scoring": bench_scoring.run_all,
+        "lifting": bench_lifting.run_all,
     }
     table = Table(
         "what", "median", "target", title=f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores"

@@ -148,7 +148,7 @@ class Section:
 
 def leaderboard_values(entries: Sequence[Entry]) -> dict[str, Any]:
     """What the template needs."""
-    rulers = _ordered({ruler for entry in entries for ruler in _rulers(entry)})
+    rulers = _ordered({ruler for entry in entries for ruler in rulers_of(entry)})
     parts = [name for name in _PARTS if any(_group(entry, name) is not None for entry in entries)]
     several = Counter((ruler.protocol, ruler.version) for ruler in rulers)
     labels = {
@@ -169,7 +169,8 @@ def leaderboard_values(entries: Sequence[Entry]) -> dict[str, Any]:
     }
 
 
-def _rulers(entry: Entry) -> tuple[Ruler, ...]:
+def rulers_of(entry: Entry) -> tuple[Ruler, ...]:
+    """The protocols of a file of scores, each with its version and the size of the voxels."""
     said = entry.scores.avs3d_eval
     return tuple(
         Ruler(name, version, said.voxel_size if name == "strict" else None) for name, version in said.protocols.items()
@@ -191,7 +192,7 @@ def _group(entry: Entry, part: str) -> GroupScores | None:
     return scores.overall if part == "overall" else {str(k): v for k, v in scores.parts.items()}.get(part)
 
 
-def _identity(entry: Entry) -> tuple[str, str, str, int]:
+def dataset_identity(entry: Entry) -> tuple[str, str, str, int]:
     """What two entries must share to have been scored against the same dataset."""
     data = entry.scores.dataset
     return data.name, data.version or "", data.sha256 or "", data.observations
@@ -201,7 +202,7 @@ def _sections(entries: Sequence[Entry], rulers: Sequence[Ruler], parts: Sequence
     """The datasets, the one with the most entries first."""
     found: dict[tuple[str, str, str, int], list[Entry]] = {}
     for entry in entries:
-        found.setdefault(_identity(entry), []).append(entry)
+        found.setdefault(dataset_identity(entry), []).append(entry)
     sections = []
     for identity in sorted(found, key=lambda key: (-len(found[key]), key)):
         name, version, sha256, observations = identity
@@ -217,11 +218,11 @@ def _sections(entries: Sequence[Entry], rulers: Sequence[Ruler], parts: Sequence
 
 def _tables(entries: Iterable[Entry], ruler: Ruler, part: str) -> tuple[Table, ...]:
     """Usually one; the entries without the part or the ruler are left out."""
-    members = [entry for entry in entries if ruler in _rulers(entry) and _group(entry, part) is not None]
+    members = [entry for entry in entries if ruler in rulers_of(entry) and _group(entry, part) is not None]
     truths: dict[Any, list[Entry]] = {}
     for entry in members:
         if entry.whole:
-            truths.setdefault(_truth(entry, ruler), []).append(entry)
+            truths.setdefault(truth_figures(entry, ruler), []).append(entry)
     partial = [entry for entry in members if not entry.whole]
     if not truths and partial:
         return (_table([], partial, ruler, part),)
@@ -230,10 +231,10 @@ def _tables(entries: Iterable[Entry], ruler: Ruler, part: str) -> tuple[Table, .
 
 
 def _left_out(entries: Iterable[Entry], ruler: Ruler) -> tuple[str, ...]:
-    return tuple(entry.scores.submission.method for entry in entries if ruler not in _rulers(entry))
+    return tuple(entry.scores.submission.method for entry in entries if ruler not in rulers_of(entry))
 
 
-def _truth(entry: Entry, ruler: Ruler) -> tuple[Any, ...]:
+def truth_figures(entry: Entry, ruler: Ruler) -> tuple[Any, ...]:
     """The figures of the reference rows: what one dataset gives one protocol, whoever scores it.
 
     The observations belong to it, because a dataset without a sha256 may share its name with another.

@@ -11,7 +11,7 @@ from avs3d_bench.scores import metrics_of
 from evaluators import paper
 from evaluators.archive import printable
 from evaluators.pages import figure
-from evaluators.ranking import Entry, Ruler, _identity, _rulers, _truth
+from evaluators.ranking import Entry, Ruler, dataset_identity, rulers_of, truth_figures
 from evaluators.report import headline
 
 #: Settings in ``runtime`` of submission.json that a series shares, with the method's name.
@@ -32,8 +32,10 @@ def comparable(entries: Iterable[Entry]) -> tuple[tuple[tuple[Ruler, ...], tuple
     """
     found: dict[Any, list[Entry]] = {}
     for entry in entries:
-        rulers = tuple(sorted(_rulers(entry)))
-        found.setdefault((_identity(entry), rulers, tuple(_truth(entry, ruler) for ruler in rulers)), []).append(entry)
+        rulers = tuple(sorted(rulers_of(entry)))
+        found.setdefault(
+            (dataset_identity(entry), rulers, tuple(truth_figures(entry, ruler) for ruler in rulers)), []
+        ).append(entry)
     ordered = sorted(
         found.items(),
         key=lambda item: (-item[1][0].scores.dataset.scored, -len(item[1]), item[0][:2], item[1][0].digest),

@@ -204,6 +204,7 @@ def table_2(entries: Iterable[Entry]) -> Table:
             if threshold != paper.VOTING_THRESHOLD
         }
         shown = tuple(entry for entry in members if entry.digest not in swept)
+        _check_parts(shown)
         titles = titles_of(shown)
         rows: list[Row] = []
         for part in PARTS:
@@ -214,8 +215,6 @@ def table_2(entries: Iterable[Entry]) -> Table:
                     figures = paper.TABLE_2[match.row][part] if match.row else {}
                     rows.append(Row(titles[entry.digest], entry, part, group, match, figures))
             rows += _references(shown[0], part)
-        if not rows:
-            raise Avs3dError(f"{shown[0].source}: parts: empty, expected part_1 or part_2; score the submission anew")
         sections.append(Section(len(sections) + 1, rulers, tuple(rows), len(swept)))
     return Table("table2", tuple(sections), tuple(elsewhere))
 
@@ -246,6 +245,16 @@ def _heading(entry: Entry) -> str:
     count = f"{data.scored} observation{'' if data.scored == 1 else 's'}"
     part = count if entry.whole else f"{data.scored} of {data.observations} observations"
     return f"{data.name} {data.version or '(official release)'}, {part}"
+
+
+def _check_parts(entries: Iterable[Entry]) -> None:
+    for entry in entries:
+        found, expected = sorted(entry.scores.parts), sorted({each.part for each in entry.scores.observations})
+        if found != expected or not found:
+            raise Avs3dError(
+                f"{entry.source}: parts: found {', '.join(found) or 'none'}, expected {', '.join(expected) or 'one'} "
+                "as in observations; score the submission anew"
+            )
 
 
 def _part(groups: Mapping[Any, GroupScores], part: str) -> GroupScores | None:

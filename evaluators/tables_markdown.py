@@ -12,7 +12,7 @@ from evaluators.tables import Row, Section, Table
 
 _TITLES = {"table2": "Table 2: methods and parts", "table3": "Table 3: voting thresholds"}
 #: Characters that Markdown would take for markup in a method's name.
-_MARKUP = re.compile(r"([\\`*_\[\]<>|~#&])")
+_MARKUP = re.compile(r"([\\`*_\[\]<>|~#&$])")
 #: Observations of a partial run that are named one by one.
 _NAMED = 12
 
@@ -138,5 +138,5 @@ def _legend(table: Table, section: Section, notes: Sequence[tuple[str, ...]]) ->
     if section.swept:
         yield (
             f"- Of a series of voting thresholds only the run at {paper.VOTING_THRESHOLD:g} stands here; "
-            f"the other {section.swept} are in Table 3."
+            f"the rest ({section.swept}) in Table 3."
         )

@@ -48,7 +48,7 @@ _DPI = 160
 #: Characters of a method's name in one line, and lines of it.
 _NAME_WIDTH, _NAME_LINES = 34, 3
 #: Characters of the title in an inch.
-_TITLE_WIDTH = 8.5
+_TITLE_WIDTH = 10
 #: Between the marks of the parts in one row.
 _STEP = 0.3
 _TICKS = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -61,7 +61,7 @@ def draw(table: Table, section: Section) -> dict[str, bytes]:
         ModuleNotFoundError: without matplotlib.
     """
     with _style():
-        drawn = _methods(section) if table.name == "table2" else _thresholds(section)
+        drawn = methods_figure(section) if table.name == "table2" else thresholds_figure(section)
         return {"png": _bytes(drawn, "png", {"Software": None}), "svg": _bytes(drawn, "svg", {"Date": None})}
 
 
@@ -118,7 +118,7 @@ def _caption(drawn: Figure, title: str, section: Section, handles: Sequence[Any]
         text.set_color(SOFT)
 
 
-def _methods(section: Section) -> Figure:
+def methods_figure(section: Section) -> Figure:
     """A row per method, a panel per figure, a colour per part; the paper's figure is hollow."""
     from matplotlib.lines import Line2D
 
@@ -179,7 +179,7 @@ def _mark(axes: Axes, row: Row, metric: Metric, y: float, colour: str) -> None:
         axes.plot(value, y, "o", color=colour, markersize=5.5, zorder=5, clip_on=False)
 
 
-def _thresholds(section: Section) -> Figure:
+def thresholds_figure(section: Section) -> Figure:
     """Two panels, a curve per series; the paper's is dashed."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch

@@ -17,6 +17,7 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.scores import Scores
 from baselines.echosegnet import pipeline
 from baselines.echosegnet.cache import inputs_digest
+from baselines.echosegnet.gaussians import read_audio_intensity, read_ply
 from baselines.echosegnet.pipeline import Settings
 from baselines.echosegnet.run import method_name, write_echosegnet, write_sweep
 from baselines.echosegnet.sources import FolderMasks, OracleMasks, mask_source
@@ -60,6 +61,12 @@ def test_it_finds_the_object_and_beats_the_centre_box(data: Path, tmp_path: Path
     assert "ground truth of train frames" in scores.submission.notes
     assert scores.submission.runtime["variant"] == variant
     assert scores.submission.runtime["iterations"] == 400
+    if variant == "official":
+        (ply,) = (work / tiny.SINGLE).glob("audio-*.ply")
+        intensity = read_audio_intensity(ply)
+        assert intensity.max() == 1
+        assert intensity.min() >= 0
+        assert len(read_ply(ply)) == len(intensity)
 
 
 def test_ambiguous_masks_mark_the_twin_too(data: Path, tmp_path: Path, work: Path):

@@ -108,7 +108,9 @@ def predict(
         with clock("decompose"):
             part = decompose(part, seen, masks, every=settings.decompose_every)
         with clock("refine"):
-            chosen, clusters = _refine_official(gaussians, part, seen, settings.refine)
+            chosen, clusters = _refine_official(
+                gaussians, part, seen, settings.refine, stages.path("audio", key, ".ply")
+            )
             part = part.select(chosen)
         with clock("render"):
             drawn = {view.name: amodal_mask(rasteriser, part, view) for view in test_views(views)}
@@ -224,13 +226,15 @@ def clips_of(views: Sequence[View]) -> NDArray[np.float32]:
 
 
 def _refine_official(
-    scene: Gaussians, part: Gaussians, views: Sequence[View], refine: bool
+    scene: Gaussians, part: Gaussians, views: Sequence[View], refine: bool, ply: Path
 ) -> tuple[NDArray[np.bool_], int]:
-    """(n,) which of the labelled Gaussians stay, and how many clusters were kept."""
+    """(n,) which of the labelled Gaussians stay, and how many clusters were kept; the intensity map goes to ``ply``."""
     if not refine or not len(part):
         return np.ones(len(part), np.bool_), 0
     means = _numpy(scene.means)
     intensity = aisrm.audio_intensity_map(views, clips_of(views), means)
+    if not ply.exists():
+        write_ply(ply, scene, intensity)
     centre = aisrm.audio_centre(means, intensity)
     if centre is None:
         return np.ones(len(part), np.bool_), 0

@@ -68,6 +68,7 @@ def runtime_of(settings: Settings, source: MaskSource) -> dict[str, Scalar]:
         "masks": source.name,
         "voting_threshold": settings.voting_threshold,
         "iterations": settings.training.iterations,
+        "seed": settings.training.seed,
     }
 
 
