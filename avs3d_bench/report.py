@@ -83,6 +83,12 @@ class Report:
         }
 
 
+def printable(text: str) -> str:
+    """Text that stays on one line and cannot steer a terminal, whatever bytes a file name or a field holds."""
+    utf8 = text.encode("utf-8", "backslashreplace").decode()
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in utf8)
+
+
 def ordered(problems: list[Problem]) -> tuple[Problem, ...]:
     """By path, then severity, each once."""
     return tuple(sorted(dict.fromkeys(problems), key=lambda p: (p.path, _RANK[p.severity], p.message)))
@@ -120,12 +126,12 @@ def print_report(report: Report, console: Console | None = None, *, shown: int =
         group, inside = _group(problem.path)
         if group != heading:
             heading = group
-            out.print(Text(group or str(report.root), style="bold"), soft_wrap=True)
+            out.print(Text(printable(group or str(report.root)), style="bold"), soft_wrap=True)
         line = Text("  ").append(f"{problem.severity:<8}", style=_STYLE[problem.severity])
-        out.print(line.append(f"{inside or '.'}: ").append(problem.message), soft_wrap=True)
+        out.print(line.append(printable(f"{inside or '.'}: {problem.message}")), soft_wrap=True)
     left = Counter(p.severity for p in report.problems) - Counter(p.severity for p in first)
     if left:
         rest = ", ".join(f"{left[s]} {s}s" for s in _RANK if left[s])
         out.print(Text(f"  … and {rest} more (--json FILE holds all)"), soft_wrap=True)
     style = "bold green" if report.valid else "bold red"
-    out.print(Text(f"{report.root}: ").append(report.summary, style=style), soft_wrap=True)
+    out.print(Text(printable(f"{report.root}: ")).append(report.summary, style=style), soft_wrap=True)

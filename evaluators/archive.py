@@ -2,23 +2,67 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
 import stat
+import struct
 import zipfile
 from collections.abc import Iterator
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
-from avs3d_bench.errors import Avs3dError
+from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.report import Problem
+from avs3d_bench.report import printable as printable
 
 #: More than any submission needs: members, bytes of one member, bytes of all.
-MAX_MEMBERS = 4_000_000
+MAX_MEMBERS = 500_000
 MAX_MEMBER_BYTES = 64 * 2**20
 MAX_BYTES = 64 * 2**30
+#: Python holds some ten times this in memory before a single member can be looked at.
+MAX_DIRECTORY_BYTES = 64 * 2**20
 #: PNG and PLY files do not shrink much further; what does is a bomb.
 _MAX_RATIO = 200
 _SMALL = 2**20
+#: Below this an archive as a whole may shrink as it likes.
+_SMALL_ARCHIVE = 256 * 2**20
+#: What file systems take: bytes of a path (some room is needed for where it is unpacked to) and of a name in it.
+_MAX_NAME = 2048
+_MAX_PART = 255
+_DEEPEST = 64
 _DRIVE = re.compile(r"^[A-Za-z]:")
+
+
+def check_directory(path: Path) -> None:
+    """Refuse an archive whose directory, the list of its members at its end, is too long to be read.
+
+    Raises:
+        UsageError: naming the size found.
+    """
+    with path.open("rb") as stream:
+        size = stream.seek(0, os.SEEK_END)
+        # The closing record is 22 bytes and a comment of up to 65,535 (APPNOTE.TXT 4.3.16); zip64 puts its locator
+        # (4.3.15, 20 bytes) before it, which says where the record with the large numbers begins (4.3.14).
+        start = max(0, size - 22 - 65_535 - 20)
+        stream.seek(start)
+        tail = stream.read()
+        at = tail.rfind(b"PK\5\6")
+        if at < 0 or len(tail) < at + 22:
+            return  # zipfile says what is wrong
+        (length,) = struct.unpack_from("<I", tail, at + 12)
+        if at >= 20 and tail.startswith(b"PK\6\7", at - 20):
+            (where,) = struct.unpack_from("<Q", tail, at - 12)
+            # Something may stand before the archive, as in one that unpacks itself; zipfile looks here then.
+            for place in (where, start + at - 20 - 56):
+                stream.seek(min(max(place, 0), size))
+                record = stream.read(56)
+                if len(record) == 56 and record.startswith(b"PK\6\6"):
+                    length = max(length if length != 2**32 - 1 else 0, *struct.unpack_from("<Q", record, 40))
+    if length > MAX_DIRECTORY_BYTES:
+        raise UsageError(
+            f"{path}: a list of members of {length:,} bytes, expected at most {MAX_DIRECTORY_BYTES:,}; "
+            "pack the submission alone"
+        )
 
 
 def vet(archive: zipfile.ZipFile) -> Iterator[Problem]:
@@ -27,8 +71,14 @@ def vet(archive: zipfile.ZipFile) -> Iterator[Problem]:
     if len(members) > MAX_MEMBERS:
         yield Problem("error", ".", f"{len(members):,} members, expected at most {MAX_MEMBERS:,}")
         return
-    if sum(member.file_size for member in members) > MAX_BYTES:
+    unpacked = sum(member.file_size for member in members)
+    if unpacked > MAX_BYTES:
         yield Problem("error", ".", f"unpacks to more than {MAX_BYTES // 2**30} GiB")
+        return
+    packed = os.stat(archive.filename).st_size if archive.filename else 0
+    # Members may share their bytes, so that what counts is the archive's own size.
+    if unpacked > _SMALL_ARCHIVE and unpacked > _MAX_RATIO * packed:
+        yield Problem("error", ".", f"unpacks from {packed:,} to {unpacked:,} bytes: an archive bomb")
         return
     seen: set[str] = set()
     for member in members:
@@ -38,15 +88,12 @@ def vet(archive: zipfile.ZipFile) -> Iterator[Problem]:
 
 
 def _fault(member: zipfile.ZipInfo, seen: set[str]) -> str | None:
-    # zipfile cuts names at a NUL and turns backslashes on Windows: the name as it stands in the archive counts.
+    # zipfile cuts names at a NUL, turns backslashes on Windows and, in later versions, takes another name from an extra
+    # field: the name in the archive and the one it would be written under must both do.
     name = member.orig_filename
-    parts = name.removesuffix("/").split("/")
-    if name.startswith("/") or _DRIVE.match(name):
-        return "an absolute path; expected one inside the archive"
-    if "\\" in name or "\0" in name:
-        return "a backslash or NUL in its path; expected forward slashes"
-    if any(part in ("", ".", "..") for part in parts):
-        return "a path that leads elsewhere ('..', '.' or '//'); expected a plain one"
+    fault = _name_fault(name) or _name_fault(member.filename)
+    if fault:
+        return fault
     kind = stat.S_IFMT(member.external_attr >> 16)
     if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
         return "a symlink or device; expected files and folders only"
@@ -56,10 +103,25 @@ def _fault(member: zipfile.ZipInfo, seen: set[str]) -> str | None:
         return f"unpacks to {member.file_size:,} bytes, expected at most {MAX_MEMBER_BYTES:,}"
     if member.file_size > _SMALL and member.file_size > _MAX_RATIO * member.compress_size:
         return f"unpacks from {member.compress_size:,} to {member.file_size:,} bytes: an archive bomb"
-    lower = name.lower()
+    lower = member.filename.removesuffix("/").lower()
     if lower in seen:
         return "stands twice in the archive (upper and lower case do not tell files apart everywhere)"
     seen.add(lower)
+    return None
+
+
+def _name_fault(name: str) -> str | None:
+    parts = name.removesuffix("/").split("/")
+    if name.startswith("/") or _DRIVE.match(name):
+        return "an absolute path; expected one inside the archive"
+    if "\\" in name or "\0" in name:
+        return "a backslash or NUL in its path; expected forward slashes"
+    if any(part in ("", ".", "..") for part in parts):
+        return "a path that leads elsewhere ('..', '.' or '//'); expected a plain one"
+    if len(name.encode("utf-8", "surrogatepass")) > _MAX_NAME or len(parts) > _DEEPEST:
+        return f"a path of more than {_MAX_NAME} bytes or {_DEEPEST} folders; expected a mask's"
+    if any(len(part.encode("utf-8", "surrogatepass")) > _MAX_PART for part in parts):
+        return f"a name of more than {_MAX_PART} bytes; expected a mask's"
     return None
 
 
@@ -67,8 +129,13 @@ def unpack(archive: zipfile.ZipFile, folder: Path) -> Iterator[Problem]:
     """Write the members of a vetted archive below ``folder``; yield those that are damaged.
 
     Raises:
-        Avs3dError: if the system refuses (disk full).
+        Avs3dError: if there is no room, or the system refuses.
     """
+    needed, free = sum(member.file_size for member in archive.infolist()), shutil.disk_usage(folder).free
+    if needed > free:
+        raise Avs3dError(
+            f"{folder}: {free:,} bytes free, the submission unpacks to {needed:,}; free some space or set TMPDIR"
+        )
     for member in archive.infolist():
         try:
             archive.extract(member, folder)
@@ -89,11 +156,3 @@ def top_folder(folder: Path) -> Path:
     entries = [path for path in folder.iterdir() if path.name != "__MACOSX"]
     single = len(entries) == 1 and entries[0].is_dir() and not entries[0].name.startswith("part_")
     return entries[0] if single else folder
-
-
-def printable(name: str) -> str:
-    """A file name that can be printed in one line, whatever bytes it holds."""
-    text = name.encode("utf-8", "backslashreplace").decode()
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text) or str(
-        PurePosixPath(".")
-    )

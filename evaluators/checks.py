@@ -1,15 +1,13 @@
 """What is wrong with a submission, file by file, before anyone scores it.
 
-`check_structure` looks at names, kinds and links and opens nothing but folders; `check_contents` decodes what is left.
-Scoring runs the first and does the second while it decodes anyway.
+`check_structure` (in `evaluators.structure`) looks at names, kinds and links and opens nothing but folders;
+`check_contents` decodes what is left. Scoring runs the first and does the second while it decodes anyway.
 """
 
 from __future__ import annotations
 
 import os
-import stat
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -19,18 +17,12 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.media import png_header
 from avs3d_bench.parallel import process_each
 from avs3d_bench.report import Problem, Report, ordered
-from avs3d_bench.taxonomy import PARTS
-from evaluators.archive import printable
 from evaluators.masks import read_mask, read_points
 from evaluators.records import InvalidSubmission, Submission
+from evaluators.structure import check_structure
 from evaluators.submission import open_submission
 
 __all__ = ["InvalidSubmission", "check_contents", "check_structure", "check_submission", "has_points", "problem_of"]
-
-#: Files that may stand at the top beside submission.json.
-_COMPANIONS = ("README", "LICENCE", "LICENSE", "CITATION")
-#: Entries of a folder tree that are looked at beyond those expected.
-_SURPLUS = 100_000
 
 
 def check_submission(
@@ -90,198 +82,6 @@ def has_points(submission: Submission, observations: Iterable[Observation]) -> b
     return any(os.path.lexists(submission.points_path(observation.key)) for observation in observations)
 
 
-# Structure
-
-
-@dataclass(frozen=True)
-class _Entry:
-    """Something in the submission's folder: its path relative to the root, and what it is."""
-
-    path: str
-    kind: str  # file, folder, link or other
-
-
-def check_structure(submission: Submission, dataset: Dataset, observations: Sequence[Observation]) -> list[Problem]:
-    """Missing, surplus and misplaced files, and what is no plain file; nothing is decoded.
-
-    Args:
-        submission: the opened submission.
-        dataset: what it is for.
-        observations: those of the dataset that are asked for; the rest is neither missed nor surplus.
-    """
-    problems = list(submission.problems)
-    problems += _check_record(submission, dataset)
-    problems += _check_folders(submission, observations)
-    found: dict[str, str] = {}
-    expected = _expected(submission, observations)
-    scan = _walk(submission, observations, len(expected))
-    for entry in scan:
-        if entry is None:
-            problems.append(
-                Problem("error", ".", f"more than {_SURPLUS:,} surplus files and folders; the rest is not looked at")
-            )
-            break
-        found[entry.path] = entry.kind
-    problems += _check_entries(submission, dataset, observations, found, expected)
-    problems += [Problem("error", path, "missing; expected a mask") for path in expected if path not in found]
-    problems += _check_points(submission, observations, found)
-    return problems
-
-
-def _check_record(submission: Submission, dataset: Dataset) -> Iterator[Problem]:
-    if submission.layout == "official" or any(p.path == layout.SUBMISSION_JSON for p in submission.problems):
-        return
-    said, record = submission.record, dataset.record
-    named = printable(f"{said.dataset} {said.dataset_version}")
-    if record is None:
-        yield Problem(
-            "note", layout.SUBMISSION_JSON, f"{named}: cannot be held against this "
-            f"dataset, which has no {layout.DATASET_JSON}",
-        )  # fmt: skip
-    elif (said.dataset, said.dataset_version) != (record.name, record.version):
-        yield Problem(
-            "error", layout.SUBMISSION_JSON,
-            f"made for {named}, expected {record.name} {record.version}, this dataset",
-        )  # fmt: skip
-
-
-def _check_folders(submission: Submission, observations: Iterable[Observation]) -> Iterator[Problem]:
-    """Folders of masks in the released pipeline's own tree that a link puts elsewhere (in ours a link is no folder)."""
-    root = submission.root.resolve()
-    for observation in observations:
-        folder = submission.root / observation.key / submission.masks
-        if submission.layout == "official" and folder.is_dir() and not folder.resolve().is_relative_to(root):
-            path = folder.relative_to(submission.root).as_posix()
-            yield Problem("error", path, "a link out of the submission; expected a folder")
-
-
-def _expected(submission: Submission, observations: Iterable[Observation]) -> dict[str, None]:
-    """Paths of the masks, relative."""
-    return {
-        submission.mask_path(o.key, frame.name).relative_to(submission.root).as_posix(): None
-        for o in observations
-        for frame in o.test
-    }
-
-
-def _walk(submission: Submission, observations: Sequence[Observation], expected: int) -> Iterator[_Entry | None]:
-    """Everything in the submission, links not followed; None at the end if there is absurdly much.
-
-    In the official layout the folder is the pipeline's own: only the masks' folders are looked at.
-    """
-    root = submission.root
-    tops = [""]
-    if submission.layout == "official":
-        tops = [f"{o.key}/{submission.masks}" for o in observations if (root / o.key / submission.masks).is_dir()]
-    left = expected + _SURPLUS
-    folders = list(reversed(tops))
-    while folders:
-        folder = folders.pop()
-        below = []
-        with os.scandir(root / folder) as entries:
-            for entry in entries:
-                left -= 1
-                if left < 0:
-                    yield None
-                    return
-                path = f"{folder}/{entry.name}" if folder else entry.name
-                if entry.is_symlink():
-                    yield _Entry(path, "link")
-                elif entry.is_dir():
-                    yield _Entry(path, "folder")
-                    below.append(path)
-                else:
-                    yield _Entry(path, "file" if entry.is_file() else "other")
-        folders += sorted(below, reverse=True)
-
-
-def _check_entries(
-    submission: Submission,
-    dataset: Dataset,
-    observations: Sequence[Observation],
-    found: dict[str, str],
-    expected: Collection[str],
-) -> Iterator[Problem]:
-    root = submission.root.resolve()
-    asked = {o.key: o for o in observations}
-    for path, kind in sorted(found.items()):
-        name = printable(path)
-        if kind == "other":
-            yield Problem("error", name, "no plain file (a pipe, socket or device); expected none")
-            continue
-        if kind == "link":
-            fault = _link_fault(root, submission.root / path)
-            if fault:
-                yield Problem("error", name, fault)
-                continue
-        pieces = path.split("/")
-        key = "/".join(pieces[:4])
-        inside = "/".join(pieces[4:])
-        if path in expected or (key in asked and inside == layout.SUBMISSION_POINTS):
-            if kind == "folder":
-                yield Problem("error", name, "a folder; expected a file")
-        elif pieces[0] not in PARTS:
-            if len(pieces) == 1 and path != layout.SUBMISSION_JSON:
-                yield from _at_the_top(name, kind)
-        elif kind == "folder":
-            if len(pieces) == 4 and key not in dataset.keys:
-                yield Problem("error", name, "no such observation in the dataset")
-            elif len(pieces) > 4 and key in asked and not submission.masks.startswith(inside):
-                yield Problem("error", name, f"surplus folder; expected {submission.masks}/ only")
-        elif key in asked:
-            yield Problem("error", name, _surplus(asked[key], submission, inside))
-        elif key not in dataset.keys:
-            yield Problem("error", name, "surplus file; no such observation in the dataset")
-
-
-def _at_the_top(name: str, kind: str) -> Iterator[Problem]:
-    if not (name.upper().startswith(_COMPANIONS) or name.lower().endswith(".md")):
-        what = "folder" if kind == "folder" else "file"
-        yield Problem("warning", name, f"not looked at: no {what} of a submission")
-
-
-def _surplus(observation: Observation, submission: Submission, inside: str) -> str:
-    folder, _, name = inside.rpartition("/")
-    stem = name.removesuffix(".png")
-    if folder == submission.masks and name.endswith(".png") and observation.splits.get(stem) == "train":
-        return "a mask of a train frame; expected test frames only"
-    if folder == submission.masks:
-        return "surplus file; expected one mask per test frame, named as the frame (frame_000.png)"
-    return f"surplus file; expected {submission.masks}/frame_000.png and {layout.SUBMISSION_POINTS} only"
-
-
-def _link_fault(root: Path, path: Path) -> str | None:
-    """What is wrong with a symbolic link; None for one to a file inside the submission."""
-    try:
-        target = path.resolve(strict=True)
-        mode = target.stat().st_mode
-    except (OSError, RuntimeError):
-        return "a broken or circular link; expected a file"
-    if not target.is_relative_to(root):
-        return "a link out of the submission; expected a file"
-    if not stat.S_ISREG(mode):
-        return "a link to what is no file; expected a file"
-    return None
-
-
-def _check_points(
-    submission: Submission, observations: Sequence[Observation], found: dict[str, str]
-) -> Iterator[Problem]:
-    if submission.layout == "official":
-        return
-    paths = [f"{o.key}/{layout.SUBMISSION_POINTS}" for o in observations]
-    missing = [path for path in paths if path not in found]
-    if len(missing) < len(paths):
-        for path in missing:
-            yield Problem(
-                "error", path, f"missing, but {len(paths) - len(missing)} other observations have one; expected one in "
-                "all or in none (a PLY of 0 vertices says that nothing sounds)",
-            )  # fmt: skip
-
-
-# Contents
-
-
 def check_contents(
     submission: Submission,
     observations: Sequence[Observation],
@@ -322,7 +122,8 @@ def _look(
     problems, files = [], 0
     for frame in observation.test:
         path = submission.mask_path(key, frame.name)
-        if path.relative_to(submission.root).as_posix() in bad:
+        name = path.relative_to(submission.root)
+        if not bad.isdisjoint((name.as_posix(), name.parent.as_posix())):  # the file, or a folder behind a link
             continue
         size = png_header(frame.path(layout.SEMANTIC_MASKS))
         files += 1

@@ -6,19 +6,19 @@ import os
 import tempfile
 import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import islice
 from pathlib import Path
 
 from pydantic import ValidationError
 
 from avs3d_bench import layout
-from avs3d_bench.dataset import find_keys
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import read_bytes
-from avs3d_bench.report import Problem, Report, ordered
+from avs3d_bench.report import Problem, Report, ordered, printable
 from avs3d_bench.schema import SubmissionRecord, describe
-from evaluators.archive import printable, top_folder, unpack, vet
+from avs3d_bench.taxonomy import PARTS, ROOMS
+from evaluators.archive import check_directory, top_folder, unpack, vet
 from evaluators.masks import check_file
 from evaluators.records import InvalidSubmission, Submission
 
@@ -29,8 +29,9 @@ _EXPECTED = (
 _JSON = '{"method": …, "dataset": …, "dataset_version": …}'
 #: submission.json holds a few lines.
 _MAX_JSON_BYTES = 2**20
-#: How far a misplaced submission is looked for.
-_LOOKED_AT = 200
+#: Entries of folders that are looked at to tell the layout, and how far a misplaced submission is looked for.
+_LOOKED_AT = 100_000
+_NEAR = 200
 
 
 @contextmanager
@@ -54,6 +55,7 @@ def open_submission(path: str | Path) -> Iterator[Submission]:
         raise UsageError(f"{source}: neither a folder nor a .zip; expected a submission")
     with tempfile.TemporaryDirectory(prefix="avs3d-submission-") as folder:
         try:
+            check_directory(source)
             with zipfile.ZipFile(source) as archive:
                 problems = list(vet(archive)) or list(unpack(archive, Path(folder)))
                 members = len(archive.infolist())
@@ -65,11 +67,10 @@ def open_submission(path: str | Path) -> Iterator[Submission]:
 
 
 def _opened(root: Path, source: Path | None) -> Submission:
-    keys = find_keys(root)
     json_file = root / layout.SUBMISSION_JSON
-    ours = os.path.lexists(json_file) or any(os.path.lexists(root / k / layout.SUBMISSION_MASKS) for k in keys)
     named = source or root
-    if ours:
+    keys = () if os.path.lexists(json_file) else tuple(_keys(root, _LOOKED_AT))
+    if os.path.lexists(json_file) or any(os.path.lexists(root / key / layout.SUBMISSION_MASKS) for key in keys):
         record, problems = _record(json_file, named)
         return Submission(root, "avs3d", layout.SUBMISSION_MASKS, record, source, problems)
     found = [masks for masks in layout.RELEASED_MASKS if any((root / key / masks).is_dir() for key in keys)]
@@ -77,6 +78,26 @@ def _opened(root: Path, source: Path | None) -> Submission:
         raise UsageError(f"{named}: no submission; {_EXPECTED}{_hint(root, source)}")
     notes = tuple(Problem("note", other, f"not looked at: {found[0]} is there as well") for other in found[1:])
     return Submission(root, "official", found[0], _made_up(named), source, notes)
+
+
+def _keys(root: Path, most: int) -> Iterator[str]:
+    """Keys of the observation folders below ``root``; ``most`` entries are looked at, for links may go in circles."""
+    budget = iter(range(most))
+    for part in PARTS:
+        for scan in _folders(root / part, budget):
+            for room in ROOMS:
+                for index in _folders(root / part / scan / room, budget):
+                    key = f"{part}/{scan}/{room}/{index}"
+                    with suppress(UsageError):
+                        yield str(layout.parse_key(key))
+
+
+def _folders(path: Path, budget: Iterator[int]) -> list[str]:
+    """Names of the folders in a folder, as far as the budget of entries reaches."""
+    with suppress(OSError), os.scandir(path) as entries:
+        # isdir and not DirEntry.is_dir, which raises at a link that leads to itself
+        return sorted(entry.name for _, entry in zip(budget, entries, strict=False) if os.path.isdir(entry))
+    return []
 
 
 def _made_up(named: Path) -> SubmissionRecord:
@@ -103,12 +124,14 @@ def _record(path: Path, named: Path) -> tuple[SubmissionRecord, tuple[Problem, .
 
 def _hint(root: Path, source: Path | None) -> str:
     """Where the submission lies, if it is a folder further down."""
+    if source is not None:
+        return ""  # nobody can point into an archive
     try:
-        for path in sorted(islice(root.iterdir(), _LOOKED_AT)):
-            if path.is_dir() and not path.is_symlink():
-                inside = source is not None or (not (path / layout.SUBMISSION_JSON).exists() and not find_keys(path))
-                if not inside:
-                    return f"; it lies one folder further down: point at {path}"
+        for path in sorted(islice(root.iterdir(), _NEAR)):
+            if not path.is_dir() or path.is_symlink():
+                continue
+            if os.path.lexists(path / layout.SUBMISSION_JSON) or any(_keys(path, _NEAR)):
+                return f"; it lies one folder further down: point at {path}"
     except OSError:
         pass
     return ""

@@ -6,7 +6,7 @@ import json
 import os
 import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import cv2
@@ -27,7 +27,8 @@ def mutation(function: Mutation) -> Mutation:
 
 
 def masks(root: Path) -> list[Path]:
-    return sorted(p for p in root.rglob("masks/*.png") if p.is_file() and not p.is_symlink())
+    found = (p for p in root.rglob("*.png") if p.parent.name == "masks" or p.parts[-3:-1] == ("masks", "test"))
+    return sorted(p for p in found if p.is_file() and not p.is_symlink())
 
 
 def one(root: Path, rng: Rng) -> Path:
@@ -145,6 +146,53 @@ def wrong_mode(root: Path, rng: Rng) -> list[str]:
 
 
 @mutation
+def grey_and_alpha(root: Path, rng: Rng) -> list[str]:
+    path = one(root, rng)
+    row = b"\0" + bytes(rng.integers(0, 2, 2 * tiny.SIZE, dtype=np.uint8) * 255)
+    parts = chunks(with_header(path.read_bytes(), colour=4))
+    tiny.replace(path, png([parts[0], (b"IDAT", zlib.compress(row * tiny.SIZE)), (b"IEND", b"")]))
+    return [name(root, path)]
+
+
+@mutation
+def transparent(root: Path, rng: Rng) -> list[str]:
+    path = one(root, rng)
+    header, *rest = chunks(path.read_bytes())
+    tiny.replace(path, png([header, (b"tRNS", b"\0" + bytes([255 * int(rng.integers(2))])), *rest]))
+    return [name(root, path)]
+
+
+@mutation
+def animated(root: Path, rng: Rng) -> list[str]:
+    """A second frame, as APNG has it: programs disagree about which of the two is the picture."""
+    path = one(root, rng)
+    header, *pixels, end = chunks(path.read_bytes())
+    black = zlib.compress(bytes(tiny.SIZE * (tiny.SIZE + 1)))
+    frames = [(b"fcTL", struct.pack(">5I2H2B", n, tiny.SIZE, tiny.SIZE, 0, 0, 1, 1, 0, 0)) for n in (0, 1)]
+    second = (b"fdAT", struct.pack(">I", 2) + black)
+    tiny.replace(path, png([header, (b"acTL", struct.pack(">2I", 2, 0)), frames[0], *pixels, frames[1], second, end]))
+    return [name(root, path)]
+
+
+@mutation
+def after_the_end(root: Path, rng: Rng) -> list[str]:
+    path = one(root, rng)
+    data = path.read_bytes()
+    tiny.replace(path, data + [b"\0", b"garbage" * 9, data][int(rng.integers(3))])
+    return [name(root, path)]
+
+
+@mutation
+def pixels_cut(root: Path, rng: Rng) -> list[str]:
+    """Too few rows in a stream that ends well, every checksum right."""
+    path = one(root, rng)
+    header = chunks(path.read_bytes())[0]
+    rows = bytes(int(rng.integers(0, tiny.SIZE)) * (tiny.SIZE + 1))
+    tiny.replace(path, png([header, (b"IDAT", zlib.compress(rows)), (b"IEND", b"")]))
+    return [name(root, path)]
+
+
+@mutation
 def palette(root: Path, rng: Rng) -> list[str]:
     path = one(root, rng)
     data = with_header(path.read_bytes(), colour=3)
@@ -233,7 +281,7 @@ def folder(root: Path, rng: Rng) -> list[str]:
 @mutation
 def link_out(root: Path, rng: Rng) -> list[str]:
     path = one(root, rng)
-    outside = root.parent / f"outside_{path.parent.parent.parent.parent.parent.name}_{path.name}"
+    outside = root.parent / f"outside_{path.relative_to(root).parts[0]}_{path.name}"
     path.rename(outside)
     path.symlink_to([outside, os.path.relpath(outside, path.parent)][int(rng.integers(2))])
     return [name(root, path)]
@@ -250,12 +298,34 @@ def link_broken(root: Path, rng: Rng) -> list[str]:
 @mutation
 def folder_link_out(root: Path, rng: Rng) -> list[str]:
     path = one(root, rng).parent
-    outside = root.parent / f"outside_{path.parent.parent.parent.parent.name}_masks"
+    outside = root.parent / f"outside_{path.relative_to(root).parts[0]}_masks"
     if outside.exists():
         return []
     path.rename(outside)
     path.symlink_to(outside)
     return [name(root, path)]
+
+
+@mutation
+def folder_link_inside(root: Path, rng: Rng) -> list[str]:
+    """A folder that is the link to another: each link to a file would be fine."""
+    path = one(root, rng).parent
+    aside = root / f"aside_{path.relative_to(root).parts[0]}_masks"
+    if aside.exists():
+        return []
+    path.rename(aside)
+    path.symlink_to(os.path.relpath(aside, path.parent))
+    return [name(root, path)]
+
+
+@mutation
+def deeper(root: Path, rng: Rng) -> list[str]:
+    """A mask in a folder of its own, or below hundreds of them."""
+    path = one(root, rng)
+    other = path.parent.joinpath(*["deeper"] * int(rng.choice([1, 2, 300])), path.name)
+    other.parent.mkdir(parents=True, exist_ok=True)
+    path.rename(other)
+    return [name(root, path), name(root, path.parent / "deeper")]
 
 
 @mutation
@@ -288,17 +358,18 @@ def other_observation(root: Path, rng: Rng) -> list[str]:
     path = root / "part_1" / "elsewhere" / "kitchen" / "1" / "masks" / "frame_000.png"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(one(root, rng).read_bytes())
-    return [name(root, path)]
+    return [name(root, path), name(root, path.parent.parent)]
 
 
 @mutation
 def bad_record(root: Path, rng: Rng) -> list[str]:
     path = root / layout.SUBMISSION_JSON
     said = {"method": "m", "dataset": "tiny", "dataset_version": "1"}
-    choice = int(rng.integers(9))
+    choice = int(rng.integers(11))
     text = [
         "{", "", "[]", "null", json.dumps(said | {"dataset": "other"}), json.dumps(said | {"dataset_version": "2"}),
         json.dumps(said | {"surprise": 1}), json.dumps({"method": "m"}), "[" * 100_000,
+        json.dumps(said | {"two\nlines\x1b[31m": 1}), " " * 2**21,
     ][choice]  # fmt: skip
     tiny.replace(path, text.encode())
     return [layout.SUBMISSION_JSON]
@@ -334,7 +405,12 @@ def bad_cloud(root: Path, rng: Rng) -> list[str]:
         b"",
         b"ply\n",
         b"not a ply at all",
-    ][int(rng.integers(12))])  # fmt: skip
+        head.format(1).replace("float y", "float x").encode() + point,
+        head.format(1).replace("float x", "list uchar float x").encode() + b"\3" + bytes(20),
+        head.format(1).replace("element", f"element nothing {10**30}\nelement", 1).encode() + point,
+        head.format(1).replace("format", f"comment {'x' * 70_000}\nformat").encode() + point,
+        head.format(1).replace("float", "double").encode() + struct.pack("<3d", 1, 1e300, 3),
+    ][int(rng.integers(17))])  # fmt: skip
     return [name(root, path)]
 
 
@@ -347,17 +423,25 @@ def one_cloud_missing(root: Path, rng: Rng) -> list[str]:
     return [name(root, path)]
 
 
-def broken(root: Path, seed: int) -> tuple[list[str], list[str]]:
+#: What the released pipeline's own folders can have: there is no record, no cloud, and only masks/test/ is looked at.
+IN_RELEASED = (
+    "flip_bytes", "truncate", "empty", "delete", "rename", "resize", "grey_and_alpha", "transparent", "animated",
+    "after_the_end", "pixels_cut", "palette", "colour", "grey_values", "zero_and_one", "gigantic", "no_pixels",
+    "not_a_picture", "enormous_file", "fifo", "folder", "link_out", "link_broken", "folder_link_out", "deeper",
+    "train_mask", "undecodable_name",
+)  # fmt: skip
+
+
+def broken(root: Path, seed: int, kinds: Sequence[str] = ()) -> tuple[list[str], list[str]]:
     """Break the submission at ``root`` with one to three mutations: (their names, the files that must be named)."""
     rng = np.random.default_rng(seed)
-    kinds = list(MUTATIONS)
+    kinds = list(kinds or MUTATIONS)
     # Every kind comes in turn, so that 300 seeds try each many times.
     chosen = [kinds[seed % len(kinds)], *rng.choice(kinds, int(rng.integers(0, 3)))]
     named: list[str] = []
     for kind in chosen:
-        before = [path for path in named if "outside" not in path]
-        named += [path for path in MUTATIONS[kind](root, rng) if path not in before]
-    # What a later mutation moved out of the way is not there to be named any more but through its folder.
-    linked = [path for path in named if (root / path).is_symlink() and (root / path).name == "masks"]
-    gone = {path for path in named for link in linked if path.startswith(f"{link}/")}
+        named += [path for path in MUTATIONS[kind](root, rng) if path not in named]
+    # What lay in a folder that a later mutation turned into a link is not there to be named any more but through it.
+    links = [path for path in named if (root / path).is_symlink() and not (root / path).suffix]
+    gone = {path for path in named for link in links if path.startswith(f"{link}/")}
     return [str(kind) for kind in chosen], [path for path in named if path not in gone]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,9 +13,11 @@ import pytest
 import tiny
 from test_score import submit, true_mask
 
+from avs3d_bench import layout
 from evaluators import cli
 
 COUNT = 300
+RELEASED_COUNT = 54
 FRAMES = 25  # four test frames an observation
 
 
@@ -26,6 +30,12 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def whole(data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("submissions") / "whole"
     return submit(folder, data, true_mask, points=lambda observation: observation.mesh().vertices)
+
+
+@pytest.fixture(scope="module")
+def released(data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("submissions") / "released"
+    return submit(folder, data, true_mask, masks=layout.RELEASED_MASKS[0])
 
 
 def call(command: str, capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str]:
@@ -54,22 +64,52 @@ def test_each_kind_is_tried_at_least_seven_times(kind: str):
 def test_a_broken_submission(data: Path, whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], seed: int):
     root = tiny.clone(whole, tmp_path / "submission")
     kinds, named = mutants.broken(root, seed)
+    refused(data, root, kinds, named, tmp_path, capsys)
+
+
+@pytest.mark.parametrize("seed", range(RELEASED_COUNT))
+def test_broken_masks_of_the_released_pipeline(
+    data: Path, released: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], seed: int
+):
+    root = tiny.clone(released, tmp_path / "submission")
+    kinds, named = mutants.broken(root, seed, mutants.IN_RELEASED)
+    refused(data, root, kinds, named, tmp_path, capsys)
+
+
+def refused(
+    data: Path, root: Path, kinds: list[str], named: list[str], folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Both programs end with 1, name every file of ``named`` and blame no other, and write nothing."""
     assert named
-    scores = tmp_path / "scores.json"
-    for command, more in (("check", ()), ("avs3d-eval", ("--json", scores, "--html", tmp_path / "report.html"))):
+    before = sorted(os.listdir(folder))
+    scores, page = folder / "scores.json", folder / "report.html"
+    for command, more in (("check", ()), ("avs3d-eval", ("--json", scores, "--html", page))):
         code, said = call(command, capsys, root, "--dataset", data, "--workers", 1, *more)
         assert code == 1, (kinds, said)
-        flat = "".join(said.split("\n"))
-        missing = [path for path in named if not listed(path, flat)]
-        assert not missing, (kinds, missing, said)
-    assert not scores.exists()
-    assert not (tmp_path / "report.html").exists()
+        assert all(line.isprintable() for line in said.split("\n")), (kinds, said)  # nothing that steers a terminal
+        blamed = errors(said)
+        assert not [path for path in named if path not in blamed], (kinds, said)
+        guilty = (*named, *aside(root))
+        innocent = [path for path in blamed if not any(path == g or path.startswith(f"{g}/") for g in guilty)]
+        assert not innocent, (kinds, named, said)
+    assert sorted(os.listdir(folder)) == before
 
 
-def listed(path: str, said: str) -> bool:
-    """Whether a path is named: its observation as a heading, its place inside below."""
-    pieces = path.split("/")
-    return all(part in said for part in (("/".join(pieces[:4]), "/".join(pieces[4:])) if len(pieces) > 4 else (path,)))
+def aside(root: Path) -> list[str]:
+    """Where `folder_link_inside` put folders, with what earlier mutations had made of the masks in them."""
+    return [path.name for path in root.glob("aside_*")]
+
+
+def errors(said: str) -> set[str]:
+    """The files that the printed findings call broken: observations are headings, files stand below theirs."""
+    heading, found = "", set()
+    for line in said.splitlines():
+        finding = re.match(r"  (error|warning|note) +(.+?): ", line)
+        if finding is None:
+            heading = f"{line}/" if line.startswith("part_") else ""
+        elif finding[1] == "error":
+            found.add(f"{heading}{finding[2]}".removesuffix("/."))
+    return found
 
 
 @pytest.mark.parametrize("seed", [0, 77, 151])

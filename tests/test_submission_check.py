@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+import errno
 import io
+import json
 import os
+import shutil
 import stat
+import struct
+import time
 import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
+import mutants
 import numpy as np
 import pytest
 import tiny
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from test_score import shifted, submit, true_mask
 
 from avs3d_bench import layout, media
@@ -220,10 +230,201 @@ def test_a_screenful_and_then_a_count(data: Path, submission: Path, capsys: pyte
 
 
 def test_an_endless_tree_is_not_walked(data: Path, submission: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("evaluators.checks._SURPLUS", 50)
+    """What is there is not called missing because the walk ended before it."""
+    monkeypatch.setattr("evaluators.structure._SURPLUS", 50)
+    for number in range(500):
+        (submission / "part_1" / f"junk_{number}").mkdir()
+    (submission / FIRST).unlink()
+    found = findings(submission, data)
+    assert found.pop("part_1").startswith("more than 50 surplus files and folders")
+    assert found == {FIRST: "missing; expected a mask"}
+
+
+def test_clutter_at_the_top_does_not_hide_the_masks(data: Path, submission: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("evaluators.structure._SURPLUS", 50)
     for number in range(200):
-        (submission / f"junk_{number}").mkdir()
-    assert any("more than 50 surplus" in message for message in findings(submission, data).values())
+        (submission / ".git" / f"{number}").mkdir(parents=True)
+    report = check_submission(submission, data, workers=1)
+    assert report.valid
+    assert [(p.severity, p.path) for p in report.problems] == [("warning", "."), ("warning", ".git")]
+
+
+def test_links_out_of_folders_at_the_top_are_found(data: Path, submission: Path, tmp_path: Path):
+    (submission / "extra").mkdir()
+    (submission / "extra" / "passwords").symlink_to(tmp_path)
+    assert findings(submission, data) == {"extra/passwords": "a link out of the submission; expected a file"}
+
+
+def test_folders_nested_beyond_what_paths_can_hold(data: Path, submission: Path):
+    masks_folder = os.open(submission / tiny.SINGLE / "masks", os.O_RDONLY)
+    for _ in range(1000):
+        os.mkdir("deeper", dir_fd=masks_folder)
+        below = os.open("deeper", os.O_RDONLY, dir_fd=masks_folder)
+        os.close(masks_folder)
+        masks_folder = below
+    os.close(masks_folder)
+    (submission / FIRST).unlink()
+    found = findings(submission, data)
+    assert found[FIRST] == "missing; expected a mask"
+    deepest = max(found, key=len)
+    assert deepest.count("/") == 11
+    assert found[deepest].startswith(("surplus folder", "a folder nested 12 deep"))
+
+
+def test_a_folder_that_may_not_be_read(data: Path, submission: Path, monkeypatch: pytest.MonkeyPatch):
+    """Simulated: the tests may run as root, whom no permission stops."""
+    scandir = os.scandir
+
+    def guarded(path: str | os.PathLike[str] = ".") -> object:
+        if Path(path).name == "masks" and "part_2" in Path(path).parts:
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), os.fspath(path))
+        return scandir(path)
+
+    (submission / FIRST).unlink()
+    monkeypatch.setattr(os, "scandir", guarded)
+    found = findings(submission, data)
+    assert found[f"{tiny.MULTI}/masks"] == "cannot be looked into (Permission denied); change its permissions"
+    assert found[FIRST] == "missing; expected a mask"
+
+
+@pytest.mark.parametrize("json_file", [True, False])
+def test_links_in_circles_are_not_followed(data: Path, submission: Path, json_file: bool):
+    """Four levels of a thousand links to where they stand would be 10¹² folders."""
+    for number in range(1000):
+        (submission / "part_1" / f"again_{number}").symlink_to(".")
+    if not json_file:
+        (submission / "submission.json").unlink()
+    before = time.monotonic()
+    found = findings(submission, data)
+    assert time.monotonic() - before < 10
+    assert sum(path.startswith("part_1/again_") for path in found) == 1000
+    assert ("submission.json" in found) != json_file
+
+
+def test_hostile_text_is_printed_on_one_line(data: Path, submission: Path, capsys: pytest.CaptureFixture[str]):
+    said = {"method": "m", "dataset": "tiny", "dataset_version": "1", "two\nlines\x1b[31m": 1}
+    tiny.replace(submission / "submission.json", json.dumps(said).encode())
+    root = submission.rename(submission.with_name("a\nb\x1b[2J"))
+    print_report(check_submission(root, data, workers=1))
+    printed = capsys.readouterr().out
+    assert "two\\nlines\\x1b[31m: Extra inputs are not permitted" in printed
+    assert "a\\nb\\x1b[2J: 1 error" in printed
+    assert all(line.isprintable() for line in printed.split("\n"))
+
+
+# Pictures that programs read in more than one way
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda d: d + b"\0", "1 bytes after the end of the picture; expected one plain picture"),
+        (lambda d: d + d, "bytes after the end of the picture"),
+        (lambda d: inserted(d, b"tRNS", b"\0\0"), "a PNG with transparency; expected one plain picture"),
+        (lambda d: inserted(d, b"acTL", bytes(8)), "a PNG with an animation; expected one plain picture"),
+        (lambda d: d[: d.rfind(b"IEND") - 4], "truncated after"),
+    ],
+)
+def test_masks_that_are_more_than_one_picture(
+    submission: Path, data: Path, change: Callable[[bytes], bytes], says: str
+):
+    tiny.replace(submission / FIRST, change((submission / FIRST).read_bytes()))
+    assert says in findings(submission, data)[FIRST]
+    with pytest.raises(InvalidSubmission):
+        evaluate(submission, data)
+
+
+def inserted(data: bytes, kind: bytes, body: bytes) -> bytes:
+    header, *rest = mutants.chunks(data)
+    return mutants.png([header, (kind, body), *rest])
+
+
+def test_interlaced_masks_and_comments_pass(submission: Path, data: Path):
+    """Adam7 of a picture of one value: every pass is its own small picture of rows that begin with a filter byte."""
+    passes = [(0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2)]
+    rows = b"".join((b"\0" + b"\xff" * len(range(x, 64, dx))) * len(range(y, 64, dy)) for x, y, dx, dy in passes)
+    header = struct.pack(">IIBBBBB", 64, 64, 8, 0, 0, 0, 1)
+    text = (b"tEXt", b"Software\0a program")
+    tiny.replace(
+        submission / FIRST, mutants.png([(b"IHDR", header), text, (b"IDAT", zlib.compress(rows)), (b"IEND", b"")])
+    )
+    assert findings(submission, data) == {}
+    assert (read_mask(submission / FIRST, 64, 64, released=False) == 255).all()
+
+
+# Clouds whose header is not to be trusted
+
+
+HEADER = "ply\nformat {}\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (HEADER.format("binary_little_endian 1.0", 10**9), "1,000,000,000 points, expected at most 2,000,000"),
+        (HEADER.format("ascii 1.0", 10**12), "1,000,000,000,000 points, expected at most 2,000,000"),
+        (HEADER.format("binary_little_endian 1.0", 1).replace("float y", "float x"), "header contradicts itself"),
+        (HEADER.format("binary_little_endian 1.0", 1).replace("float x", "list uchar float x"), "contradicts itself"),
+        (
+            HEADER.format("binary_little_endian 1.0", 1).replace("element", f"element none {10**30}\nelement", 1),
+            "header contradicts itself",
+        ),
+        (HEADER.format("binary_little_endian 1.0", 1) + "comment " + "x" * 70_000 + "\n", "no end_header in its first"),
+    ],
+)
+def test_headers_that_promise_the_impossible(tmp_path: Path, text: str, says: str):
+    path = tmp_path / "points.ply"
+    path.write_bytes(f"{text}end_header\n".encode() + b"\3" + bytes(40))
+    with pytest.raises(Avs3dError, match=says):
+        read_points(path)
+
+
+def test_a_large_cloud_is_written_as_binary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """One point announced, and millions of words behind it, each of which costs an object."""
+    path = tmp_path / "points.ply"
+    path.write_bytes(f"{HEADER.format('ascii 1.0', 1)}end_header\n".encode() + b"11 " * 3_000_000)
+
+    def refuse(*_: object) -> None:
+        raise AssertionError("read")
+
+    monkeypatch.setattr(masks, "read_ply", refuse)
+    with pytest.raises(Avs3dError, match="bytes of ASCII PLY, expected at most 8,388,608: write it as binary"):
+        read_points(path)
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    edits=st.lists(
+        st.tuples(
+            st.integers(0, 400),
+            st.integers(0, 12),
+            st.sampled_from([b"", b"x", b"0", b"-1", b"99999999999", b"nan", b"list ", b"\n", b"\xff", b"double"]),
+        ),
+        max_size=6,
+    ),
+    ascii_=st.booleans(),
+)
+def test_any_damage_to_a_cloud_is_one_line(tmp_path_factory: pytest.TempPathFactory, edits: Any, ascii_: bool):
+    path = tmp_path_factory.getbasetemp() / "damaged.ply"
+    text = HEADER.format("ascii 1.0" if ascii_ else "binary_little_endian 1.0", 2)
+    body = b"1 2 3\n4 5 6\n" if ascii_ else struct.pack("<6f", *range(6))
+    data = f"{text}end_header\n".encode() + body
+    for at, length, new in edits:
+        at %= len(data) + 1
+        data = data[:at] + new + data[at + length :]
+    path.write_bytes(data)
+    said = ""
+    try:
+        points = read_points(path)
+    except Avs3dError as error:
+        said, points = str(error), np.zeros((0, 3), np.float32)
+    assert said == "" or (said.startswith(f"{path}: ") and said.isprintable())
+    assert points.ndim == 2
+    assert points.shape[1] == 3
+    assert np.isfinite(points).all()
+
+
+# What a submission is not
 
 
 @pytest.mark.parametrize(
@@ -289,6 +490,9 @@ def link(name: str) -> zipfile.ZipInfo:
         ("part_1/../../escape.png", "a path that leads elsewhere"),
         ("part_1//x.png", "a path that leads elsewhere"),
         ("part_1\\x.png", "a backslash"),
+        ("part_1/" + "x" * 256, "a name of more than 255 bytes"),
+        ("a/" * 1100 + "x", "a path of more than 2048 bytes"),
+        ("a/" * 64 + "x", "or 64 folders"),
         (link("part_1/x.png"), "a symlink or device"),
     ],
 )
@@ -309,6 +513,46 @@ def test_a_bomb_is_not_unpacked(good: Path, data: Path, tmp_path: Path):
     with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as out:
         out.writestr("part_1/bomb.png", bytes(50_000_000))
     assert "an archive bomb" in findings(path, data)["part_1/bomb.png"]
+
+
+def test_many_small_members_are_a_bomb_as_well(good: Path, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(archive, "_SMALL_ARCHIVE", 2**20)
+    path = pack(good, tmp_path / "s.zip")
+    with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as out:
+        for number in range(20):
+            out.writestr(f"part_1/bomb_{number}.png", bytes(2**20))
+    assert "an archive bomb" in findings(path, data)["."]
+
+
+def test_an_archive_for_which_there_is_no_room(good: Path, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    path = pack(good, tmp_path / "s.zip")
+    needed = sum(file.stat().st_size for file in good.rglob("*") if file.is_file())
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=100))
+    with pytest.raises(Avs3dError, match=f"100 bytes free, the submission unpacks to {needed:,}; free some space"):
+        check_submission(path, data, workers=1)
+
+
+@pytest.mark.parametrize("zip64", [False, True])
+def test_an_archive_with_an_endless_list_of_members(
+    good: Path, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, zip64: bool
+):
+    """It is refused before Python makes an object of every member."""
+    path = pack(good, tmp_path / "s.zip")
+    if zip64:
+        with monkeypatch.context() as patched:
+            patched.setattr(zipfile, "ZIP_FILECOUNT_LIMIT", 1)
+            pack(good, path)
+        assert b"PK\6\6" in path.read_bytes()
+    assert findings(path, data) == {}
+    monkeypatch.setattr(archive, "MAX_DIRECTORY_BYTES", 300)
+
+    def refuse(*_: object) -> None:
+        raise AssertionError("opened")
+
+    monkeypatch.setattr(zipfile, "ZipFile", refuse)
+    with pytest.raises(UsageError, match=r"a list of members of [0-9,]+ bytes, expected at most 300"):
+        check_submission(path, data, workers=1)
 
 
 def test_an_archive_that_lies_about_sizes(good: Path, data: Path, tmp_path: Path):

@@ -1,0 +1,276 @@
+"""The names in a submission: what is missing, surplus, misplaced or no plain file. Nothing but folders is opened."""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from avs3d_bench import layout
+from avs3d_bench.dataset import Dataset, Observation
+from avs3d_bench.report import Problem, Severity, printable
+from avs3d_bench.taxonomy import PARTS
+from evaluators.records import Submission
+
+#: Files that may stand at the top beside submission.json.
+_COMPANIONS = ("README", "LICENCE", "LICENSE", "CITATION")
+#: Entries of a folder tree that are looked at beyond those expected.
+_SURPLUS = 100_000
+#: What an observation adds to that at most: its test frames, its folders, its points.
+_ENTRIES = layout.MAX_FRAMES // layout.TEST_EVERY + 6
+#: Names in the longest path that is looked at; a mask of the released pipeline has eight.
+_DEEPEST = 12
+
+
+def check_structure(submission: Submission, dataset: Dataset, observations: Sequence[Observation]) -> list[Problem]:
+    """Missing, surplus and misplaced files, and what is no plain file; nothing is decoded.
+
+    Args:
+        submission: the opened submission.
+        dataset: what it is for.
+        observations: those of the dataset that are asked for; the rest is neither missed nor surplus.
+    """
+    problems = list(submission.problems)
+    problems += _check_record(submission, dataset)
+    problems += _check_folders(submission, observations)
+    expected = _expected(submission, observations)
+    others = len(dataset) - len(observations)
+    tree = _walk(submission, observations, expected, _SURPLUS + others * _ENTRIES)
+    problems += tree.problems
+    problems += _check_entries(submission, dataset, observations, tree.found, expected)
+    problems += [Problem("error", path, "missing; expected a mask") for path in expected if path not in tree.found]
+    problems += _check_points(submission, observations, tree.found)
+    return problems
+
+
+def _check_record(submission: Submission, dataset: Dataset) -> Iterator[Problem]:
+    if submission.layout == "official" or any(p.path == layout.SUBMISSION_JSON for p in submission.problems):
+        return
+    said, record = submission.record, dataset.record
+    named = printable(f"{said.dataset} {said.dataset_version}")
+    if record is None:
+        yield Problem(
+            "note", layout.SUBMISSION_JSON, f"{named}: cannot be held against this "
+            f"dataset, which has no {layout.DATASET_JSON}",
+        )  # fmt: skip
+    elif (said.dataset, said.dataset_version) != (record.name, record.version):
+        yield Problem(
+            "error", layout.SUBMISSION_JSON,
+            f"made for {named}, expected {record.name} {record.version}, this dataset",
+        )  # fmt: skip
+
+
+def _check_folders(submission: Submission, observations: Iterable[Observation]) -> Iterator[Problem]:
+    """Folders of masks in the released pipeline's own tree that a link puts elsewhere (in ours a link is no folder)."""
+    root = submission.root.resolve()
+    for observation in observations:
+        folder = submission.root / observation.key / submission.masks
+        if submission.layout == "official" and folder.is_dir() and not folder.resolve().is_relative_to(root):
+            path = folder.relative_to(submission.root).as_posix()
+            yield Problem("error", path, "a link out of the submission; expected a folder")
+
+
+def _expected(submission: Submission, observations: Iterable[Observation]) -> dict[str, None]:
+    """Paths of the masks, relative."""
+    return {
+        submission.mask_path(o.key, frame.name).relative_to(submission.root).as_posix(): None
+        for o in observations
+        for frame in o.test
+    }
+
+
+# Walking the tree
+
+
+@dataclass
+class _Tree:
+    """What stands below a submission's folder, links not followed.
+
+    Attributes:
+        root: the submission's folder.
+        left: entries that may still be looked at.
+        found: path relative to the root → file, folder, link or other.
+        problems: what kept the walk from going on.
+    """
+
+    root: Path
+    left: int
+    found: dict[str, str] = field(default_factory=dict)
+    problems: list[Problem] = field(default_factory=list)
+
+    def walk(self, top: str, severity: Severity, skip: Collection[str] = ()) -> bool:
+        """Look at everything below the folder ``top`` but ``skip``; False if there is absurdly much.
+
+        What cannot be looked at becomes a finding of that severity.
+        """
+        folders = [top]
+        while folders:
+            folder = folders.pop()
+            below = []
+            try:
+                with os.scandir(self.root / folder) as entries:
+                    for entry in entries:
+                        path = f"{folder}/{entry.name}" if folder else entry.name
+                        if path in skip:
+                            continue
+                        self.left -= 1
+                        if self.left < 0:
+                            message = f"more than {_SURPLUS:,} surplus files and folders; the rest is not looked at"
+                            self.problems.append(Problem(severity, printable(top) or ".", message))
+                            return False
+                        self.found[path] = kind = _kind(os.lstat(entry))
+                        if kind == "folder":
+                            below.append(path)
+            except OSError as error:
+                message = f"cannot be looked into ({error.strerror}); change its permissions"
+                self.problems.append(Problem(severity, printable(folder) or ".", message))
+            for path in below:
+                if path.count("/") + 1 < _DEEPEST:
+                    folders.append(path)
+                elif severity == "error":
+                    message = f"a folder nested {_DEEPEST} deep, not looked into; expected masks four folders down"
+                    self.problems.append(Problem(severity, printable(path), message))
+        return True
+
+    def look_up(self, path: str) -> None:
+        """Note what stands at one relative path, if anything does and no link leads there."""
+        place = self.root
+        *folders, name = path.split("/")
+        try:
+            for folder in folders:
+                place /= folder
+                if not stat.S_ISDIR(os.lstat(place).st_mode):
+                    return
+            self.found[path] = _kind(os.lstat(place / name))
+        except OSError:
+            return
+
+
+def _kind(found: os.stat_result) -> str:
+    if stat.S_ISLNK(found.st_mode):
+        return "link"
+    if stat.S_ISDIR(found.st_mode):
+        return "folder"
+    return "file" if stat.S_ISREG(found.st_mode) else "other"
+
+
+def _walk(
+    submission: Submission, observations: Sequence[Observation], expected: Collection[str], surplus: int
+) -> _Tree:
+    """Everything in the submission, up to ``surplus`` entries that are not expected.
+
+    In the official layout the folder is the pipeline's own: only the masks' folders are looked at. In ours the two
+    parts come first, so that whatever else lies at the top (a virtual environment, a .git) cannot hide them.
+    """
+    tree = _Tree(submission.root, len(expected) + len(observations) * _ENTRIES + surplus)
+    points = [f"{o.key}/{layout.SUBMISSION_POINTS}" for o in observations]
+    if submission.layout == "official":
+        folders = [f"{o.key}/{submission.masks}" for o in observations]
+        whole = all(tree.walk(folder, "error") for folder in folders if (tree.root / folder).is_dir())
+    else:
+        for part in PARTS:
+            tree.look_up(part)
+        whole = all(tree.walk(part, "error") for part in PARTS if tree.found.get(part) == "folder")
+        tree.left = _SURPLUS
+        tree.walk("", "warning", skip=PARTS)
+    if not whole:
+        for path in (*expected, *points):
+            if path not in tree.found:
+                tree.look_up(path)
+    return tree
+
+
+# Judging what was found
+
+
+def _check_entries(
+    submission: Submission,
+    dataset: Dataset,
+    observations: Sequence[Observation],
+    found: dict[str, str],
+    expected: Collection[str],
+) -> Iterator[Problem]:
+    root = submission.root.resolve()
+    asked = {o.key: o for o in observations}
+    known = {problem.path for problem in submission.problems if problem.severity == "error"}
+    for path, kind in sorted(found.items()):
+        name = printable(path)
+        if path in known:
+            continue
+        if kind == "other":
+            yield Problem("error", name, "no plain file (a pipe, socket or device); expected none")
+            continue
+        if kind == "link":
+            fault = _link_fault(root, submission.root / path)
+            if fault:
+                yield Problem("error", name, fault)
+                continue
+        pieces = path.split("/")
+        key = "/".join(pieces[:4])
+        inside = "/".join(pieces[4:])
+        if path in expected or (key in asked and inside == layout.SUBMISSION_POINTS):
+            if kind == "folder":
+                yield Problem("error", name, "a folder; expected a file")
+        elif pieces[0] not in PARTS:
+            if len(pieces) == 1 and path != layout.SUBMISSION_JSON:
+                yield from _at_the_top(name, kind)
+        elif kind == "folder":
+            if len(pieces) == 4 and key not in dataset.keys:
+                yield Problem("error", name, "no such observation in the dataset")
+            elif len(pieces) > 4 and key in asked and not _leads_to(inside, submission.masks):
+                yield Problem("error", name, f"surplus folder; expected {submission.masks}/ only")
+        elif key in asked:
+            yield Problem("error", name, _surplus(asked[key], submission, inside))
+        elif key not in dataset.keys:
+            yield Problem("error", name, "surplus file; no such observation in the dataset")
+
+
+def _leads_to(inside: str, masks: str) -> bool:
+    return f"{masks}/".startswith(f"{inside}/")
+
+
+def _at_the_top(name: str, kind: str) -> Iterator[Problem]:
+    if not (name.upper().startswith(_COMPANIONS) or name.lower().endswith(".md")):
+        what = "folder" if kind == "folder" else "file"
+        yield Problem("warning", name, f"not looked at: no {what} of a submission")
+
+
+def _surplus(observation: Observation, submission: Submission, inside: str) -> str:
+    folder, _, name = inside.rpartition("/")
+    stem = name.removesuffix(".png")
+    if folder == submission.masks and name.endswith(".png") and observation.splits.get(stem) == "train":
+        return "a mask of a train frame; expected test frames only"
+    if folder == submission.masks:
+        return "surplus file; expected one mask per test frame, named as the frame (frame_000.png)"
+    return f"surplus file; expected {submission.masks}/frame_000.png and {layout.SUBMISSION_POINTS} only"
+
+
+def _link_fault(root: Path, path: Path) -> str | None:
+    """What is wrong with a symbolic link; None for one to a file inside the submission."""
+    try:
+        target = path.resolve(strict=True)
+        mode = target.stat().st_mode
+    except (OSError, RuntimeError):
+        return "a broken or circular link; expected a file"
+    if not target.is_relative_to(root):
+        return "a link out of the submission; expected a file"
+    if not stat.S_ISREG(mode):
+        return "a link to what is no file; expected a file"
+    return None
+
+
+def _check_points(
+    submission: Submission, observations: Sequence[Observation], found: Collection[str]
+) -> Iterator[Problem]:
+    if submission.layout == "official":
+        return
+    paths = [f"{o.key}/{layout.SUBMISSION_POINTS}" for o in observations]
+    missing = [path for path in paths if path not in found]
+    if len(missing) < len(paths):
+        for path in missing:
+            yield Problem(
+                "error", path, f"missing, but {len(paths) - len(missing)} other observations have one; expected one in "
+                "all or in none (a PLY of 0 vertices says that nothing sounds)",
+            )  # fmt: skip
