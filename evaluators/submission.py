@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
+import signal
 import tempfile
 import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import islice
 from pathlib import Path
 
@@ -53,7 +54,9 @@ def open_submission(path: str | Path) -> Iterator[Submission]:
         raise UsageError(f"{source}: no such folder or archive; expected a submission")
     if not source.is_file() or not zipfile.is_zipfile(source):
         raise UsageError(f"{source}: neither a folder nor a .zip; expected a submission")
-    with tempfile.TemporaryDirectory(prefix="avs3d-submission-") as folder:
+    with ExitStack() as stack:
+        with _undisturbed():
+            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="avs3d-submission-"))
         try:
             check_directory(source)
             with zipfile.ZipFile(source) as archive:
@@ -64,6 +67,19 @@ def open_submission(path: str | Path) -> Iterator[Submission]:
         if problems:
             raise InvalidSubmission(Report(source, False, 0, members, ordered(problems)))
         yield _opened(top_folder(Path(folder)), source)
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """A block that no signal interrupts between making a folder and knowing that it must go again."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM, signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
 
 
 def _opened(root: Path, source: Path | None) -> Submission:
