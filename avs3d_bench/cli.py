@@ -1,4 +1,4 @@
-"""The `avs3d` command: `validate` and `schema` live here, the rest is found through entry points.
+"""The `avs3d` command: `validate`, `schema` and `doctor` live here, the rest is found through entry points.
 
 A package adds a subcommand with an entry point in the group ``avs3d.commands`` that names a click command. It is
 imported only when it is called or asked for its own help, so that ``avs3d --help`` stays fast whatever it drags in.
@@ -7,8 +7,10 @@ imported only when it is called or asked for its own help, so that ``avs3d --hel
 from __future__ import annotations
 
 import io
+import signal
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 from typing import NoReturn
@@ -23,6 +25,8 @@ GROUP = "avs3d.commands"
 SUMMARIES = {
     "generate": "Generate a dataset from a manifest.",
     "contact-sheet": "Draw frames, masks, map and sound of every observation.",
+    "assets": "Find, fetch, import and verify objects and sounds.",
+    "doctor": "Report what is installed and works, and what mends the rest.",
     "validate": "Check a dataset; name every problem by file.",
     "schema": "Write the JSON Schema of every file of the contract.",
     "check": "Check a submission; name every bad file.",
@@ -140,10 +144,44 @@ def schema(folder: Path) -> None:
         click.echo(str(folder / name))
 
 
+@avs3d.command(short_help=SUMMARIES["doctor"])
+@click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write the findings to this file as well.")
+def doctor(json_file: Path | None) -> None:
+    """Report what is installed and works here, each gap with the line that mends it.
+
+    Looks at the core install, the generator's engines (Habitat too), scans, assets and their tokens, PyTorch, the GPU,
+    checkpoints and the disk. Nothing is downloaded or changed. Exit status: 0, whatever is missing.
+    """
+    from rich.console import Console
+
+    from avs3d_bench.doctor import Finding, all_checks, as_dict, examine, print_finding, print_summary
+
+    console = Console(highlight=False)
+    group = ""
+
+    def show(finding: Finding) -> None:
+        nonlocal group
+        if finding.group != group:
+            group = finding.group
+            console.print(group, style="bold")
+        print_finding(finding, console)
+
+    findings = examine(all_checks(), show)
+    print_summary(findings, console)
+    if json_file is not None:
+        from avs3d_bench.files import write_json
+
+        write_json(json_file, as_dict(findings))
+
+
 def _fail(message: str, code: int, program: str) -> NoReturn:
     line = " ".join(message.split())
     click.echo(f"{program}: error: {line}", err=True)
     raise SystemExit(code)
+
+
+def _terminate(number: int, _: object) -> NoReturn:
+    raise SystemExit(128 + number)
 
 
 def run(command: click.Command, arguments: Sequence[str] | None = None, *, program: str = "avs3d") -> NoReturn:
@@ -151,7 +189,8 @@ def run(command: click.Command, arguments: Sequence[str] | None = None, *, progr
 
     An `Avs3dError` becomes the one line ``<program>: error: …`` on stderr and the process ends with its exit code; so
     do errors of the operating system (full disk, read-only folder; 1), a missing extra (1) and click's own usage
-    errors (2). An interrupt ends with 130. Anything else is a bug and keeps its traceback.
+    errors (2). An interrupt ends with 130; SIGTERM (`timeout`, job schedulers) unwinds the program as Ctrl-C does, so
+    that nothing temporary is left, and ends with 143. Anything else is a bug and keeps its traceback.
 
     Args:
         command: e.g. the group of `avs3d`, or the command of another entry point of the project.
@@ -161,6 +200,8 @@ def run(command: click.Command, arguments: Sequence[str] | None = None, *, progr
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # an ASCII terminal, a file name that is no UTF-8
+    with suppress(ValueError):  # only the main thread may ask for signals
+        signal.signal(signal.SIGTERM, _terminate)
     try:
         code = command.main(
             args=None if arguments is None else list(arguments), prog_name=program, standalone_mode=False

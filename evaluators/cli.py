@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -59,7 +57,6 @@ def evaluate(
     from evaluators.table import print_scores
 
     wanted: Any = tuple(PROTOCOLS) if protocol == "all" else (protocol,)
-    _clean_up_when_terminated()
     data = Dataset(dataset)
     _check_targets((json_file, html_file), submission, dataset)
     with open_submission(submission) as opened:
@@ -114,16 +111,6 @@ def _check_targets(targets: Sequence[Path | None], submission: Path, dataset: Pa
                 raise UsageError(f"{place}: would overwrite or litter {root}; choose another file")
 
 
-def _clean_up_when_terminated() -> None:
-    """Let SIGTERM (`timeout`, job schedulers) end the program as Ctrl-C does: no temporary folder is left."""
-
-    def end(number: int, _: object) -> NoReturn:
-        raise SystemExit(128 + number)
-
-    with suppress(ValueError):  # only the main thread may ask for signals
-        signal.signal(signal.SIGTERM, end)
-
-
 def _print_problems(report: Any, submission: Path, dataset: Path) -> None:
     from avs3d_bench.report import print_report
 
@@ -147,7 +134,6 @@ def check(submission: Path, dataset: Path, json_file: Path | None, only: tuple[s
     from avs3d_bench.report import print_report
     from evaluators.checks import check_submission
 
-    _clean_up_when_terminated()
     _check_targets((json_file,), submission, dataset)
     report = check_submission(submission, dataset, only=only, workers=workers, progress=sys.stderr.isatty())
     if json_file is not None:

@@ -23,7 +23,11 @@ def vision_backend(name: str) -> VisionBackend:
         from generators.vision.embree import EmbreeBackend
 
         return EmbreeBackend()
-    raise UsageError(f"unknown vision backend {name!r}: expected embree")
+    if name == "habitat":
+        from generators.vision.habitat import HabitatBackend
+
+        return HabitatBackend()
+    raise UsageError(f"unknown vision backend {name!r}: expected embree or habitat")
 
 
 def acoustic_backend(name: str) -> AcousticBackend:

@@ -15,11 +15,25 @@ from avs3d_bench.errors import UsageError
 @click.option("-o", "--output", "root", required=True, type=click.Path(path_type=Path), help="The dataset's folder.")
 @click.option("--workers", type=click.IntRange(1, 256), default=None, help="Worker processes (default: one per core).")
 @click.option("--only", multiple=True, metavar="KEY_GLOB", help="Only observations whose key matches; repeatable.")
-@click.option("--vision", type=click.Choice(["embree"]), default="embree", show_default=True)
+@click.option("--vision", type=click.Choice(["embree", "habitat"]), default="embree", show_default=True)
+@click.option(
+    "--habitat-python",
+    type=click.Path(path_type=Path),
+    default=None,
+    metavar="FILE",
+    help="Interpreter with habitat-sim (default: $AVS3D_HABITAT_PYTHON).",
+)
 @click.option("--audio", type=click.Choice(["soundspaces", "analytic"]), default="soundspaces", show_default=True)
 @click.option("--frames", type=click.IntRange(1, 999), default=None, help="Frames per observation (manifest: 120).")
 @click.option("--size", type=click.IntRange(16, 8192), default=None, help="Pixels per side (manifest: 1008).")
 @click.option("--with", "extras", multiple=True, type=click.Choice(["depth", "rirs"]), help="Optional folders.")
+@click.option(
+    "--scans",
+    type=click.Path(path_type=Path),
+    default=None,
+    metavar="ROOT",
+    help="Folder with HM3D, Matterport3D or other scans (default: $AVS3D_SCANS).",
+)
 @click.option("--cache", type=click.Path(path_type=Path), default=None, help="Baked homes (default: $AVS3D_CACHE).")
 def generate(
     manifest: Path,
@@ -27,10 +41,12 @@ def generate(
     workers: int | None,
     only: tuple[str, ...],
     vision: str,
+    habitat_python: Path | None,
     audio: str,
     frames: int | None,
     size: int | None,
     extras: tuple[str, ...],
+    scans: Path | None,
     cache: Path | None,
 ) -> None:
     """Generate the dataset that MANIFEST describes into a folder; run it again to go on after an interruption.
@@ -41,6 +57,10 @@ def generate(
     # One thread per process: parallel work is spread over processes, and results stay the same on any machine.
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ[variable] = "1"
+    # Worker processes are told through the environment, too.
+    for variable, named in (("AVS3D_HABITAT_PYTHON", habitat_python), ("AVS3D_SCANS", scans)):
+        if named is not None:
+            os.environ[variable] = str(named.absolute())
     from avs3d_bench.parallel import available_cores
     from generators.homes import default_cache
     from generators.plan import make_plans, read_manifest

@@ -21,6 +21,7 @@ from scipy.sparse import csgraph
 
 from avs3d_bench.errors import Avs3dError
 from generators.scenes.scene import F32, Room, Scene
+from generators.vision.base import Navigable
 from generators.vision.rays import RayCaster
 
 Array = NDArray[np.float64]
@@ -237,6 +238,15 @@ class FreeSpace:
     def restricted(self, keep: Mask) -> FreeSpace:
         """The same space where ``keep`` (NX, NZ) holds too."""
         return replace(self, walkable=self.walkable & keep)
+
+    def within(self, navigable: Navigable) -> FreeSpace:
+        """The space left where ``navigable`` lets an agent stand: asked for the walkable cells' centres on the floor."""
+        plan = self.points
+        if not len(plan):
+            return self
+        keep = self.walkable.copy()
+        keep[keep] = navigable(np.stack([plan[:, 0], np.full(len(plan), self.floor), plan[:, 1]], axis=1))
+        return self.restricted(keep)
 
     def without(self, rectangles: Sequence[Array], distance: float | None = None) -> FreeSpace:
         """The space left when convex outlines (4, 2: x, z, in order) are kept at ``distance`` (the agent's radius)."""

@@ -182,7 +182,10 @@ def test_a_run_killed_with_signal_9_goes_on_to_the_same_bytes(
     assert tree_digest(cut) == tree_digest(root)
 
 
-def test_ctrl_c_stops_all_workers_and_the_next_run_goes_on(root: Path, manifest: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_ctrl_c_and_sigterm_stop_all_workers_and_the_next_run_goes_on(
+    root: Path, manifest: Path, tmp_path: Path, number: signal.Signals, code: int
+) -> None:
     cut = tmp_path / "cut"
     args = [manifest, "-o", cut, "--audio", "analytic", "--with", "depth", "--with", "rirs", "--workers", 2]
     process = subprocess.Popen(
@@ -191,9 +194,13 @@ def test_ctrl_c_stops_all_workers_and_the_next_run_goes_on(root: Path, manifest:
     while not list(cut.glob("part_*/*/*/.*.partial/input/frame_000.png")):
         assert process.poll() is None, process.communicate()[0]
         time.sleep(0.002)
-    os.killpg(process.pid, signal.SIGINT)
+    # Ctrl-C reaches every process of the terminal, a job scheduler's signal the first one.
+    if number == signal.SIGINT:
+        os.killpg(process.pid, number)
+    else:
+        process.send_signal(number)
     output = process.communicate(timeout=30)[0]
-    assert process.returncode != 0
+    assert process.returncode == code
     assert b"Traceback" not in output
     assert not list(cut.rglob(".*.partial"))
     code, text = call(*args)

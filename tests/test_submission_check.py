@@ -9,6 +9,7 @@ import os
 import shutil
 import stat
 import struct
+import subprocess
 import time
 import zipfile
 import zlib
@@ -269,6 +270,8 @@ def test_folders_nested_beyond_what_paths_can_hold(data: Path, submission: Path)
     deepest = max(found, key=len)
     assert deepest.count("/") == 11
     assert found[deepest].startswith(("surplus folder", "a folder nested 12 deep"))
+    # Python's own rmtree, which clears the tests' folder later, cannot go so deep.
+    subprocess.run(["rm", "-rf", str(submission / tiny.SINGLE / "masks")], check=True)
 
 
 def test_a_folder_that_may_not_be_read(data: Path, submission: Path, monkeypatch: pytest.MonkeyPatch):

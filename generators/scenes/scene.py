@@ -7,6 +7,7 @@ and light-map coordinates are seldom shared between faces, and because every con
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -189,11 +190,24 @@ class Support:
     clearance: float = 1.0
 
 
+@dataclass(frozen=True)
+class StageFile:
+    """The file that a scan was read from: a renderer that reads scans itself loads it in place of the scan's parts.
+
+    ``up`` and ``front`` are the file's axes that become +Y and +Z of the world (``z``, ``-y``, …).
+    """
+
+    path: Path
+    up: str = "y"
+    front: str = "+z"
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Everything a renderer and an acoustic engine need.
 
-    ``exposure`` multiplies linear light before the tone curve (`Scene.for_room` sets the room's own).
+    ``exposure`` multiplies linear light before the tone curve (`Scene.for_room` sets the room's own). ``stage`` is the
+    file behind the parts of instance id 0, where they are one scan.
     """
 
     name: str
@@ -201,6 +215,7 @@ class Scene:
     rooms: tuple[Room, ...]
     supports: tuple[Support, ...]
     exposure: float = 1.0
+    stage: StageFile | None = None
 
     def room(self, name: str) -> Room:
         """The first room called ``name``.

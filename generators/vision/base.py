@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.scenes.scene import Scene
+
+
+#: Which of some points (N, 3) an agent can stand on: (N,) bool.
+Navigable: TypeAlias = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,4 +63,8 @@ class VisionBackend(Protocol):
 
     def open(self, scene: Scene, intrinsics: Intrinsics) -> VisionSession:
         """Load ``scene`` for a camera with ``intrinsics``."""
+        ...
+
+    def navigable(self, home: Scene) -> Navigable | None:
+        """Where the backend's own navigation mesh lets an agent stand in ``home``; None if it has no such mesh."""
         ...

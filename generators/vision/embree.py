@@ -14,7 +14,7 @@ import numpy as np
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.scenes.scene import LightMap, Material, Part, Scene, Texture
-from generators.vision.base import Frame
+from generators.vision.base import Frame, Navigable
 from generators.vision.rays import CHUNK, embree_scene, repeated
 from generators.vision.sampling import SUB_PIXELS, thin_faces
 from generators.vision.tables import build_tables
@@ -51,6 +51,10 @@ class EmbreeBackend:
             Avs3dError: for a scene or camera that cannot be rendered, or a missing package of ``[generate]``.
         """
         return EmbreeSession(scene, intrinsics)
+
+    def navigable(self, home: Scene) -> Navigable | None:
+        """None: there is no navigation mesh besides the free space that generators/freespace.py measures."""
+        return None
 
 
 class EmbreeSession:

@@ -260,6 +260,8 @@ def shade(
 ) -> None:
     """Display light of hits: tone(exposure · (albedo · light + emission)), whichever side of the face is seen.
 
+    What is developed already (the textures of a scan) is shown as it is.
+
     Args:
         face: (N,) face, −1 where the ray missed.
         distance: (N,) depth.
@@ -285,7 +287,7 @@ def shade(
     )
     scale = np.float32(1.0 / white)
     # Arrays are taken out of the named tuples once: numba counts references whenever it does so.
-    surfaces, albedo, emission = tables.surface, tables.albedo, tables.emission
+    surfaces, albedo, emission, developed = tables.surface, tables.albedo, tables.emission, tables.developed
     texture_of, light_of = tables.texture, tables.light
     normal, gradient, uv, light_uv = tables.normal, tables.gradient, tables.uv, tables.light_uv
     light_texels, light_offset, light_size = tables.light_texels, tables.light_offset, tables.light_size
@@ -335,9 +337,64 @@ def shade(
             y = light_uv[f, 0, 1] + b1 * light_uv[f, 1, 1] + b2 * light_uv[f, 2, 1]
             r, g, b = _light(light_texels, light_offset[light], light_size[light, 0], light_size[light, 1], x, y)
             red, green, blue = red * r, green * g, blue * b
+        if developed[surface]:
+            out[i, 0], out[i, 1], out[i, 2] = red, green, blue
+            continue
         out[i, 0] = _tone(tone, scale, red + emission[surface, 0])
         out[i, 1] = _tone(tone, scale, green + emission[surface, 1])
         out[i, 2] = _tone(tone, scale, blue + emission[surface, 2])
+
+
+@njit
+def shade_texels(
+    face: I32,
+    inside: F32,
+    footprint: F32,
+    tables: SceneTables,
+    tone: F32,
+    white: float,
+    out: F32,
+) -> None:
+    """Display light of points on faces with a light map, for a map of displayed colours; see `shade`.
+
+    Args:
+        face: (N,) face, −1 where there is none.
+        inside: (N, 2) barycentric weights of corners 1 and 2.
+        footprint: (F, 2, 2) change of the texture coordinates (s, t) per texel of the map along its columns and rows.
+        tables: the scene.
+        tone: see `shade`.
+        white: see `shade`.
+        out: (N, 3), written where there is a face.
+    """
+    scale = np.float32(1.0 / white)
+    surfaces, albedo, emission = tables.surface, tables.albedo, tables.emission
+    texture_of, light_of, uv, light_uv = tables.texture, tables.light, tables.uv, tables.light_uv
+    light_texels, light_offset, light_size = tables.light_texels, tables.light_offset, tables.light_size
+    pool = tables.textures
+    texels, decode, offset, size, first = pool.texels, pool.decode, pool.offset, pool.size, pool.first
+    for i in range(face.shape[0]):
+        if face[i] < 0:
+            continue
+        f = np.uint64(face[i])
+        surface = np.uint64(surfaces[f])
+        b1, b2 = inside[i, 0], inside[i, 1]
+        red, green, blue = albedo[surface, 0], albedo[surface, 1], albedo[surface, 2]
+        texture = texture_of[surface]
+        if texture >= 0:
+            s = uv[f, 0, 0] + b1 * uv[f, 1, 0] + b2 * uv[f, 2, 0]
+            t = uv[f, 0, 1] + b1 * uv[f, 1, 1] + b2 * uv[f, 2, 1]
+            sx, tx = footprint[f, 0, 0], footprint[f, 0, 1]
+            sy, ty = footprint[f, 1, 0], footprint[f, 1, 1]
+            level0, last = first[texture], first[texture + 1] - 1
+            r, g, b = _filtered(texels, decode, offset, size, level0, last, s, t, sx, tx, sy, ty)
+            red, green, blue = red * r, green * g, blue * b
+        light = light_of[surface]
+        x = light_uv[f, 0, 0] + b1 * light_uv[f, 1, 0] + b2 * light_uv[f, 2, 0]
+        y = light_uv[f, 0, 1] + b1 * light_uv[f, 1, 1] + b2 * light_uv[f, 2, 1]
+        r, g, b = _light(light_texels, light_offset[light], light_size[light, 0], light_size[light, 1], x, y)
+        out[i, 0] = _tone(tone, scale, red * r + emission[surface, 0])
+        out[i, 1] = _tone(tone, scale, green * g + emission[surface, 1])
+        out[i, 2] = _tone(tone, scale, blue * b + emission[surface, 2])
 
 
 @inline

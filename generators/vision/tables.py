@@ -28,6 +28,7 @@ class SceneTables(NamedTuple):
         instance: (S,) uint16 instance id.
         albedo: (S, 3) float32 material colour times exposure, or what is shown in its place.
         emission: (S, 3) float32 emission times exposure; 0 where something is shown in its place.
+        developed: (S,) uint8, 1 where colour × texture is display light already: the pictures of a scan's own file.
         light_texels: flat float32; a map is (height, width, 3), row 0 at v = 0.
         light_offset: (M,) int64, where each map begins.
         light_size: (M, 2) int32 height and width.
@@ -44,6 +45,7 @@ class SceneTables(NamedTuple):
     instance: NDArray[np.uint16]
     albedo: F32
     emission: F32
+    developed: NDArray[np.uint8]
     light_texels: F32
     light_offset: NDArray[np.int64]
     light_size: I32
@@ -71,8 +73,10 @@ def build_tables(scene: Scene) -> tuple[SceneTables, F32]:
     texels = [light.texels.astype(np.float32).reshape(-1) for light in maps] or [np.ones(3, dtype=np.float32)]
     offsets = np.concatenate([[0], np.cumsum([block.size for block in texels])[:-1]])
     shown = np.array([material.shown is not None for material in materials])
+    developed = np.array([is_developed(scene, part) for part in scene.parts], dtype=np.uint8)[part_of]
     albedo = [
-        material.shown or tuple(scene.exposure * channel for channel in material.colour) for material in materials
+        material.shown or tuple((1.0 if done else scene.exposure) * channel for channel in material.colour)
+        for material, done in zip(materials, developed, strict=True)
     ]
     glow = np.array([material.emission for material in materials], dtype=np.float32) * np.float32(scene.exposure)
     triangles = np.concatenate([mesh.positions for mesh in meshes])
@@ -91,12 +95,20 @@ def build_tables(scene: Scene) -> tuple[SceneTables, F32]:
         instance=np.array([part.instance_id for part in scene.parts], dtype=np.uint16)[part_of],
         albedo=np.array(albedo, dtype=np.float32),
         emission=np.where(shown[:, None], np.float32(0), glow),
+        developed=developed,
         light_texels=np.concatenate(texels),
         light_offset=offsets.astype(np.int64),
         light_size=np.array(sizes, dtype=np.int32),
         textures=build_pool(unique),
     )
     return tables, triangles
+
+
+def is_developed(scene: Scene, part: Part) -> bool:
+    """Whether the colours of ``part`` are for the screen already: it comes from the scan's file, whose textures are
+    photographs. A second tone curve would darken them, and a renderer that reads the file itself shows them as they are.
+    """
+    return scene.stage is not None and part.instance_id == 0 and part.light is None
 
 
 def _check(scene: Scene) -> None:

@@ -1,0 +1,269 @@
+"""`avs3d doctor`: what is installed and works on this machine, each gap with the line that would fix it.
+
+Every package of the project brings its own checks through an entry point in the group ``avs3d.doctor`` that names a
+function returning `Check` records; this module has those of the core install. A check is a small program that runs in
+a process of its own under a time limit: engines that crash, hang or end their process when a part of them is missing
+are reported like everything else.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any, Literal
+
+from rich.console import Console
+from rich.text import Text
+
+from avs3d_bench import __version__
+from avs3d_bench.parallel import available_cores
+
+GROUP = "avs3d.doctor"
+#: ``ok``: there and works; ``missing``: not there, and something cannot be done without it; ``broken``: there, but it
+#: does not work; ``note``: worth knowing.
+State = Literal["ok", "missing", "broken", "note"]
+#: Seconds that one check may take.
+TIME_LIMIT = 120.0
+_MARK: dict[State, tuple[str, str]] = {
+    "ok": ("ok", "green"),
+    "missing": ("missing", "yellow"),
+    "broken": ("broken", "red"),
+    "note": ("note", "cyan"),
+}
+#: The order in which people need things.
+_ORDER = ("core", "generate", "habitat", "scans", "assets", "baselines", "checkpoints")
+#: Disk that one observation of 120 frames of 1008² takes, and a baked home, GB.
+_OBSERVATION_GB, _LEAST_FREE_GB = 0.25, 5.0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a check found.
+
+    Attributes:
+        group: what it is needed for, e.g. ``generate``.
+        name: what was looked for.
+        state: see `State`.
+        found: one line: a version, a device, what went wrong.
+        fix: the line that mends it; empty where nothing is wrong.
+    """
+
+    group: str
+    name: str
+    state: State
+    found: str
+    fix: str = ""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing to look for; ``run`` gives what it found, and may be called from a thread."""
+
+    group: str
+    name: str
+    run: Callable[[], Iterable[Finding]]
+
+
+def examine(checks: Iterable[Check], listen: Callable[[Finding], None] = lambda _: None) -> tuple[Finding, ...]:
+    """Run all checks side by side; the findings in the order of the checks.
+
+    A check that raises is itself a finding: nothing here ends the doctor.
+    """
+    found: list[Finding] = []
+    checks = list(checks)
+    with ThreadPoolExecutor(max(2, available_cores())) as pool:
+        for result in pool.map(_run, checks):
+            for finding in result:
+                listen(finding)
+                found.append(finding)
+    return tuple(found)
+
+
+def _run(check: Check) -> tuple[Finding, ...]:
+    try:
+        return tuple(check.run())
+    except Exception as error:
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        return (Finding(check.group, check.name, "broken", text, "please report it"),)
+
+
+def all_checks() -> tuple[Check, ...]:
+    """The core's checks and those of every installed package of the project."""
+    checks = list(core_checks())
+    for point in sorted(metadata.entry_points(group=GROUP), key=lambda point: point.name):
+        try:
+            checks += point.load()()
+        except Exception as error:  # a package that cannot even list its checks
+            text = " ".join(f"{type(error).__name__}: {error}".split())
+            checks.append(constant(point.name, point.value, "broken", text, "reinstall avs3d-bench"))
+    return tuple(sorted(checks, key=lambda check: (*_ORDER, check.group).index(check.group)))
+
+
+def constant(group: str, name: str, state: State, found: str, fix: str = "") -> Check:
+    """A check whose finding is known already."""
+    return Check(group, name, lambda: (Finding(group, name, state, found, fix),))
+
+
+# What checks are made of
+
+
+def has_module(name: str) -> bool:
+    """Whether a module is installed; it is not imported."""
+    try:
+        return importlib.util.find_spec(name) is not None
+    except (ImportError, ValueError):
+        return False
+
+
+def package_check(
+    group: str, name: str, module: str, fix: str, *, program: str = "", limit: float = TIME_LIMIT, needed: str = ""
+) -> Check:
+    """A check that a Python package is there and that a small program with it ends well.
+
+    Args:
+        group: see `Finding`.
+        name: of the distribution, for its version.
+        module: that it is imported by.
+        fix: the line that installs it.
+        program: Python code that uses it; its last printed line, if any, is shown beside the version.
+        limit: seconds it may take.
+        needed: what for, shown where it is missing.
+    """
+
+    def run() -> tuple[Finding, ...]:
+        if not has_module(module):
+            why = f"not installed; {needed}" if needed else "not installed"
+            return (Finding(group, name, "missing", why, fix),)
+        try:
+            version = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            version = "of unknown version"
+        works, said = run_python(program or f"import {module}", limit=limit)
+        if not works:
+            return (Finding(group, name, "broken", f"{version}: {said}", f"{fix} --force-reinstall"),)
+        return (Finding(group, name, "ok", f"{version}, {said}" if said else version),)
+
+    return Check(group, name, run)
+
+
+def run_python(program: str, *, limit: float = TIME_LIMIT, python: str = sys.executable) -> tuple[bool, str]:
+    """Run Python code in a process of its own.
+
+    Returns:
+        Whether it ended well, and the last line it printed (of its errors, where it did not).
+    """
+    try:
+        # -P: what lies in the current folder is not what is installed.
+        done = subprocess.run(
+            [python, "-c", program],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=limit,
+            env={**os.environ, "PYTHONSAFEPATH": "1"} if python == sys.executable else None,
+        )
+    except subprocess.TimeoutExpired:
+        return False, f"did not answer within {limit:g} s"
+    except OSError as error:
+        return False, (error.strerror or str(error)).lower()
+    if done.returncode < 0:
+        return False, f"ended by signal {-done.returncode}"
+    return done.returncode == 0, _last_line(done.stdout if done.returncode == 0 else done.stderr or done.stdout)
+
+
+def _last_line(text: str) -> str:
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    return lines[-1][:300] if lines else ""
+
+
+# The core's own checks
+
+
+def core_checks() -> tuple[Check, ...]:
+    """Python, the core install, the machine."""
+    return (
+        Check("core", "avs3d-bench", _core),
+        Check("core", "machine", _machine),
+        Check("core", "disk", _disk),
+    )
+
+
+def _core() -> tuple[Finding, ...]:
+    version = ".".join(map(str, sys.version_info[:3]))
+    lacking = []
+    for requirement in metadata.requires("avs3d-bench") or ():
+        if "extra ==" not in requirement:
+            name = requirement.split(";")[0].split(">")[0].split("=")[0].split("<")[0].strip()
+            try:
+                metadata.version(name)
+            except metadata.PackageNotFoundError:
+                lacking.append(name)
+    found = f"{__version__}, Python {version} ({sys.executable})"
+    if lacking:
+        fix = "pip install --upgrade avs3d-bench"
+        return (Finding("core", "avs3d-bench", "broken", f"{found}: lacks {', '.join(lacking)}", fix),)
+    return (Finding("core", "avs3d-bench", "ok", found),)
+
+
+def _machine() -> tuple[Finding, ...]:
+    cores = available_cores()
+    found = f"{cores} core{'s' if cores != 1 else ''}"
+    try:
+        memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+    except (AttributeError, ValueError, OSError):
+        return (Finding("core", "machine", "ok", found),)
+    found += f", {memory:.0f} GiB of memory"
+    if memory < 2 * cores:
+        fix = f"avs3d generate --workers {max(1, int(memory // 2))}"
+        return (Finding("core", "machine", "note", f"{found}; a worker takes up to 1.5 GB", fix),)
+    return (Finding("core", "machine", "ok", found),)
+
+
+def _disk() -> tuple[Finding, ...]:
+    try:
+        free = shutil.disk_usage(Path.cwd()).free / 1e9
+    except OSError as error:
+        return (Finding("core", "disk", "broken", (error.strerror or str(error)).lower(), "work in another folder"),)
+    found = f"{free:.0f} GB free in {Path.cwd()}: about {int(free / _OBSERVATION_GB)} observations of 120 frames"
+    if free < _LEAST_FREE_GB:
+        return (Finding("core", "disk", "note", found, "free some space, or name a folder on another disk with -o"),)
+    return (Finding("core", "disk", "ok", found),)
+
+
+# What the user sees
+
+
+def as_dict(findings: Iterable[Finding]) -> dict[str, Any]:
+    """The findings as ``--json`` writes them."""
+    return {"toolkit_version": __version__, "findings": [asdict(finding) for finding in findings]}
+
+
+def print_finding(finding: Finding, console: Console) -> None:
+    """One line, and the line that mends it below."""
+    word, colour = _MARK[finding.state]
+    line = Text("  ").append(f"{word:<8}", style=colour).append(f"{finding.name}: ").append(finding.found)
+    console.print(line, soft_wrap=True)
+    if finding.fix:
+        console.print(Text(f"          → {finding.fix}", style="bold"), soft_wrap=True)
+
+
+def print_summary(findings: Iterable[Finding], console: Console) -> None:
+    """What can be done here and what cannot."""
+    bad: dict[str, list[str]] = {}
+    groups = dict.fromkeys(finding.group for finding in findings)
+    for finding in findings:
+        if finding.state in ("missing", "broken"):
+            bad.setdefault(finding.group, []).append(finding.name)
+    whole = [group for group in groups if group not in bad]
+    console.print(Text(f"complete: {', '.join(whole) or 'nothing'}", style="bold green"), soft_wrap=True)
+    for group, names in bad.items():
+        console.print(Text(f"{group} lacks: {', '.join(names)}", style="bold"), soft_wrap=True)

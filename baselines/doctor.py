@@ -1,0 +1,90 @@
+"""What `avs3d doctor` looks for on behalf of the baselines: PyTorch, a GPU, gsplat, checkpoints."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from avs3d_bench.doctor import Check, Finding, constant, has_module, package_check, run_python
+from avs3d_bench.errors import Avs3dError
+
+_EXTRA = "pip install 'avs3d-bench[baselines]'"
+_CUDA = """
+import torch
+if torch.cuda.is_available():
+    names = [torch.cuda.get_device_properties(k) for k in range(torch.cuda.device_count())]
+    torch.ones(8, device="cuda").sum().item()
+    print("ok;" + ", ".join(f"{p.name} ({p.total_memory / 2**30:.0f} GiB)" for p in names))
+elif torch.version.cuda is None:
+    print(f"cpu;torch {torch.__version__} was built without CUDA")
+else:
+    print(f"none;torch was built for CUDA {torch.version.cuda}, and no device or driver answers")
+"""
+#: gsplat compiles its kernels on first use: that is no business of a check, so only what is built already is asked for.
+_GSPLAT = """
+import gsplat
+try:
+    from gsplat import csrc
+    print("kernels built")
+except ImportError:
+    print("kernels are compiled on first use (needs nvcc and a GPU); without a GPU the plain PyTorch rasteriser serves")
+"""
+
+
+def checks() -> tuple[Check, ...]:
+    """Everything the baselines can make use of."""
+    return (
+        package_check("baselines", "torch", "torch", _EXTRA, needed="every learned baseline"),
+        Check("baselines", "CUDA", _cuda),
+        package_check("baselines", "gsplat", "gsplat", _EXTRA, program=_GSPLAT, needed="EchoSegnet on a GPU"),
+        package_check("baselines", "transformers", "transformers", _EXTRA, needed="OWOD-BIND"),
+        package_check("baselines", "scikit-learn", "sklearn", _EXTRA, needed="the clusters of EchoSegnet"),
+        package_check("baselines", "plyfile", "plyfile", _EXTRA, needed="Gaussians as PLY"),
+        *_checkpoints(),
+    )
+
+
+def _cuda() -> tuple[Finding, ...]:
+    fix = "install a PyTorch build for your driver: https://pytorch.org/get-started/locally"
+    if not has_module("torch"):
+        return (Finding("baselines", "CUDA", "missing", "PyTorch is not installed", _EXTRA),)
+    works, said = run_python(_CUDA)
+    state, _, text = said.partition(";")
+    if not works:
+        return (Finding("baselines", "CUDA", "broken", said, fix),)
+    if state == "ok":
+        return (Finding("baselines", "CUDA", "ok", text),)
+    return (Finding("baselines", "CUDA", "missing", f"{text}; EchoSegnet at full size needs a GPU", fix),)
+
+
+def _checkpoints() -> tuple[Check, ...]:
+    """One check for each network, below the folder that AVS3D_CHECKPOINTS names."""
+    from baselines.checkpoints import CHECKPOINTS
+
+    named = os.environ.get("AVS3D_CHECKPOINTS")
+    if not named:
+        names = ", ".join(f"{kind}/" for kind in CHECKPOINTS)
+        fix = f"export AVS3D_CHECKPOINTS=FOLDER with {names} below, and pass them with --checkpoint"
+        return (constant("checkpoints", "checkpoints", "missing", "AVS3D_CHECKPOINTS is not set", fix),)
+    root = Path(named)
+    if not root.is_dir():
+        return (constant("checkpoints", "checkpoints", "broken", f"{root}: no such folder", "correct its name"),)
+    return tuple(Check("checkpoints", kind, lambda kind=kind: _checkpoint(kind, root / kind)) for kind in CHECKPOINTS)  # type: ignore[misc]
+
+
+def _checkpoint(kind: str, folder: Path) -> tuple[Finding, ...]:
+    from baselines.checkpoints import CHECKPOINTS, find_checkpoint, has_package
+
+    checkpoint = CHECKPOINTS[kind]
+    try:
+        found = find_checkpoint(kind, folder)
+    except Avs3dError as error:
+        said, _, _ = str(error).partition("; put ")
+        state = "broken" if "empty" in said else "missing"
+        return (Finding("checkpoints", checkpoint.name, state, said, f"in {folder}: {checkpoint.advice}"),)  # type: ignore[arg-type]
+    size = sum(path.stat().st_size for path in found.values()) / 1e9
+    lacking = [package for package in checkpoint.packages if not has_package(package)]
+    if lacking:
+        said = f"{folder} ({size:.1f} GB), but the package {lacking[0]} is not installed"
+        return (Finding("checkpoints", checkpoint.name, "missing", said, checkpoint.install),)
+    return (Finding("checkpoints", checkpoint.name, "ok", f"{folder} ({size:.1f} GB)"),)

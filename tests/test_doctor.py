@@ -1,0 +1,163 @@
+"""`avs3d doctor`: it finds what is there, names what is not, and is brought down by neither."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from avs3d_bench import doctor
+from avs3d_bench.doctor import Check, Finding, all_checks, constant, examine, package_check
+
+VARIABLES = ("AVS3D_HABITAT_PYTHON", "AVS3D_SCANS", "AVS3D_CHECKPOINTS", "SKETCHFAB_TOKEN", "FREESOUND_TOKEN")
+
+
+@pytest.fixture(autouse=True)
+def _no_variables(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+
+
+def found(findings: tuple[Finding, ...], name: str) -> Finding:
+    return next(finding for finding in findings if finding.name == name)
+
+
+def shell(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "avs3d_bench", "doctor", *arguments],
+        capture_output=True, text=True, timeout=300, env={**os.environ, **environment},
+    )  # fmt: skip
+
+
+# Checks
+
+
+def test_a_package_that_works_is_shown_with_its_version_and_what_it_said():
+    check = package_check("core", "numpy", "numpy", "pip install numpy", program="print('first'); print('4 = 2 + 2')")
+    (finding,) = check.run()
+    assert finding.state == "ok"
+    assert finding.found.endswith(", 4 = 2 + 2")
+    assert finding.fix == ""
+
+
+@pytest.mark.parametrize(
+    ("program", "expected"),
+    [
+        ("import os; os.kill(os.getpid(), 11)", "ended by signal 11"),
+        ("raise RuntimeError('no device')", "RuntimeError: no device"),
+        ("import sys; print('EGL is missing', file=sys.stderr); sys.exit(3)", "EGL is missing"),
+        ("import time; time.sleep(60)", "did not answer within 1 s"),
+    ],
+)
+def test_an_engine_that_crashes_raises_or_hangs_is_broken(program: str, expected: str):
+    started = time.monotonic()
+    (finding,) = package_check("x", "numpy", "numpy", "pip install numpy", program=program, limit=1).run()
+    assert finding.state == "broken"
+    assert expected in finding.found
+    assert finding.fix == "pip install numpy --force-reinstall"
+    assert time.monotonic() - started < 30
+
+
+def test_a_check_that_raises_is_a_finding_and_the_others_go_on():
+    def bad() -> tuple[Finding, ...]:
+        raise ValueError("two\nlines")
+
+    findings = examine([Check("a", "first", bad), constant("b", "second", "ok", "there")])
+    assert [(f.name, f.state) for f in findings] == [("first", "broken"), ("second", "ok")]
+    assert findings[0].found == "ValueError: two lines"
+
+
+def test_a_bare_machine_has_every_missing_thing_named_with_its_remedy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    """As after `pip install avs3d-bench` without extras (has_module is the only way in which checks look)."""
+    import baselines.doctor
+    import generators.doctor
+
+    for module in (doctor, generators.doctor, baselines.doctor):
+        monkeypatch.setattr(module, "has_module", lambda name: False)
+    monkeypatch.setattr(generators.doctor, "FURNITURE", tmp_path)
+    findings = examine(all_checks())
+    missing = {f.name for f in findings if f.state == "missing"}
+    assert missing >= {
+        "embreex", "numba", "trimesh", "xatlas", "pycolmap", "rlr-audio-propagation", "habitat-sim", "scans",
+        "Sweet Home 3D", "Sketchfab", "Freesound", "torch", "CUDA", "gsplat", "transformers", "scikit-learn",
+        "checkpoints",
+    }  # fmt: skip
+    assert not [f for f in findings if f.state == "broken"]
+    assert all(f.fix for f in findings if f.state == "missing")
+    assert {f.name for f in findings if f.state == "ok"} >= {"avs3d-bench"}
+
+
+# What stands behind the variables
+
+
+def test_a_habitat_interpreter_that_is_none_is_broken(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    import generators.doctor
+
+    monkeypatch.setenv("AVS3D_HABITAT_PYTHON", str(tmp_path / "nowhere"))
+    (finding,) = generators.doctor._habitat()
+    assert (finding.state, finding.name) == ("broken", "habitat-sim")
+    assert "nowhere" in finding.found
+    monkeypatch.setenv("AVS3D_HABITAT_PYTHON", sys.executable)  # a Python without habitat_sim
+    (finding,) = generators.doctor._habitat()
+    assert finding.state == "broken"
+    assert "habitat_sim" in finding.found
+    assert "\n" not in finding.found
+
+
+def test_the_papers_scans_are_looked_for(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    import generators.doctor
+
+    monkeypatch.setenv("AVS3D_SCANS", str(tmp_path / "gone"))
+    assert generators.doctor._scans()[0].state == "broken"
+    for scan in generators.doctor.PAPER_SCANS[:3]:
+        (tmp_path / scan).mkdir()
+        (tmp_path / scan / f"{scan}.glb").write_bytes(b"glTF")
+    monkeypatch.setenv("AVS3D_SCANS", str(tmp_path))
+    (finding,) = generators.doctor._scans()
+    assert finding.state == "note"
+    assert finding.found.endswith(f"3 of the 4 scans of 3davs-s34-o7, not {generators.doctor.PAPER_SCANS[3]}")
+    last = generators.doctor.PAPER_SCANS[3]
+    (tmp_path / last).mkdir()
+    (tmp_path / last / f"{last}.glb").write_bytes(b"glTF")
+    assert generators.doctor._scans()[0].state == "ok"
+
+
+def test_checkpoints_are_looked_for_one_by_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    import baselines.doctor
+    from baselines.checkpoints import CHECKPOINTS
+
+    monkeypatch.setenv("AVS3D_CHECKPOINTS", str(tmp_path))
+    folder = tmp_path / "sam"
+    folder.mkdir()
+    for choice in CHECKPOINTS["sam"].files:
+        (folder / choice[0]).write_bytes(b"x")
+    findings = examine(baselines.doctor._checkpoints())
+    assert len(findings) == len(CHECKPOINTS)
+    assert [f.name for f in findings if f.state == "ok"] == ["SAM"]
+    owl = found(findings, "OWLv2")
+    assert owl.state == "missing"
+    assert "huggingface.co/google/owlv2" in owl.fix
+    (folder / "config.json").write_bytes(b"")
+    assert found(examine(baselines.doctor._checkpoints()), "SAM").state == "broken"
+
+
+# The command
+
+
+def test_the_command_reports_and_exits_with_0(tmp_path: Path):
+    done = shell("--json", str(tmp_path / "d.json"), AVS3D_HABITAT_PYTHON=str(tmp_path / "none"))
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    document = json.loads((tmp_path / "d.json").read_text())
+    findings = {finding["name"]: finding for finding in document["findings"]}
+    # The tests need these, so that they must be found to work.
+    assert all(findings[name]["state"] == "ok" for name in ("embreex", "numba", "trimesh", "xatlas", "torch"))
+    assert findings["habitat-sim"]["state"] == "broken"
+    assert "habitat lacks: habitat-sim" in done.stdout
+    for finding in findings.values():
+        assert finding["fix"] == "" or f"→ {finding['fix']}" in done.stdout
