@@ -12,6 +12,9 @@ TORCH ?= torch==2.13.0
 # Where the SoundSpaces engine could not be compiled, sound comes from the closed-form renderer.
 AUDIO ?= $(shell $(BIN)/python -c 'import rlr_audio_propagation' 2>/dev/null && echo soundspaces || echo analytic)
 
+# The renderer; habitat needs AVS3D_HABITAT_PYTHON, scans need AVS3D_SCANS (`avs3d doctor` says what is there).
+VISION ?= embree
+
 .PHONY: setup demo dataset test lint bench schemas clean
 
 setup: $(STAMP)
@@ -48,7 +51,7 @@ demo: setup
 
 dataset: setup
 	@echo "sound by $(AUDIO)"
-	$(BIN)/avs3d generate $(MANIFEST) -o $(OUT) --workers $(WORKERS) --audio $(AUDIO)
+	$(BIN)/avs3d generate $(MANIFEST) -o $(OUT) --workers $(WORKERS) --audio $(AUDIO) --vision $(VISION)
 	$(BIN)/avs3d validate $(OUT) --deep
 
 test: setup

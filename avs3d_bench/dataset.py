@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import fnmatch
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -137,6 +137,13 @@ class Frame:
     def mono(self) -> NDArray[np.float32]:
         """(88200,) the two-second mono clip."""
         return np.asarray(self._clip(layout.MONO).mean(axis=0), dtype=np.float32)
+
+    def mesh(self) -> Ply:
+        """The sounding instance's mesh in the world at this frame's time; not in the official release."""
+        mesh, record = self.observation.mesh(), self.observation.record
+        if record is None or self.record is None or not record.moves:
+            return mesh
+        return replace(mesh, vertices=record.to_frame(self.record, mesh.vertices).astype(np.float32))
 
     def impulse_response(self) -> NDArray[np.float32]:
         """(2, n) binaural room impulse response; only in trees made `--with rirs`."""
@@ -264,7 +271,7 @@ class Observation:
         return self.record.category if self.record else None
 
     def mesh(self) -> Ply:
-        """The sounding instance's mesh in the world; not in the official release."""
+        """The sounding instance's mesh in the world, at the first frame if it moves; not in the official release."""
         return media.read_ply(self.path / layout.SOUNDING_OBJECT)
 
 

@@ -148,7 +148,10 @@ def package_check(
             version = "of unknown version"
         works, said = run_python(program or f"import {module}", limit=limit)
         if not works:
-            return (Finding(group, name, "broken", f"{version}: {said}", f"{fix} --force-reinstall"),)
+            mend = (
+                f"{fix} --force-reinstall" if fix.endswith(("'", name)) else fix
+            )  # what follows a remark is no option
+            return (Finding(group, name, "broken", f"{version}: {said}", mend),)
         return (Finding(group, name, "ok", f"{version}, {said}" if said else version),)
 
     return Check(group, name, run)

@@ -137,7 +137,9 @@ def link_or_copy(source: str | Path, target: str | Path) -> None:
 def _plain(value: Any) -> Any:
     """``value`` as JSON types: records in the order of their fields, mappings by key, floats rounded."""
     if isinstance(value, BaseModel):
-        return {name: _plain(getattr(value, name)) for name in type(value).model_fields}
+        fields = {name: getattr(value, name) for name in type(value).model_fields}
+        optional = value.left_out if isinstance(value, Record) else ()
+        return {name: _plain(item) for name, item in fields.items() if item is not None or name not in optional}
     if isinstance(value, Mapping):
         return {str(key): _plain(value[key]) for key in sorted(value, key=str)}
     if isinstance(value, np.ndarray):

@@ -18,8 +18,10 @@ import hashlib
 import math
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Literal, Self, TypeVar
+from typing import Annotated, ClassVar, Literal, Self, TypeVar
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from avs3d_bench import layout
@@ -63,9 +65,13 @@ RelativePath = Annotated[str, AfterValidator(_relative)]
 
 
 class Record(BaseModel):
-    """Base of all records."""
+    """Base of all records.
+
+    Fields named in ``left_out`` are not written where they are None: files without them keep their bytes.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    left_out: ClassVar[frozenset[str]] = frozenset()
 
 
 class LicenceRecord(Record):
@@ -104,7 +110,10 @@ class IntrinsicsRecord(Record):
 
 
 class InstanceRecord(Record):
-    """One placed object. Its id is its value in `instance_masks/`; 0 there is the scan."""
+    """One placed object. Its id is its value in `instance_masks/`; 0 there is the scan.
+
+    Of a moving source, ``position``, ``rotation`` and ``bounds`` are those at the first frame.
+    """
 
     id: Annotated[int, Field(ge=1, le=65535)]
     category: InstanceCategory
@@ -149,7 +158,13 @@ class VisionRecord(Record):
 
 
 class FrameRecord(Record):
-    """One frame: where the agent's sensor was, what it saw and heard."""
+    """One frame: where the agent's sensor was, what it saw and heard.
+
+    Where the sounding object moves, ``source_position``, ``instance_position`` and ``instance_rotation`` say where it
+    is at ``time``; elsewhere all three are absent, and the observation's own hold for every frame.
+    """
+
+    left_out: ClassVar[frozenset[str]] = frozenset({"source_position", "instance_position", "instance_rotation"})
 
     name: FrameName
     time: NonNegative = Field(description="seconds from the start; the clip covers [time, time + 1)")
@@ -162,15 +177,40 @@ class FrameRecord(Record):
     line_of_sight: bool = Field(description="nothing stands between sensor and source")
     rms_left: NonNegative
     rms_right: NonNegative
+    source_position: Vector3 | None = Field(
+        default=None, description="where the sound comes from at this time, world, metres; only if the source moves"
+    )
+    instance_position: Vector3 | None = Field(
+        default=None, description="origin of the sounding instance at this time; only if the source moves"
+    )
+    instance_rotation: Quaternion | None = Field(
+        default=None, description="model-to-world (w, x, y, z) at this time; only if the source moves"
+    )
 
     @property
     def pose(self) -> Pose:
         """The sensor's camera-to-world pose."""
         return Pose(self.position, self.rotation)
 
+    @property
+    def instance_pose(self) -> Pose | None:
+        """The sounding instance's model-to-world pose at this time; None where it does not move."""
+        if self.instance_position is None or self.instance_rotation is None:
+            return None
+        return Pose(self.instance_position, self.instance_rotation)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        moving = [getattr(self, name) is not None for name in sorted(self.left_out)]
+        if any(moving) and not all(moving):
+            raise ValueError(f"{', '.join(sorted(self.left_out))} belong together: expected all three or none")
+        return self
+
 
 class ObservationRecord(Record):
     """`observation.json`."""
+
+    left_out: ClassVar[frozenset[str]] = frozenset({"variant_of", "source_motion"})
 
     schema_version: Literal["1.0"] = "1.0"
     key: Text
@@ -184,7 +224,15 @@ class ObservationRecord(Record):
         default=None, description="of everything that decided these bytes; a rerun reuses it"
     )
     notes: tuple[str, ...] = Field(default=(), description="what could not be had as asked, e.g. twins closer than 1 m")
-    source_position: Vector3 = Field(description="where the sound comes from, world, metres")
+    variant_of: Text | None = Field(
+        default=None, description="key of the observation that differs in its acoustics alone; only of a variant"
+    )
+    source_motion: Literal["path"] | None = Field(
+        default=None, description="path: the sounding object moves, see frames; absent where it stands still"
+    )
+    source_position: Vector3 = Field(
+        description="where the sound comes from, world, metres; of a moving source, at the first frame"
+    )
     intrinsics: IntrinsicsRecord
     instances: Annotated[tuple[InstanceRecord, ...], Field(min_length=1)]
     sound: SoundRecord | None = None
@@ -197,6 +245,23 @@ class ObservationRecord(Record):
     def sounding(self) -> InstanceRecord:
         """The instance that sounds."""
         return next(instance for instance in self.instances if instance.sounding)
+
+    @property
+    def moves(self) -> bool:
+        """Whether the sounding object moves."""
+        return self.source_motion is not None
+
+    def source_at(self, frame: FrameRecord) -> Vector3:
+        """Where the sound comes from at the time of ``frame``, world, metres."""
+        return frame.source_position or self.source_position
+
+    def to_frame(self, frame: FrameRecord, points: ArrayLike) -> NDArray[np.float64]:
+        """Points of the sounding instance as `gt_3d` has them, (N, 3) at the first frame, at the time of ``frame``."""
+        first, now = Pose(self.sounding.position, self.sounding.rotation), frame.instance_pose
+        if now is None:
+            return np.asarray(points, dtype=np.float64)
+        local = first.to_camera(points)
+        return np.asarray(local @ now.rotation_matrix.T + np.asarray(now.position))
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -220,6 +285,10 @@ class ObservationRecord(Record):
                 raise ValueError(f"frames[{position}].name is {frame.name}, expected {layout.frame_name(position)}")
         if any(a.time >= b.time for a, b in zip(self.frames, self.frames[1:], strict=False)):
             raise ValueError("frame times do not increase")
+        for frame in self.frames:
+            if (frame.source_position is not None) != self.moves:
+                found = "missing, but source_motion is path" if self.moves else "given, but source_motion is not"
+                raise ValueError(f"{frame.name}: source_position is {found}")
         return self
 
 

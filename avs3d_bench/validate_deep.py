@@ -18,6 +18,7 @@ from avs3d_bench.ply import Ply
 from avs3d_bench.report import Severity
 from avs3d_bench.schema import ObservationRecord
 from avs3d_bench.silhouette import silhouette
+from avs3d_bench.validate_motion import moving_points
 from avs3d_bench.validate_structure import Findings
 
 #: A channel whose RMS is below this is silent (−120 dB of full scale).
@@ -37,6 +38,8 @@ SILHOUETTE_MARGIN = 2
 #: COLMAP's poses against observation.json: metres, degrees; sightings against projections: pixels.
 POSE_TOLERANCE = (1e-4, 0.01)
 REPROJECTION = 0.5
+#: Sightings within the mask of an object that moves: a ray may pass a slit between pixels that all meet the object.
+MOVING_SHARE = 1e-3
 #: gt_3d against the bounds of the record, and depth/ against gt_3d: metres.
 BOUNDS_TOLERANCE = 5e-3
 
@@ -167,13 +170,14 @@ def _check_pictures(
         text = f"{area} pixels are marked, visible_pixels of {frame.name} is {entry.visible_pixels}"
         findings.add(paths[layout.SEMANTIC_MASKS], text)
     if entry and mesh is not None and area:
-        reach = silhouette(frame.observation.intrinsics, entry.pose, mesh.vertices, mesh.faces, SILHOUETTE_MARGIN)
+        vertices = record.to_frame(entry, mesh.vertices).astype(np.float32)
+        reach = silhouette(frame.observation.intrinsics, entry.pose, vertices, mesh.faces, SILHOUETTE_MARGIN)
         outside = int((mask & ~reach).sum())
         if outside:
             text = f"{outside} of {area} marked pixels lie outside the projected sounding object"
             findings.add(paths[layout.SEMANTIC_MASKS], text)
         elif depth is not None and depth.shape == size:
-            z = -entry.pose.to_camera(mesh.vertices)[:, 2]
+            z = -entry.pose.to_camera(vertices)[:, 2]
             seen = depth[mask]
             wrong = int(((seen < z.min() - BOUNDS_TOLERANCE) | (seen > z.max() + BOUNDS_TOLERANCE)).sum())
             if wrong:
@@ -189,7 +193,7 @@ def _check_visibility(
         return
     camera, cases, empty = observation.intrinsics, 0, list[str]()
     for frame in record.frames:
-        (pixel,), (depth,) = camera.project(frame.pose, np.asarray([record.source_position]))
+        (pixel,), (depth,) = camera.project(frame.pose, np.asarray([record.source_at(frame)]))
         border = 0.02 * camera.width
         inside = depth > 0 and border <= pixel[0] <= camera.width - border
         if inside and border <= pixel[1] <= camera.height - border and frame.line_of_sight:
@@ -345,6 +349,11 @@ def _check_colmap(
         return
     if not ours:
         return
+    if record and record.moves:
+        wrong, total = moving_points(observation, model)
+        if wrong > max(2, MOVING_SHARE * total):
+            text = f"{wrong} of {total} sightings lie on the moving object; expected points on what stands still alone"
+            findings.add(points, text)
     if len(model.points.ids) == 0:
         findings.add(points, "no points; 3D Gaussians start from them")
     far = errors[errors > REPROJECTION]

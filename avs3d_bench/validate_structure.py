@@ -17,6 +17,7 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import direction_to
 from avs3d_bench.report import Problem, Severity
 from avs3d_bench.schema import CameraSplits, ObservationRecord, describe
+from avs3d_bench.validate_motion import motion_problems
 
 #: Tolerances of numbers in observation.json against each other: degrees, metres.
 ANGLE_TOLERANCE = 0.1
@@ -250,10 +251,13 @@ def _check_record(observation: Observation, record: ObservationRecord, files: se
     outside = float(np.linalg.norm(np.maximum(np.maximum(low - source, source - high), 0.0)))
     if outside > SOURCE_MARGIN:
         findings.add(where, f"source_position lies {outside:.2f} m outside the bounds of the sounding instance")
+    if record.moves:
+        for path, text in motion_problems(record):
+            findings.add(path, text)
     pixels = record.intrinsics.width * record.intrinsics.height
     for number, frame in enumerate(record.frames):
         field = f"frames[{number}]"
-        truth = direction_to(frame.pose, source)
+        truth = direction_to(frame.pose, record.source_at(frame))
         turn = abs((frame.azimuth - truth.azimuth + 180.0) % 360.0 - 180.0)
         # Straight above or below, azimuth means nothing.
         if turn > ANGLE_TOLERANCE and abs(truth.elevation) < 89.0:

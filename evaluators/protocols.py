@@ -33,6 +33,7 @@ NO_INSTANCE_MASKS = "the dataset has no instance masks"
 NO_TWIN_SEEN = "no test frame shows a silent twin"
 NO_POINTS = "the submission has no points.ply"
 NO_MESH = "the dataset has no mesh of the object"
+MOVING = "the object moves: it is in no one place in 3D"
 EMPTY_CLOUD = "the predicted cloud is empty"
 
 

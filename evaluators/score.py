@@ -43,6 +43,7 @@ from evaluators.frames import FrameFigures, Truth, frame_figures, reference_figu
 from evaluators.masks import read_mask, read_points
 from evaluators.metrics import as_bytes
 from evaluators.protocols import (
+    MOVING,
     NO_INSTANCE_MASKS,
     NO_MESH,
     NO_POINTS,
@@ -225,11 +226,16 @@ def _truth(frame: Frame, twin_ids: tuple[int, ...] | None, strict: bool) -> Trut
 
 
 def _volume(observation: Observation, cloud: NDArray[np.float32]) -> VolumeScore | None:
-    """The 3D figures of a predicted cloud (N, 3); None where the dataset has no mesh."""
-    if not (observation.path / layout.SOUNDING_OBJECT).exists():
+    """The 3D figures of a predicted cloud (N, 3); None where the dataset has no mesh, or the object moves."""
+    if _moves(observation) or not (observation.path / layout.SOUNDING_OBJECT).exists():
         return None
     mesh = observation.mesh()
     return score_points(cloud, true_volume(mesh.vertices, mesh.faces))
+
+
+def _moves(observation: Observation) -> bool:
+    """Whether the sounding object moves: then gt_3d holds it at the first frame, and points have no one truth."""
+    return observation.record is not None and observation.record.moves
 
 
 def _frame_score(key: str, name: str, figures: FrameFigures) -> FrameScore:
@@ -254,7 +260,7 @@ def _observation_scores(
     elif observation.record is None:
         unavailable["wrong_instance_rate"] = NO_INSTANCE_MASKS
     if volume is None:
-        reason = NO_MESH if points else NO_POINTS
+        reason = NO_POINTS if not points else MOVING if _moves(observation) else NO_MESH
         unavailable |= {"IoU_3D": reason, "centroid_error": reason}
     return ObservationScores.model_validate(
         {

@@ -30,21 +30,21 @@ def vision_backend(name: str) -> VisionBackend:
     raise UsageError(f"unknown vision backend {name!r}: expected embree or habitat")
 
 
-def acoustic_backend(name: str) -> AcousticBackend:
-    """The acoustic engine called ``name``.
+def acoustic_backend(name: str, *, absorption_scale: float = 1.0) -> AcousticBackend:
+    """The acoustic engine called ``name``, with the absorption of every surface scaled (see `AcousticBackend`).
 
     Raises:
         UsageError: if there is none of that name.
-        Avs3dError: if what it needs is not installed.
+        Avs3dError: if what it needs is not installed, or the scale is out of range.
     """
     if name == "soundspaces":
         from generators.acoustics.soundspaces import SoundSpacesBackend
 
-        return SoundSpacesBackend()
+        return SoundSpacesBackend(absorption_scale=absorption_scale)
     if name == "analytic":
         from generators.acoustics.analytic import AnalyticBackend
 
-        return AnalyticBackend()
+        return AnalyticBackend(absorption_scale=absorption_scale)
     raise UsageError(f"unknown acoustic backend {name!r}: expected soundspaces or analytic")
 
 

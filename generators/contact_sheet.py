@@ -68,11 +68,12 @@ def draw_contact_sheet(observation: Observation, columns: int = 8) -> Figure:
 
 
 def _title(record: ObservationRecord) -> str:
+    moving = " on its way" if record.moves else ""
     visible = sum(frame.visible_pixels > 0 for frame in record.frames)
     t30 = f", T30 {record.acoustics.t30:.2f} s" if record.acoustics.t30 else ""
     return (
-        f"{record.key}: {record.category.replace('_', ' ')} sounds; visible in {visible} of {len(record.frames)} frames"
-        f"{t30}; sound by {record.acoustics.backend}"
+        f"{record.key}: {record.category.replace('_', ' ')} sounds{moving}; "
+        f"visible in {visible} of {len(record.frames)} frames{t30}; sound by {record.acoustics.backend}"
     )
 
 
@@ -140,7 +141,11 @@ def _map(axes: Any, observation: Observation, record: ObservationRecord) -> None
             textcoords="offset points", ha="center", fontsize=9, color=colour, weight="bold",
             bbox={"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 1},
         )  # fmt: skip
-    axes.plot(record.source_position[0], record.source_position[2], "*", color=SOURCE, markersize=16, label="source")
+    if record.moves:
+        way = np.array([record.source_at(frame) for frame in record.frames])
+        axes.plot(way[:, 0], way[:, 2], color=SOURCE, linewidth=2, label="path of the source")
+    label = "source at the first frame" if record.moves else "source"
+    axes.plot(record.source_position[0], record.source_position[2], "*", color=SOURCE, markersize=16, label=label)
     reach = np.array([path[:, [0, 2]].min(axis=0) - 2.2, path[:, [0, 2]].max(axis=0) + 2.2])
     axes.set_xlim(reach[0, 0], reach[1, 0])
     axes.set_ylim(reach[1, 1], reach[0, 1])

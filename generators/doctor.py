@@ -124,12 +124,16 @@ def _scans() -> tuple[Finding, ...]:
 
 
 def _assets() -> tuple[Finding, ...]:
-    libraries = sorted(FURNITURE.glob("*.sh3f"))
+    folder = Path(os.environ.get("AVS3D_SH3F") or FURNITURE)
+    libraries = sorted(folder.glob("*.sh3f"))
     if libraries:
-        found = f"{len(libraries)} Sweet Home 3D libraries in {FURNITURE}"
+        found = f"{len(libraries)} Sweet Home 3D libraries in {folder}"
         return (Finding("assets", "Sweet Home 3D", "ok", found),)
-    fix = "apt install sweethome3d-furniture, then avs3d assets import sh3f /usr/share/sweethome3d/furniture"
-    return (Finding("assets", "Sweet Home 3D", "missing", f"no *.sh3f in {FURNITURE}; open-s34-o7-sh3d", fix),)
+    if folder != FURNITURE:
+        fix = "export AVS3D_SH3F=FOLDER with the .sh3f files, or unset it and apt install sweethome3d-furniture"
+    else:
+        fix = "apt install sweethome3d-furniture, then avs3d assets import sh3f /usr/share/sweethome3d/furniture"
+    return (Finding("assets", "Sweet Home 3D", "missing", f"no *.sh3f in {folder}; open-s34-o7-sh3d", fix),)
 
 
 def _token(variable: str, service: str) -> Check:
@@ -143,9 +147,9 @@ def _cache() -> tuple[Finding, ...]:
     from generators.homes import default_cache
 
     folder = default_cache()
-    there = next(path for path in (folder, *folder.parents) if path.is_dir())
+    there = next(path for path in (folder, *folder.parents) if path.exists())
     free = shutil.disk_usage(there).free / 1e9
-    if not os.access(there, os.W_OK):
+    if not there.is_dir() or not os.access(there, os.W_OK):
         fix = "export AVS3D_CACHE=FOLDER that can be written to"
         return (Finding("generate", "cache of homes", "broken", f"{folder}: cannot be written to", fix),)
     found = f"{folder}, {free:.0f} GB free (a home takes 0.1)"

@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 
 #: A triangle may reach this far into an object's box: contact is not collision.
 SKIN = 0.002
+#: … and, in a scan, this many standard deviations of its surface further.
+ROUGH_SKIN = 3.5
 #: Objects keep this distance from one another, metres.
 ELBOW_ROOM = 0.03
 #: Nothing stands nearer to a doorway, metres.
@@ -61,7 +63,7 @@ class Fitting:
 
     def fault_alone(self, body: Body, *, on_floor: bool) -> str:
         """Why an object does not fit, were it the only one; "" if it does."""
-        if self.site.collides(body.box.grown(-SKIN)):
+        if self.site.collides(body.box.grown(-SKIN - ROUGH_SKIN * self.site.noise)):
             return "collide with the room"
         if on_floor:
             for door in self.site.doors:

@@ -240,7 +240,7 @@ class FreeSpace:
         return replace(self, walkable=self.walkable & keep)
 
     def within(self, navigable: Navigable) -> FreeSpace:
-        """The space left where ``navigable`` lets an agent stand: asked for the walkable cells' centres on the floor."""
+        """The space left where ``navigable`` lets an agent stand, asked for cell centres at the floor's height."""
         plan = self.points
         if not len(plan):
             return self

@@ -37,9 +37,9 @@ class Sight:
 
     Attributes:
         eyes: (n, 3) positions.
-        centre: (3,) middle of the source object.
-        source: (3,) where the sound comes from.
-        points: (S, 3) samples of its surface.
+        centre: (3,) middle of the source object; (n, 3) of one that moves, at each position's time.
+        source: (3,) or (n, 3) where the sound comes from.
+        points: (S, 3) or (n, S, 3) samples of its surface.
         clear: (n, S) bool, nothing stands between the eye and the sample.
         extent: tangent of half the field of view.
     """
@@ -64,8 +64,12 @@ class Sight:
         return np.arctan2(delta[:, 1], np.hypot(delta[:, 0], delta[:, 2]))
 
     def in_camera(self, points: Array, yaw: Array, pitch: Array) -> tuple[Array, Array, Array]:
-        """Points (S, 3) as gazes yaw, pitch (P, n) have them: metres to the right, up and ahead, (P, n, S) each."""
-        delta = points[None] - self.eyes[:, None]
+        """Points (S, 3), or (n, S, 3) if they move, as gazes yaw, pitch (P, n) have them.
+
+        Returns:
+            metres to the right, up and ahead, (P, n, S) each.
+        """
+        delta = (points if points.ndim == 3 else points[None]) - self.eyes[:, None]
         sin, cos = np.sin(yaw)[..., None], np.cos(yaw)[..., None]
         right = cos * delta[..., 0] - sin * delta[..., 2]
         level = -sin * delta[..., 0] - cos * delta[..., 2]
@@ -73,7 +77,7 @@ class Sight:
         return right, cos * delta[..., 1] - sin * level, cos * level + sin * delta[..., 1]
 
     def in_image(self, points: Array, yaw: Array, pitch: Array, margin: float = 1.0) -> Mask:
-        """(P, n, S) whether points (S, 3) fall inside the images of gazes yaw, pitch (P, n)."""
+        """(P, n, S) whether points (S, 3) or (n, S, 3) fall inside the images of gazes yaw, pitch (P, n)."""
         right, up, ahead = self.in_camera(points, yaw, pitch)
         reach = np.maximum(ahead, 1e-9) * self.extent * margin
         return np.asarray((ahead > 0.05) & (np.abs(right) <= reach) & (np.abs(up) <= reach))
@@ -96,11 +100,11 @@ class Views:
     @classmethod
     def of(cls, sight: Sight, yaw: Array, pitch: Array) -> Views:
         """Evaluate gazes yaw, pitch (P, n) in radians."""
-        right, _, ahead = sight.in_camera(sight.source[None], yaw, pitch)
+        right, _, ahead = sight.in_camera(sight.source[..., None, :], yaw, pitch)
         azimuth = np.degrees(np.arctan2(right, ahead))[..., 0]
         seen = sight.in_image(sight.points, yaw, pitch) & sight.clear
         enough = seen.sum(axis=-1) >= max(1.0, SEEN_SHARE * len(sight.points))
-        centred = sight.in_image(sight.centre[None], yaw, pitch, INSIDE)[..., 0]
+        centred = sight.in_image(sight.centre[..., None, :], yaw, pitch, INSIDE)[..., 0]
         return cls(azimuth, np.asarray(enough & centred), np.asarray(seen.any(axis=-1)))
 
     @property

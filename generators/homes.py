@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from avs3d_bench.errors import Avs3dError
-from generators.plan import ObservationPlan, resolve_file, scans_root
+from generators.plan import ObservationPlan
 from generators.scenes.cache import cached_scene
-from generators.scenes.scene import Scene
+from generators.scenes.scene import Licence, Scene
+
+#: The scan opened last in this process, by its digest.
+_LAST: dict[str, Scene] = {}
 
 
 def default_cache() -> Path:
@@ -32,26 +34,46 @@ def open_home(plan: ObservationPlan, folder: Path, *, workers: int = 1) -> Scene
     Raises:
         Avs3dError: if a scan's file is missing or broken, or the room is not in it.
     """
-    spec = plan.scan
-    if spec.source == "scan":
-        from generators.scenes.scan import load_scan
-
-        if not spec.rooms:
-            raise Avs3dError(
-                f"scan {plan.spec.scan}: the manifest gives no rooms; add scans.{plan.spec.scan}.rooms with the lowest "
-                "and highest corner of each room (metres, Y up)"
-            )
-        path = resolve_file(scans_root(plan.base), spec.file or "", f"scan {plan.spec.scan}")
-        scene = load_scan(plan.spec.scan, path, {name: np.asarray(box) for name, box in spec.rooms.items()})
+    if plan.scan.source == "scan":
+        scene = _open_scan(plan)
     else:
 
         def build() -> Scene:
             from generators.scenes.apartment import build_apartment
             from generators.scenes.light import bake
 
-            assert spec.seed is not None
-            return bake(build_apartment(plan.spec.scan, spec.seed), quality=plan.light, workers=workers)
+            assert plan.scan.seed is not None
+            return bake(build_apartment(plan.spec.scan, plan.scan.seed), quality=plan.light, workers=workers)
 
         scene = cached_scene(folder, plan.home_digest, build)
     scene.room(plan.spec.room)
+    return scene
+
+
+def _open_scan(plan: ObservationPlan) -> Scene:
+    """The plan's scan; the last one opened is kept, since a manifest's observations often share it."""
+    from generators.assets.gltf import can_decode_basis, has_basis
+    from generators.scenes.scan import load_scan
+
+    spec, room = plan.scan, plan.spec.room
+    files, digest = plan.scan_files, plan.home_digest
+    known = _LAST.get(digest)
+    # A folder that was moved holds the same scan, but a renderer may want its file.
+    if known and known.stage and known.stage.path == files.mesh and room in (each.name for each in known.rooms):
+        return known
+    # Habitat reads the stage itself, compressed textures and all.
+    textures = plan.vision != "habitat" or can_decode_basis() or not has_basis(files.mesh)
+    scene = load_scan(
+        plan.spec.scan,
+        files,
+        {name: np.asarray(box) for name, box in spec.rooms.items()},
+        licence=Licence(spec.licence.name, spec.licence.author, spec.licence.source) if spec.licence else None,
+        up=spec.up,
+        front=spec.front,
+        textures=textures,
+        materials=plan.material_file,
+        need=(room,),
+    )
+    _LAST.clear()
+    _LAST[digest] = scene
     return scene

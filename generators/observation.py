@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench import layout
+from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose, direction_to
 from avs3d_bench.schema import (
     AcousticsRecord,
@@ -23,26 +25,31 @@ from avs3d_bench.schema import (
     SoundRecord,
     VisionRecord,
 )
-from generators.acoustics.clips import GAIN, binaural_clip, check_clip, mono_clip, rms
+from generators.acoustics.base import AcousticSession
+from generators.acoustics.clips import GAIN, binaural_clip, check_clip, mono_clip, moving_clip, rms
 from generators.acoustics.decay import reverberation_time
 from generators.assets.catalogue import Model, build_model, variants
 from generators.assets.meshfile import load_model
 from generators.assets.sounds import load_sound, synthesise
 from generators.backends import acoustic_backend, vision_backend
 from generators.homes import open_home
+from generators.library import open_asset
+from generators.motion import Motion, movable, plan_motion
 from generators.placement import Placement, place
-from generators.plan import ObservationPlan, resolve_file
-from generators.scenes.light import insert
-from generators.scenes.scene import Licence
+from generators.plan import ObjectSpec, ObservationPlan, SoundSpec, resolve_file
+from generators.scenes.scene import Licence, Scene
+from generators.site import Site
+from generators.stage import Camera, Stage
 from generators.surface_points import SurfaceSampler
 from generators.trajectory import line_of_sight, walk
-from generators.vision.rays import RayCaster
 from generators.writer import ObservationWriter
 
 #: Impulse responses from which an observation's reverberation time is read.
 T30_RESPONSES = 8
 #: Seconds of the source before the first frame, so that the first clip holds reverberation too.
 PRE_ROLL = 2
+#: Places that are tried for an object that is to move.
+PLACES_TO_MOVE = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,47 +82,54 @@ def generate_observation(
     home = open_home(plan, cache).for_room(spec.room)
 
     # What stands where, and the path of the agent.
-    sounding, silent = choose_models(plan)
-    placements = place(home, spec.room, sounding, instances=spec.copies, silent=silent, rng=plan.rng("placement"))
+    sight = vision_backend(plan.vision)
+    placements, motion = place_objects(plan, home)
     poses, notes = walk(
-        home, spec.room, placements, frames=camera.frames, height=camera.height, hfov=camera.hfov, rng=plan.rng("path")
+        home,
+        spec.room,
+        placements,
+        frames=camera.frames,
+        height=camera.height,
+        hfov=camera.hfov,
+        rng=plan.rng("path"),
+        motion=motion,
+        navigable=sight.navigable(home),
     )
-    source = next(placement for placement in placements if placement.sounding)
-    scene = insert(home, tuple(p.part(number) for number, p in enumerate(placements, start=1)))
+    stage = Stage(home, placements, motion)
+    sounding = stage.sounding_id
 
     # What is seen and heard from each pose.
     intrinsics = Intrinsics.from_fov(camera.size, camera.hfov)
-    sight, sound_engine = vision_backend(plan.vision), acoustic_backend(plan.audio)
+    sound_engine = acoustic_backend(plan.audio, absorption_scale=spec.acoustics.absorption_scale)
     sound = choose_sound(plan)
-    caster = RayCaster(scene)
     points = SurfaceSampler(intrinsics, plan.rng("points"))
     frames: list[FrameRecord] = []
     clips: list[NDArray[np.float32]] = []
     decays: list[NDArray[np.float32]] = []
     with ObservationWriter(root / plan.key, depth=plan.depth, rirs=plan.rirs) as writer:
-        view = sight.open(scene, intrinsics)
-        hearing = sound_engine.open(scene, source.source_position, room=spec.room, sample_rate=layout.SAMPLE_RATE)
+        view = Camera(sight, stage, intrinsics)
+        start = stage.source(0).source_position
+        hearing = sound_engine.open(stage.scene(0), start, room=spec.room, sample_rate=layout.SAMPLE_RATE)
         try:
             for index, pose in enumerate(poses):
-                frame = view.render(pose)
-                response = hearing.impulse_response(pose)
-                clip = binaural_clip(sound.samples, response, index + PRE_ROLL)
+                frame = view.render(index, pose)
+                clip, response = hear(hearing, stage, sound, index, pose)
                 check_clip(clip, f"{plan.key}, frame {index}")
-                mask = frame.instance_ids == placements.index(source) + 1
+                mask = frame.instance_ids == sounding
                 writer.add_frame(index, frame, mask, clip, response)
-                points.add(frame, pose)
+                points.add(frame, pose, sounding if stage.moves else None)
                 clips.append(clip)
                 if index % max(1, len(poses) // T30_RESPONSES) == 0:
                     decays.append(response)
-                frames.append(describe_frame(index, pose, mask, clip, source, line_of_sight(caster, pose, source)))
+                frames.append(describe_frame(index, pose, mask, clip, stage))
                 on_frame(index)
         finally:
             hearing.close()
             view.close()
         for index in range(len(clips)):
             writer.add_mono(index, mono_clip(clips, index))
-        writer.add_model(intrinsics, poses, points.link(poses, caster))
-        writer.add_sounding_mesh(source.mesh)
+        writer.add_model(intrinsics, poses, points.link(poses, stage.hidden))
+        writer.add_sounding_mesh(stage.source(0).mesh)
         return writer.finish(
             ObservationRecord(
                 key=plan.key,
@@ -127,7 +141,9 @@ def generate_observation(
                 seed=plan.seed,
                 plan_sha256=plan.digest,
                 notes=notes,
-                source_position=source.source_position,
+                variant_of=spec.like,
+                source_motion="path" if stage.moves else None,
+                source_position=stage.source(0).source_position,
                 intrinsics=IntrinsicsRecord.of(intrinsics),
                 instances=tuple(describe_instance(n, p) for n, p in enumerate(placements, start=1)),
                 sound=SoundRecord(asset=sound.asset, licence=licence_record(sound.licence)),
@@ -146,6 +162,44 @@ def generate_observation(
         )
 
 
+def place_objects(plan: ObservationPlan, home: Scene) -> tuple[tuple[Placement, ...], Motion | None]:
+    """The objects at time 0, and the motion of the sounding one if it is to move."""
+    spec, rng = plan.spec, plan.rng("placement")
+    sounding, silent = choose_models(plan)
+    if not plan.moves:
+        return place(home, spec.room, sounding, instances=spec.copies, silent=silent, rng=rng), None
+    site, model = Site.of(home, spec.room), movable(sounding)
+    for attempt in range(PLACES_TO_MOVE):
+        placements = place(home, spec.room, model, instances=spec.copies, silent=silent, rng=rng)
+        try:
+            motion = plan_motion(site, placements, seconds=plan.camera.frames, rng=plan.rng("motion"))
+        except Avs3dError:
+            # Another place may leave more room.
+            if attempt == PLACES_TO_MOVE - 1:
+                raise
+            continue
+        break
+    return tuple(motion.start if placement.sounding else placement for placement in placements), motion
+
+
+def hear(
+    hearing: AcousticSession, stage: Stage, sound: Sound, index: int, pose: Pose
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """The clip (2, 44100) of a frame, and the impulse response (2, n) from where the source is at its beginning."""
+    if not stage.moves:
+        response = hearing.impulse_response(pose)
+        return binaural_clip(sound.samples, response, index + PRE_ROLL), response
+    # Before the first frame it stands where it begins.
+    seconds = range(max(index - 1, 0), index + 2)
+    places = [stage.source(second).source_position for second in seconds]
+    responses = []
+    for place_then in places:
+        hearing.move_source(place_then)
+        responses.append(hearing.impulse_response(pose))
+    distances = [math.dist(place_then, pose.position) for place_then in places]
+    return moving_clip(sound.samples, responses, distances, index + PRE_ROLL), responses[-2]
+
+
 def choose_models(plan: ObservationPlan) -> tuple[Model, tuple[Model, ...]]:
     """The sounding model and the silent others, from the manifest's files or the procedural catalogue."""
     rng = plan.rng("models")
@@ -154,8 +208,13 @@ def choose_models(plan: ObservationPlan) -> tuple[Model, tuple[Model, ...]]:
         files = plan.objects.get(category, ())
         if files:
             chosen = files[int(rng.integers(len(files)))]
-            licence = Licence(chosen.licence.name, chosen.licence.author, chosen.licence.source or chosen.file)
-            path = resolve_file(plan.base, chosen.file, f"mesh for {category}")
+            if chosen.asset is not None:
+                path, entry = open_asset(plan.lock, chosen.asset)
+                licence = Licence(entry.licence, entry.author, entry.url or entry.ref)
+                model = load_model(path, category, licence=licence, height=entry.height, mount=entry.mount)
+                return replace(model, name=entry.id)
+            licence = file_licence(chosen)
+            path = resolve_file(plan.base, str(chosen.file), f"mesh for {category}")
             return load_model(path, category, licence=licence, height=chosen.height)
         known = variants(category)
         return build_model(category, variant or known[int(rng.integers(len(known)))], rng)
@@ -170,12 +229,23 @@ def choose_sound(plan: ObservationPlan) -> Sound:
     files = plan.sounds.get(plan.spec.category, ())
     if files:
         chosen = files[int(rng.integers(len(files)))]
-        path = resolve_file(plan.base, chosen.file, f"sound for {plan.spec.category}")
-        licence = Licence(chosen.licence.name, chosen.licence.author, chosen.licence.source or chosen.file)
-        return Sound(load_sound(path, seconds), chosen.file, licence)
+        if chosen.asset is not None:
+            path, entry = open_asset(plan.lock, chosen.asset)
+            return Sound(
+                load_sound(path, seconds), entry.id, Licence(entry.licence, entry.author, entry.url or entry.ref)
+            )
+        path = resolve_file(plan.base, str(chosen.file), f"sound for {plan.spec.category}")
+        return Sound(load_sound(path, seconds), str(chosen.file), file_licence(chosen))
     return Sound(
         synthesise(plan.spec.category, seconds, rng), f"procedural:{plan.spec.category}", Licence(source="synthesised")
     )
+
+
+def file_licence(spec: ObjectSpec | SoundSpec) -> Licence:
+    """The licence that the manifest gives for a file."""
+    assert spec.file is not None
+    assert spec.licence is not None
+    return Licence(spec.licence.name, spec.licence.author, spec.licence.source or spec.file)
 
 
 def describe_frame(
@@ -183,12 +253,13 @@ def describe_frame(
     pose: Pose,
     mask: NDArray[np.bool_],
     clip: NDArray[np.float32],
-    source: Placement,
-    seen: bool,
+    stage: Stage,
 ) -> FrameRecord:
     """What observation.json says about one frame."""
+    source = stage.source(index)
     direction = direction_to(pose, source.source_position)
     left, right = rms(clip)
+    own = Pose.from_yaw(source.position, source.yaw)
     return FrameRecord(
         name=layout.frame_name(index),
         time=index / layout.FRAME_RATE,
@@ -198,9 +269,12 @@ def describe_frame(
         azimuth=direction.azimuth,
         elevation=direction.elevation,
         distance=direction.distance,
-        line_of_sight=seen,
+        line_of_sight=line_of_sight(stage.caster, pose, source),
         rms_left=float(left),
         rms_right=float(right),
+        source_position=source.source_position if stage.moves else None,
+        instance_position=own.position if stage.moves else None,
+        instance_rotation=own.rotation if stage.moves else None,
     )
 
 

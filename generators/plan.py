@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import yaml
@@ -25,9 +25,12 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.layout import observation_key
 from avs3d_bench.schema import Category, Part, Room
 from avs3d_bench.taxonomy import check_category, check_room
+from generators.library.lock import LOCK_NAME
+from generators.scenes.scanfiles import ScanFiles, digest, find_scan_files, scan_files_of
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Slug = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+Axis = Annotated[str, Field(pattern=r"^[+-]?[xyz]$")]
 
 
 class _Model(BaseModel):
@@ -52,14 +55,20 @@ class LicenceSpec(_Model):
 
 
 class ScanSpec(_Model):
-    """A home: a procedural ``apartment`` from a seed, or a ``scan`` from a GLB/OBJ file.
+    """A home: a procedural ``apartment`` from a seed, or a ``scan`` (HM3D, Matterport3D, any GLB, glTF, OBJ or PLY).
 
-    ``rooms`` of a scan: room name → [[x, y, z], [x, y, z]], the lowest and highest corner of its inside (Y up, metres).
+    Of a scan: ``file`` names its mesh; without it, it is found by its id below the folder of scans. ``up`` and
+    ``front`` are the file's axes that become +Y and +Z (without them: as the data set has them). ``rooms``: room name →
+    [[x, y, z], [x, y, z]], the lowest and highest corner of its inside (Y up, metres); rooms that are not given are
+    looked for in the scan's annotations. ``materials``: a SoundSpaces material file (JSON).
     """
 
     source: Literal["apartment", "scan"] = "apartment"
     seed: int | None = Field(None, ge=0)
     file: str | None = None
+    up: Axis | None = None
+    front: Axis | None = None
+    materials: str | None = None
     rooms: dict[str, tuple[tuple[Finite, Finite, Finite], tuple[Finite, Finite, Finite]]] = {}
     licence: LicenceSpec | None = None
 
@@ -67,30 +76,74 @@ class ScanSpec(_Model):
     def _complete(self) -> ScanSpec:
         if self.source == "apartment" and self.seed is None:
             raise ValueError("an apartment needs a seed")
-        if self.source == "scan" and not self.file:
-            raise ValueError("a scan needs a file (GLB or OBJ)")
+        if self.source == "apartment" and (self.file or self.up or self.front or self.materials):
+            raise ValueError("file, up, front and materials belong to a scan; write source: scan")
+        if (self.up is None) != (self.front is None):
+            raise ValueError("up and front belong together: give both axes, or neither")
+        if self.up and self.front and self.up[-1] == self.front[-1]:
+            raise ValueError(f"up {self.up!r} and front {self.front!r} are not perpendicular")
         for room in self.rooms:
             check_room(room)
         return self
 
+    def identity(self) -> dict[str, Any]:
+        """What goes into digests: options that later versions added count only where they are set."""
+        late = ("up", "front", "materials")
+        return {name: value for name, value in self.model_dump().items() if value is not None or name not in late}
 
-class ObjectSpec(_Model):
-    """A mesh file (GLB/OBJ) that takes the place of a category's procedural models; ``height`` in metres."""
 
-    file: str
+class _AssetSpec(_Model):
+    """A file beside the manifest, with its licence, or an asset by its id in the lock file, which has all the rest."""
+
+    file: str | None = None
+    asset: str | None = None
+    licence: LicenceSpec | None = None
+
+    @model_validator(mode="after")
+    def _either(self) -> Self:
+        if (self.file is None) == (self.asset is None):
+            raise ValueError("expected exactly one of file (with its licence) and asset (an id of assets.lock.yaml)")
+        if self.file is not None and self.licence is None:
+            raise ValueError(f"file {self.file!r} needs its licence: {{name: …, author: …, source: …}}")
+        given = [name for name in self.model_fields_set if name not in ("file", "asset")]
+        if self.asset is not None and given:
+            raise ValueError(f"{min(given)} of asset {self.asset!r} is what the lock file says; leave it out here")
+        return self
+
+    def identity(self) -> dict[str, Any]:
+        """What goes into digests: options that later versions added count only where they are set."""
+        return {name: value for name, value in self.model_dump().items() if value is not None or name != "asset"}
+
+
+class ObjectSpec(_AssetSpec):
+    """A mesh that takes the place of a category's procedural models; ``height`` of a file (GLB/OBJ) in metres."""
+
     height: Finite | None = Field(None, gt=0.02, lt=5)
-    licence: LicenceSpec
 
 
-class SoundSpec(_Model):
-    """A recording (WAV/FLAC) that takes the place of a category's synthesised sound."""
+class SoundSpec(_AssetSpec):
+    """A recording (WAV/FLAC/OGG) that takes the place of a category's synthesised sound."""
 
-    file: str
-    licence: LicenceSpec
+
+class AcousticsSpec(_Model):
+    """How much sound the surfaces swallow: α' = 1 − (1 − α)^``absorption_scale`` for each surface and octave.
+
+    Eyring's reverberation time goes with 1/ln(1 − α), so that the scale divides it; below 1 a room is more live than
+    it is, above 1 drier. α' never leaves [0, 1), as a plain product would.
+    """
+
+    absorption_scale: Annotated[Finite, Field(ge=0.05, le=20.0)] = 1.0
+
+
+SourceMotion = Literal["static", "path"]
 
 
 class ObservationSpec(_Model):
-    """One observation: where it stands in the tree, what sounds, how many instances of it, what stands by silently."""
+    """One observation: where it stands in the tree, what sounds, how many instances of it, what stands by silently.
+
+    ``acoustics`` and ``source_motion`` are those of the manifest where an entry does not say otherwise. ``like`` is the
+    key of the observation that this one is an acoustic variant of (see `Manifest`).
+    """
 
     part: Part
     scan: Slug
@@ -100,6 +153,9 @@ class ObservationSpec(_Model):
     instances: int | None = Field(None, ge=1, le=4)
     silent: tuple[str, ...] = ()
     variant: str | None = None
+    acoustics: AcousticsSpec = AcousticsSpec()
+    source_motion: SourceMotion = "static"
+    like: str | None = None
 
     @field_validator("silent")
     @classmethod
@@ -128,9 +184,19 @@ class ObservationSpec(_Model):
         """Number of instances of the sounding model."""
         return self.instances or (1 if self.part == "part_1" else 2)
 
+    def identity(self) -> dict[str, Any]:
+        """What goes into digests: options that later versions added count only where they are set."""
+        usual = {"acoustics": AcousticsSpec().model_dump(), "source_motion": "static", "like": None}
+        return {name: value for name, value in self.model_dump().items() if name not in usual or value != usual[name]}
+
 
 class Manifest(_Model):
-    """A benchmark: its homes, its observations, its camera, and the files that replace procedural assets."""
+    """A benchmark: its homes, its observations, its camera, and the files that replace procedural assets.
+
+    An entry ``{like: KEY, index: 2, acoustics: {…}}`` is an acoustic variant of the observation KEY of the same
+    manifest: it takes everything from that entry but its index and its acoustics, and all of its random draws are
+    those of KEY, so that both show the same pictures and play the same source.
+    """
 
     name: Slug
     version: str = "1.0.0"
@@ -141,7 +207,23 @@ class Manifest(_Model):
     objects: dict[str, tuple[ObjectSpec, ...]] = {}
     sounds: dict[str, tuple[SoundSpec, ...]] = {}
     notes: str = ""
+    acoustics: AcousticsSpec = AcousticsSpec()
+    source_motion: SourceMotion = "static"
     observations: tuple[ObservationSpec, ...] = Field(min_length=1)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _expand(cls, document: Any) -> Any:
+        """Give every entry what it takes from the manifest, and every variant what it takes from its original."""
+        if not isinstance(document, dict) or not isinstance(document.get("observations"), list | tuple):
+            return document
+        shared = {name: document[name] for name in ("acoustics", "source_motion") if name in document}
+        entries = [shared | entry if isinstance(entry, dict) else entry for entry in document["observations"]]
+        originals = {_raw_key(entry): entry for entry in entries if isinstance(entry, dict) and "like" not in entry}
+        for number, entry in enumerate(document["observations"]):
+            if isinstance(entry, dict) and "like" in entry:
+                entries[number] = _original(entry, number, originals) | entry
+        return document | {"observations": entries}
 
     @model_validator(mode="after")
     def _consistent(self) -> Manifest:
@@ -155,6 +237,35 @@ class Manifest(_Model):
                 raise ValueError(f"{entry.key} is listed twice")
             seen.add(entry.key)
         return self
+
+
+#: What an entry with ``like`` may say itself.
+_VARIANT_FIELDS = ("like", "index", "acoustics")
+
+
+def _raw_key(entry: dict[str, Any]) -> str:
+    return "/".join(str(entry.get(name)) for name in ("part", "scan", "room", "index"))
+
+
+def _original(entry: dict[str, Any], number: int, originals: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """The entry that ``entry`` is a variant of.
+
+    Raises:
+        ValueError: if there is none, or ``entry`` says more than a variant may.
+    """
+    surplus = sorted(set(entry) - set(_VARIANT_FIELDS))
+    if surplus:
+        raise ValueError(
+            f"observations.{number}: {', '.join(surplus)} beside like; a variant takes everything but its index and "
+            "its acoustics from its original"
+        )
+    original = originals.get(str(entry["like"]))
+    if original is None:
+        raise ValueError(
+            f"observations.{number}: like {entry['like']!r} names no observation of this manifest that is not a "
+            f"variant itself; expected a key like {next(iter(originals), 'part_1/scan/kitchen/1')!r}"
+        )
+    return {name: value for name, value in original.items() if name != "index"}
 
 
 @dataclass(frozen=True)
@@ -248,21 +359,29 @@ class ObservationPlan:
         """``part/scan/room/index``."""
         return self.spec.key
 
+    @property
+    def moves(self) -> bool:
+        """Whether the sounding object moves."""
+        return self.spec.source_motion == "path"
+
     def rng(self, purpose: str) -> np.random.Generator:
-        """The generator for one purpose (``placement``, ``path``, ``sound``, …) of this observation."""
-        return derive_rng(self.seed, self.key, purpose)
+        """The generator for one purpose (``models``, ``placement``, ``motion``, ``path``, ``sound``, ``points``).
+
+        An acoustic variant draws everything as its original does: no draw depends on the acoustics.
+        """
+        return derive_rng(self.seed, self.spec.like or self.key, purpose)
 
     @cached_property
     def digest(self) -> str:
         """sha256 of everything that decides the bytes; a finished observation with another digest is not reused."""
         document = {
-            "spec": self.spec.model_dump(),
-            "scan": self.scan.model_dump(),
+            "spec": self.spec.identity(),
+            "scan": self.scan.identity(),
             "camera": self.camera.model_dump(),
             "light": self.light,
             "seed": self.seed,
-            "objects": {name: [o.model_dump() for o in items] for name, items in self.objects.items()},
-            "sounds": {name: [s.model_dump() for s in items] for name, items in self.sounds.items()},
+            "objects": {name: [o.identity() for o in items] for name, items in self.objects.items()},
+            "sounds": {name: [s.identity() for s in items] for name, items in self.sounds.items()},
             "vision": self.vision,
             "audio": self.audio,
             "with": [self.depth, self.rirs],
@@ -274,17 +393,62 @@ class ObservationPlan:
     def _file_digests(self) -> dict[str, str]:
         """sha256 of every file this observation may take something from; a missing one is named when it is opened."""
         spec = self.spec
-        places = [(sound.file, self.base) for sound in self.sounds.get(spec.category, ())]
+        items: list[_AssetSpec] = list(self.sounds.get(spec.category, ()))
         for category in (spec.category, *spec.silent):
-            places += [(item.file, self.base) for item in self.objects.get(category, ())]
-        if self.scan.file:
-            places.append((self.scan.file, scans_root(self.base)))
-        return {name: files.sha256_file(base / name) for name, base in places if (base / name).is_file()}
+            items += self.objects.get(category, ())
+        named = [item.file for item in items if item.file is not None]
+        found = {name: files.sha256_file(self.base / name) for name in named if (self.base / name).is_file()}
+        assets = [item.asset for item in items if item.asset is not None]
+        if assets:
+            from generators.library.use import asset_digests
+
+            found |= asset_digests(self.lock, assets)
+        return self._scan_digests() | found
+
+    @property
+    def lock(self) -> Path:
+        """The lock file of its assets, beside the manifest."""
+        return self.base / LOCK_NAME
+
+    @property
+    def scan_files(self) -> ScanFiles:
+        """The files of its scan.
+
+        Raises:
+            Avs3dError: if the file that the manifest names is missing, or no scan of that id is found.
+        """
+        root, name = scans_root(self.base), self.scan.file
+        if name:
+            return scan_files_of(resolve_file(root, name, f"scan {self.spec.scan}"))
+        return find_scan_files(self.spec.scan, root)
+
+    @property
+    def material_file(self) -> Path | None:
+        """The SoundSpaces material file that its scan names.
+
+        Raises:
+            Avs3dError: if it does not exist.
+        """
+        name = self.scan.materials
+        return resolve_file(self.base, name, f"material file of scan {self.spec.scan}") if name else None
+
+    def _scan_digests(self) -> dict[str, str]:
+        """sha256 of the files of its scan; what is missing is named when it is opened."""
+        if self.scan.source != "scan":
+            return {}
+        try:
+            found = self.scan_files.digests()
+            materials = self.material_file
+        except Avs3dError:
+            return {}
+        return found | ({self.scan.materials or "": digest(materials)} if materials else {})
 
     @property
     def home_digest(self) -> str:
         """sha256 of what decides the lit home; observations that share it share the scene cache's entry."""
-        document = [self.spec.scan, self.scan.model_dump(), self.light, str(self.base) if self.scan.file else ""]
+        document: list[Any] = [self.spec.scan, self.scan.identity(), self.light, ""]
+        if self.scan.source == "scan":
+            document += [self.vision, self._scan_digests()]
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
 
@@ -340,10 +504,11 @@ def make_plans(
     """One plan per selected observation; ``frames`` and ``size`` override the manifest's camera.
 
     Raises:
-        UsageError: if a pattern of ``only`` matches nothing.
-        Avs3dError: if a backend is not installed.
+        UsageError: if a pattern of ``only`` matches nothing, or the lock file lacks an asset.
+        Avs3dError: if a backend is not installed, or an asset is not in the store.
     """
     from generators.backends import backend_versions
+    from generators.library.use import check_assets
 
     manifest = source.manifest
     changes = {"frames": frames, "size": size}
@@ -351,6 +516,13 @@ def make_plans(
     backends = backend_versions(vision, audio)
     for spec in manifest.observations:
         _check_variant(spec, manifest)
+    selected = select(manifest, only)
+    check_assets(
+        source.base / LOCK_NAME,
+        manifest.objects,
+        manifest.sounds,
+        {category for spec in selected for category in (spec.category, *spec.silent)},
+    )
     return tuple(
         ObservationPlan(
             spec=spec,
@@ -367,7 +539,7 @@ def make_plans(
             rirs=rirs,
             backends=backends,
         )
-        for spec in select(manifest, only)
+        for spec in selected
     )
 
 

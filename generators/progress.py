@@ -46,8 +46,8 @@ def reporting(plans: tuple[ObservationPlan, ...]) -> Iterator[Callable[[tuple[st
             kind, key, text = event
             with lock:
                 if kind == "home":
-                    bar.update(task, description=f"building and lighting {key}")
-                    say(f"home {key}: building and lighting it, or taking it from the cache")
+                    bar.update(task, description=f"opening {key}")
+                    say(f"home {key}: read, or built and lit where it is not in the cache yet")
                 elif kind == "start":
                     bar.update(task, description="generating")
                 elif kind == "frame" and drawn.get(key, 0) < frames[key]:

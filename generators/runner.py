@@ -36,6 +36,7 @@ from avs3d_bench.schema import (
 )
 from generators.backends import vision_backend
 from generators.homes import prepare_home
+from generators.library.licences import conditions
 from generators.observation import generate_observation
 from generators.plan import ManifestFile, ObservationPlan
 
@@ -292,7 +293,13 @@ def _seal(source: ManifestFile, root: Path) -> None:
         )
     if not entries:
         return
-    non_commercial = "soundspaces" in backends
+    terms = [
+        "CC-BY-NC-4.0 (the sound was computed with RLRAudioPropagation, whose licence is non-commercial)"
+        if "soundspaces" in backends
+        else "Apache-2.0",
+        # What is not made here keeps its own terms; those that only ask for attribution find it beside.
+        *conditions(attribution.name for attribution in attributions),
+    ]
     files.write_json(
         root / layout.DATASET_JSON,
         DatasetRecord(
@@ -302,11 +309,7 @@ def _seal(source: ManifestFile, root: Path) -> None:
             manifest=source.text,
             manifest_sha256=source.sha256,
             backends=dict(sorted(backends.items())),
-            licence=(
-                "CC-BY-NC-4.0 (the sound was computed with RLRAudioPropagation, whose licence is non-commercial)"
-                if non_commercial
-                else "Apache-2.0"
-            ),
+            licence="; ".join(terms),
             attributions=unique_attributions(attributions),
             observations=tuple(entries),
         ),

@@ -23,6 +23,8 @@ from generators.vision.rays import RayCaster
 
 Array = NDArray[np.float64]
 
+#: A scan's surface is taken to be no rougher than this, metres: what is, is no surface to stand on.
+NOISIEST = 0.008
 #: The four horizontal axes.
 AXES = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (-1.0, 0.0, 0.0))
 
@@ -68,6 +70,26 @@ class Site:
             np.ascontiguousarray(self.triangles.min(axis=1).T),
             np.ascontiguousarray(self.triangles.max(axis=1).T),
         )
+
+    @cached_property
+    def noise(self) -> float:
+        """Standard deviation of a scan's surface about what it stands for, metres; 0 for a scene that is no scan.
+
+        Measured on the free floor: heights on a 2.5 cm grid against the median of the 30 cm around each.
+        """
+        if self.scene.stage is None or not len(self.space.points):
+            return 0.0
+        low, high = self.space.points.min(axis=0), self.space.points.max(axis=0)
+        x, z = (np.arange(a, b + 1e-9, 0.025) for a, b in zip(low, high, strict=True))
+        grid = np.stack([g.reshape(-1) for g in np.meshgrid(x, z, indexing="ij")], axis=1)
+        start = self.space.floor + 0.1
+        rays = np.stack([grid[:, 0], np.full(len(grid), start), grid[:, 1]], axis=1)
+        distance, _ = self.caster.closest(rays, np.broadcast_to([0.0, -1.0, 0.0], rays.shape))
+        height = 0.1 - np.minimum(distance.astype(np.float64), 1e3)
+        flat = np.where(np.abs(height) <= 0.05, height, 0.0).reshape(len(x), len(z))
+        rest = (flat - ndimage.median_filter(flat, size=13, mode="nearest")).reshape(-1)
+        rest = rest[self.space.contains(grid) & (np.abs(height) <= 0.05)]
+        return float(min(1.4826 * np.median(np.abs(rest)), NOISIEST)) if len(rest) >= 50 else 0.0
 
     def collides(self, box: UprightBox) -> bool:
         """Whether the solid box meets a triangle of the room."""

@@ -34,6 +34,12 @@ RECESS = 0.12
 BOX_SLACK = 0.25
 #: Extra distances from the wall, metres: a scanned wall is rougher than the few rays that measured it can tell.
 _EASE = (0.0, 0.006, 0.012)
+#: On a scan, whose surface is rough, all of these allow for this many of its standard deviations more …
+ROUGH = 5.0
+#: … an object stands (or hangs) at this quantile of what is below (behind) it, not on the highest bump …
+SETTLED = 0.8
+#: … and this share of the rays that look for it may go through holes.
+HOLES = 0.16
 #: Spacing of the candidates, metres.
 SPACING = 0.04
 
@@ -103,12 +109,27 @@ def standing(
     rays = np.stack([x, y, z], axis=-1).reshape(-1, 3)
     distance, _ = site.caster.closest(rays, np.broadcast_to([0.0, -1.0, 0.0], rays.shape))
     height = (start - np.minimum(distance.astype(np.float64), 1e3)).reshape(x.shape)
-    top = height.max(axis=1)
-    good = (top - height.min(axis=1) <= FLATNESS) & (np.abs(top) <= tolerance)
+    top, flat = _level(height, site.noise)
+    good = flat & (np.abs(top) <= tolerance)
     keep = np.flatnonzero(good)
     out = origins[keep].copy()
     out[:, 1] += top[keep] + CONTACT - lowest
     return keep, out
+
+
+def _level(height: Array, noise: float) -> tuple[Array, NDArray[np.bool_]]:
+    """Where to rest on what rays (N, K) met: the level (N,), and whether all of it is level enough (N,).
+
+    On tidy geometry that is the highest point, and nothing may be lower than `FLATNESS`. On a scan, bumps of its noise
+    reach into the object (unseen), and a few rays may be lost in holes.
+    """
+    top = height.max(axis=1)
+    if noise <= 0:
+        return top, top - height.min(axis=1) <= FLATNESS
+    holes = height < np.median(height, axis=1, keepdims=True) - 0.05
+    known = np.where(holes, np.nan, height)
+    rough = np.nanmax(known, axis=1) - np.nanmin(known, axis=1) <= FLATNESS + ROUGH * noise
+    return np.nanquantile(known, SETTLED, axis=1), rough & (holes.mean(axis=1) <= HOLES)
 
 
 def on_top(site: Site, mesh: Mesh, support: Support, rng: Generator, *, jitter: float, rear: float) -> list[Spot]:
@@ -189,10 +210,13 @@ def against_wall(site: Site, mesh: Mesh, support: Support, rng: Generator, *, ga
         rays = np.stack([starts[..., 0], y, starts[..., 1]], axis=-1).reshape(-1, 3)
         distance, _ = site.caster.closest(rays, np.broadcast_to([-n[0], 0.0, -n[1]], rays.shape))
         distance = np.minimum(distance.astype(np.float64), 1e3).reshape(len(cells), len(levels), 3)
-        behind, above = distance[:, :4].reshape(len(cells), -1), distance[:, 4:, 1]
+        behind, above = np.asarray(distance[:, :4], dtype=np.float64).reshape(len(cells), -1), distance[:, 4:, 1]
         nearest = behind.min(axis=1)
+        if site.noise > 0:
+            behind = _patched(behind)
         wall = (np.abs(above - nearest[:, None] - RECESS / 2) <= RECESS / 2 + BACK_FLATNESS).sum(axis=1) >= 2
-        good = wall & (behind.max(axis=1) - nearest <= BACK_FLATNESS) & (nearest <= depth + 1.0)
+        flat = behind.max(axis=1) - nearest <= BACK_FLATNESS + ROUGH * site.noise
+        good = wall & flat & (nearest <= depth + 1.0)
         if not good.any():
             continue
         gaps = rng.uniform(*gap, size=len(cells))
@@ -212,6 +236,13 @@ def against_wall(site: Site, mesh: Mesh, support: Support, rng: Generator, *, ga
             stands, settled = standing(site, mesh, eased, np.full(len(picked), yaw))
             spots += [Spot(support, p, yaw, float(ranks[i]) + 2.0 * rank) for i, p in zip(stands, settled, strict=True)]
     return spots
+
+
+def _patched(distance: Array) -> Array:
+    """Distances (N, K) to a scanned wall with those of a few rays that went through holes left out."""
+    holes = distance > np.median(distance, axis=1, keepdims=True) + 0.3
+    few = holes.mean(axis=1, keepdims=True) <= HOLES
+    return np.where(holes & few, distance.min(axis=1, keepdims=True), distance)
 
 
 def open_floor(site: Site, mesh: Mesh, support: Support, rng: Generator, *, jitter: float) -> list[Spot]:
@@ -259,10 +290,10 @@ def on_wall(site: Site, mesh: Mesh, support: Support, rng: Generator, *, heights
     points = centres[:, None] + local[:, :1] * right + local[:, 1:] * np.array([0.0, 1.0, 0.0]) + ahead * normal
     distance, _ = site.caster.closest(points.reshape(-1, 3), np.broadcast_to(-normal, (points.size // 3, 3)))
     out = ahead - np.minimum(distance.astype(np.float64), 1e3).reshape(points.shape[:2])
-    top = out.max(axis=1)
+    top, flat = _level(out, site.noise)
     # The side of a scan's box only says where to look for the wall.
     reach = 0.03 if math.isfinite(support.clearance) else ahead
-    good = (top - out.min(axis=1) <= FLATNESS) & (np.abs(top) <= reach)
+    good = flat & (np.abs(top) <= reach + ROUGH * site.noise)
     rotation = yaw_matrix(yaw)
     anchor = rotation @ np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
     return [

@@ -6,7 +6,7 @@ from each camera.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.vision.base import Frame
-from generators.vision.rays import RayCaster
+
+Floats = NDArray[np.float64]
+Hidden = Callable[[int, Floats, Floats, Floats], NDArray[np.bool_]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,13 +48,18 @@ class SurfaceSampler:
         self._positions: list[NDArray[np.float64]] = []
         self._colours: list[NDArray[np.uint8]] = []
 
-    def add(self, frame: Frame, pose: Pose) -> None:
-        """Sample one frame; pixels where nothing was hit are left out."""
+    def add(self, frame: Frame, pose: Pose, moving: int | None = None) -> None:
+        """Sample one frame; pixels where nothing was hit, and those of the instance ``moving``, are left out.
+
+        Points on something that moves are in no one place: a model of a rigid scene cannot hold them.
+        """
         k = self._intrinsics
         rows = self._rng.integers(0, k.height, self._per_frame)
         columns = self._rng.integers(0, k.width, self._per_frame)
         depth = frame.depth[rows, columns].astype(np.float64)
         hit = depth > 0
+        if moving is not None:
+            hit &= frame.instance_ids[rows, columns] != moving
         rows, columns, depth = rows[hit], columns[hit], depth[hit]
         camera = np.stack(
             [(columns + 0.5 - k.cx) / k.fx * depth, -(rows + 0.5 - k.cy) / k.fy * depth, -depth],
@@ -61,10 +68,15 @@ class SurfaceSampler:
         self._positions.append(camera @ pose.rotation_matrix.T + np.asarray(pose.position))
         self._colours.append(frame.rgb[rows, columns])
 
-    def link(self, poses: Sequence[Pose], caster: RayCaster, longest: int = 16) -> SurfacePoints:
+    def link(self, poses: Sequence[Pose], hidden_at: Hidden, longest: int = 16) -> SurfacePoints:
         """Find which frames see each point; at most ``longest`` of them, evenly spread, are kept per point.
 
         Points seen by fewer than two frames are dropped: they carry no constraint, as in a real reconstruction.
+
+        Args:
+            poses: of the frames.
+            hidden_at: says, of a frame, which rays (origins, directions (N, 3)) meet something within distances (N,).
+            longest: frames kept per point.
         """
         positions = np.concatenate(self._positions) if self._positions else np.zeros((0, 3))
         colours = np.concatenate(self._colours) if self._colours else np.zeros((0, 3), dtype=np.uint8)
@@ -79,7 +91,8 @@ class SurfaceSampler:
             distance = np.linalg.norm(delta, axis=1)
             origins = np.broadcast_to(np.asarray(pose.position), delta.shape)
             # A millimetre short of the surface, so that the surface itself does not hide its point.
-            hidden = caster.occluded(origins, delta / distance[:, None], distance - np.maximum(2e-3, 1e-3 * distance))
+            short = distance - np.maximum(2e-3, 1e-3 * distance)
+            hidden = hidden_at(index, origins, delta / distance[:, None], short)
             visible = candidates[~hidden]
             seen_point.append(visible)
             seen_frame.append(np.full(len(visible), index))

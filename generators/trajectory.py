@@ -14,17 +14,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
-from scipy import ndimage
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
 from generators import gaze
-from generators.fitting import spread_points
-from generators.freespace import CELL, FreeSpace, triangles_near
+from generators.curves import arc_length, resample, smooth
+from generators.freespace import CELL, FreeSpace, distance_to_polygon, triangles_near
 from generators.gaze import Sight, Views
+from generators.motion import Motion
+from generators.pacing import pace
 from generators.placement import Placement
-from generators.scenes.scene import Mesh, Scene
+from generators.scenes.scene import Scene
+from generators.vision.base import Navigable
 from generators.vision.rays import RayCaster
+from generators.watcher import MovingWatcher, StillWatcher, Watcher
 
 Array = NDArray[np.float64]
 
@@ -33,12 +36,18 @@ MOST_STEP, MOST_TURN = 0.5, 30.0
 #: The sensor keeps this distance from placed objects, horizontally, metres.
 OBJECT_DISTANCE = 0.35
 #: The source is mostly seen from within this range, metres (horizontal); small objects from nearer (see `_far`).
-NEAR, FAR = 0.8, 3.0
+NEAR = 0.8
 #: Steps shorter than this are avoided: the views would hardly differ, metres.
 _LEAST_STEP = 0.02
 _TOURS, _GAZES = 8, 48
-_SPACING = 0.02
-_SAMPLES = 64
+#: Tours drawn at most where some of them run into a source that moves.
+_TRIES = 5 * _TOURS
+#: Spacing of the places between which a walk past a moving source chooses, and its longest step backwards, metres.
+_PACE, _BACK = 0.01, 0.15
+#: Added to the distance from a moving source, for what both do between two looks, metres.
+_SLACK = 0.05
+#: Moments per second at which the distance from a moving source is looked at.
+_LOOKS = 8
 #: Free floor below which nobody can walk, m².
 _LEAST_AREA = 0.05
 
@@ -99,9 +108,13 @@ def walk(
     height: float = 1.5,
     hfov: float = 90.0,
     rng: Generator,
+    motion: Motion | None = None,
+    navigable: Navigable | None = None,
 ) -> tuple[tuple[Pose, ...], tuple[str, ...]]:
     """Poses of the agent and notes on what could not be had as asked; see `plan_walk`."""
-    result = plan_walk(scene, room, placements, frames=frames, height=height, hfov=hfov, rng=rng)
+    result = plan_walk(
+        scene, room, placements, frames=frames, height=height, hfov=hfov, rng=rng, motion=motion, navigable=navigable
+    )
     relaxed = tuple(placement.relaxed for placement in placements if placement.relaxed)
     return result.poses, (*relaxed, *result.report.notes)
 
@@ -115,6 +128,8 @@ def plan_walk(
     height: float = 1.5,
     hfov: float = 90.0,
     rng: Generator,
+    motion: Motion | None = None,
+    navigable: Navigable | None = None,
 ) -> Walk:
     """Walk through ``room`` round the sounding object.
 
@@ -126,6 +141,8 @@ def plan_walk(
         height: of the sensor above the floor, metres.
         hfov: field of view of the (square) camera, degrees.
         rng: the only source of randomness.
+        motion: of the sounding object, if it moves; it lasts ``frames`` seconds.
+        navigable: what a renderer's own navigation mesh says of points on the floor; the walk keeps to both.
 
     Returns:
         Poses in free space at ``height``, pairwise distinct, with steps of at most 0.5 m and turns of at most 30°.
@@ -140,28 +157,50 @@ def plan_walk(
         )
     source = sources[0]
     box = scene.room(room)
-    triangles = np.concatenate([triangles_near(scene, [(box.low, box.high)]), *(p.mesh.positions for p in placements)])
+    standing = [placement for placement in placements if motion is None or not placement.sounding]
+    triangles = np.concatenate([triangles_near(scene, [(box.low, box.high)]), *(p.mesh.positions for p in standing)])
     caster = RayCaster(triangles)
     space = FreeSpace.of(scene, room, triangles=triangles, caster=caster, height=height)
     # A pose may be anywhere in a cell whose centre is walkable: half a diagonal more.
-    space = space.without([p.box.footprint for p in placements], OBJECT_DISTANCE + CELL * math.sqrt(0.5))
-    eye = space.floor + height
-    watcher = _Watcher(caster, source, eye, math.tan(math.radians(hfov) / 2))
+    space = space.without([p.box.footprint for p in standing], OBJECT_DISTANCE + CELL * math.sqrt(0.5))
+    if navigable is not None:
+        space = space.within(navigable)
+    eye, extent = space.floor + height, math.tan(math.radians(hfov) / 2)
+    watcher: Watcher = (
+        StillWatcher(caster, source, eye, extent)
+        if motion is None
+        else MovingWatcher(caster, motion, frames, eye, extent)
+    )
     space = _best_component(space, watcher, f"{scene.name}/{room}")
 
+    # Places to walk to, and how they suit the walk while the source is where it is.
+    pool = space.points[:: max(1, len(space.points) // 400)]
+    views = [_View.of(pool, watcher, phase) for phase in range(watcher.phases)]
     best: tuple[float, Sight, Array, Array] | None = None
-    for _ in range(_TOURS):
-        track = _tour(space, watcher, frames, rng)
+    found = 0
+    for _ in range(_TOURS if motion is None else _TRIES):
+        track = _tour(space, pool, views, frames, rng, motion)
+        if track is None:
+            continue
+        found += 1
         sight = watcher.sight(track)
         yaw, pitch = gaze.draw_gazes(sight, _GAZES, rng)
         penalties = Views.of(sight, yaw, pitch).penalty(yaw) + _track_penalty(sight, watcher.far)
         chosen = int(np.argmin(penalties))
         if best is None or penalties[chosen] < best[0]:
             best = (float(penalties[chosen]), sight, yaw[chosen], pitch[chosen])
-    assert best is not None
+        if found == _TOURS:
+            break
+    if best is None:
+        raise Avs3dError(
+            f"{scene.name}/{room}: no walk of {frames} frames keeps {OBJECT_DISTANCE} m away from the moving "
+            f"{source.model.category}; choose a larger room, fewer objects or a smaller model"
+        )
     _, sight, yaw, pitch = best
     poses = tuple(Pose.from_yaw(p, float(y), float(t)) for p, y, t in zip(sight.eyes, yaw, pitch, strict=True))
     check_poses(poses, space, f"{scene.name}/{room}")
+    if motion is not None:
+        check_distance(poses, motion, f"{scene.name}/{room}")
     return Walk(poses, _report(sight, yaw, pitch, space))
 
 
@@ -191,6 +230,36 @@ def check_poses(poses: Sequence[Pose], space: FreeSpace, name: str) -> None:
         )
 
 
+def check_distance(poses: Sequence[Pose], motion: Motion, name: str) -> None:
+    """Hold poses, one per second, to their distance from an object that moves, at every time.
+
+    Raises:
+        Avs3dError: naming the first moment at which it is not kept.
+    """
+    distance = distances(np.array([pose.position for pose in poses])[:, [0, 2]], motion)
+    near = np.flatnonzero(distance < OBJECT_DISTANCE)
+    if len(near):
+        raise Avs3dError(
+            f"{name}: after {near[0] / _LOOKS:g} s the agent is {distance[near[0]]:.2f} m from the moving "
+            f"{motion.start.model.category}, expected {OBJECT_DISTANCE} m; use another seed"
+        )
+
+
+def distances(track: Array, motion: Motion) -> Array:
+    """(8·(n − 1) + 1,) metres between a walk (n, 2), one place per second, and a moving object, 8 times a second.
+
+    Both go straight between the places they are known at; the distance is horizontal, to the footprint.
+    """
+    seconds = np.arange(_LOOKS * (len(track) - 1) + 1) / _LOOKS
+    walked = np.stack([np.interp(seconds, np.arange(len(track)), track[:, k]) for k in range(2)], axis=1)
+    return np.array(
+        [
+            distance_to_polygon(point[None], motion.outline(float(second)))[0]
+            for second, point in zip(seconds, walked, strict=True)
+        ]
+    )
+
+
 def line_of_sight(caster: RayCaster, pose: Pose, source: Placement) -> bool:
     """Whether nothing but the sounding object itself stands between the sensor and where the sound comes from.
 
@@ -217,50 +286,7 @@ def visible_fraction(caster: RayCaster, pose: Pose, points: ArrayLike) -> float:
     return float(1.0 - caster.occluded(np.broadcast_to(start, ends.shape), ends - start, 0.999).mean())
 
 
-def outer_samples(mesh: Mesh, count: int, off: float = 0.01) -> Array:
-    """(≤ count, 3) points spread over what can be seen of ``mesh`` from outside, ``off`` metres off the surface.
-
-    Inner surfaces (a drum behind its glass, the back of a panel) are those where a ray along the normal is caught.
-    """
-    triangles = mesh.positions.astype(np.float64)
-    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    area = np.linalg.norm(normals, axis=1)
-    points, faces = spread_points(triangles, area, 4 * count)
-    unit = normals[faces] / np.maximum(area[faces], 1e-18)[:, None]
-    solid = area[faces] > 0
-    points, unit = points[solid] + off * unit[solid], unit[solid]
-    free = ~RayCaster(mesh.positions).occluded(points, unit)
-    outer = points[free] if free.any() else points
-    return np.asarray(outer[np.linspace(0, len(outer) - 1, min(count, len(outer))).round().astype(int)])
-
-
-class _Watcher:
-    """Lines of sight from floor positions to the sounding object."""
-
-    def __init__(self, caster: RayCaster, source: Placement, eye: float, extent: float) -> None:
-        self.caster, self.eye, self.extent = caster, eye, extent
-        self.points = outer_samples(source.mesh, _SAMPLES)
-        self.centre = source.box.centre
-        self.source = np.asarray(source.source_position)
-        self.far = _far(float(2 * np.linalg.norm(source.box.half)))
-
-    def clear(self, track: Array) -> NDArray[np.bool_]:
-        """(n, S) free lines from positions (n, 2) to the samples."""
-        starts = np.repeat(np.insert(track, 1, self.eye, axis=1), len(self.points), axis=0)
-        ends = np.tile(self.points, (len(track), 1))
-        return ~self.caster.occluded(starts, ends - starts, 0.999).reshape(len(track), -1)
-
-    def sees(self, track: Array) -> NDArray[np.bool_]:
-        """(n,) whether enough of the object is in sight."""
-        return np.asarray(self.clear(track).mean(axis=1) >= gaze.SEEN_SHARE)
-
-    def sight(self, track: Array) -> Sight:
-        """What can be seen along a track (n, 2)."""
-        eyes = np.insert(track, 1, self.eye, axis=1)
-        return Sight(eyes, self.centre, self.source, self.points, self.clear(track), self.extent)
-
-
-def _best_component(space: FreeSpace, watcher: _Watcher, name: str) -> FreeSpace:
+def _best_component(space: FreeSpace, watcher: Watcher, name: str) -> FreeSpace:
     """The connected piece of floor with the most views of the source (by area; the largest if none has any)."""
     count = int(space.labels.max())
     best, best_score = None, -1.0
@@ -269,7 +295,8 @@ def _best_component(space: FreeSpace, watcher: _Watcher, name: str) -> FreeSpace
         if piece.area < _LEAST_AREA:
             continue
         cells = piece.points[:: max(1, len(piece.points) // 150)]
-        score = float(watcher.sees(cells).mean()) * piece.area + 1e-3 * piece.area
+        seen = np.mean([watcher.sees(cells, phase).mean() for phase in range(watcher.phases)])
+        score = float(seen) * piece.area + 1e-3 * piece.area
         if score > best_score:
             best, best_score = piece, score
     if best is None:
@@ -280,74 +307,91 @@ def _best_component(space: FreeSpace, watcher: _Watcher, name: str) -> FreeSpace
     return best
 
 
-def _tour(space: FreeSpace, watcher: _Watcher, frames: int, rng: Generator) -> Array:
-    """(frames, 2) positions along a smooth walk past waypoints round the source."""
-    cells = space.points
-    sees = watcher.sees(cells[:: max(1, len(cells) // 400)])
-    pool = cells[:: max(1, len(cells) // 400)]
-    offset = pool - watcher.source[[0, 2]]
-    distance = np.linalg.norm(offset, axis=1)
-    bearing = np.arctan2(offset[:, 0], offset[:, 1])
+def _tour(
+    space: FreeSpace, pool: Array, views: Sequence[_View], frames: int, rng: Generator, motion: Motion | None
+) -> Array | None:
+    """(frames, 2) positions along a smooth walk past waypoints round the source; None if it runs into it."""
     # Small rooms are walked slowly, few frames in longer steps.
-    pace = float(np.clip(0.05 + 0.03 * space.area, 0.06, 0.18)) * (1.0 if frames >= 40 else 1.6)
-    length = min(pace, 0.3) * (frames - 1)
-    comfort = -0.6 * np.maximum(distance - watcher.far, 0) - 1.0 * np.maximum(NEAR - distance, 0) + 0.8 * sees
+    pace_ = float(np.clip(0.05 + 0.03 * space.area, 0.06, 0.18)) * (1.0 if frames >= 40 else 1.6)
+    length = min(pace_, 0.3) * (frames - 1)
+    sees = views[0].sees
     current = int(rng.choice(np.flatnonzero(sees))) if sees.any() else int(rng.integers(len(pool)))
     chosen, walked = [current], 0.0
     while walked < 1.15 * length + 0.5 and len(chosen) < 200:
+        view = views[min(int(walked / max(length, 1e-9) * len(views)), len(views) - 1)]
         options = rng.integers(len(pool), size=16)
         hop = np.linalg.norm(pool[options] - pool[current], axis=1)
         recent = pool[chosen[-6:]]
         novelty = np.linalg.norm(pool[options][:, None] - recent, axis=2).min(axis=1)
-        turn = np.abs((bearing[options] - bearing[current] + np.pi) % (2 * np.pi) - np.pi)
-        score = comfort[options] + np.minimum(novelty, 1.0) + 0.3 * turn - 0.4 * np.maximum(hop - 2.0, 0)
+        turn = np.abs((view.bearing[options] - view.bearing[current] + np.pi) % (2 * np.pi) - np.pi)
+        score = view.comfort[options] + np.minimum(novelty, 1.0) + 0.3 * turn - 0.4 * np.maximum(hop - 2.0, 0)
         current = int(options[int(np.argmax(score))])
         walked += float(np.linalg.norm(pool[current] - pool[chosen[-1]])) + 1e-3
         chosen.append(current)
-    line = np.concatenate([cells[:0], *space.paths(pool[chosen])]) if len(chosen) > 1 else pool[chosen]
-    return _in_time(space, _smooth(space, line), length, frames, rng)
+    line = np.concatenate([pool[:0], *space.paths(pool[chosen])]) if len(chosen) > 1 else pool[chosen]
+    path = smooth(space, line)
+    if motion is None:
+        return _in_time(space, path, length, frames, rng)
+    return _past(space, path, length, frames, motion, rng)
 
 
-def _smooth(space: FreeSpace, line: Array) -> Array:
-    """``line`` (M, 2) resampled every 2 cm and rounded off wherever that stays in free space."""
-    path = _resample(line, _SPACING)
-    for _ in range(14):
-        if len(path) < 3:
-            break
-        target = ndimage.gaussian_filter1d(path, 6.0, axis=0, mode="nearest")
-        for share in (1.0, 0.5, 0.25):
-            moved = path + share * (target - path)
-            fits = space.contains(moved)
-            path = np.where(fits[:, None], moved, path)
-            target = np.where(fits[:, None], path, target)
-    return path
+@dataclass(frozen=True, eq=False)
+class _View:
+    """How well places (N,) suit a walk while the source is where it is: whether they see it, its bearing, and both."""
+
+    sees: NDArray[np.bool_]
+    bearing: Array
+    comfort: Array
+
+    @classmethod
+    def of(cls, pool: Array, watcher: Watcher, phase: int) -> _View:
+        sees = watcher.sees(pool, phase)
+        offset = pool - watcher.ground(phase)
+        distance = np.linalg.norm(offset, axis=1)
+        comfort = -0.6 * np.maximum(distance - watcher.far, 0) - 1.0 * np.maximum(NEAR - distance, 0) + 0.8 * sees
+        return cls(sees, np.arctan2(offset[:, 0], offset[:, 1]), comfort)
+
+
+def _speeds(frames: int, rng: Generator) -> Array:
+    """(frames − 1,) a slowly varying speed with a mean near 1."""
+    phase, waves = rng.uniform(0, 2 * np.pi), rng.uniform(1, 4)
+    t = np.linspace(0.0, 1.0, frames)
+    return np.asarray(1.0 + 0.3 * np.sin(2 * np.pi * waves * (t[1:] + t[:-1]) / 2 + phase))
 
 
 def _in_time(space: FreeSpace, path: Array, length: float, frames: int, rng: Generator) -> Array:
     """(frames, 2) positions along the first ``length`` metres of ``path``, at a slowly varying speed."""
-    phase, waves = rng.uniform(0, 2 * np.pi), rng.uniform(1, 4)
-    t = np.linspace(0.0, 1.0, frames)
-    speed = 1.0 + 0.3 * np.sin(2 * np.pi * waves * (t[1:] + t[:-1]) / 2 + phase)
-    arc = np.concatenate([[0.0], np.cumsum(speed)])
-    walked = _arc(path)
+    arc = np.concatenate([[0.0], np.cumsum(_speeds(frames, rng))])
+    walked = arc_length(path)
     arc *= min(length, float(walked[-1])) / max(float(arc[-1]), 1e-12)
     out = np.stack([np.interp(arc, walked, path[:, k]) for k in range(2)], axis=1)
+    return _into(space, path, out)
+
+
+def _into(space: FreeSpace, path: Array, out: Array) -> Array:
+    """``out`` (n, 2) with what a chord of the polyline takes into an obstacle moved back onto ``path``."""
     for index in np.flatnonzero(~space.contains(out)):
-        # A chord of the polyline may graze an obstacle; its ends do not.
         near = path[space.contains(path)]
         out[index] = near[int(np.argmin(((near - out[index]) ** 2).sum(axis=1)))]
     return out
 
 
-def _arc(path: Array) -> Array:
-    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-
-
-def _resample(line: Array, spacing: float) -> Array:
-    arc = _arc(line)
-    count = max(2, int(arc[-1] / spacing) + 1)
-    at = np.linspace(0.0, float(arc[-1]), count)
-    return np.stack([np.interp(at, arc, line[:, k]) for k in range(2)], axis=1)
+def _past(space: FreeSpace, path: Array, length: float, frames: int, motion: Motion, rng: Generator) -> Array | None:
+    """(frames, 2) positions along ``path``, waiting for a source that moves; None where it cannot be let past."""
+    places = _into(space, path, resample(path, _PACE))
+    spacing = float(arc_length(places)[-1]) / max(len(places) - 1, 1)
+    wanted = _speeds(frames, rng) * length / max(frames - 1, 1)
+    free = np.stack(
+        [
+            distance_to_polygon(places, motion.outline(half / 2)) >= OBJECT_DISTANCE + _SLACK
+            for half in range(2 * frames - 1)
+        ]
+    )
+    steps = pace(free, wanted, max(spacing, 1e-6), most=0.3, back=_BACK)
+    if steps is None:
+        return None
+    track = places[steps]
+    return track if distances(track, motion).min() >= OBJECT_DISTANCE else None
 
 
 def _spread_degrees(sight: Sight) -> float:
@@ -359,15 +403,10 @@ def _spread_degrees(sight: Sight) -> float:
     return float(360.0 - np.max(np.diff(np.append(angles, angles[0] + 360.0))))
 
 
-def _far(diagonal: float) -> float:
-    """How far the walk goes from an object: a telephone fills as much of the image as the contract's 3 m allow."""
-    return float(np.clip(1.0 + 1.8 * diagonal, 1.4, FAR))
-
-
 def _track_penalty(sight: Sight, far: float) -> float:
     """Penalty of a track, whatever the gaze: few or one-sided views, too near or too far, hardly any movement."""
     ground = sight.eyes[:, [0, 2]]
-    distance = np.linalg.norm(ground - sight.source[[0, 2]], axis=1)
+    distance = np.linalg.norm(ground - sight.source[..., [0, 2]], axis=1)
     seen = (sight.clear.mean(axis=1) >= gaze.SEEN_SHARE).mean()
     outside = float(((distance < NEAR) | (distance > far)).mean())
     patches = np.unique(np.round(ground / 0.3).astype(int), axis=0)
@@ -388,7 +427,7 @@ def _report(sight: Sight, yaw: Array, pitch: Array, space: FreeSpace) -> WalkRep
         filled_tests=int(filled[0]),
         empty_tests=int(empty[0]),
         clearance=float(space.clearance(ground).min()),
-        distance=float(np.linalg.norm(ground - sight.source[[0, 2]], axis=1).mean()),
+        distance=float(np.linalg.norm(ground - sight.source[..., [0, 2]], axis=1).mean()),
         spread=_spread_degrees(sight),
-        length=float(_arc(ground)[-1]),
+        length=float(arc_length(ground)[-1]),
     )

@@ -15,7 +15,7 @@ from generators.scenes.scene import LightMap, Material, Mesh, Part, Room, Scene,
 from generators.scenes.sun import find_sun
 from generators.scenes.surfaces import Surfaces, Tracer
 from generators.scenes.unwrap import unwrap
-from generators.vision.tone import tone_curve
+from generators.vision.tone import develop, inverse_tone_curve, srgb_decode, tone_curve
 
 SIZE = (4.0, 2.5, 3.0)
 LAMP = Material("lamp", "plastic", (0.0, 0.0, 0.0), emission=(8.0, 8.0, 8.0))
@@ -314,13 +314,15 @@ def test_inserted_objects_shade_one_another(lit: Scene) -> None:
 
 
 def test_a_scan_lights_objects_by_its_texture() -> None:
-    # All walls of the scan show the same colour: what stands in it receives just that from everywhere above.
+    # All walls of the scan show the same colour: what stands in it receives from everywhere above the radiance that is
+    # developed to that colour, so that a white thing in it looks like the walls.
     grey = Texture("scan", np.full((8, 8, 3), 188, dtype=np.uint8))
     scan = scene_of(box_room(replace(matte(1.0), texture=grey)).build())
     placed = insert(scan, (new_object(2.0, 1.5, 0.0),))
     assert placed.parts[0] is scan.parts[0]
     _, normals, light = samples(placed.parts[-1])
-    radiance = ((188 / 255 + 0.055) / 1.055) ** 2.4
+    radiance = float(inverse_tone_curve(srgb_decode(188 / 255)))
+    assert develop(radiance) == 188
     assert light[normals[:, 1] > 0.9].mean() == pytest.approx(radiance, rel=0.01)
     assert light[np.abs(normals[:, 0]) > 0.9].mean() == pytest.approx(radiance, rel=0.02)
 

@@ -86,7 +86,10 @@ def change(content: dict, **fields: object) -> None:
         (lambda d: d.update(camera={"hfov": float("nan")}), ["camera.hfov"]),
         (lambda d: d.update(camera={"size": 4}), ["camera.size"]),
         (lambda d: d.update(scans={"flat": {"source": "apartment"}}), ["scans.flat", "needs a seed"]),
-        (lambda d: d.update(scans={"flat": {"source": "scan"}}), ["scans.flat", "needs a file"]),
+        (
+            lambda d: d.update(scans={"flat": {"source": "scan", "up": "z"}}),
+            ["scans.flat", "up and front belong together"],
+        ),
         (lambda d: d.pop("seed"), ["seed"]),
     ],
 )

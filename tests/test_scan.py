@@ -42,8 +42,8 @@ def furnished_room() -> trimesh.Scene:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("scans")
-    (root / "00001-abcDEF").mkdir()
-    furnished_room().export(root / "00001-abcDEF" / "abcDEF.glb")
+    (root / "flat-abcDEF").mkdir()
+    furnished_room().export(root / "flat-abcDEF" / "abcDEF.glb")
     return root
 
 

@@ -23,8 +23,9 @@ from generators.assets.shapes import MeshBuilder
 from generators.gaze import Sight, Views
 from generators.placement import Placement, place
 from generators.scenes.scene import Part, Room, Scene
-from generators.trajectory import Walk, line_of_sight, outer_samples, plan_walk, visible_fraction, walk
+from generators.trajectory import Walk, line_of_sight, plan_walk, visible_fraction, walk
 from generators.vision.rays import RayCaster
+from generators.watcher import outer_samples
 
 ROOMS = {"kitchen": kitchen, "bathroom": bathroom, "living_room": living_room}
 CASES = [

@@ -39,6 +39,7 @@ from generators.acoustics.geometry import (
     acoustic_mesh,
     blocked,
     checked_position,
+    checked_scale,
     faces_of_room,
 )
 from generators.acoustics.materials import DEFAULT_MATERIAL, OCTAVE_BANDS, mean_absorption, triangle_areas
@@ -144,12 +145,20 @@ class AnalyticBackend:
         absorption: wall absorption for every room instead of the scene's own, in [0, 1).
         images: image sources up to the mixing time (about).
         tail: whether the diffuse tail follows them.
+        absorption_scale: factor of every surface's Eyring exponent, −ln(1 − α).
     """
 
     name = "analytic"
     version = "1.0"
 
-    def __init__(self, *, absorption: float | None = None, images: int = 2000, tail: bool = True) -> None:
+    def __init__(
+        self,
+        *,
+        absorption: float | None = None,
+        images: int = 2000,
+        tail: bool = True,
+        absorption_scale: float = 1.0,
+    ) -> None:
         """Check the numbers.
 
         Raises:
@@ -160,6 +169,7 @@ class AnalyticBackend:
         if not 1 <= images <= 1_000_000:
             raise Avs3dError(f"analytic acoustics: images is {images}, expected 1 to 1000000")
         self.absorption, self.images, self.tail = absorption, images, tail
+        self.absorption_scale = checked_scale(absorption_scale)
 
     def open(
         self, scene: Scene, source: tuple[float, float, float], *, room: str, sample_rate: int = 44_100
@@ -184,6 +194,7 @@ class AnalyticBackend:
             "absorption": self.absorption if self.absorption is not None else "from the scene's materials",
             "image_sources": self.images,
             "diffuse_tail": self.tail,
+            **({} if self.absorption_scale == 1 else {"absorption_scale": self.absorption_scale}),
         }
 
 
@@ -201,12 +212,21 @@ class AnalyticSession:
         self.sample_rate = sample_rate
         self._backend = backend
         self._scene = scene
-        self._mesh = acoustic_mesh(scene, source)
+        self._mesh = acoustic_mesh(scene, source, absorption_scale=backend.absorption_scale)
         self._triangles = self._mesh.triangles
         self._room = scene.room(room)
-        self._source = np.asarray(checked_position(scene.name, "source", source, _room_bounds(self._room, self._mesh)))
+        self.move_source(source)
         self._tails: dict[Box, Array] = {}
         self._boxes: dict[tuple[str, ...], Box] = {}
+
+    def move_source(self, source: tuple[float, float, float]) -> None:
+        """Put the source elsewhere for the responses that follow.
+
+        Raises:
+            Avs3dError: if the source is not finite or not in the room's box.
+        """
+        within = _room_bounds(self._room, self._mesh)
+        self._source = np.asarray(checked_position(self._scene.name, "source", source, within))
 
     def box_for(self, position: tuple[float, float, float]) -> Box:
         """The box in which the images of the source are heard at ``position``."""
@@ -278,7 +298,9 @@ class AnalyticSession:
             return self._tails[box]
         times = box.reverberation_times()
         start = reach / SPEED_OF_SOUND
-        seconds = min(max(float(times.max()), start + 0.02), _LONGEST)
+        # A room that is made more live rings on for longer.
+        longest = _LONGEST / min(self._backend.absorption_scale, 1.0)
+        seconds = min(max(float(times.max()), start + 0.02), longest)
         count = math.ceil(seconds * self.sample_rate)
         length = next_fast_len(count, real=True)
         frequencies = rfftfreq(length, 1 / self.sample_rate)
@@ -324,22 +346,23 @@ def _grown(box: Box, points: Array) -> Box:
 
 
 def _box_of(rooms: list[Room], mesh: AcousticMesh, absorption: float | None) -> Box:
+    scale = mesh.absorption_scale
     low = np.min([r.low for r in rooms], axis=0)
     high = np.max([r.high for r in rooms], axis=0)
     if absorption is not None:
-        alpha = np.full(len(_BANDS), absorption)
+        alpha = np.full(len(_BANDS), 1 - (1 - absorption) ** scale)
     else:
         found = [faces_of_room(mesh, room) for room in rooms]
         triangles = np.concatenate([t for t, _ in found])
         labels = tuple(label for _, part in found for label in part)
         area = float(triangle_areas(triangles).sum()) if len(triangles) else 0.0
-        alpha = np.array(DEFAULT_MATERIAL.in_situ)
+        alpha = np.array(DEFAULT_MATERIAL.scaled(scale).in_situ)
         if area > 0:
             hull = Box((low[0], low[1], low[2]), (high[0], high[1], high[2]), ()).surface
             # Furniture adds its area; a wall that is missing (an opening) swallows sound.
             covered = min(area / hull, 1.0)
-            alpha = mean_absorption(triangles, labels) * area / hull + 0.5 * (1 - covered)
-        alpha = np.clip(alpha, 0.005, 0.95)
+            alpha = mean_absorption(triangles, labels, scale) * area / hull + 0.5 * (1 - covered)
+        alpha = np.clip(alpha, 0.005 * min(scale, 1.0), 0.95)
     return Box(
         (float(low[0]), float(low[1]), float(low[2])),
         (float(high[0]), float(high[1]), float(high[2])),

@@ -24,13 +24,23 @@ class AcousticSession(Protocol):
         """
         ...
 
+    def move_source(self, source: tuple[float, float, float]) -> None:
+        """Put the source elsewhere for the responses that follow; the scene stays as it was opened.
+
+        The body of the sounding object is no part of what sound meets, so that nothing else moves with it.
+        """
+        ...
+
     def close(self) -> None:
         """Free what the session holds."""
         ...
 
 
 class AcousticBackend(Protocol):
-    """An acoustic engine."""
+    """An acoustic engine.
+
+    Every backend scales the absorption of all surfaces alike: α' = 1 − (1 − α)^``absorption_scale``.
+    """
 
     name: str
     version: str

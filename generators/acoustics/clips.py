@@ -14,9 +14,12 @@ from scipy.signal import oaconvolve
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.layout import BINAURAL_SAMPLES, SAMPLE_RATE, is_test
+from generators.acoustics.geometry import SPEED_OF_SOUND
 
 #: The fixed gain of every clip: keeps a full-scale source from 0.3 m on below full scale (0.76 at worst).
 GAIN = 0.1
+#: Half length of the interpolation of changing delays, samples.
+_TAPS = 16
 
 
 def binaural_clip(
@@ -45,7 +48,116 @@ def binaural_clip(
         Avs3dError: if the source is too short, shapes are wrong, or a number is not finite.
     """
     signal = np.asarray(source)
-    response = np.asarray(impulse_response)
+    response = _checked(signal, impulse_response, index, sample_rate)
+    start, stop = index * sample_rate, (index + 1) * sample_rate
+    first = max(0, start - response.shape[1] + 1)
+    heard = signal[first:stop].astype(np.float64)
+    wet = oaconvolve(heard[None, :], response.astype(np.float64), axes=1)[:, start - first : stop - first]
+    return np.asarray(gain * wet, dtype=np.float32)
+
+
+def moving_clip(
+    source: NDArray[np.floating],
+    impulse_responses: Sequence[NDArray[np.floating]],
+    distances: Sequence[float],
+    index: int,
+    sample_rate: int = SAMPLE_RATE,
+    gain: float = GAIN,
+) -> NDArray[np.float32]:
+    """The second ``index`` of a source that moves, as heard by someone who stands at pose ``index``.
+
+    Sound goes by where the source is when it leaves it. So what is cross-faded is the source signal, not the result:
+
+        clip = gain · Σ_k (w_k · x_k) ∗ h_k,
+
+    with h_k the response from where the source is at full second k to the pose, and w_k a triangle that is 1 at k and
+    0 at k ± 1. The last k is the end of the second; what left the source before the first k goes through its response,
+    of which then only late reverberation is left. The direct sounds of two responses arrive at different times, and a
+    plain cross-fade of them would be coloured like a comb. So x_k is the source with a delay that changes linearly, in
+    such a way that all direct sounds arrive together, at every moment as late as the distance by then says, its
+    Doppler shift included.
+
+    To a listener who stands, the clips of successive seconds join without a step, but for reverberation that is older
+    than the first k.
+
+    Args:
+        source: (n,) mono source signal from time 0 on; n ≥ (index + 1)·sample_rate.
+        impulse_responses: (2, m) each, from where the source is at successive full seconds up to ``index + 1``; at
+            least two.
+        distances: from the listener to the source then, metres.
+        index: frame number = second of the source.
+        sample_rate: of all, Hz.
+        gain: fixed gain.
+
+    Returns:
+        (2, sample_rate) float32; where all responses and distances are equal, what `binaural_clip` gives.
+
+    Raises:
+        Avs3dError: as `binaural_clip`, and if there are not as many distances as responses.
+    """
+    signal = np.asarray(source)
+    count = len(impulse_responses)
+    if count < 2 or len(distances) != count:
+        raise Avs3dError(f"moving clip {index}: {count} responses and {len(distances)} distances, expected 2 or more")
+    start, stop = index * sample_rate, (index + 1) * sample_rate
+    knots = stop + sample_rate * np.arange(1 - count, 1)
+    lags = np.asarray(distances, dtype=np.float64) / SPEED_OF_SOUND * sample_rate
+    out = np.zeros((2, sample_rate))
+    for k, found in enumerate(impulse_responses):
+        response = _checked(signal, found, index, sample_rate)
+        # The stretch in which sound leaves the source with this response, and can still be heard.
+        low = max(0, start - response.shape[1] + 1, int(knots[k - 1]) if k else 0)
+        high = int(knots[min(k + 1, count - 1)])
+        if low >= high:
+            continue
+        n = np.arange(low, high)
+        lag = np.interp(n, knots, lags) - lags[k]
+        leaving = np.interp(n, knots, np.eye(count)[k]) * delayed(signal, lag, low)
+        wet = oaconvolve(leaving[None, :], response.astype(np.float64), axes=1)
+        heard = wet[:, max(start - low, 0) : stop - low]
+        at = max(low - start, 0)
+        out[:, at : at + heard.shape[1]] += heard
+    return np.asarray(gain * out, dtype=np.float32)
+
+
+def delayed(signal: NDArray[np.floating], delay: NDArray[np.floating], first: int) -> NDArray[np.float64]:
+    """Samples ``first`` to ``first + len(delay)`` of a signal with a delay that changes from sample to sample.
+
+    Band-limited interpolation: a sinc of 32 taps under a squared cosine. A whole delay is exact; outside there is
+    silence.
+
+    Args:
+        signal: (n,).
+        delay: (k,) samples, of either sign.
+        first: index of the first sample wanted.
+
+    Returns:
+        (k,).
+    """
+    samples = np.asarray(signal, dtype=np.float64)
+    if not delay.any():
+        return samples[first : first + len(delay)].copy()
+    at = np.arange(first, first + len(delay)) - delay
+    whole = np.floor(at).astype(np.int64)
+    share = at - whole
+    padded = np.pad(samples, _TAPS)
+    out = np.zeros(len(delay))
+    sine = np.sin(np.pi * share) / np.pi
+    for tap in range(-_TAPS + 1, _TAPS + 1):
+        # sinc(share − tap), whose sine is the same for all taps but for its sign.
+        offset = share - tap
+        exact = offset == 0
+        weight = np.where(exact, 1.0, (1 - 2 * (tap % 2)) * sine / np.where(exact, 1.0, offset))
+        weight *= np.cos(np.pi * offset / (2 * (_TAPS + 1))) ** 2
+        out += weight * padded[np.clip(whole + tap + _TAPS, 0, len(padded) - 1)]
+    return out
+
+
+def _checked(
+    signal: NDArray[np.floating], response: NDArray[np.floating], index: int, sample_rate: int
+) -> NDArray[np.floating]:
+    """The impulse response, if it and the source can make the second ``index``."""
+    response = np.asarray(response)
     if signal.ndim != 1 or response.ndim != 2 or response.shape[0] != 2 or response.shape[1] == 0:
         raise Avs3dError(
             f"binaural clip {index}: source {signal.shape} and impulse response {response.shape}, "
@@ -56,12 +168,10 @@ def binaural_clip(
         raise Avs3dError(
             f"binaural clip {index}: the source has {len(signal)} samples, expected at least {stop} ({index + 1} s)"
         )
-    first = max(0, start - response.shape[1] + 1)
-    heard = signal[first:stop].astype(np.float64)
+    heard = signal[max(0, start - response.shape[1] + 1) : stop]
     if not np.isfinite(heard).all() or not np.isfinite(response).all():
         raise Avs3dError(f"binaural clip {index}: the source or its impulse response holds NaN or infinite samples")
-    wet = oaconvolve(heard[None, :], response.astype(np.float64), axes=1)[:, start - first : stop - first]
-    return np.asarray(gain * wet, dtype=np.float32)
+    return response
 
 
 def mono_window(index: int, count: int) -> list[tuple[int, int, int]]:

@@ -29,10 +29,12 @@ class AcousticMesh:
     Attributes:
         vertices: (V, 3) float64, metres.
         groups: material label → (F, 3) int64 vertex indices; sorted by label.
+        absorption_scale: factor of every material's Eyring exponent (`AcousticMaterial.scaled`).
     """
 
     vertices: NDArray[np.float64]
     groups: dict[str, NDArray[np.int64]]
+    absorption_scale: float = 1.0
 
     @property
     def bounds(self) -> NDArray[np.float64] | None:
@@ -58,7 +60,22 @@ def _is_own_body(part: Part, source: NDArray[np.float64]) -> bool:
     return bool(np.all(low - _OWN_BODY <= source) and np.all(source <= high + _OWN_BODY))
 
 
-def acoustic_mesh(scene: Scene, source: tuple[float, float, float]) -> AcousticMesh:
+#: Range of `AcousticMesh.absorption_scale`.
+LEAST_SCALE, MOST_SCALE = 0.05, 20.0
+
+
+def checked_scale(scale: float) -> float:
+    """``scale`` if it is an absorption scale that rooms can have.
+
+    Raises:
+        Avs3dError: if it is out of range or no number.
+    """
+    if not LEAST_SCALE <= scale <= MOST_SCALE:
+        raise Avs3dError(f"acoustics: absorption_scale is {scale}, expected {LEAST_SCALE:g} to {MOST_SCALE:g}")
+    return float(scale)
+
+
+def acoustic_mesh(scene: Scene, source: tuple[float, float, float], *, absorption_scale: float = 1.0) -> AcousticMesh:
     """All acoustic faces of ``scene``, welded and grouped, without the body of the sounding object.
 
     An appliance radiates with its whole body, which a point source stands for; its own box, closed round that point,
@@ -85,7 +102,7 @@ def acoustic_mesh(scene: Scene, source: tuple[float, float, float]) -> AcousticM
             triangles.append(corners)
             labels.extend(material_for(label).label for label in part.mesh.acoustic_labels)
     if not triangles:
-        return AcousticMesh(np.zeros((0, 3)), {})
+        return AcousticMesh(np.zeros((0, 3)), {}, absorption_scale)
     corners = np.concatenate(triangles)
     _, first, index = np.unique(
         np.round(corners.reshape(-1, 3) / _WELD).astype(np.int64), axis=0, return_index=True, return_inverse=True
@@ -95,7 +112,7 @@ def acoustic_mesh(scene: Scene, source: tuple[float, float, float]) -> AcousticM
     keep = triangle_areas(vertices[faces]) > 1e-8
     tags = np.array(labels)
     groups = {label: faces[keep & (tags == label)] for label in sorted(set(labels))}
-    return AcousticMesh(vertices, {label: group for label, group in groups.items() if len(group)})
+    return AcousticMesh(vertices, {label: group for label, group in groups.items() if len(group)}, absorption_scale)
 
 
 def faces_of_room(mesh: AcousticMesh, room: Room, margin: float = 0.15) -> tuple[NDArray[np.float64], tuple[str, ...]]:
@@ -112,7 +129,7 @@ def reflections_to_decay(mesh: AcousticMesh, room: Room, decay_db: float, limit:
     A ray loses 10·lg(1 − ᾱ) dB at each reflection on average (Eyring's assumption), whatever the room's size; the
     octave with the lowest mean absorption counts.
     """
-    alpha = mean_absorption(*faces_of_room(mesh, room))
+    alpha = mean_absorption(*faces_of_room(mesh, room), mesh.absorption_scale)
     loss = -10.0 * math.log10(1.0 - min(max(float(alpha.min()), 1e-3), 0.999))
     return int(min(max(math.ceil(decay_db / loss), 10), limit))
 

@@ -19,8 +19,9 @@ Scattering (ISO 17497-1) is tabulated for few surfaces; large smooth ones get 0.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -44,12 +45,16 @@ class AcousticMaterial:
         absorption: energy absorption coefficient per octave of `OCTAVE_BANDS`, in [0, 1].
         scattering: scattering coefficient per octave, in [0, 1].
         basis: what the values stand for and where they come from ([V], [K], [B], [E] of the module's docstring).
+        scale: factor of its Eyring exponent −ln(1 − α in situ): above 1 it swallows more, below 1 less.
+        residual: absorption that the small things on the surface add; 0 for what is used as it was given.
     """
 
     label: str
     absorption: Spectrum
     scattering: Spectrum
     basis: str
+    scale: float = 1.0
+    residual: float = RESIDUAL
 
     def __post_init__(self) -> None:
         """Refuse coefficients that the engine would take for silent nonsense.
@@ -66,9 +71,13 @@ class AcousticMaterial:
 
     @property
     def in_situ(self) -> Spectrum:
-        """Absorption in an inhabited room: 1 − (1 − α)·(1 − `RESIDUAL`) per octave; what both backends use."""
-        a, b, c, d, e, f = (1.0 - (1.0 - alpha) * (1.0 - RESIDUAL) for alpha in self.absorption)
+        """Absorption in an inhabited room: 1 − [(1 − α)·(1 − `residual`)]^scale per octave; what both backends use."""
+        a, b, c, d, e, f = (1.0 - ((1.0 - alpha) * (1.0 - self.residual)) ** self.scale for alpha in self.absorption)
         return a, b, c, d, e, f
+
+    def scaled(self, scale: float) -> AcousticMaterial:
+        """The material with `scale` times its Eyring exponent: α' = 1 − (1 − α)^scale stays in [0, 1)."""
+        return replace(self, scale=self.scale * scale)
 
 
 _SMOOTH: Spectrum = (0.05, 0.05, 0.05, 0.05, 0.08, 0.10)
@@ -104,26 +113,45 @@ MATERIALS: dict[str, AcousticMaterial] = {material.label: material for material 
 DEFAULT_MATERIAL = AcousticMaterial("default", (0.1,) * 6, _ROUGH, "unknown surface [E]")
 
 
+#: A label that carries its own coefficients. The engine takes a label for another one that it contains, so that no
+#: such label may contain another: they are of one length, and none holds the name of a material.
+_SPECTRAL = re.compile(r"given:([01]\.\d{4}(?:,[01]\.\d{4}){5})/([01]\.\d{4}(?:,[01]\.\d{4}){5})")
+
+
+def spectral_label(absorption: Spectrum, scattering: Spectrum) -> str:
+    """A label that stands for these coefficients, rounded to four digits: `material_for` reads them back."""
+    spectra = "/".join(",".join(f"{v:.4f}" for v in values) for values in (absorption, scattering))
+    return f"given:{spectra}"
+
+
 def material_for(label: str) -> AcousticMaterial:
     """The material of a label (case and outer blanks do not matter), or `DEFAULT_MATERIAL`."""
-    return MATERIALS.get(label.strip().lower(), DEFAULT_MATERIAL)
+    key = label.strip().lower()
+    found = _SPECTRAL.fullmatch(key)
+    if found:
+        absorption, scattering = (tuple(float(v) for v in group.split(",")) for group in found.groups())
+        return AcousticMaterial(key, absorption, scattering, "a material file", residual=0.0)  # type: ignore[arg-type]
+    return MATERIALS.get(key, DEFAULT_MATERIAL)
 
 
-def mean_absorption(triangles: NDArray[np.floating], labels: tuple[str, ...]) -> NDArray[np.float64]:
+def mean_absorption(
+    triangles: NDArray[np.floating], labels: tuple[str, ...], scale: float = 1.0
+) -> NDArray[np.float64]:
     """Area-weighted mean absorption.
 
     Args:
         triangles: (A, 3, 3) metres.
         labels: (A,) one label per triangle.
+        scale: factor of every material's Eyring exponent (`AcousticMaterial.scaled`).
 
     Returns:
         (6,) mean absorption in situ per octave of `OCTAVE_BANDS`; the default material's where there is no area.
     """
     area = triangle_areas(triangles)
     if not area.sum() > 0:
-        return np.array(DEFAULT_MATERIAL.in_situ)
+        return np.array(DEFAULT_MATERIAL.scaled(scale).in_situ)
     # Sorted: the sum must not depend on the order in which a set of strings is walked.
-    known = {label: material_for(label).in_situ for label in sorted(set(labels))}
+    known = {label: material_for(label).scaled(scale).in_situ for label in sorted(set(labels))}
     alpha = np.array([known[label] for label in labels])
     return np.asarray(area @ alpha / area.sum())
 

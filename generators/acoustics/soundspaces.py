@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import ctypes
 import importlib
+import math
 import os
 import sys
 import tempfile
@@ -36,11 +37,12 @@ from generators.acoustics.geometry import (
     AcousticMesh,
     acoustic_mesh,
     checked_position,
+    checked_scale,
     longest_view,
     reflections_to_decay,
 )
 from generators.acoustics.materials import RESIDUAL, material_for, write_engine_json
-from generators.scenes.scene import Room, Scene
+from generators.scenes.scene import Scene
 
 #: Sample rates the built-in head-related transfer functions were verified at; higher ones abort the process.
 SAMPLE_RATES = (16_000, 22_050, 32_000, 44_100)
@@ -99,13 +101,18 @@ class SoundSpacesBackend:
 
     name = "soundspaces"
 
-    def __init__(self, settings: RaySettings | None = None) -> None:
+    def __init__(self, settings: RaySettings | None = None, *, absorption_scale: float = 1.0) -> None:
         """Check that the engine is there.
 
+        Args:
+            settings: how much work a response is worth.
+            absorption_scale: factor of every surface's Eyring exponent, −ln(1 − α).
+
         Raises:
-            Avs3dError: if the package is not installed.
+            Avs3dError: if the package is not installed, or the scale is out of range.
         """
         self.settings = settings or RaySettings()
+        self.absorption_scale = checked_scale(absorption_scale)
         self._engine = _import_engine()
         self.version = metadata.version("rlr-audio-propagation")
 
@@ -117,7 +124,7 @@ class SoundSpacesBackend:
         Raises:
             Avs3dError: if the source, the meshes or the sample rate would make the engine hang, crash or lie.
         """
-        return SoundSpacesSession(self._engine, self.settings, scene, source, room, sample_rate)
+        return SoundSpacesSession(self._engine, self.settings, scene, source, room, sample_rate, self.absorption_scale)
 
     def describe(self) -> dict[str, Scalar]:
         """The settings that go into observation.json."""
@@ -134,6 +141,7 @@ class SoundSpacesBackend:
             "transmission": False,
             "diffraction": False,
             "threads": 1,
+            **({} if self.absorption_scale == 1 else {"absorption_scale": self.absorption_scale}),
         }
 
 
@@ -148,6 +156,7 @@ class SoundSpacesSession:
         source: tuple[float, float, float],
         room: str,
         sample_rate: int,
+        absorption_scale: float = 1.0,
     ) -> None:
         if sample_rate not in SAMPLE_RATES:
             raise Avs3dError(
@@ -155,13 +164,16 @@ class SoundSpacesSession:
                 f"expected one of {', '.join(map(str, SAMPLE_RATES))}"
             )
         box = scene.room(room)
-        mesh = acoustic_mesh(scene, source)
+        mesh = acoustic_mesh(scene, source, absorption_scale=absorption_scale)
         self._scene_name = scene.name
         self._bounds = mesh.bounds
-        self._source = self._position(source, "source")
-        self._refuse_enclosure(mesh, box)
+        self._triangles = mesh.triangles
+        self._view = float(np.linalg.norm(np.subtract(box.high, box.low))) / 3
+        self._source = self._free_source(source)
         self.sample_rate = sample_rate
-        self.depth = reflections_to_decay(mesh, box, settings.decay_db, settings.max_depth)
+        # A room that is made more live rings on for longer.
+        limit = math.ceil(settings.max_depth / min(absorption_scale, 1.0))
+        self.depth = reflections_to_decay(mesh, box, settings.decay_db, limit)
         self._context: Any = _new_context(engine, settings, self.depth, sample_rate)
         _upload(self._context, mesh)
         self._context.add_listener(engine.ChannelLayout(engine.ChannelLayoutType.Binaural, 2))
@@ -169,15 +181,27 @@ class SoundSpacesSession:
         self._context.add_source()
         self._context.set_source_position(0, self._source)
 
-    def _refuse_enclosure(self, mesh: AcousticMesh, room: Room) -> None:
+    def move_source(self, source: tuple[float, float, float]) -> None:
+        """Put the source elsewhere for the responses that follow.
+
+        Raises:
+            Avs3dError: if the session is closed, or the source is outside the scene or walled in.
+        """
+        if self._context is None:
+            raise Avs3dError(f"{self._scene_name}: the acoustic session is closed; open a new one")
+        self._source = self._free_source(source)
+        self._context.set_source_position(0, self._source)
+
+    def _free_source(self, source: tuple[float, float, float]) -> list[float]:
         """A source inside a closed box is all but silent outside it, and the engine lets a few stray rays out."""
-        diagonal = float(np.linalg.norm(np.subtract(room.high, room.low)))
-        view = longest_view(mesh.triangles, np.asarray(self._source))
-        if view < diagonal / 3:
+        position = self._position(source, "source")
+        view = longest_view(self._triangles, np.asarray(position))
+        if view < self._view:
             raise Avs3dError(
-                f"{self._scene_name}: the source at {tuple(round(c, 3) for c in self._source)} is walled in, it sees "
+                f"{self._scene_name}: the source at {tuple(round(c, 3) for c in position)} is walled in, it sees "
                 f"{view:.2f} m at most; move it out of the furniture, or give its object an instance id above 0"
             )
+        return position
 
     def _position(self, position: tuple[float, float, float], what: str) -> list[float]:
         return checked_position(self._scene_name, what, position, self._bounds)
@@ -269,7 +293,7 @@ def _upload(context: Any, mesh: AcousticMesh) -> None:
     """Materials first, then one object with all faces, grouped by material."""
     with tempfile.TemporaryDirectory(prefix="avs3d-acoustics-") as folder, _quiet():
         path = Path(folder) / "materials.json"
-        write_engine_json(path, [material_for(label) for label in mesh.groups])
+        write_engine_json(path, [material_for(label).scaled(mesh.absorption_scale) for label in mesh.groups])
         try:
             context.set_material_database_json(str(path))
             if not mesh.groups:  # an empty scene is a free field

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 from urllib.parse import unquote
 
 from avs3d_bench.errors import Avs3dError
+from generators.assets.gltf import read_tree, refuse_compressed
 
 SUFFIXES = (".glb", ".gltf", ".obj", ".ply")
 
@@ -54,19 +52,8 @@ def _check_obj(file: Path) -> None:
 
 
 def _check_gltf(file: Path) -> None:
-    data = file.read_bytes()
-    if file.suffix.lower() == ".glb":
-        if len(data) < 20 or data[:4] != b"glTF":
-            raise Avs3dError(f"{file}: is no binary glTF (no 'glTF' at its start); is it whole?")
-        (length,) = struct.unpack_from("<I", data, 8)
-        if length > len(data):
-            raise Avs3dError(f"{file}: is truncated ({len(data)} bytes of {length}); fetch it again")
-        (chunk,) = struct.unpack_from("<I", data, 12)
-        data = data[20 : 20 + chunk]
-    try:
-        tree: dict[str, Any] = json.loads(data)
-    except ValueError as error:
-        raise Avs3dError(f"{file}: cannot be read as {file.suffix[1:]} (its JSON is broken); is it whole?") from error
+    tree = read_tree(file)
+    refuse_compressed(file, tree)
     for kind in ("buffers", "images"):
         for item in tree.get(kind, []):
             uri = item.get("uri", "data:")

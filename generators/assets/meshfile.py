@@ -6,6 +6,7 @@ Colours follow each format: glTF's factors and vertex colours are linear light, 
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
@@ -18,6 +19,7 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.taxonomy import check_category
 from generators.assets.acoustic_twin import clustered, component_boxes
 from generators.assets.catalogue import Model, framed
+from generators.assets.gltf import has_basis, without_basis, without_textures
 from generators.assets.meshcheck import check_file
 from generators.assets.modelframe import before_front, clear_of_twin, upright
 from generators.assets.objects.design import Design, Mount, Point
@@ -68,6 +70,7 @@ def load_mesh(
     acoustic: str = "plastic",
     twin: Literal["boxes", "surface"] = "boxes",
     max_acoustic_faces: int = 20_000,
+    textures: bool = True,
 ) -> Mesh:
     """Read a mesh with its colours, textures and normals; a scene graph is flattened.
 
@@ -76,18 +79,14 @@ def load_mesh(
         acoustic: label of materials whose name does not tell (``oak_wood`` tells, ``Material.003`` does not).
         twin: the acoustic twin: a box per connected part, or the surface itself, decimated.
         max_acoustic_faces: of the decimated surface.
+        textures: whether textures are read; without them a GLB's surfaces have their materials' plain colours.
 
     Raises:
-        Avs3dError: if the file, its MTL or a texture is missing, unreadable or truncated, if it has no faces, or if a
-            coordinate is not finite.
+        Avs3dError: if the file, its MTL or a texture is missing, unreadable or truncated, if it has no faces, if a
+            coordinate is not finite, if its geometry is compressed, or its textures need a decoder that is not there.
     """
     file = Path(path)
-    check_file(file)
-    try:
-        scene = trimesh.load_scene(file, process=False)
-    except Exception as error:  # every format's reader has its own
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise Avs3dError(f"{file}: cannot be read as {file.suffix[1:]} ({reason}); is it whole?") from error
+    scene = open_scene(file, textures=textures)
     known: dict[int, Material] = {}
     pieces = [_piece(file, name, part, matrix, acoustic, known) for name, part, matrix in _instances(scene)]
     if not pieces:
@@ -110,6 +109,38 @@ def load_mesh(
     )
     mesh.check(str(file))
     return mesh
+
+
+def open_scene(file: Path, *, textures: bool = True) -> Any:
+    """The reader's scene graph of a mesh file, its KTX2 textures decoded, or all left out where none are wanted.
+
+    Raises:
+        Avs3dError: see `load_mesh`.
+    """
+    check_file(file)
+    glb = file.suffix.lower() == ".glb"
+    data = without_textures(file) if glb and not textures else without_basis(file) if has_basis(file) else None
+    try:
+        if data is not None:
+            return trimesh.load_scene(io.BytesIO(data), file_type="glb", process=False)
+        return trimesh.load_scene(file, process=False)
+    except Exception as error:  # every format's reader has its own
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise Avs3dError(f"{file}: cannot be read as {file.suffix[1:]} ({reason}); is it whole?") from error
+
+
+def world_triangles(file: Path, scene: Any) -> Iterator[tuple[Array, NDArray[np.int64], Any]]:
+    """Corners (F, 3, 3) in the file's world, vertex indices (F, 3) and the reader's own geometry of each mesh.
+
+    Raises:
+        Avs3dError: if a vertex is not finite.
+    """
+    for name, part, matrix in _instances(scene):
+        vertices = np.asarray(part.vertices, dtype=np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+        faces = np.asarray(part.faces, dtype=np.int64)
+        if not np.isfinite(vertices).all():
+            raise Avs3dError(f"{file}: vertices of {name!r} are NaN or infinite; repair the mesh")
+        yield vertices[faces], faces, part
 
 
 def load_model(
@@ -165,9 +196,12 @@ def load_model(
 
 
 def _instances(scene: Any) -> Iterator[tuple[str, Any, Array]]:
-    """Name, geometry and local-to-world matrix of every triangle mesh in the scene graph, in the order of names."""
-    for node in sorted(scene.graph.nodes_geometry):
-        matrix, name = scene.graph[node]
+    """Name, geometry and local-to-world matrix of every triangle mesh in the scene graph, in the order of names.
+
+    The names are those of geometries: the reader makes up random ones for nodes (of a mesh with several primitives).
+    """
+    nodes = [scene.graph[node] for node in scene.graph.nodes_geometry]
+    for matrix, name in sorted(nodes, key=lambda node: (str(node[1]), np.asarray(node[0], dtype=np.float64).tolist())):
         part = scene.geometry[name]
         if isinstance(part, trimesh.Trimesh) and len(part.faces):
             yield str(name), part, np.asarray(matrix, dtype=np.float64)

@@ -43,11 +43,11 @@ def insert(scene: Scene, parts: tuple[Part, ...]) -> Scene:
         return scene
     objects, layouts = _prepare(parts)
     room = Surroundings.of(scene, objects.boxes())
-    gathered = _gather(objects, room)
+    gathered = gather_light(objects, room)
     # The objects throw light on the room and take light from it; they stand in what is left of it.
-    first = _light(objects, room.dim, gathered)
+    first = light_on(objects, room.dim, gathered)
     around, ratio = shadowed(scene.parts, room, objects, first)
-    cells = _light(objects, replace(room.dim, light=room.dim.light * ratio), gathered)
+    cells = light_on(objects, replace(room.dim, light=room.dim.light * ratio), gathered)
     lit = []
     for number, (part, layout) in enumerate(zip(parts, layouts, strict=True)):
         uv = (layout.uv / np.array([layout.width, layout.height])).astype(np.float32)
@@ -68,7 +68,7 @@ def _prepare(parts: tuple[Part, ...]) -> tuple[Objects, list[Layout]]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Gathered:
+class Gathered:
     """What the objects' texels see, before it is known how they shade the room.
 
     Attributes:
@@ -92,7 +92,8 @@ class _Gathered:
     is_open: NDArray[np.bool_]
 
 
-def _gather(objects: Objects, room: Surroundings) -> _Gathered:
+def gather_light(objects: Objects, room: Surroundings) -> Gathered:
+    """What the objects' texels see of the room and of one another, with the light that reaches them directly."""
     texels = objects.texels
     count = len(texels)
     table, narrow = bundle()
@@ -145,10 +146,10 @@ def _gather(objects: Objects, room: Surroundings) -> _Gathered:
     closed = np.float32(-1.0)
     shadow_noise = np.where(buried, closed, shadow_noise)
     direct = smooth(objects.surfaces, objects.sheet, texels, direct, shadow_noise, 2.0)
-    return _Gathered(direct, np.where(buried, closed, noise), weight, face, v, w, links, ~buried)
+    return Gathered(direct, np.where(buried, closed, noise), weight, face, v, w, links, ~buried)
 
 
-def _light(objects: Objects, room: LitScene, gathered: _Gathered) -> F32:
+def light_on(objects: Objects, room: LitScene, gathered: Gathered) -> F32:
     """Light (cells, 3) of the objects in a room that reflects as ``room`` does."""
     texels, count = objects.texels, len(objects.texels)
     arrived = np.zeros((count, 3), dtype=np.float32)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from generators.scenes.scene import F32, I32, Part
 from generators.scenes.surfaces import TEXTURE_LIMIT, Surfaces, Tracer, albedo_at
 from generators.scenes.texels import Sheet
 from generators.scenes.unwrap import Layout
+from generators.vision.tone import inverse_tone_curve
 
 #: The texture of a scan is its light: it is kept finer than textures whose mean matters.
 _LIT_TEXTURE_LIMIT = 1024
@@ -39,6 +40,8 @@ class LitScene:
         """Load ``parts``."""
         scanned = any(part.light is None for part in parts)
         surfaces = Surfaces.of(parts, _LIT_TEXTURE_LIMIT if scanned else TEXTURE_LIMIT)
+        if parts and all(part.light is None and part.instance_id == 0 for part in parts):
+            surfaces = _undeveloped(surfaces)
         layouts, light = [], []
         for part in parts:
             count = len(part.mesh.positions)
@@ -69,3 +72,16 @@ class LitScene:
         face = hits["primID"]
         facing = np.einsum("ij,ij->i", self.surfaces.face_normal[np.maximum(face, 0)], directions) < 0
         return np.asarray((face >= 0) & facing)
+
+
+def _undeveloped(surfaces: Surfaces) -> Surfaces:
+    """A scan's surfaces with the radiance that its pictures were developed from.
+
+    A camera's tone curve squeezed it into [0, 1]; ours stands for it, so that what lies under that light and goes
+    through the curve again is as bright as the scan around it.
+    """
+    textured = surfaces.image[:, 0] > 0
+    pixels, colour = surfaces.pixels.copy(), surfaces.colour.copy()
+    pixels[1:] = inverse_tone_curve(pixels[1:])
+    colour[~textured] = inverse_tone_curve(colour[~textured])
+    return replace(surfaces, pixels=pixels, colour=colour)

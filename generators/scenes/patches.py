@@ -1,15 +1,17 @@
 """Where something could stand or hang in a scanned room: floor, worktops, tables, shelves, free wall, by ray casting.
 
 1. Height layers. On a 5 cm grid over the room's box, rays go down from its top through every surface they meet. Each
-   hit has a height, a slope and a clearance: the distance to the surface above it.
+   hit has a height, a slope and a clearance: the distance to the surface above it. Where a scan is noisy, the slopes of
+   single faces mean little; a hit is level, too, if most of the cells around it have one at its height.
 2. Floor: the lowest level (2 cm bins) that at least 15 % of the grid, and half a square metre, sees with half a metre
    free above it.
 3. Tops: level hits (within 37° of horizontal, since scans ripple) 0.35–1.7 m above the floor with 25 cm free above
    are taken level by level, the most frequent first; the largest rectangles of cells within ±1.5 cm of a level become
    supports: ``side_table`` below 0.7 m, ``worktop`` to 1.1 m, ``shelf`` above. What is low and larger than a table is
-   a bed or a rug on a podium and left out; a hard seat passes for a side table.
+   a bed or a rug on a podium and left out; a hard seat passes for a side table. Single cells that a hole in the scan
+   left out are filled.
 4. Walls: rays towards each side of the box between 1.3 and 2.1 m, every 2.5 cm; rectangles of at least 40 cm whose
-   hits lie within ±1 cm of one plane.
+   hits lie within ±1 cm of one plane (more where the scan is noisy), pin-holes filled.
 
 Rectangles are parallel to the axes: a scan whose walls run askew yields few and small ones; turn it first.
 """
@@ -21,6 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from avs3d_bench.errors import Avs3dError
 from generators.scenes.scene import F32, Room, Support, SupportKind
@@ -48,6 +51,8 @@ LARGEST_TABLE = 1.5
 WALL_BAND = (1.3, 2.1)
 #: Free depth that a patch of wall has before it, metres.
 WALL_DEPTH = 0.5
+#: A wall's hits scatter about its plane by no more than this (standard deviation, metres).
+WALL_NOISE = 0.006
 _AXES = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
 
 
@@ -98,7 +103,31 @@ def cast_down(caster: RayCaster, triangles: F32, room: Room) -> Layers:
         above[alive] = y[alive]
         y[alive] -= 0.002
     shape = (len(x), len(z), LAYERS)
-    return Layers(x, z, height.reshape(shape), slope.reshape(shape), clearance.reshape(shape))
+    height = height.reshape(shape)
+    slope = np.where(_among_equals(height), 1.0, slope.reshape(shape))
+    return Layers(x, z, height, slope, clearance.reshape(shape))
+
+
+def _among_equals(height: Array, reach: float = 0.02, least: int = 6) -> Mask:
+    """Whether at least ``least`` of the eight cells around a hit have one within ``reach`` metres of its height."""
+    padded = np.pad(height, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
+    count = np.zeros(height.shape, dtype=np.int64)
+    with np.errstate(invalid="ignore"):
+        for di in range(3):
+            for dj in range(3):
+                if (di, dj) != (1, 1):
+                    other = padded[di : di + height.shape[0], dj : dj + height.shape[1]]
+                    near = np.zeros(height.shape, dtype=bool)
+                    for layer in range(height.shape[2]):
+                        near |= np.abs(height - other[..., layer : layer + 1]) <= reach
+                    count += near
+    return count >= least
+
+
+def _filled(mask: Mask) -> Mask:
+    """``mask`` with the cells that at least six of their eight neighbours surround."""
+    around = ndimage.convolve(mask.astype(np.int64), np.ones((3, 3), dtype=np.int64), mode="constant")
+    return np.asarray(mask | (around >= 6))
 
 
 def find_floor(layers: Layers, name: str) -> float:
@@ -168,7 +197,7 @@ def find_tops(layers: Layers, floor: float, room: Room, caster: RayCaster) -> li
         level = (float(np.argmax(counts)) + 0.5) / 100
         with np.errstate(invalid="ignore"):
             near = left & (np.abs(relative - level) <= 0.015)
-        mask: Mask = np.asarray(near.any(axis=2))
+        mask = _filled(np.asarray(near.any(axis=2)))
         for r, c, rows, columns in rectangles(mask, 4, 6):
             block = (slice(r, r + rows), slice(c, c + columns))
             y = float(np.median(layers.height[block][near[block]]))
@@ -206,7 +235,7 @@ def _top(
     )
 
 
-def find_walls(caster: RayCaster, triangles: F32, floor: float, room: Room) -> list[Support]:
+def find_walls(caster: RayCaster, floor: float, room: Room) -> list[Support]:
     """Free upright patches of the four sides of the room's box."""
     out: list[Support] = []
     low, high = np.asarray(room.low), np.asarray(room.high)
@@ -222,16 +251,16 @@ def find_walls(caster: RayCaster, triangles: F32, floor: float, room: Room) -> l
         starts[..., axis] = edge + inward[axis] * WALL_DEPTH
         rays = starts.reshape(-1, 3)
         distance, face = caster.closest(rays, np.broadcast_to(-inward, rays.shape))
-        corners = triangles[np.maximum(face, 0)].astype(np.float64)
-        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        upright = np.abs(cross[:, axis]) >= 0.95 * np.maximum(np.linalg.norm(cross, axis=1), 1e-20)
         depth = distance.astype(np.float64)
-        good = (face >= 0) & upright & (depth <= WALL_DEPTH + 0.3) & (depth >= 0.2)
+        good = (face >= 0) & (depth <= WALL_DEPTH + 0.3) & (depth >= 0.2)
         if not good.any():
             continue
         counts = np.convolve(np.bincount((depth[good] * 100).astype(np.int64)), [1, 1, 1], mode="same")
         plane = (float(np.argmax(counts)) + 0.5) / 100
-        mask = (good & (np.abs(depth - plane) <= 0.01)).reshape(len(along), len(up))
+        close = good & (np.abs(depth - plane) <= 0.03)
+        plane = float(np.median(depth[close]))
+        rough = min(1.4826 * float(np.median(np.abs(depth[close] - plane))), WALL_NOISE)
+        mask = _filled((good & (np.abs(depth - plane) <= 0.01 + 2.5 * rough)).reshape(len(along), len(up)))
         for r, c, rows, columns in rectangles(mask, 16, 3):
             cells = depth.reshape(mask.shape)[r : r + rows, c : c + columns]
             origin = np.zeros(3)
@@ -248,7 +277,7 @@ def find_walls(caster: RayCaster, triangles: F32, floor: float, room: Room) -> l
                     (0.0, round(columns * WALL_CELL, 4), 0.0),
                     _vector(inward),
                     _vector(inward),
-                    round(float(cells.min()), 4),
+                    round(float(np.percentile(cells, 2)), 4),
                 )
             )
     return out
@@ -280,7 +309,7 @@ def find_supports(triangles: F32, room: Room, name: str) -> tuple[float, list[Su
         high[1] - floor,
     )
     tops = find_tops(layers, floor, room, caster)
-    return floor, [ground, *tops, *find_walls(caster, triangles, floor, room)]
+    return floor, [ground, *tops, *find_walls(caster, floor, room)]
 
 
 def _vector(values: Array) -> tuple[float, float, float]:

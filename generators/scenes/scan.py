@@ -1,85 +1,127 @@
 """A scanned flat from a file (HM3D, Matterport3D, a phone's scan, any GLB or OBJ) as a `Scene`.
 
-The texture of a scan already holds its light, so its part has none. Rooms are boxes that the manifest gives; what can
-carry an object is found by ray casting (generators/scenes/patches.py). Faces whose material's name does not tell how
-they sound are parquet on the floor, wood on level tops, and plaster elsewhere.
+The texture of a scan already holds its light, so its part has none. Rooms are boxes that the manifest gives, or those
+that the scan's annotations show (generators/scenes/rooms.py); what can carry an object is found by ray casting
+(generators/scenes/patches.py); what its surfaces sound like, by annotations or by where they are
+(generators/scenes/scansound.py).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from avs3d_bench.errors import Avs3dError
-from generators.assets.meshcheck import SUFFIXES
+from generators.acoustics.materialfile import read_material_file
+from generators.assets.acoustic_twin import clustered
 from generators.assets.meshfile import load_mesh
 from generators.assets.modelframe import upright
-from generators.scenes.patches import LEVEL, find_supports
-from generators.scenes.scene import F32, Licence, Mesh, Part, Room, Scene, Support
+from generators.scenes.annotations import Annotations, read_annotations
+from generators.scenes.patches import find_supports
+from generators.scenes.rooms import find_rooms, missing_room
+from generators.scenes.scanfiles import ScanFiles, find_scan_files, scan_files_of
+from generators.scenes.scansound import DEFAULT_LABEL, labelled, no_table
+from generators.scenes.scene import F32, Licence, Mesh, Part, Room, Scene, StageFile, Support
 
-#: Largest number of faces the acoustic engine gets: above it, its rays slow down and gain nothing.
-ACOUSTIC_FACES = 20_000
-DEFAULT_LABEL = "plaster"
+#: Largest number of faces the acoustic engine gets in and around the rooms: above it, its rays slow down and gain
+#: nothing. The rest of a house, which may be many times larger, is heard through doors only.
+ACOUSTIC_FACES, ACOUSTIC_FACES_BEYOND = 20_000, 6_000
+#: What lies this near to a room belongs to it acoustically, metres: its walls do.
+_AROUND = 0.5
+#: Linear-light albedo of a scan that is read without its textures: objects placed in it are lit as among grey walls.
+PLAIN = (0.45, 0.44, 0.42)
+#: A room's box is moved to the floor that is found in it from this far away, metres.
+_FLOOR_SLACK = 0.35
+#: Where along its sides a top is asked what it is.
+_SHARES = (0.15, 0.5, 0.85)
 
 
 def load_scan(
     name: str,
-    path: str | Path,
-    rooms: Mapping[str, ArrayLike],
+    source: str | Path | ScanFiles,
+    rooms: Mapping[str, ArrayLike] | None = None,
     *,
     licence: Licence | None = None,
-    up: str = "y",
-    front: str = "+z",
+    up: str | None = None,
+    front: str | None = None,
+    textures: bool = True,
+    materials: Path | None = None,
+    need: Sequence[str] = (),
 ) -> Scene:
     """Read a scan.
 
     Args:
         name: the scan's id.
-        path: its file, or a folder below which ``<name>.glb`` (.gltf, .obj, .ply) lies.
-        rooms: the box (2, 3) of each room: lowest and highest corner, metres, Y up, after ``up`` and ``front``.
-        licence: of the scan; without it, that it comes from ``path`` and its terms are not known.
-        up: the file's axis that points up (Matterport3D: ``z``).
-        front: the file's axis that becomes +Z.
+        source: its mesh file, a folder below which it is found by its id, or its files.
+        rooms: the box (2, 3) of each room: lowest and highest corner, metres, Y up, after ``up`` and ``front``. Rooms
+            that are missing here are looked for in the annotations.
+        licence: of the scan; without it, that it comes from ``source`` and its terms are not known.
+        up: the file's axis that points up; without it, as its data set has it (HM3D, Matterport3D: ``z``; else ``y``).
+        front: the file's axis that becomes +Z (HM3D, Matterport3D: ``-y``; else ``+z``).
+        textures: whether colour is read; a renderer that reads `Scene.stage` itself needs none.
+        materials: a SoundSpaces material file.
+        need: rooms without which the scan is of no use.
 
     Returns:
-        One part with instance id 0, without a light map; the rooms; the supports found in each.
+        One part with instance id 0, without a light map; the rooms; the supports found in each; the stage's file.
 
     Raises:
-        Avs3dError: if the scan is unknown, its file is missing or broken, a box is no box, or holds no floor.
+        Avs3dError: if the scan is unknown, a file of it is missing or broken, its textures need a decoder that is not
+            there, a box is no box, a box that was given or is needed holds no floor, or a room that is needed is not
+            found.
     """
-    file = find_scan(name, Path(path))
-    if not rooms:
-        raise Avs3dError(f"scan {name}: no rooms given; expected the box of at least one room")
-    mesh = load_mesh(file, acoustic=DEFAULT_LABEL, twin="surface", max_acoustic_faces=ACOUSTIC_FACES)
-    mesh = mesh.transformed(upright(up, front), np.zeros(3))
+    files = _files(name, source)
+    up, front = up or files.up, front or files.front
+    rotation = upright(up, front)
+    table = read_material_file(materials) if materials is not None else None
+    annotations = read_annotations(files, rotation)
+    given = dict(rooms or {})
+    boxes: dict[str, ArrayLike] = {**(find_rooms(annotations) if annotations is not None else {}), **given}
+    for label in need:
+        if label not in boxes:
+            raise missing_room(name, label, given, annotations)
+    if not boxes:
+        raise Avs3dError(
+            f"scan {name}: no rooms given, and no annotations show any; expected the box of at least one room"
+        )
+    mesh = load_mesh(
+        files.mesh, acoustic=DEFAULT_LABEL, twin="surface", max_acoustic_faces=sys.maxsize, textures=textures
+    )
+    mesh = mesh.transformed(rotation, np.zeros(3))
+    if not textures:
+        mesh = replace(mesh, materials=tuple(replace(m, colour=PLAIN, texture=None) for m in mesh.materials))
     supports: list[Support] = []
     found: list[tuple[Room, float]] = []
-    for label, box in rooms.items():
-        room = _room(f"scan {name}, room {label}", label, box, mesh)
-        floor, own = find_supports(_near(mesh.positions, room), room, f"scan {name}, room {label}")
-        found.append((room, floor))
-        supports += own
-    part = Part(name, _labelled(mesh, found), licence=licence or Licence("unknown", "unknown", file.name))
-    return Scene(name, (part,), tuple(room for room, _ in found), tuple(supports))
+    for label, box in boxes.items():
+        what = f"scan {name}, room {label}"
+        try:
+            room = _room(what, label, box, mesh)
+            floor, own = find_supports(_near(mesh.positions, room), room, what)
+        except Avs3dError:
+            if label in given or label in need:
+                raise
+            continue
+        found.append((_on_floor(room, floor), floor))
+        supports += own if annotations is None else [s for s in own if _usable(s, annotations)]
+    mesh = labelled(_decimated(mesh, [room for room, _ in found]), found, annotations, table)
+    part = Part(name, mesh, licence=licence or Licence("unknown", "unknown", files.mesh.name))
+    stage = StageFile(files.mesh, up, front)
+    return Scene(name, (part,), tuple(room for room, _ in found), tuple(supports), stage=stage)
 
 
-def find_scan(name: str, path: Path) -> Path:
-    """The scan's file: ``path`` itself, or the first (by name) ``<name>.<suffix>`` below the folder ``path``.
-
-    Raises:
-        Avs3dError: if there is none.
-    """
+def _files(name: str, source: str | Path | ScanFiles) -> ScanFiles:
+    if isinstance(source, ScanFiles):
+        return source
+    path = Path(source)
     if path.is_file():
-        return path
+        return scan_files_of(path)
     if path.is_dir():
-        matches = sorted(p for p in path.rglob(f"{name}.*") if p.is_file() and p.suffix.lower() in SUFFIXES)
-        if matches:
-            return matches[0]
-        raise Avs3dError(f"unknown scan {name!r}: no {name}.glb (or .gltf, .obj, .ply) below {path}")
+        return find_scan_files(name, path)
     raise Avs3dError(f"scan {name}: {path} does not exist; expected its mesh file, or a folder that holds it")
 
 
@@ -102,6 +144,44 @@ def _room(what: str, label: str, box: ArrayLike, mesh: Mesh) -> Room:
     return Room(label, low, high)
 
 
+def _decimated(mesh: Mesh, rooms: Sequence[Room]) -> Mesh:
+    """``mesh`` with an acoustic twin of few faces: finer in and around the rooms than in the rest of the house."""
+    triangles, labels = mesh.acoustic_positions.astype(np.float64), np.array(mesh.acoustic_labels)
+    if len(triangles) <= ACOUSTIC_FACES:
+        return mesh
+    low, high = triangles.min(axis=1), triangles.max(axis=1)
+    near = np.zeros(len(triangles), dtype=bool)
+    for room in rooms:
+        near |= ((low <= np.array(room.high) + _AROUND) & (high >= np.array(room.low) - _AROUND)).all(axis=1)
+    pieces = [
+        clustered(triangles[own], labels[own], most)
+        for own, most in ((near, ACOUSTIC_FACES), (~near, ACOUSTIC_FACES_BEYOND))
+        if own.any()
+    ]
+    return replace(
+        mesh,
+        acoustic_positions=np.concatenate([piece[0] for piece in pieces]).astype(np.float32),
+        acoustic_labels=tuple(label for piece in pieces for label in piece[1]),
+    )
+
+
+def _on_floor(room: Room, floor: float) -> Room:
+    """The room with its box on the floor that was found: boxes are drawn by hand, and everything counts from there."""
+    x, y, z = room.low
+    return replace(room, low=(x, round(floor, 4) + 0.0, z)) if abs(floor - y) <= _FLOOR_SLACK else room
+
+
+def _usable(support: Support, annotations: Annotations) -> bool:
+    """Whether things may stand on a top by what it is: seats, beds and basins are level, too."""
+    if support.kind in ("floor", "wall"):
+        return True
+    u, v = np.asarray(support.u), np.asarray(support.v)
+    points = np.array([np.asarray(support.origin) + a * u + b * v for a in _SHARES for b in _SHARES])
+    owners = annotations.owners(points)
+    seats = [no_table(annotations.objects[number]) for number in owners if number >= 0]
+    return not seats or sum(seats) < len(seats) / 2
+
+
 def _near(triangles: F32, room: Room, margin: float = 1.0) -> F32:
     """The triangles in and near a room."""
     low = np.asarray(room.low, dtype=np.float32) - margin
@@ -109,21 +189,3 @@ def _near(triangles: F32, room: Room, margin: float = 1.0) -> F32:
     keep = ((triangles.min(axis=1) <= high) & (triangles.max(axis=1) >= low)).all(axis=1)
     near: F32 = triangles[keep]
     return near
-
-
-def _labelled(mesh: Mesh, rooms: list[tuple[Room, float]]) -> Mesh:
-    """``mesh`` with its acoustic faces of unknown kind labelled by slope and height above the floor of their room."""
-    triangles = mesh.acoustic_positions.astype(np.float64)
-    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    length = np.linalg.norm(cross, axis=1)
-    level = np.abs(cross[:, 1]) >= LEVEL * np.maximum(length, 1e-20)
-    middle = triangles.mean(axis=1)
-    labels = np.array(mesh.acoustic_labels, dtype="<U16")
-    unknown: NDArray[np.bool_] = (labels == DEFAULT_LABEL) & level
-    for room, floor in rooms:
-        low, high = np.asarray(room.low)[[0, 2]], np.asarray(room.high)[[0, 2]]
-        inside = unknown & ((middle[:, [0, 2]] >= low) & (middle[:, [0, 2]] <= high)).all(axis=1)
-        above = middle[:, 1] - floor
-        labels[inside & (np.abs(above) <= 0.12)] = "parquet"
-        labels[inside & (above > 0.3) & (above < 1.2)] = "wood"
-    return replace(mesh, acoustic_labels=tuple(str(label) for label in labels))

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.scenes.scene import Scene
 
-
 #: Which of some points (N, 3) an agent can stand on: (N,) bool.
 Navigable: TypeAlias = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 

@@ -105,8 +105,9 @@ def build_tables(scene: Scene) -> tuple[SceneTables, F32]:
 
 
 def is_developed(scene: Scene, part: Part) -> bool:
-    """Whether the colours of ``part`` are for the screen already: it comes from the scan's file, whose textures are
-    photographs. A second tone curve would darken them, and a renderer that reads the file itself shows them as they are.
+    """Whether the colours of ``part`` are for the screen already: the textures of a scan's file are photographs.
+
+    A second tone curve would darken them; and a renderer that reads the file itself shows them as they are.
     """
     return scene.stage is not None and part.instance_id == 0 and part.light is None
 

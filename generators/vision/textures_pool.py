@@ -7,6 +7,7 @@ Levels are filtered in linear light: a fine black-and-white pattern fades to the
 from __future__ import annotations
 
 import hashlib
+import operator
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -36,12 +37,21 @@ class TexturePool(NamedTuple):
     decode: F32
 
 
+#: The last pool, with the textures it was built of: a scene in which something moves is opened once per frame.
+_last: tuple[tuple[Texture, ...], TexturePool] | None = None
+
+
 def build_pool(textures: Sequence[Texture]) -> TexturePool:
     """Put ``textures`` and their mip chains in one buffer; texture i of the pool is ``textures[i]``.
+
+    The same textures as the last time give the same pool.
 
     Raises:
         Avs3dError: if a texture is not (H, W, 3) uint8.
     """
+    global _last
+    if _last is not None and len(_last[0]) == len(textures) and all(map(operator.is_, _last[0], textures)):
+        return _last[1]
     levels: list[NDArray[np.uint8]] = []
     first = [0]
     for texture in textures:
@@ -56,13 +66,15 @@ def build_pool(textures: Sequence[Texture]) -> TexturePool:
         levels.append(np.full((1, 1, 3), 255, dtype=np.uint8))
     sizes = np.array([level.shape[:2] for level in levels], dtype=np.int32)
     counts = [level.size for level in levels]
-    return TexturePool(
+    pool = TexturePool(
         texels=np.concatenate([level.reshape(-1) for level in levels]),
         offset=np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64),
         size=sizes,
         first=np.array(first, dtype=np.int32),
         decode=decode_table(),
     )
+    _last = (tuple(textures), pool)
+    return pool
 
 
 def distinct(textures: Sequence[Texture | None]) -> tuple[list[Texture], list[int]]:

@@ -1,0 +1,129 @@
+"""Writing a clean object as one GLB (glTF 2.0): a named node per material, textures inside, stable bytes."""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from generators.library.rawmesh import RawPart
+
+_FLOAT, _UINT = 5126, 5125
+_ARRAY, _ELEMENTS = 34962, 34963
+
+
+def write_clean_glb(parts: Sequence[RawPart], generator: str) -> bytes:
+    """The bytes of a GLB; parts have normals, and texture coordinates where they have a picture.
+
+    Corners with the same position, normal and coordinates become one vertex. The same parts give the same bytes with
+    the same version of Pillow (which encodes the pictures).
+    """
+    blob = bytearray()
+    views: list[dict[str, Any]] = []
+    accessors: list[dict[str, Any]] = []
+    materials: list[dict[str, Any]] = []
+    textures: list[dict[str, Any]] = []
+    images: list[dict[str, Any]] = []
+    meshes: list[dict[str, Any]] = []
+    pictures: dict[bytes, int] = {}
+
+    def view(data: bytes, target: int | None = None) -> int:
+        blob.extend(b"\0" * (-len(blob) % 4))
+        entry: dict[str, Any] = {"buffer": 0, "byteOffset": len(blob), "byteLength": len(data)}
+        if target:
+            entry["target"] = target
+        blob.extend(data)
+        views.append(entry)
+        return len(views) - 1
+
+    def accessor(values: NDArray[Any], kind: str, component: int, *, bounds: bool = False) -> int:
+        target = _ELEMENTS if component == _UINT else _ARRAY
+        entry: dict[str, Any] = {
+            "bufferView": view(np.ascontiguousarray(values).tobytes(), target),
+            "componentType": component,
+            "count": len(values),
+            "type": kind,
+        }
+        if bounds:
+            entry |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
+        accessors.append(entry)
+        return len(accessors) - 1
+
+    def picture(pixels: NDArray[np.uint8]) -> int:
+        buffer = io.BytesIO()
+        Image.fromarray(np.ascontiguousarray(pixels)).save(buffer, "PNG", compress_level=6)
+        data = buffer.getvalue()
+        if data not in pictures:
+            pictures[data] = len(textures)
+            images.append({"bufferView": view(data), "mimeType": "image/png"})
+            textures.append({"source": len(images) - 1, "sampler": 0})
+        return pictures[data]
+
+    for part in parts:
+        surface = part.surface
+        physical: dict[str, Any] = {
+            "baseColorFactor": [*(round(float(v), 6) for v in surface.colour), 1.0],
+            "metallicFactor": 1.0 if surface.metallic else 0.0,
+            "roughnessFactor": 0.4 if surface.metallic else 0.8,
+        }
+        if surface.pixels is not None:
+            physical["baseColorTexture"] = {"index": picture(surface.pixels)}
+        materials.append({"name": surface.name, "pbrMetallicRoughness": physical})
+        vertices, index = _indexed(part)
+        attributes = {
+            "POSITION": accessor(vertices[:, :3], "VEC3", _FLOAT, bounds=True),
+            "NORMAL": accessor(vertices[:, 3:6], "VEC3", _FLOAT),
+        }
+        if surface.pixels is not None:
+            attributes["TEXCOORD_0"] = accessor(vertices[:, 6:8], "VEC2", _FLOAT)
+        primitive = {
+            "attributes": attributes,
+            "indices": accessor(index, "SCALAR", _UINT),
+            "material": len(materials) - 1,
+        }
+        meshes.append({"name": f"part_{len(meshes):03d}", "primitives": [primitive]})
+    tree: dict[str, Any] = {
+        "asset": {"version": "2.0", "generator": generator},
+        "scene": 0,
+        "scenes": [{"nodes": list(range(len(meshes)))}],
+        "nodes": [{"mesh": number, "name": mesh["name"]} for number, mesh in enumerate(meshes)],
+        "meshes": meshes,
+        "materials": materials,
+        "accessors": accessors,
+        "bufferViews": views,
+    }
+    if textures:
+        repeat = {"wrapS": 10497, "wrapT": 10497, "magFilter": 9729, "minFilter": 9987}
+        tree |= {"textures": textures, "images": images, "samplers": [repeat]}
+    blob.extend(b"\0" * (-len(blob) % 4))
+    tree["buffers"] = [{"byteLength": len(blob)}]
+    text = json.dumps(tree, separators=(",", ":"), sort_keys=True).encode()
+    text += b" " * (-len(text) % 4)
+    size = 12 + 8 + len(text) + 8 + len(blob)
+    return b"".join(
+        (
+            struct.pack("<4sII", b"glTF", 2, size),
+            struct.pack("<II", len(text), 0x4E4F534A),
+            text,
+            struct.pack("<II", len(blob), 0x004E4942),
+            bytes(blob),
+        )
+    )
+
+
+def _indexed(part: RawPart) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
+    """Vertices (V, 8): position, normal, coordinates as glTF has them (v down); and (3F,) indices."""
+    count = len(part.triangles)
+    if part.normals is None:
+        raise ValueError("a part without normals; expected (F, 3, 3)")
+    uv = np.zeros((count, 3, 2)) if part.uv is None else part.uv.copy()
+    uv[..., 1] = 1 - uv[..., 1]
+    rows = np.concatenate([part.triangles, part.normals, uv], axis=2).reshape(-1, 8).astype(np.float32) + np.float32(0)
+    unique, inverse = np.unique(rows, axis=0, return_inverse=True)
+    return unique, inverse.reshape(-1).astype(np.uint32)

@@ -1,0 +1,136 @@
+"""`avs3d assets import`: what is on this machine already."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from avs3d_bench.errors import Avs3dError
+from generators.library.cli_common import (
+    CATEGORY,
+    PATH,
+    licence_option,
+    lock_option,
+    lock_path,
+    make_session,
+    stance_of,
+    stance_options,
+    take_each,
+)
+
+if TYPE_CHECKING:
+    from generators.library.lock import AssetEntry
+
+
+@click.group("import")
+def import_() -> None:
+    """Take assets that are on this machine into the store and the lock file."""
+
+
+@import_.command()
+@click.argument("path", type=PATH, metavar="FILE_OR_FOLDER")
+@click.option("--id", "ids", multiple=True, metavar="ID", help="These models only (phone, Scopia#phone); repeatable.")
+@click.option("--category", type=CATEGORY, default=None, help="What they are; without it as their names tell.")
+@lock_option
+@licence_option
+@stance_options
+def sh3f(
+    path: Path, ids: tuple[str, ...], category: str | None, lock: Path | None, allowed: tuple[str, ...], **options: Any
+) -> None:
+    """Models of Sweet Home 3D furniture libraries (*.sh3f); Debian has them in /usr/share/sweethome3d/furniture."""
+    from generators.library import sh3d
+    from generators.library.lock import update_lock
+
+    session, stance, target = make_session(allowed), stance_of(options), lock_path(lock)
+
+    def take(item: Any) -> AssetEntry:
+        library, piece, told = item
+        entry = sh3d.take_piece(library, piece, told, session, stance)
+        update_lock(target, (entry,))
+        return entry
+
+    take_each(sh3d.choose(sh3d.open_libraries(path), ids, category), take, target)
+
+
+@import_.command()
+@click.argument("path", type=PATH, metavar="FOLDER")
+@click.option("--licence", required=True, metavar="NAME", help="Of all files there: an SPDX identifier or address.")
+@click.option("--author", required=True, metavar="NAME", help="Who made them.")
+@click.option("--category", type=CATEGORY, required=True, help="What they are one of.")
+@click.option("--kind", type=click.Choice(["object", "sound"]), default=None, help="Only meshes, or only sounds.")
+@click.option("--url", default="", metavar="ADDRESS", help="Where they come from.")
+@click.option("--name", default=None, metavar="NAME", help="In their ids (default: the folder's name).")
+@lock_option
+@licence_option
+@stance_options
+def folder(
+    path: Path,
+    licence: str,
+    author: str,
+    category: str,
+    kind: str | None,
+    url: str,
+    name: str | None,
+    lock: Path | None,
+    allowed: tuple[str, ...],
+    **options: Any,
+) -> None:
+    """Every mesh (GLB, glTF, OBJ) and sound (WAV, FLAC, OGG, MP3) of a folder."""
+    from generators.library.folder import asset_ids, candidates, take_file
+    from generators.library.licences import spdx
+    from generators.library.lock import update_lock
+    from generators.library.session import Stance
+
+    session, stance, target = make_session(allowed), stance_of(options) or Stance(), lock_path(lock)
+
+    def take(item: Any) -> AssetEntry:
+        entry = take_file(
+            path, item[1], item[0], session,
+            category=category, licence=spdx(licence), author=author, url=url, stance=stance, asset=ids[item[1]],
+        )  # fmt: skip
+        update_lock(target, (entry,))
+        return entry
+
+    found = candidates(path, kind)  # type: ignore[arg-type]  # click has checked the kind
+    ids = asset_ids(path, [file for _, file in found], name)
+    take_each(found, take, target)
+
+
+@import_.command()
+@click.argument("path", type=PATH, metavar="CLONE")
+@click.option("--category", default=None, metavar="NAME", help="One of ours, or of ESC-50's (clock_tick, …).")
+@click.option("--limit", type=click.IntRange(1, 2000), default=2000, help="At most this many clips of each category.")
+@lock_option
+@licence_option
+def esc50(path: Path, category: str | None, limit: int, lock: Path | None, allowed: tuple[str, ...]) -> None:
+    """Clips of ESC-50, from a clone of github.com/karolpiczak/ESC-50; most of it is CC-BY-NC-3.0."""
+    from generators.library.esc50 import offers, take_clip
+    from generators.library.licences import terms
+    from generators.library.lock import update_lock
+
+    session, target = make_session(allowed), lock_path(lock)
+    known = {name.lower() for name in session.allowed}
+    taken: list[Any] = []
+    refused: dict[str, int] = {}
+    for offer, file in offers(path, category):
+        if terms(offer.licence).verdict == "refused" and offer.licence.lower() not in known:
+            refused[offer.licence] = refused.get(offer.licence, 0) + 1
+        elif sum(other.category == offer.category for other, _ in taken) < limit:
+            taken.append((offer, file))
+    for name, count in sorted(refused.items()):
+        click.echo(
+            f"{count} clips left out: {name} {terms(name).reason}; if you may use them, add --allow-licence {name}",
+            err=True,
+        )
+    if not taken:
+        raise Avs3dError(f"{path}: no clip is under a licence that allows the use; see --allow-licence")
+
+    def take(item: Any) -> AssetEntry:
+        offer, file = item
+        entry = take_clip(offer, file, session)
+        update_lock(target, (entry,))
+        return entry
+
+    take_each(taken, take, target)

@@ -1,0 +1,246 @@
+"""Downloading a file: resumed after a cut, bounded, hashed; whole under its final name or not there at all.
+
+RFC 9110: Range and If-Range (§14.2, §13.1.5: strong validators only). A file grows as ``<name>.part``; beside it,
+``<name>.part.json`` holds the validator that tells whether a later run may go on with it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import hashlib
+import json
+import os
+import re
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+from avs3d_bench import files
+from avs3d_bench.errors import Avs3dError
+from generators.library.http import (
+    MEGABYTE,
+    CutError,
+    HttpError,
+    Limits,
+    Request,
+    Say,
+    attempts,
+    content_length,
+    interrupted,
+    open_answer,
+    read_block,
+)
+
+__all__ = ["Delivered", "download"]
+
+
+@dataclass(frozen=True)
+class Delivered:
+    """A file that came whole: its sha256 and size."""
+
+    sha256: str
+    bytes: int
+
+
+def download(
+    request: Request,
+    target: Path,
+    limits: Limits,
+    *,
+    sha256: str | None = None,
+    size: int | None = None,
+    say: Say = lambda _: None,
+    progress: Callable[[int, int | None], None] = lambda _done, _total: None,
+) -> Delivered:
+    """Fetch a file to ``target``; it takes that name only when it is whole and its hash is right.
+
+    Args:
+        request: where from.
+        target: final path; its folder is made.
+        limits: how long and how much.
+        sha256: expected hash, if it is known.
+        size: expected size, if it is known.
+        say: gets a line per pause or new attempt.
+        progress: gets the bytes that are there and, if known, the total.
+
+    Raises:
+        HttpError: for a refusal.
+        CutError: if the connection failed more often than `Limits.attempts`; what came is kept and gone on with.
+        Avs3dError: for a wrong hash or size, a file that is too large, a second process at the same file, a full disk.
+    """
+    if size is not None and size > limits.max_bytes:
+        raise _too_large(request, size, limits)
+    part = target.with_name(target.name + ".part")
+    note = target.with_name(target.name + ".part.json")
+    deadline = time.monotonic() + limits.total
+    try:
+        with _hold(part, request) as stream:
+            ledger = _Ledger(stream, note)
+            try:
+                for attempt in attempts(request, limits, say, deadline):
+                    with attempt:
+                        _transfer(request, ledger, limits, size, progress, deadline)
+                        break
+                found = Delivered(ledger.digest(), ledger.length)
+                _check(request, found, sha256, size)
+            except (CutError, HttpError):
+                # The validator tells the next run, or the next signed address, whether it is still the same file.
+                if not ledger.length or not ledger.validator:
+                    ledger.remove(part)
+                raise
+            except BaseException as error:
+                if not isinstance(error, KeyboardInterrupt) or not ledger.validator:
+                    ledger.remove(part)
+                raise
+            os.replace(part, target)
+            note.unlink(missing_ok=True)
+            return found
+    except OSError as error:
+        raise Avs3dError(f"{request.what}: {files.os_error_line(error, error.filename or target, 'write')}") from error
+
+
+class _Ledger:
+    """The growing file and what is known of it: its length, its validator (strong ETag or date)."""
+
+    def __init__(self, stream: IO[bytes], note: Path) -> None:
+        self.stream, self.note = stream, note
+        self.length = stream.seek(0, os.SEEK_END)
+        self.validator = ""
+        if self.length:
+            with contextlib.suppress(OSError, ValueError, AttributeError):
+                self.validator = str(json.loads(note.read_text()).get("validator") or "")
+            if not self.validator:
+                self.restart("")
+
+    def restart(self, validator: str) -> None:
+        self.stream.seek(0)
+        self.stream.truncate()
+        self.length, self.validator = 0, validator
+        if validator:
+            files.write_bytes(self.note, json.dumps({"validator": validator}).encode())
+        else:
+            self.note.unlink(missing_ok=True)
+
+    def write(self, block: bytes) -> None:
+        view = memoryview(block)
+        while view:
+            view = view[self.stream.write(view) :]
+        self.length += len(block)
+
+    def digest(self) -> str:
+        self.stream.seek(0)
+        return hashlib.file_digest(self.stream, "sha256").hexdigest()  # type: ignore[arg-type]  # unbuffered is fine
+
+    def remove(self, part: Path) -> None:
+        for path in (part, self.note):
+            with contextlib.suppress(OSError):
+                path.unlink()
+
+
+def _transfer(
+    request: Request,
+    ledger: _Ledger,
+    limits: Limits,
+    size: int | None,
+    progress: Callable[[int, int | None], None],
+    deadline: float,
+) -> None:
+    """Get the file, or what is missing of it."""
+    headers = {}
+    if ledger.length and not ledger.validator:
+        ledger.restart("")
+    if ledger.length:
+        headers = {"Range": f"bytes={ledger.length}-", "If-Range": ledger.validator}
+    with open_answer(request, headers, limits, deadline, passed=(416,) if ledger.length else ()) as answer:
+        total = _expect(request, answer, ledger, limits)
+        if size is not None and total is not None and total != size:
+            raise _changed(request, f"{total} bytes are offered, the lock file says {size}")
+        progress(ledger.length, total)
+        bound = limits.max_bytes if size is None else size
+        while block := read_block(answer, request, deadline):
+            if ledger.length + len(block) > bound:
+                if size is not None:
+                    raise _changed(request, f"more than the {size} bytes of the lock file came")
+                raise _too_large(request, None, limits)
+            ledger.write(block)
+            progress(ledger.length, total)
+        if total is not None and ledger.length != total:
+            raise interrupted(request, f"the connection was cut after {ledger.length} of {total} bytes")
+        progress(ledger.length, ledger.length)
+
+
+def _expect(request: Request, answer: Any, ledger: _Ledger, limits: Limits) -> int | None:
+    """The file's whole size, if the answer says; prepares the ledger for what comes."""
+    encoding = answer.headers.get("Content-Encoding", "identity").lower()
+    if encoding != "identity":
+        raise Avs3dError(f"{request.what}: {request.service} sent the file as {encoding}, which nobody asked for")
+    if answer.status == 206:
+        span = re.fullmatch(
+            r"bytes ([0-9]{1,18})-([0-9]{1,18})/([0-9]{1,18}|\*)", answer.headers.get("Content-Range", "")
+        )
+        if span is None or int(span[1]) != ledger.length:
+            ledger.restart("")
+            raise interrupted(request, f"{request.service} resumed at another place than asked")
+        return int(span[3]) if span[3] != "*" else int(span[2]) + 1
+    if answer.status == 416:  # the file is no longer than what is there: begin again
+        ledger.restart("")
+        raise interrupted(request, f"{request.service} could not go on where the connection was cut")
+    total = content_length(answer)
+    if total is not None and total > limits.max_bytes:
+        raise _too_large(request, total, limits)
+    tag = answer.headers.get("ETag", "")
+    strong = tag if tag.startswith('"') else ""
+    ledger.restart(strong or answer.headers.get("Last-Modified", ""))
+    return total
+
+
+def _check(request: Request, found: Delivered, sha256: str | None, size: int | None) -> None:
+    if found.bytes == 0:
+        raise Avs3dError(f"{request.what}: {request.service} sent an empty file; try again later")
+    if size is not None and found.bytes != size:
+        raise _changed(request, f"{found.bytes} bytes came, the lock file says {size}")
+    if sha256 is not None and found.sha256 != sha256:
+        raise _changed(request, f"its sha256 is {found.sha256[:12]}…, the lock file says {sha256[:12]}…")
+
+
+def _changed(request: Request, found: str) -> Avs3dError:
+    return Avs3dError(
+        f"{request.what}: not the file that was pinned: {found}; it changed at {request.service}: look at it there and "
+        "fetch it anew by its id, which pins the new file"
+    )
+
+
+def _too_large(request: Request, found: int | None, limits: Limits) -> Avs3dError:
+    size = f"{found / MEGABYTE:.1f} MB" if found is not None else "more than promised"
+    return Avs3dError(
+        f"{request.what}: too large ({size}, the limit is {limits.max_bytes / MEGABYTE:g} MB); raise it with --max-size"
+    )
+
+
+@contextlib.contextmanager
+def _hold(part: Path, request: Request) -> Iterator[IO[bytes]]:
+    """The part file, open and held against a second process that fetches the same."""
+    for trial in range(100):
+        try:
+            part.parent.mkdir(parents=True, exist_ok=True)
+            # Unbuffered: a buffer would hide a full disk until the file is closed.
+            stream = open(os.open(part, os.O_RDWR | os.O_CREAT, 0o666), "r+b", buffering=0)  # noqa: SIM115  # closed below
+        except FileNotFoundError:
+            # The other one has just tidied up the folder, empty as it was.
+            if trial == 99:
+                raise
+            continue
+        try:
+            try:
+                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise Avs3dError(f"{request.what}: another avs3d is fetching it; wait for that one") from None
+            # The other one may have given the file its final name between our opening and our hold: look again.
+            if part.exists() and os.path.samestat(os.fstat(stream.fileno()), os.stat(part)):
+                yield stream
+                return
+        finally:
+            stream.close()

@@ -1,0 +1,191 @@
+"""Objects and sounds from a folder of the user's own: GLB, glTF, OBJ; WAV, FLAC, OGG, MP3, AIFF.
+
+A mesh of several files (an OBJ with its MTL and textures, a glTF with its buffers) is entered as one archive of just
+those files, whose bytes depend on nothing else, so that one hash pins them all.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from urllib.parse import unquote
+
+from avs3d_bench import files
+from avs3d_bench.errors import Avs3dError, UsageError
+from generators.library.archive import bundle
+from generators.library.lock import AssetEntry, Kind, slug
+from generators.library.session import Offer, Session, Stance, keep
+from generators.library.store import MESH_SUFFIXES, SOUND_SUFFIXES
+
+
+def candidates(path: Path, kind: Kind | None = None) -> tuple[tuple[Kind, Path], ...]:
+    """Every mesh and sound at or below ``path``, in the order of names; hidden ones left out.
+
+    Raises:
+        UsageError: if there is no such file or folder, or nothing in it that can be read.
+    """
+    if not path.exists():
+        raise UsageError(f"{path}: no such folder or file")
+    found: list[tuple[Kind, Path]] = []
+    for file in [path] if path.is_file() else sorted(path.rglob("*")):
+        if not file.is_file() or any(step.startswith(".") for step in file.relative_to(path).parts):
+            continue
+        suffix = file.suffix.lower()
+        if suffix in MESH_SUFFIXES and kind in (None, "object"):
+            found.append(("object", file))
+        elif suffix in SOUND_SUFFIXES and kind in (None, "sound"):
+            found.append(("sound", file))
+    if not found:
+        what = {"object": MESH_SUFFIXES, "sound": SOUND_SUFFIXES}.get(kind or "", (*MESH_SUFFIXES, *SOUND_SUFFIXES))
+        raise UsageError(f"{path}: nothing to import; expected {', '.join(what)}")
+    return tuple(found)
+
+
+def asset_ids(root: Path, paths: Iterable[Path], name: str | None = None) -> dict[Path, str]:
+    """An id for each file of an import, no two alike.
+
+    ``folder/models/clock``; where several files would be called that, each gets its suffix (``clock-wav``), and where
+    that does not tell them apart either (names in letters that ids do not have), digits of its name's hash.
+    """
+    base = root if root.is_dir() else root.parent
+    paths = tuple(paths)
+
+    def named(end: Callable[[Path], str]) -> dict[Path, str]:
+        table = {}
+        for path in paths:
+            relative = path.relative_to(base)
+            steps = [slug(name or base.resolve().name), *(slug(step) for step in relative.with_suffix("").parts)]
+            table[path] = "/".join(["folder", *steps]) + end(relative)
+        return table
+
+    def digits(relative: Path) -> str:
+        return "-" + files.sha256_bytes(os.fsencode(relative))[:8]
+
+    plain, typed, hashed = named(lambda _: ""), named(lambda path: f"-{slug(path.suffix)}"), named(digits)
+    # Ids are folders of the store, and not all file systems know capitals.
+    uses = Counter(one.lower() for one in (*plain.values(), *typed.values()))
+    return {
+        path: next((table[path] for table in (plain, typed) if uses[table[path].lower()] == 1), hashed[path])
+        for path in paths
+    }
+
+
+def take_file(
+    root: Path,
+    path: Path,
+    kind: Kind,
+    session: Session,
+    *,
+    category: str,
+    licence: str,
+    author: str,
+    url: str = "",
+    title: str | None = None,
+    name: str | None = None,
+    stance: Stance = Stance(),  # noqa: B008  # frozen
+    asset: str | None = None,
+) -> AssetEntry:
+    """Copy a mesh or a sound into the store.
+
+    Args:
+        root: the folder that is imported (or the file itself).
+        path: a file at or below it.
+        kind: see `candidates`.
+        session: see there.
+        category: as the user says, and so are the three that follow.
+        licence: in SPDX's spelling.
+        author: who made it.
+        url: where it comes from.
+        title: the file's name without it.
+        name: takes the place of the folder's name in the id.
+        stance: how an object stands.
+        asset: its id; by its name alone without it (see `asset_ids`).
+
+    Raises:
+        Avs3dError: for a licence that forbids the use, or a file that cannot be used.
+    """
+    base = root if root.is_dir() else root.parent
+    relative = path.relative_to(base).as_posix()
+    asset = asset or asset_ids(root, [path], name)[path]
+    if not relative.isprintable():
+        raise Avs3dError(f"{asset}: the name {relative!a} is no text that can be written down; rename the file")
+    file, data = f"{'model' if kind == 'object' else 'sound'}{path.suffix.lower()}", files.read_bytes(path)
+    members = mesh_files(path, base) if kind == "object" else {}
+    if len(members) > 1:
+        file, data = "model.zip", bundle(members)
+    offer = Offer(
+        id=asset, kind=kind, category=category, source="folder", ref=relative,
+        url=url, title=title or path.stem, author=author, licence=licence, file=file,
+    )  # fmt: skip
+    return keep(offer, session, data, stance)
+
+
+def mesh_files(path: Path, root: Path) -> dict[str, bytes]:
+    """A mesh and what it refers to inside of ``root``: name relative to their common folder → bytes.
+
+    References that lead nowhere, or out of ``root``, are left out; the cleaning reports what is missing.
+    """
+    inside = root.resolve()
+    wanted = {path.resolve()}
+    for reference in _references(path, path.suffix.lower()):
+        target = _inside(path.parent, reference, inside)
+        if target is not None:
+            wanted.add(target)
+            if target.suffix.lower() == ".mtl":
+                textures = (_inside(target.parent, name, inside) for name in _references(target, ".mtl"))
+                wanted |= {file for file in textures if file is not None}
+    common = path.resolve().parent
+    while not all(file.is_relative_to(common) for file in wanted):
+        common = common.parent
+    return {file.relative_to(common).as_posix(): files.read_bytes(file) for file in sorted(wanted)}
+
+
+def _inside(folder: Path, reference: str, root: Path) -> Path | None:
+    """The file below ``root`` that a reference from ``folder`` leads to, if there is one."""
+    plain = reference.strip().strip('"').replace("\\", "/")
+    try:
+        plain.encode()
+        for wanted in (plain, plain.rsplit("/", 1)[-1]):  # writers leave paths of their own machines in
+            target = (folder / wanted).resolve()
+            if target.is_relative_to(root) and not target.is_file() and target.parent.is_dir():
+                same = [path for path in sorted(target.parent.iterdir()) if path.name.lower() == target.name.lower()]
+                target = same[0].resolve() if same else target
+            if target.is_relative_to(root) and target.is_file():
+                return target
+    except (OSError, ValueError, RuntimeError):  # a name of a thousand letters, a zero byte, a circle of links
+        return None
+    return None
+
+
+def _references(path: Path, suffix: str) -> Iterator[str]:
+    """Files that an OBJ, MTL, glTF or GLB names."""
+    data = files.read_bytes(path)
+    if suffix == ".obj":
+        for found in re.finditer(rb"^[ \t]*mtllib[ \t]+(.+?)[ \t]*\r?$", data, re.M):
+            yield found[1].decode("utf-8", "replace")
+    elif suffix == ".mtl":
+        for found in re.finditer(rb"^[ \t]*(?:map_\w+|bump|disp|norm)[ \t]+(.+?)[ \t]*\r?$", data, re.M | re.I):
+            value = found[1].decode("utf-8", "replace").replace("\\", "/")
+            yield value.split()[-1] if value.startswith("-") else value
+    elif suffix == ".dae":
+        for found in re.finditer(rb"<init_from>\s*(?:file://)?([^<>]+?)\s*</init_from>", data):
+            yield unquote(found[1].decode("utf-8", "replace"))
+    elif suffix == ".ply":
+        for found in re.finditer(rb"^comment TextureFile[ \t]+(.+?)[ \t]*\r?$", data[:4096], re.M):
+            yield found[1].decode("utf-8", "replace")
+    elif suffix not in (".glb", ".gltf"):
+        return
+    else:
+        if suffix == ".glb":
+            data = data[20 : 20 + int.from_bytes(data[12:16], "little")]
+        try:
+            tree = json.loads(data)
+            items = [item for kind in ("buffers", "images") for item in tree.get(kind, [])]
+            names = [item.get("uri", "data:") for item in items]
+        except (ValueError, AttributeError, TypeError, RecursionError):
+            return  # the cleaning says what is wrong with it
+        yield from (unquote(name) for name in names if isinstance(name, str) and not name.startswith("data:"))

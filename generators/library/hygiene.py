@@ -1,0 +1,302 @@
+"""Mesh hygiene: any model as one clean GLB that stands right, and what was found on the way.
+
+    read → axes → metres → broken and double faces → transparency → winding → normals → textures → GLB
+
+The clean GLB is in metres, Y up, front towards +Z, its footprint's centre at the origin; every face has a normal, an
+opaque colour or a texture of at most 2048 pixels with coordinates. `generators.assets.meshfile.load_model` reads it as
+any other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from avs3d_bench.errors import Avs3dError
+from generators.assets.modelframe import upright
+from generators.assets.objects.finishes import to_linear
+from generators.assets.shapes import corner_normals
+from generators.library import glazing, simplify
+from generators.library.cleanglb import write_clean_glb
+from generators.library.orientation import WELD, find_winding
+from generators.library.rawmesh import NEUTRAL, Finding, RawPart, corners, read_raw
+
+__all__ = ["MAX_PIXELS", "Finding", "clean", "version"]
+
+Array = NDArray[np.float64]
+
+_VERSION = "1"
+#: Longest side of a texture, pixels.
+MAX_PIXELS = 2048
+#: A household object's longest side, metres: a file whose numbers are outside is in another unit.
+_PLAUSIBLE = (0.04, 3.0)
+_UNITS = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001, "inches": 0.0254, "feet": 0.3048}
+#: A sheet's back lies this far behind its front, metres.
+_THICKNESS = 0.0006
+#: Words that tell what a material is to the eye and the ear, in the languages that free models are named in.
+_GLOSSARY = {
+    "metal": "chrom crom inox steel acier stahl alumin iron metal",
+    "ceramic": "fayence faience porcel ceram keram",
+    "glass": "glass vidro verre vetro vidrio",
+    "wood": "wood bois madeira madera legno holz",
+    "plastic": "plastic plastik plastique grisplas",
+    "fabric": "tela tissu stoff tecido",
+}
+
+
+def version() -> str:
+    """Changes whenever the same file would give another GLB."""
+    return _VERSION
+
+
+def clean(
+    file: Path,
+    *,
+    up: str = "y",
+    front: str = "+z",
+    height: float | None = None,
+    yaw: float = 0.0,
+    size: tuple[float, float, float] | None = None,
+) -> tuple[bytes, tuple[Finding, ...]]:
+    """Make a clean GLB of a mesh file.
+
+    Args:
+        file: .glb, .gltf, .obj (its MTL and textures beside it), .ply, .stl or .dae.
+        up: the file's axis that points up: ``x``, ``y``, ``z``, with or without sign.
+        front: the file's axis towards which its front looks.
+        height: metres it is scaled to; without it the unit is guessed from its size.
+        yaw: degrees by which it is turned about the vertical afterwards, positive to the left.
+        size: width, height and depth (metres) that its catalogue gives, to tell the unit and to compare with.
+
+    Returns:
+        The bytes of the GLB, and the findings, the gravest first.
+
+    Raises:
+        UsageError: for axes that are none or not perpendicular.
+        Avs3dError: if there is no usable mesh in the file, or what is missing cannot be made up for.
+    """
+    parts, read = read_raw(Path(file))
+    findings = list(read)
+    parts = _turned(parts, upright(up, front), yaw)
+    parts = _in_metres(file, parts, height, size, findings)
+    parts = _sound_faces(file, parts, findings)
+    parts, settled = glazing.settle(parts)
+    findings += settled
+    if (total := sum(len(part.triangles) for part in parts)) > simplify.MAX_FACES:
+        try:
+            parts = simplify.simplified(parts, simplify.MAX_FACES)
+        except Avs3dError as error:
+            raise Avs3dError(f"{file}: {error}") from None
+        parts = _sound_faces(file, parts, [])
+        left = sum(len(part.triangles) for part in parts)
+        findings.append(Finding("warning", f"{total} faces were simplified to {left}: look at it closely"))
+    parts = _outward(parts, findings)
+    parts = tuple(_dressed(part, findings) for part in parts)
+    parts = _centred(parts)
+    order = {"warning": 0, "mended": 1, "note": 2}
+    unique = dict.fromkeys(findings)
+    return (
+        write_clean_glb(parts, f"avs3d-bench hygiene {version()}"),
+        tuple(sorted(unique, key=lambda finding: order[finding.severity])),
+    )
+
+
+def _turned(parts: tuple[RawPart, ...], rotation: Array, yaw: float) -> tuple[RawPart, ...]:
+    if not np.isfinite(yaw):
+        raise Avs3dError(f"yaw {yaw} is not finite; expected degrees")
+    s, c = np.sin(np.radians(yaw)), np.cos(np.radians(yaw))
+    turn = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) @ rotation
+    return tuple(
+        replace(
+            part, triangles=part.triangles @ turn.T, normals=None if part.normals is None else part.normals @ turn.T
+        )
+        for part in parts
+    )
+
+
+def _in_metres(
+    file: Path,
+    parts: tuple[RawPart, ...],
+    height: float | None,
+    size: tuple[float, float, float] | None,
+    findings: list[Finding],
+) -> tuple[RawPart, ...]:
+    points = corners(parts).reshape(-1, 3)
+    extent = np.ptp(points, axis=0)
+    longest = float(extent.max())
+    if not longest > 0:
+        raise Avs3dError(f"{file}: all its corners are one point; expected a body")
+    if height is not None:
+        if not (np.isfinite(height) and 0.005 <= height <= 5):
+            raise Avs3dError(f"{file}: height {height} is not between 0.005 and 5 m")
+        if extent[1] < 1e-6 * longest:
+            raise Avs3dError(f"{file}: is flat along its up axis; name another axis, or no height")
+        factor = height / float(extent[1])
+        unit = next((name for name, scale in _UNITS.items() if abs(factor / scale - 1) < 0.03), "")
+        if unit != "metres":
+            what = f"its unit was {unit}" if unit else f"scaled by {factor:.4g} to a height of {height:g} m"
+            findings.append(Finding("mended" if unit else "note", what))
+    else:
+        factor = _guessed(file, extent, size, findings)
+    if size is not None:
+        off = extent * factor / np.asarray(size) - 1
+        if np.abs(off).max() > 0.05:
+            found = " × ".join(f"{v:.3f}" for v in extent * factor)
+            wanted = " × ".join(f"{v:.3f}" for v in size)
+            findings.append(Finding("warning", f"is {found} m (width × height × depth), its catalogue says {wanted} m"))
+    return tuple(replace(part, triangles=part.triangles * factor) for part in parts)
+
+
+def _guessed(file: Path, extent: Array, size: tuple[float, float, float] | None, findings: list[Finding]) -> float:
+    longest = float(extent.max())
+    if size is not None:
+        ratio = float(np.median(np.asarray(size)[extent > 0] / extent[extent > 0]))
+        unit = min(_UNITS, key=lambda name: abs(np.log(ratio / _UNITS[name])))
+        if abs(np.log(ratio / _UNITS[unit])) < 0.1:
+            if unit != "metres":
+                findings.append(Finding("mended", f"its unit was {unit}, as its catalogue's size tells"))
+            return _UNITS[unit]
+        findings.append(Finding("note", f"scaled by {ratio:.4g} to its catalogue's size"))
+        return ratio
+    for unit, scale in _UNITS.items():
+        if _PLAUSIBLE[0] <= longest * scale <= _PLAUSIBLE[1]:
+            if unit != "metres":
+                text = f"is {longest:.4g} units long: taken for {unit} ({longest * scale:.3g} m); name its height"
+                findings.append(Finding("warning", text))
+            return scale
+    raise Avs3dError(f"{file}: is {longest:.4g} units long, of no household object in any usual unit; name its height")
+
+
+def _sound_faces(file: Path, parts: tuple[RawPart, ...], findings: list[Finding]) -> tuple[RawPart, ...]:
+    """The parts without faces of no area and without the second of two faces on the same three corners."""
+    triangles = corners(parts)
+    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    keep = np.linalg.norm(cross, axis=1) > 2e-10  # a tenth of a square millimetre in a thousand
+    if thin := int((~keep).sum()):
+        findings.append(Finding("mended", f"{thin} faces without area were left out"))
+    grid = np.round(triangles / WELD).astype(np.int64)
+    _, vertex = np.unique(grid.reshape(-1, 3), axis=0, return_inverse=True)
+    names = np.sort(vertex.reshape(-1, 3), axis=1)
+    candidates = np.flatnonzero(keep)
+    _, first = np.unique(names[candidates], axis=0, return_index=True)
+    once = np.zeros(len(triangles), dtype=bool)
+    once[candidates[first]] = True
+    if double := int(keep.sum() - once.sum()):
+        findings.append(Finding("mended", f"{double} faces lay on others and were left out"))
+    out, start = [], 0
+    for part in parts:
+        mask = once[start : start + len(part.triangles)]
+        start += len(part.triangles)
+        if mask.any():
+            out.append(part.take(mask))
+    if not out:
+        raise Avs3dError(f"{file}: every face is degenerate (no area); repair the mesh")
+    return tuple(out)
+
+
+def _outward(parts: tuple[RawPart, ...], findings: list[Finding]) -> tuple[RawPart, ...]:
+    """Faces wound counter-clockwise from outside, sheets given a back, and normals for all."""
+    triangles = corners(parts)
+    winding = find_winding(triangles)
+    if winding.inconsistent:
+        findings.append(Finding("mended", f"{winding.inconsistent} faces were wound against their neighbours"))
+    if winding.inverted:
+        findings.append(Finding("mended", f"{winding.inverted} faces of parts that were inside out were turned"))
+    if winding.shared:
+        findings.append(Finding("note", f"non-manifold: more than two faces meet at {winding.shared} edges"))
+    if winding.sheet.any():
+        count = int(winding.sheet.sum())
+        findings.append(Finding("mended", f"{count} faces of thin sheets seen from both sides were given a back"))
+    wound = np.where(winding.flip[:, None, None], triangles[:, [0, 2, 1]], triangles)
+    smooth = corner_normals(wound)
+    out, start = [], 0
+    for part in parts:
+        span = slice(start, start + len(part.triangles))
+        start = span.stop
+        flip, sheet = winding.flip[span], winding.sheet[span]
+        normals = _normals(part, wound[span], smooth[span], flip)
+        uv = None if part.uv is None else np.where(flip[:, None, None], part.uv[:, [0, 2, 1]], part.uv)
+        outward = RawPart(wound[span], part.surface, normals, uv)
+        if sheet.any():
+            front = outward.take(sheet)
+            assert front.normals is not None
+            behind = front.triangles - _THICKNESS * front.normals
+            back = RawPart(
+                behind[:, [0, 2, 1]],
+                part.surface,
+                -front.normals[:, [0, 2, 1]],
+                None if front.uv is None else front.uv[:, [0, 2, 1]],
+            )
+            outward = _joined(outward, back)
+        out.append(outward)
+    return tuple(out)
+
+
+def _joined(a: RawPart, b: RawPart) -> RawPart:
+    assert a.normals is not None
+    assert b.normals is not None
+    uv = None if a.uv is None or b.uv is None else np.concatenate([a.uv, b.uv])
+    return RawPart(np.concatenate([a.triangles, b.triangles]), a.surface, np.concatenate([a.normals, b.normals]), uv)
+
+
+def _normals(part: RawPart, wound: Array, smooth: Array, flip: NDArray[np.bool_]) -> Array:
+    """The file's own shading normals where they are usable and on the outer side, else smoothed ones."""
+    if part.normals is None:
+        return smooth
+    given = np.where(flip[:, None, None], part.normals[:, [0, 2, 1]], part.normals)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        given = given / np.linalg.norm(given, axis=2, keepdims=True)
+    cross = np.cross(wound[:, 1] - wound[:, 0], wound[:, 2] - wound[:, 0])
+    face = cross / np.linalg.norm(cross, axis=1, keepdims=True)
+    side = np.einsum("fkc,fc->fk", np.nan_to_num(given), face)
+    given = np.where(side[..., None] < 0, -given, given)
+    usable = np.isfinite(given).all(axis=2) & (np.abs(side) > 0.2)
+    return np.where(usable[..., None], given, smooth)
+
+
+def _dressed(part: RawPart, findings: list[Finding]) -> RawPart:
+    """A part whose picture, if it has one, has coordinates and a moderate size, and whose name tells its material."""
+    surface = part.surface
+    name = surface.name
+    if surface.pixels is not None and part.uv is None:
+        # What a picture shows on a surface without coordinates cannot be told, least of all from an atlas.
+        plain = surface.colour
+        if min(plain) > 0.99:
+            r, g, b = (float(v) for v in to_linear(surface.pixels.reshape(-1, 3).mean(axis=0)))
+            plain = (r, g, b)
+        findings.append(Finding("warning", f"{name!r} has a texture but no texture coordinates: it has a plain colour"))
+        surface = replace(surface, pixels=None, colour=plain)
+    elif surface.pixels is not None:
+        height, width = surface.pixels.shape[:2]
+        pixels = surface.pixels
+        if max(width, height) > MAX_PIXELS:
+            scale = MAX_PIXELS / max(width, height)
+            new = (max(1, round(width * scale)), max(1, round(height * scale)))
+            pixels = np.asarray(Image.fromarray(pixels).resize(new, Image.Resampling.LANCZOS))
+            text = f"the texture of {name!r} was reduced from {width} × {height} to {new[0]} × {new[1]} pixels"
+            findings.append(Finding("mended", text))
+        # Writers of OBJ files mean the picture's own colours, whatever colour stands beside it.
+        surface = replace(surface, pixels=pixels, colour=(1.0, 1.0, 1.0))
+    if surface.colour == NEUTRAL and surface.pixels is None and name in ("", "None", "material_0"):
+        findings.append(Finding("note", "a part says nothing of its colour: it is grey"))
+    lower = name.lower()
+    label = next((kind for kind, words in _GLOSSARY.items() if any(word in lower for word in words.split())), "")
+    if label and label not in lower:
+        name = f"{name} {label}"
+    metallic = surface.metallic or label == "metal"
+    # Paper is whiter than 0.9 only in files; nothing reflects all light.
+    r, g, b = (float(np.clip(v, 0.0, 1.0)) for v in surface.colour)
+    limit = 1.0 if surface.pixels is not None else 0.86
+    surface = replace(surface, name=name, colour=(min(r, limit), min(g, limit), min(b, limit)), metallic=metallic)
+    return replace(part, surface=surface, uv=part.uv if surface.pixels is not None else None)
+
+
+def _centred(parts: tuple[RawPart, ...]) -> tuple[RawPart, ...]:
+    points = corners(parts).reshape(-1, 3)
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle = np.array([(low[0] + high[0]) / 2, low[1], (low[2] + high[2]) / 2])
+    return tuple(replace(part, triangles=part.triangles - middle) for part in parts)

@@ -1,0 +1,188 @@
+"""The listing of a lock file as a page: every asset with a picture or a waveform, its licence, and what was found.
+
+One file that needs no network; recordings lie beside it, because players read files.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avs3d_bench import files
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.taxonomy import CATEGORIES, DISTRACTORS
+from generators.library.licences import terms
+from generators.library.lock import AssetEntry
+from generators.library.store import Store
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+#: Changes whenever thumbnails of the same GLB come out different.
+_PICTURES = 1
+#: Bars of a waveform.
+_BARS = 120
+
+
+@dataclass(frozen=True)
+class Card:
+    """What the page says of one asset.
+
+    Attributes:
+        entry: its record in the lock file.
+        verdict: of its licence: free, share-alike or refused.
+        reason: for all but free, in words.
+        findings: severity and text of what its mesh cleaning found.
+        problem: why there is nothing to see or hear of it; empty if there is.
+        picture: data address of its thumbnail, if it is an object.
+        size: width, height, depth in metres, if it is an object.
+        faces: of the clean mesh.
+        waveform: SVG path of its peaks, 0 … `_BARS` wide and −1 … 1 high, if it is a sound.
+        seconds: its length, if it is a sound.
+        sound: its file beside the page.
+    """
+
+    entry: AssetEntry
+    verdict: str
+    reason: str
+    findings: tuple[tuple[str, str], ...] = ()
+    problem: str = ""
+    picture: str = ""
+    size: tuple[float, float, float] | None = None
+    faces: int = 0
+    waveform: str = ""
+    seconds: float = 0.0
+    sound: str = ""
+
+
+def write_listing(entries: Sequence[AssetEntry], store: Store, folder: Path) -> Path:
+    """Write ``folder``/index.html and the recordings it plays; the same assets give the same bytes.
+
+    An asset that is missing or broken gets a card that says so.
+
+    Args:
+        entries: of the lock file.
+        store: where their files lie.
+        folder: is made if it is not there.
+
+    Returns:
+        The page.
+
+    Raises:
+        Avs3dError: if the folder cannot be written.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise Avs3dError(f"{folder}: is a file; expected a folder for the listing")
+    cards = [_card(entry, store, folder) for entry in sorted(entries, key=lambda entry: entry.id)]
+    order = (*CATEGORIES, *DISTRACTORS)
+    sections = [
+        (category, [card for card in cards if card.entry.category == category])
+        for category in order
+        if any(card.entry.category == category for card in cards)
+    ]
+    page = folder / "index.html"
+    html = _environment().get_template("assets.html.j2").render(sections=sections, cards=cards, bars=_BARS)
+    files.write_bytes(page, html.encode())
+    return page
+
+
+def _card(entry: AssetEntry, store: Store, folder: Path) -> Card:
+    licence = terms(entry.licence)
+    problem = store.problem(entry)
+    if problem:
+        return Card(entry, licence.verdict, licence.reason, problem=problem)
+    try:
+        if entry.kind == "sound":
+            return _sound_card(entry, store, folder)
+        return _object_card(entry, store)
+    except Avs3dError as error:
+        return Card(entry, licence.verdict, licence.reason, problem=str(error))
+
+
+def _object_card(entry: AssetEntry, store: Store) -> Card:
+    from generators.assets.meshfile import load_mesh
+    from generators.library.thumbnails import thumbnail
+
+    mesh_file = store.mesh(entry)
+    mesh = load_mesh(mesh_file)
+    picture = mesh_file.with_name(f"{mesh_file.stem}-view{_PICTURES}.png")
+    if not picture.is_file():
+        files.write_bytes(picture, thumbnail(mesh_file))
+    x, y, z = (float(v) for v in np.ptp(mesh.bounds.astype(np.float64), axis=0))
+    licence = terms(entry.licence)
+    return Card(
+        entry,
+        licence.verdict,
+        licence.reason,
+        findings=tuple(_split(line) for line in store.findings(entry)),
+        picture="data:image/png;base64," + base64.b64encode(picture.read_bytes()).decode(),
+        size=(x, y, z),
+        faces=len(mesh.positions),
+    )
+
+
+def _sound_card(entry: AssetEntry, store: Store, folder: Path) -> Card:
+    import soundfile
+
+    source = store.path(entry)
+    try:
+        samples, rate = soundfile.read(source, dtype="float32", always_2d=True)
+    except (OSError, RuntimeError) as error:
+        raise Avs3dError(f"{entry.id}: cannot be decoded ({error}); fetch it again") from error
+    name = f"{entry.id.replace('/', '_')}-{entry.sha256[:8]}{source.suffix.lower()}"
+    target = folder / "sounds" / name
+    if not (target.is_file() and target.stat().st_size == entry.bytes):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.unlink(missing_ok=True)
+        files.link_or_copy(source, target)
+    licence = terms(entry.licence)
+    return Card(
+        entry,
+        licence.verdict,
+        licence.reason,
+        waveform=_waveform(samples),
+        seconds=len(samples) / rate,
+        sound=f"sounds/{name}",
+    )
+
+
+def _waveform(samples: np.ndarray) -> str:
+    """SVG path of the peaks of a recording, scaled to its loudest sample."""
+    if not len(samples):
+        return ""
+    peaks = np.abs(np.nan_to_num(samples)).max(axis=1)
+    edges = np.linspace(0, len(peaks), _BARS + 1).astype(int)[:-1]
+    heights = np.maximum.reduceat(peaks, np.minimum(edges, len(peaks) - 1))
+    heights = heights / max(float(heights.max()), 1e-9)
+    return "".join(f"M{k + 0.5:g} {-h:.2f}V{h:.2f}" for k, h in enumerate(np.maximum(heights, 0.02)))
+
+
+def _split(line: str) -> tuple[str, str]:
+    """Severity and text of a finding's line."""
+    severity, _, text = line.partition(": ")
+    return (severity, text) if severity in ("note", "mended", "warning") and text else ("note", line)
+
+
+def _address(url: str) -> str:
+    """An address that may become a link; nothing for any other scheme."""
+    return url if url.startswith(("https://", "http://")) else ""
+
+
+def _environment() -> Environment:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("generators.library"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["address"] = _address
+    environment.filters["words"] = lambda name: str(name).replace("_", " ")
+    return environment

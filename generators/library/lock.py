@@ -1,0 +1,311 @@
+"""`assets.lock.yaml`: one record per asset that a manifest may use, with everything that fetches and identifies it.
+
+The file is data, read by people and compared by diff tools: entries sorted by id, fields in one order, nothing that
+depends on when or where it was written.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+import reprlib
+import time
+import unicodedata
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from avs3d_bench import files
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.taxonomy import check_category
+
+LOCK_NAME = "assets.lock.yaml"
+#: Seconds that a process waits while another one writes the lock file.
+PATIENCE = 60.0
+_HEADER = (
+    "# Written by `avs3d assets`. Every asset that is not made here: source, author, licence, hash, how it stands.\n"
+)
+#: No lock file nests deeper than the list of entries and their fields; some more for what is wrong but harmless.
+_DEEPEST = 8
+_STEP = r"[A-Za-z0-9][A-Za-z0-9._+-]*"
+
+Kind = Literal["object", "sound"]
+Source = Literal["sketchfab", "freesound", "bbc", "esc50", "sh3d", "folder"]
+Line = Annotated[str, Field(min_length=1, max_length=1000, pattern=r"^[^\x00-\x1f\x7f]*$")]
+Axis = Annotated[str, Field(pattern=r"^[+-]?[xyz]$")]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class AssetEntry(BaseModel):
+    """One asset.
+
+    Attributes:
+        id: ``source/…/name``; names it in manifests, and its folder in the store.
+        kind: an object (mesh) or a sound.
+        category: what it is one of; see `avs3d_bench.taxonomy`.
+        source: which collection it comes from.
+        ref: the collection's own id.
+        url: page where a person finds it.
+        title, author: as the collection gives them.
+        licence: SPDX identifier where there is one.
+        file: name of the file as delivered, in the asset's folder of the store.
+        sha256, bytes: of the file as delivered.
+        up, front: its axes that point up and to the front (``y``, ``+z``, …); objects only.
+        height: metres it is scaled to; without it the file's own units hold.
+        mount: what it stands on or hangs from; without it the category's usual one.
+        yaw: degrees by which it is turned about its up axis afterwards, positive to the left.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    id: Annotated[str, Field(pattern=rf"^{_STEP}(/{_STEP})+$", max_length=200)]
+    kind: Kind
+    category: str
+    source: Source
+    ref: Line
+    url: Annotated[str, Field(max_length=1000, pattern=r"^[^\x00-\x1f\x7f]*$")] = ""
+    title: Line
+    author: Line
+    licence: Line
+    file: Annotated[str, Field(pattern=rf"^{_STEP}$", max_length=200)]
+    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    bytes: Annotated[int, Field(ge=1)]
+    up: Axis | None = None
+    front: Axis | None = None
+    height: Annotated[Finite, Field(gt=0.01, le=5.0)] | None = None
+    mount: Literal["floor", "surface", "wall", "wall_or_surface"] | None = None
+    yaw: Annotated[Finite, Field(ge=-360, le=360)] | None = None
+
+    @field_validator("category")
+    @classmethod
+    def _category(cls, value: str) -> str:
+        try:
+            return check_category(value, silent=True)
+        except Avs3dError as error:
+            raise ValueError(str(error)) from None
+
+    @model_validator(mode="after")
+    def _fits_its_kind(self) -> AssetEntry:
+        given = [name for name in ("up", "front", "height", "mount", "yaw") if getattr(self, name) is not None]
+        if self.kind == "sound" and given:
+            raise ValueError(f"{given[0]} is given, but a sound neither stands nor hangs")
+        if self.kind == "object" and (self.up is None or self.front is None):
+            raise ValueError("an object needs up and front, e.g. up: y, front: +z")
+        return self
+
+    @property
+    def attribution(self) -> str:
+        """Title, author, licence and address in one line, as attribution licences ask for."""
+        return f"“{self.title}” by {self.author}, {self.licence}" + (f", {self.url}" if self.url else "")
+
+
+class Lock(BaseModel):
+    """All entries of a lock file, sorted by id."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    version: Literal[1] = 1
+    assets: tuple[AssetEntry, ...] = ()
+
+    @model_validator(mode="after")
+    def _unique(self) -> Lock:
+        ids = [entry.id for entry in self.assets]
+        for first, second in zip(sorted(ids), sorted(ids)[1:], strict=False):
+            if first == second:
+                raise ValueError(f"{first} is listed twice")
+        return self
+
+    def find(self, asset: str) -> AssetEntry | None:
+        """The entry of that id."""
+        return next((entry for entry in self.assets if entry.id == asset), None)
+
+    def merged(self, entries: Iterable[AssetEntry]) -> Lock:
+        """This lock with ``entries`` added; an entry of the same id is replaced."""
+        table = {entry.id: entry for entry in (*self.assets, *entries)}
+        return Lock(assets=tuple(table[name] for name in sorted(table)))
+
+
+def dump_lock(lock: Lock) -> bytes:
+    """The bytes of a lock file; the same entries give the same bytes, in whatever order they came."""
+    entries = [
+        {name: value for name, value in entry.model_dump().items() if value is not None}
+        for entry in sorted(lock.assets, key=lambda entry: entry.id)
+    ]
+    text = yaml.dump(
+        {"version": lock.version, "assets": entries}, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=4096
+    )
+    return (_HEADER + text).encode()
+
+
+class _Dumper(yaml.SafeDumper):
+    """Floats without the detours of YAML's own representation; everything else as it is."""
+
+
+def _float(dumper: yaml.SafeDumper, value: float) -> yaml.ScalarNode:
+    return dumper.represent_scalar("tag:yaml.org,2002:float", f"{value:.9g}" if value % 1 else f"{value:.1f}")
+
+
+_Dumper.add_representer(float, _float)
+
+
+def parse_lock(data: bytes, where: Path | str) -> Lock:
+    """The lock in the bytes of the file ``where``.
+
+    Raises:
+        Avs3dError: one line with the file, the entry, the field and what was expected.
+    """
+    return _parse(data, str(where))
+
+
+@lru_cache(maxsize=8)
+def _parse(data: bytes, where: str) -> Lock:
+    try:
+        text = data.decode("utf-8")
+        depth = 0
+        for event in yaml.parse(text, Loader=_Loader):  # libyaml composes by recursion: a process of ours would crash
+            opens = isinstance(event, yaml.SequenceStartEvent | yaml.MappingStartEvent)
+            depth += opens - isinstance(event, yaml.SequenceEndEvent | yaml.MappingEndEvent)
+            if depth > _DEEPEST:
+                line = event.start_mark.line + 1
+                raise Avs3dError(f"{where}: not valid at line {line}: lists within lists; expected entries with fields")
+        document: Any = yaml.load(text, Loader=_Loader)
+    except (yaml.YAMLError, UnicodeDecodeError, ValueError) as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f" at line {mark.line + 1}" if mark is not None else ""
+        raise Avs3dError(f"{where}: not valid YAML{line}: {_line(getattr(error, 'problem', None) or error)}") from None
+    if not isinstance(document, dict):
+        raise Avs3dError(f"{where}: expected a mapping with version and assets, found {_line(reprlib.repr(document))}")
+    try:
+        return Lock.model_validate(document)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+        message = first["msg"].removeprefix("Value error, ")
+        if first["type"] == "extra_forbidden":
+            message = "unknown field; correct its name or update avs3d-bench"
+        raise Avs3dError(f"{where}: {_line(_place(document, first['loc']))}: {_line(message)}{more}") from None
+
+
+def _line(text: object) -> str:
+    return " ".join(str(text).split())[:300]
+
+
+class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]  # one of two classes
+    """Refuses a key that stands twice in a mapping: of two `assets:` (a merge gone wrong) the first would be lost."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[str] = set()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode):
+                if key.value in seen:
+                    raise yaml.constructor.ConstructorError(
+                        None, None, f"{key.value[:80]!r} stands there twice", key.start_mark
+                    )
+                seen.add(key.value)
+        return super().construct_mapping(node, deep)  # type: ignore[no-any-return]
+
+
+def _place(document: dict[str, Any], loc: tuple[int | str, ...]) -> str:
+    """``assets.3 (sh3d/scopia/phone).licence``: where a finding is, with the entry's id where it has one."""
+    steps = [str(step) for step in loc]
+    if len(loc) >= 2 and loc[0] == "assets" and isinstance(loc[1], int):
+        table = document["assets"]
+        entry = table[loc[1]] if isinstance(table, list) else None
+        name = entry.get("id") if isinstance(entry, dict) else None
+        if isinstance(name, str):
+            steps[1] += f" ({name:.80})"
+    return ".".join(steps) or "the file"
+
+
+def read_lock(path: Path) -> Lock:
+    """The lock file at ``path``; an empty lock where there is none.
+
+    Raises:
+        Avs3dError: if it cannot be read or does not fit.
+    """
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        return Lock()
+    except OSError as error:
+        raise Avs3dError(files.os_error_line(error, path, "read")) from error
+    return parse_lock(data, path)
+
+
+def update_lock(path: Path, entries: Iterable[AssetEntry]) -> Lock:
+    """Add ``entries`` to the lock file (or replace those of the same id); processes that do so at once take turns.
+
+    Raises:
+        Avs3dError: if the file does not fit, cannot be written, or another process holds it for a minute.
+    """
+    with _turn(path):
+        lock = read_lock(path).merged(entries)
+        data = dump_lock(lock)
+        try:
+            unchanged = path.read_bytes() == data
+        except OSError:
+            unchanged = False
+        if not unchanged:
+            files.write_bytes(path, data)
+        return lock
+
+
+@contextmanager
+def _turn(path: Path) -> Iterator[None]:
+    """Hold the folder of ``path`` (nothing is left in it, and the hold ends with the process).
+
+    NFS knows no hold of a folder, only of a file that is open for writing: there, one beside ``path`` is held and left.
+    """
+    beside = path.with_name(f".{path.name}.turn")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle = os.open(path.parent, os.O_RDONLY)
+    except OSError as error:
+        raise Avs3dError(files.os_error_line(error, path, "write")) from error
+    try:
+        end = time.monotonic() + PATIENCE
+        folder = True
+        while True:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except OSError as error:
+                if not isinstance(error, BlockingIOError):
+                    if not folder:
+                        raise Avs3dError(files.os_error_line(error, beside, "hold")) from error
+                    folder = False
+                    other = _opened(beside, path)
+                    os.close(handle)
+                    handle = other
+                    continue
+                if time.monotonic() > end:
+                    raise Avs3dError(
+                        f"{path}: another avs3d is writing there for {PATIENCE:.0f} s; wait for it and run again"
+                    ) from None
+                time.sleep(0.02)
+        yield
+    finally:
+        os.close(handle)
+
+
+def _opened(beside: Path, path: Path) -> int:
+    try:
+        return os.open(beside, os.O_RDWR | os.O_CREAT, 0o666)
+    except OSError as error:
+        raise Avs3dError(files.os_error_line(error, path, "write")) from error
+
+
+def slug(text: str) -> str:
+    """``text`` as one step of an id: ASCII letters, digits, ``.``, ``_``, ``+`` and ``-``."""
+    # é → e; what has no ASCII letter (時計) is told apart by digits of its hash.
+    plain = "".join(letter for letter in unicodedata.normalize("NFKD", text) if not unicodedata.combining(letter))
+    words = re.sub(r"[^A-Za-z0-9._+-]+", "-", plain).strip("-._+")[:80] or "asset"
+    if plain.isascii():
+        return words
+    return f"{words}-{files.sha256_bytes(text.encode('utf-8', 'surrogatepass'))[:8]}"

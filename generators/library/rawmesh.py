@@ -1,0 +1,295 @@
+"""Mesh files as others write them, read with all their faults: what is missing becomes a finding, not an end.
+
+The reader of `generators.assets.meshfile` refuses a file without its MTL or a texture; here the part gets a neutral
+colour and a warning, because somebody looks at the findings and at the thumbnail before an asset is used.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+from urllib.parse import unquote
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from PIL import Image
+
+from avs3d_bench.errors import Avs3dError
+from generators.assets.gltf import read_tree
+from generators.assets.meshfile import open_scene
+from generators.assets.objects.finishes import to_linear
+from generators.library.objfile import Beside, cut_polygons, decoded
+
+Array = NDArray[np.float64]
+Severity = Literal["note", "mended", "warning"]
+
+SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".dae")
+#: Linear albedo of what says nothing of its colour.
+NEUTRAL = (0.5, 0.5, 0.5)
+#: More faces than this are not even looked at.
+MAX_FACES = 5_000_000
+
+
+@dataclass(frozen=True, order=True)
+class Finding:
+    """Something about a mesh, in one line: only noted, mended, or a warning that asks for a look at the result."""
+
+    severity: Severity
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.severity}: {self.text}"
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """How a part looks.
+
+    Attributes:
+        name: of its material.
+        colour: linear albedo (3,), multiplied with the texture.
+        pixels: (H, W, 3 or 4) uint8 sRGB, the fourth its opacity; row 0 is the top.
+        alpha: opacity of the whole.
+        metallic: whether it says that it is a metal.
+    """
+
+    name: str
+    colour: tuple[float, float, float]
+    pixels: NDArray[np.uint8] | None = None
+    alpha: float = 1.0
+    metallic: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class RawPart:
+    """Triangles of one material.
+
+    Attributes:
+        triangles: (F, 3, 3).
+        surface: their material.
+        normals: (F, 3, 3) of the file, where it has some.
+        uv: (F, 3, 2), v up, where it has some.
+    """
+
+    triangles: Array
+    surface: Surface
+    normals: Array | None = None
+    uv: Array | None = None
+
+    def take(self, keep: NDArray[Any]) -> RawPart:
+        """The part with some of its faces (a mask or indices)."""
+        return RawPart(
+            self.triangles[keep],
+            self.surface,
+            None if self.normals is None else self.normals[keep],
+            None if self.uv is None else self.uv[keep],
+        )
+
+
+@dataclass(eq=False)
+class _Reading:
+    findings: list[Finding] = field(default_factory=list)
+    surfaces: dict[int, Surface] = field(default_factory=dict)
+
+    def note(self, severity: Severity, text: str) -> None:
+        finding = Finding(severity, text)
+        if finding not in self.findings:
+            self.findings.append(finding)
+
+
+def read_raw(file: Path) -> tuple[tuple[RawPart, ...], tuple[Finding, ...]]:
+    """The parts of a mesh file in its own axes and units, and what was found amiss.
+
+    Raises:
+        Avs3dError: if the file is missing, of an unknown kind, truncated or unreadable, or has no faces or too many.
+    """
+    reading = _Reading()
+    scene = _open(file, reading)
+    parts = []
+    # Ordered by the names of geometries: the reader makes up random ones for nodes.
+    nodes = [scene.graph[node] for node in scene.graph.nodes_geometry]
+    for matrix, name in sorted(nodes, key=lambda node: (str(node[1]), np.asarray(node[0], dtype=np.float64).tolist())):
+        part = scene.geometry[name]
+        if isinstance(part, trimesh.Trimesh) and len(part.faces):
+            parts.append(_part(file, str(name), part, np.asarray(matrix, dtype=np.float64), reading))
+        else:
+            reading.note("note", f"{str(name)!r} holds no triangles (points or lines); left out")
+    total = sum(len(part.triangles) for part in parts)
+    if not total:
+        raise Avs3dError(f"{file}: has no faces (an empty scene, or points and lines only); expected triangles")
+    if total > MAX_FACES:
+        raise Avs3dError(f"{file}: has {total} faces; expected at most {MAX_FACES}, simplify it first")
+    return tuple(parts), tuple(reading.findings)
+
+
+def _open(file: Path, reading: _Reading) -> Any:
+    suffix = file.suffix.lower()
+    if not file.is_file():
+        raise Avs3dError(f"{file}: no such file; expected a mesh ({', '.join(SUFFIXES)})")
+    if suffix not in SUFFIXES:
+        raise Avs3dError(f"{file}: unknown kind of mesh {file.suffix!r}; expected one of {', '.join(SUFFIXES)}")
+    if suffix in (".glb", ".gltf"):
+        tree = read_tree(file)
+        for item in (*tree.get("buffers", ()), *tree.get("images", ())):
+            uri = unquote(str(item.get("uri", "data:")))
+            if not uri.startswith("data:") and not (file.parent / uri).resolve().is_relative_to(file.parent.resolve()):
+                raise Avs3dError(f"{file}: refers to {uri!r}, outside of its folder; refused")
+        return open_scene(file)
+    beside = Beside(file.parent)
+    try:
+        if suffix == ".obj":
+            text, cut = cut_polygons(decoded(file.read_bytes()))
+            _report(text, cut, beside, reading)
+            data = io.BytesIO(text.encode())
+            return trimesh.load_scene(data, file_type="obj", resolver=beside, process=False)
+        return trimesh.load_scene(file, resolver=beside, process=False)
+    except ImportError as error:
+        raise Avs3dError(f"{file}: {suffix} needs a package that is not installed ({error}); save it as GLB") from error
+    except Exception as error:  # every format's reader has its own
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise Avs3dError(f"{file}: cannot be read as {suffix[1:]} ({reason}); is it whole?") from error
+
+
+def _report(text: str, cut: int, beside: Beside, reading: _Reading) -> None:
+    """What is amiss with an OBJ that the reader takes no notice of."""
+    if cut:
+        reading.note("note", f"{cut} dented polygons were cut into triangles")
+    libraries = re.findall(r"^\s*mtllib\s+(.+?)\s*$", text, re.MULTILINE)
+    used = dict.fromkeys(re.findall(r"^\s*usemtl\s+(.+?)\s*$", text, re.MULTILINE))
+    known: set[str] = set()
+    for library in libraries:
+        path = beside.find(library)
+        if path is None:
+            reading.note("warning", f"its material library {library!r} is missing; its parts are grey")
+        else:
+            known |= _report_textures(decoded(path.read_bytes()), beside, reading)
+    if not libraries and used:
+        reading.note("warning", "it names materials but no material library; its parts are grey")
+    elif known and (lost := [name for name in used if name not in known]):
+        reading.note("warning", f"its material library lacks {', '.join(map(repr, lost[:3]))}; those parts are grey")
+
+
+def _report_textures(mtl: str, beside: Beside, reading: _Reading) -> set[str]:
+    """Report textures that a material library names and that are missing or broken; its materials' names."""
+    title, known = "", set()
+    for line in mtl.splitlines():
+        head, rest = (*line.split(None, 1), "", "")[:2]
+        if head == "newmtl":
+            title = " ".join(rest.split())[:80]
+            known.add(rest.strip())
+        elif head.lower() == "map_kd" and rest.strip():
+            name = rest.split()[-1] if rest.startswith("-") else rest.strip()
+            found = beside.find(name)
+            try:
+                if found is None:
+                    raise FileNotFoundError("missing")
+                Image.open(found).verify()
+            except Exception as error:  # every codec has its own
+                what = "missing" if found is None else f"broken ({' '.join(str(error).split())[:80]})"
+                reading.note("warning", f"texture {name!r} of {title!r} is {what}: it has a plain colour")
+    return known
+
+
+def _part(file: Path, name: str, part: Any, matrix: Array, reading: _Reading) -> RawPart:
+    vertices = np.asarray(part.vertices, dtype=np.float64)
+    faces = np.asarray(part.faces, dtype=np.int64)
+    bad = int((~np.isfinite(vertices)).any(axis=1).sum()) + (0 if np.isfinite(matrix).all() else len(vertices))
+    if bad:
+        raise Avs3dError(f"{file}: {bad} vertices of {name!r} are NaN or infinite; repair the mesh")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise Avs3dError(f"{file}: a face of {name!r} names a vertex that is not there; repair the mesh")
+    kept: NDArray[np.int64] = np.arange(len(faces))
+    order = np.array([0, 1, 2])
+    if np.linalg.det(matrix[:3, :3]) < 0:  # a mirrored node turns its faces inside out
+        order = np.array([0, 2, 1])
+    faces = faces[:, order]
+    triangles = (vertices @ matrix[:3, :3].T + matrix[:3, 3])[faces]
+    normals = None
+    if "vertex_normals" in part._cache:  # only then did the file bring its own
+        given = np.asarray(part.vertex_normals, dtype=np.float64)
+        with np.errstate(all="ignore"):
+            normals = (given @ np.linalg.pinv(matrix[:3, :3]))[faces]
+    surface = _surface(name, part, reading)
+    uv = getattr(part.visual, "uv", None) if surface.pixels is not None else None
+    if uv is not None and len(uv) == len(vertices):
+        uv = np.asarray(uv, dtype=np.float64)[faces]
+        if not np.isfinite(uv).all():
+            reading.note("mended", f"texture coordinates of {surface.name!r} that were not finite are 0")
+            uv = np.nan_to_num(uv, nan=0.0, posinf=0.0, neginf=0.0)
+    else:
+        uv = None
+    if getattr(part.visual, "kind", None) in ("vertex", "face"):
+        surface, uv = _painted(file, name, part.visual, faces, kept)
+    return RawPart(triangles, surface, normals, uv)
+
+
+def _surface(name: str, part: Any, reading: _Reading) -> Surface:
+    source = getattr(part.visual, "material", None)
+    if source is None:
+        return Surface(name, NEUTRAL)
+    known = reading.surfaces.get(id(source))
+    if known is None:
+        known = reading.surfaces[id(source)] = _material(name, source, reading)
+    return known
+
+
+def _material(name: str, source: Any, reading: _Reading) -> Surface:
+    title = " ".join(str(getattr(source, "name", None) or name).split())[:80]
+    physical = hasattr(source, "baseColorFactor")
+    image = getattr(source, "baseColorTexture" if physical else "image", None)
+    factor = getattr(source, "baseColorFactor" if physical else "diffuse", None)
+    values = np.ones(4) if factor is None else np.asarray(factor, dtype=np.float64) / 255
+    values = np.append(values, np.ones(4))[:4] if len(values) < 4 else values[:4]
+    options = getattr(source, "kwargs", None) or {}
+    alpha = float(values[3])
+    if physical:
+        if getattr(source, "alphaMode", None) not in ("BLEND", "MASK"):
+            alpha = 1.0
+        colour = values[:3]
+    else:
+        plain = _numbers(options.get("kd"))
+        colour = to_linear(255 * np.clip(plain if len(plain) == 3 else values[:3], 0, 1))
+        opacity, transparency = _numbers(options.get("d")), _numbers(options.get("tr"))
+        if len(opacity):
+            alpha = float(np.clip(opacity[-1], 0, 1))
+        elif len(transparency):
+            alpha = float(np.clip(1 - transparency[-1], 0, 1))
+    pixels = None
+    if image is not None:
+        try:
+            transparent = image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info
+            pixels = np.asarray(image.convert("RGBA" if transparent else "RGB")).copy()
+        except Exception as error:  # every codec has its own
+            reading.note("warning", f"the texture of {title!r} cannot be decoded ({error}); it has a plain colour")
+    if physical and pixels is not None and getattr(source, "alphaMode", None) not in ("BLEND", "MASK"):
+        pixels = pixels[..., :3]
+    metallic = getattr(source, "metallicFactor", None)
+    r, g, b = (float(v) for v in colour)
+    return Surface(title, (r, g, b), pixels, alpha, metallic is not None and float(metallic) > 0.5)
+
+
+def _numbers(value: Any) -> Array:
+    """The numbers of an MTL's statement; none where there is no such statement or it holds something else."""
+    try:
+        return np.asarray(np.atleast_1d(value), dtype=np.float64) if value is not None else np.zeros(0)
+    except (TypeError, ValueError):
+        return np.zeros(0)
+
+
+def _painted(
+    file: Path, name: str, visual: Any, faces: NDArray[np.int64], kept: NDArray[np.int64]
+) -> tuple[Surface, Array]:
+    """Vertex or face colours as a picture with a texel per colour (see `generators.assets.meshfile`)."""
+    from generators.assets.meshfile import _palette
+
+    texture, uv = _palette(visual, name, faces, kept, file.suffix.lower() in (".glb", ".gltf"))
+    return Surface(name, (1.0, 1.0, 1.0), texture.pixels), uv
+
+
+def corners(parts: tuple[RawPart, ...]) -> Array:
+    """(F, 3, 3) triangles of all parts, in their order."""
+    return np.concatenate([part.triangles for part in parts])

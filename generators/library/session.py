@@ -1,0 +1,250 @@
+"""What the fetchers of all collections share: store, limits, allowed licences; how an offer becomes an entry."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import soundfile
+
+from avs3d_bench import files
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.taxonomy import check_category
+from generators.library.download import Delivered
+from generators.library.http import Limits, Say
+from generators.library.licences import check_licence
+from generators.library.lock import AssetEntry, Kind, Source
+from generators.library.store import Store
+
+#: A recording shorter than this cannot be looped (see generators/assets/sounds.py), seconds.
+SHORTEST = 0.5
+
+
+@dataclass(frozen=True)
+class Session:
+    """One call of `avs3d assets`.
+
+    Attributes:
+        store: where files go.
+        limits: how long and how much a download may take.
+        allowed: licences that the user allows by name.
+        say: gets one line per note, pause or new attempt.
+        progress: gets asset, bytes that are there and, if known, the total.
+    """
+
+    store: Store
+    limits: Limits = field(default_factory=Limits)
+    allowed: tuple[str, ...] = ()
+    say: Say = lambda _: None
+    progress: Callable[[str, int, int | None], None] = lambda _what, _done, _total: None
+
+    def progress_of(self, what: str) -> Callable[[int, int | None], None]:
+        """`progress` of one asset."""
+        return lambda done, total: self.progress(what, done, total)
+
+
+@dataclass(frozen=True)
+class Stance:
+    """How an object stands: see the fields of the same names in `AssetEntry`."""
+
+    up: str = "y"
+    front: str = "+z"
+    height: float | None = None
+    mount: str | None = None
+    yaw: float | None = None
+
+
+@dataclass(frozen=True)
+class Offer:
+    """What a collection says of an asset before its bytes are here; its fields are those of `AssetEntry`."""
+
+    id: str
+    kind: Kind
+    category: str
+    source: Source
+    ref: str
+    url: str
+    title: str
+    author: str
+    licence: str
+    file: str
+
+    def entry(self, sha256: str, size: int, stance: Stance = Stance()) -> AssetEntry:  # frozen
+        """The entry that pins the bytes.
+
+        Raises:
+            Avs3dError: if a field does not fit (a title of a thousand characters, a height of 80 m, …).
+        """
+        fields: dict[str, Any] = {
+            "id": self.id, "kind": self.kind, "category": check_category(self.category, silent=True),
+            "source": self.source, "ref": self.ref, "url": self.url, "title": _line(self.title) or self.ref,
+            "author": _line(self.author) or "unknown", "licence": _line(self.licence) or "unknown",
+            "file": self.file, "sha256": sha256, "bytes": size,
+        }  # fmt: skip
+        if self.kind == "object":
+            fields |= {
+                "up": stance.up, "front": stance.front, "height": stance.height, "mount": stance.mount,
+                "yaw": stance.yaw,
+            }  # fmt: skip
+        try:
+            return AssetEntry.model_validate(fields)
+        except ValueError as error:
+            first = error.errors(include_url=False)[0]  # type: ignore[attr-defined]  # pydantic's is a ValueError
+            where = ".".join(str(step) for step in first["loc"]) or "entry"
+            raise UsageError(f"{self.id}: {where}: {first['msg'].removeprefix('Value error, ')}") from None
+
+
+def take(offer: Offer, session: Session, get: Callable[[Path], Delivered], stance: Stance = Stance()) -> AssetEntry:
+    """Fetch an offered asset into the store: licence first, then bytes, then a look at whether they can be used.
+
+    Args:
+        offer: what the collection says.
+        session: see there.
+        get: fetches the file to a path.
+        stance: how an object stands.
+
+    Raises:
+        Avs3dError: for a licence that forbids the use, a failed download or a file that cannot be used; the store is
+            then as it was.
+    """
+    admit(offer, session)
+    staged = session.store.incoming(offer.id, offer.file)
+    offer.entry("0" * 64, 1, stance)  # what does not fit is told before a byte is fetched
+    try:
+        # What this leaves behind is its own affair; the file may be another process's by now.
+        delivered = get(staged)
+    except BaseException:
+        session.store.tidy(offer.id)
+        raise
+    entry = offer.entry(delivered.sha256, delivered.bytes, stance)
+    known = session.store.path(entry).exists()
+    session.store.adopt(offer.id, staged, delivered.sha256)
+    return _kept_if_usable(entry, session, known)
+
+
+def keep(offer: Offer, session: Session, data: bytes, stance: Stance = Stance()) -> AssetEntry:
+    """As `take`, for bytes that are here already."""
+    admit(offer, session)
+    if not data:
+        raise Avs3dError(f"{offer.id}: {offer.ref} is an empty file; replace it")
+    entry = offer.entry(files.sha256_bytes(data), len(data), stance)
+    known = session.store.path(entry).exists()
+    try:
+        session.store.put(offer.id, offer.file, data)
+    except BaseException:
+        if not known:
+            session.store.drop(entry)
+        raise
+    return _kept_if_usable(entry, session, known)
+
+
+def admit(offer: Offer, session: Session) -> None:
+    """Refuse an offer whose licence forbids the use; say what else there is to heed."""
+    check_category(offer.category, silent=True)
+    note = check_licence(offer.id, offer.licence, session.allowed)
+    if note:
+        session.say(note)
+
+
+def _kept_if_usable(entry: AssetEntry, session: Session, known: bool) -> AssetEntry:
+    """The entry; a useless file is forgotten, unless it was in the store before (another entry may use it)."""
+    try:
+        check_usable(entry, session)
+    except BaseException:
+        if not known:
+            session.store.drop(entry)
+        raise
+    return entry
+
+
+def check_usable(entry: AssetEntry, session: Session) -> None:
+    """Open the stored file as generation will.
+
+    Raises:
+        Avs3dError: with what is wrong with it.
+    """
+    if entry.kind == "object":
+        for line in session.store.findings(entry):
+            if line.startswith("warning"):
+                session.say(f"{entry.id}: {line}")
+    else:
+        check_sound(entry.id, session.store.path(entry))
+
+
+def check_sound(what: str, path: Path) -> None:
+    """Refuse a file that libsndfile does not decode, or that is too short.
+
+    Raises:
+        Avs3dError: naming the asset.
+    """
+    try:
+        info = soundfile.info(path)
+    except (soundfile.SoundFileError, RuntimeError) as error:
+        reason = " ".join(str(error).replace(str(path), path.name).split())
+        raise Avs3dError(
+            f"{what}: {path.name} is no sound that can be decoded ({reason}); try another format"
+        ) from None
+    if info.duration < SHORTEST:
+        raise Avs3dError(
+            f"{what}: lasts {info.duration:.2f} s; expected at least {SHORTEST} s; choose another recording"
+        )
+
+
+def token(variable: str, what: str, service: str, page: str) -> str:
+    """The user's token from the environment.
+
+    Raises:
+        Avs3dError: if it is not set, with where to get one; its value is never shown.
+    """
+    value = os.environ.get(variable, "").strip()
+    if not value:
+        raise Avs3dError(f"{what}: {service} wants a token and {variable} is not set; get one at {page} and export it")
+    if not re.fullmatch(r"[\x21-\x7e]+", value):
+        raise Avs3dError(f"{what}: {variable} holds spaces or other characters that no token has; copy it again")
+    return value
+
+
+def address(variable: str, default: str) -> str:
+    """A service's base address: ``variable`` of the environment (mirrors, tests), else its own."""
+    return (os.environ.get(variable) or default).rstrip("/")
+
+
+def pick(document: Any, path: str, what: str, service: str) -> str:
+    """The text at ``a.b.c`` of a JSON answer.
+
+    Raises:
+        Avs3dError: if the answer has another shape.
+    """
+    value = look(document, path)
+    if not value:
+        raise Avs3dError(f"{what}: {service} answered without {path!r}; its interface may have changed: report it")
+    return value
+
+
+def look(document: Any, path: str) -> str:
+    """The text at ``a.b.c`` of a JSON answer; empty where there is none."""
+    value = document
+    for step in path.split("."):
+        value = value.get(step) if isinstance(value, Mapping) else None
+    return value if isinstance(value, str) else ""
+
+
+def reference(text: str, pattern: str, what: str, example: str) -> str:
+    """The id in ``text`` (the id itself, or a page's address that ends with it).
+
+    Raises:
+        UsageError: if there is none.
+    """
+    found = re.fullmatch(rf"(?:https?://\S*?[/-])?({pattern})/?(?:[?#]\S*)?", text.strip())
+    if found is None:
+        raise UsageError(f"{text!r:.80} is no {what}; expected e.g. {example}, or the address of its page")
+    return found[1]
+
+
+def _line(text: str) -> str:
+    """Text from others as one plain line."""
+    return " ".join("".join(letter if letter.isprintable() else " " for letter in str(text)).split())[:300]

@@ -1,0 +1,88 @@
+"""What stands where at each second of an observation, and how it is lit: all still, or with the sounding one moving."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench.geometry import Intrinsics, Pose
+from generators.motion import Motion
+from generators.moving_light import MovingLight
+from generators.placement import Placement
+from generators.scenes.light import insert
+from generators.scenes.scene import Scene
+from generators.vision.base import Frame, VisionBackend, VisionSession
+from generators.vision.rays import RayCaster
+
+Array = NDArray[np.float64]
+
+
+class Stage:
+    """A lit home with the objects of an observation.
+
+    Args:
+        home: lit, without the objects.
+        placements: the objects, at time 0; instance ids count from 1.
+        motion: of the sounding one, if it moves.
+
+    Attributes:
+        placements: the objects at time 0.
+        sounding_id: instance id of the sounding one.
+        moves: whether it moves.
+        caster: rays against everything that stands still (all there is, where nothing moves).
+    """
+
+    def __init__(self, home: Scene, placements: Sequence[Placement], motion: Motion | None = None) -> None:
+        self.placements = tuple(placements)
+        self._motion = motion
+        self.moves = motion is not None
+        self.sounding_id = next(n for n, p in enumerate(self.placements, start=1) if p.sounding)
+        parts = tuple(p.part(n) for n, p in enumerate(self.placements, start=1))
+        self._still = insert(home, tuple(p for p in parts if motion is None or p.instance_id != self.sounding_id))
+        self._light = None if motion is None else MovingLight(self._still, motion.seconds, self.sounding_id)
+        self._known: tuple[int, Scene] | None = None
+        self.caster = RayCaster(self._still)
+
+    def source(self, second: int) -> Placement:
+        """Where the sounding object is at the beginning of a second."""
+        return self.placements[self.sounding_id - 1] if self._motion is None else self._motion.seconds[second]
+
+    def scene(self, second: int) -> Scene:
+        """The lit scene at the beginning of a second; the same object while nothing changes."""
+        if self._light is None:
+            return self._still
+        if self._known is None or self._known[0] != second:
+            self._known = second, self._light.at(self.source(second))
+        return self._known[1]
+
+    def hidden(self, second: int, origins: Array, directions: Array, distance: Array) -> NDArray[np.bool_]:
+        """(N,) whether rays from origins (N, 3) along directions (N, 3) meet anything within distances (N,) then."""
+        found = self.caster.occluded(origins, directions, distance)
+        if self._motion is not None:
+            found |= self._motion.occluded(self.source(second), origins, directions, distance)
+        return found
+
+
+class Camera:
+    """A renderer's view of a stage; it opens the scene anew when it changes."""
+
+    def __init__(self, backend: VisionBackend, stage: Stage, intrinsics: Intrinsics) -> None:
+        self._backend, self._stage, self._intrinsics = backend, stage, intrinsics
+        self._scene: Scene | None = None
+        self._session: VisionSession | None = None
+
+    def render(self, second: int, pose: Pose) -> Frame:
+        """What is seen from ``pose`` at the beginning of a second."""
+        scene = self._stage.scene(second)
+        if self._session is None or scene is not self._scene:
+            self.close()
+            self._session, self._scene = self._backend.open(scene, self._intrinsics), scene
+        return self._session.render(pose)
+
+    def close(self) -> None:
+        """Free what the renderer holds."""
+        if self._session is not None:
+            self._session.close()
+        self._session = self._scene = None

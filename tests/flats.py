@@ -1,0 +1,63 @@
+"""A small furnished apartment, lit, for tests of what renders it: the kitchen and the bathroom of a procedural flat."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench.geometry import Intrinsics, Pose
+from generators.assets.catalogue import build_model
+from generators.placement import Placement, place
+from generators.scenes.apartment import build_apartment
+from generators.scenes.light import bake, insert
+from generators.scenes.scene import Scene
+from generators.vision.base import Frame, VisionBackend
+
+ROOMS = ("kitchen", "bathroom")
+
+
+@lru_cache(maxsize=1)
+def small_flat() -> Scene:
+    """Two lit rooms with their furniture, exposed for the kitchen."""
+    whole = build_apartment("small", 1)
+    parts = [p for p in whole.parts if p.name.split("/")[0] in ROOMS or p.name in {f"shell_{room}" for room in ROOMS}]
+    supports = tuple(support for support in whole.supports if support.room in ROOMS)
+    rooms = tuple(room for room in whole.rooms if room.name in ROOMS)
+    unlit = replace(whole, parts=tuple(parts), rooms=rooms, supports=supports)
+    return bake(unlit, quality="preview").for_room("kitchen")
+
+
+def furnish(home: Scene, room: str = "kitchen") -> tuple[Scene, tuple[Placement, ...]]:
+    """The home with a sounding microwave and a silent clock placed and lit: instances 1 and 2."""
+    rng = np.random.default_rng(7)
+    models = [build_model(name, variant, rng) for name, variant in (("microwave", "steel"), ("clock", "station"))]
+    placements = place(home, room, models[0], instances=1, silent=tuple(models[1:]), rng=rng)
+    return insert(home, tuple(p.part(n) for n, p in enumerate(placements, start=1))), tuple(placements)
+
+
+def looks(home: Scene, target: NDArray[np.float64], room: str = "kitchen", count: int = 5) -> list[Pose]:
+    """Poses at eye height in the middle of ``room``: towards ``target`` first, then all round."""
+    box = home.room(room)
+    eye = (np.asarray(box.low) + np.asarray(box.high)) / 2
+    eye[1] = box.low[1] + 1.5
+    ahead = np.asarray(target) - eye
+    yaw = float(np.arctan2(-ahead[0], -ahead[2]))
+    return [Pose.from_yaw(eye, yaw + turn, -0.25) for turn in np.linspace(0, 2 * np.pi, count, endpoint=False)]
+
+
+def render(backend: VisionBackend, scene: Scene, poses: list[Pose], camera: Intrinsics) -> list[Frame]:
+    """Frames of ``scene`` from ``poses``."""
+    session = backend.open(scene, camera)
+    try:
+        return [session.render(pose) for pose in poses]
+    finally:
+        session.close()
+
+
+def psnr(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> float:
+    """Peak signal-to-noise ratio of two 8-bit pictures, dB."""
+    error = np.mean((first.astype(np.float64) - second.astype(np.float64)) ** 2)
+    return float(10 * np.log10(255.0**2 / max(float(error), 1e-12)))

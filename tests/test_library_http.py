@@ -1,0 +1,360 @@
+"""Downloads against a server that misbehaves: each failure is one line that names the asset and says what to do."""
+
+from __future__ import annotations
+
+import email.utils
+import hashlib
+import multiprocessing
+import os
+import signal
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from avs3d_bench.errors import Avs3dError
+from generators.library.download import download
+from generators.library.http import (
+    CutError,
+    HttpError,
+    Limits,
+    Request,
+    check_url,
+    get_json,
+    retry_after,
+)
+from tests.library_server import TOKEN, Reply, Server, json_reply, serving
+
+DATA = bytes(range(256)) * 400
+SHA = hashlib.sha256(DATA).hexdigest()
+FAST = Limits(timeout=0.4, total=5.0, backoff=0.01, attempts=3, max_wait=1.5)
+ETAG = {"ETag": '"v1"'}
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Server]:
+    with serving() as server:
+        yield server
+
+
+@pytest.fixture(autouse=True)
+def _fresh(server: Server) -> None:
+    server.routes.clear()
+    server.calls.clear()
+
+
+def request(server: Server, path: str = "/file", **changes: object) -> Request:
+    return Request(server.url + path, "asset/one", "The Service", **changes)  # type: ignore[arg-type]
+
+
+def leftovers(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.rglob("*") if path.is_file())
+
+
+def one_line(error: BaseException) -> str:
+    text = str(error)
+    assert "\n" not in text
+    assert text.startswith("asset/one: ")
+    assert TOKEN not in text
+    return text
+
+
+def test_a_whole_file_takes_its_name_and_nothing_else_is_left(server: Server, tmp_path: Path) -> None:
+    server.on("/file", Reply(DATA))
+    found = download(request(server), tmp_path / "a" / "x.bin", FAST, sha256=SHA, size=len(DATA))
+    assert (found.sha256, found.bytes) == (SHA, len(DATA))
+    assert (tmp_path / "a" / "x.bin").read_bytes() == DATA
+    assert leftovers(tmp_path) == ["x.bin"]
+
+
+def test_a_cut_connection_is_resumed_where_it_was_cut(server: Server, tmp_path: Path) -> None:
+    server.on("/file", Reply(DATA, headers=ETAG, cut=30_000, ranges=True), Reply(DATA, headers=ETAG, ranges=True))
+    said: list[str] = []
+    found = download(request(server), tmp_path / "x.bin", FAST, say=said.append)
+    assert found.sha256 == SHA
+    assert [call.headers.get("range") for call in server.calls] == [None, "bytes=30000-"]
+    assert server.calls[1].headers["if-range"] == '"v1"'
+    assert said == ["asset/one: interrupted, attempt 2 of 3 in 0 s"]
+    assert leftovers(tmp_path) == ["x.bin"]
+
+
+def test_a_later_run_goes_on_with_what_the_first_one_got(server: Server, tmp_path: Path) -> None:
+    server.on("/file", Reply(DATA, headers=ETAG, cut=30_000, ranges=True), Reply(b"", 404))
+    with pytest.raises(HttpError) as caught:
+        download(request(server), tmp_path / "x.bin", FAST)
+    assert "answered 404" in one_line(caught.value)
+    assert leftovers(tmp_path) == ["x.bin.part", "x.bin.part.json"]
+    server.calls.clear()
+    server.on("/file", Reply(DATA, headers=ETAG, ranges=True))
+    assert download(request(server), tmp_path / "x.bin", FAST).sha256 == SHA
+    assert [call.headers.get("range") for call in server.calls] == ["bytes=30000-"]
+    assert leftovers(tmp_path) == ["x.bin"]
+
+
+@pytest.mark.parametrize(
+    ("what", "second"),
+    [
+        ("ignores Range", Reply(DATA, headers=ETAG)),
+        ("has another version by now", Reply(DATA, headers={"ETag": '"v2"'}, ranges=True)),
+    ],
+)
+def test_a_server_that_cannot_resume_sends_it_all_again(
+    server: Server, tmp_path: Path, what: str, second: Reply
+) -> None:
+    server.on("/file", Reply(DATA[::-1], headers=ETAG, cut=30_000), second)
+    assert download(request(server), tmp_path / "x.bin", FAST).sha256 == SHA, what
+
+
+def test_a_range_that_starts_elsewhere_is_not_trusted(server: Server, tmp_path: Path) -> None:
+    rest = len(DATA) - 30_000
+    wrong = Reply(DATA[10 : 10 + rest], 206, {**ETAG, "Content-Range": f"bytes 10-{9 + rest}/{len(DATA)}"})
+    server.on("/file", Reply(DATA, headers=ETAG, cut=30_000), wrong, Reply(DATA, headers=ETAG))
+    assert download(request(server), tmp_path / "x.bin", FAST).sha256 == SHA
+
+
+def test_without_a_strong_validator_a_cut_file_is_begun_again(server: Server, tmp_path: Path) -> None:
+    weak = {"ETag": 'W/"v1"'}
+    server.on("/file", Reply(DATA[::-1], headers=weak, cut=30_000), Reply(DATA, headers=weak))
+    assert download(request(server), tmp_path / "x.bin", FAST).sha256 == SHA
+    assert [call.headers.get("range") for call in server.calls] == [None, None]
+
+
+def test_a_connection_that_is_always_cut_ends_in_one_line(server: Server, tmp_path: Path) -> None:
+    server.on("/file", Reply(DATA, cut=30_000))
+    with pytest.raises(CutError) as caught:
+        download(request(server), tmp_path / "x.bin", FAST)
+    assert "cut after 30000 of 102400 bytes" in one_line(caught.value)
+    assert "run the same command again" in str(caught.value)
+    assert len(server.calls) == FAST.attempts
+    assert leftovers(tmp_path) == []  # there is no validator to go on with
+
+
+@pytest.mark.parametrize("date", [False, True], ids=["seconds", "date"])
+def test_retry_after_is_honoured(server: Server, tmp_path: Path, date: bool) -> None:
+    value = email.utils.formatdate(time.time() + 2, usegmt=True) if date else "1"
+    server.on("/file", Reply(b"", 429, {"Retry-After": value}), Reply(DATA))
+    said: list[str] = []
+    limits = Limits(timeout=1, total=10, backoff=60, max_wait=3)  # an own pause would take a minute
+    started = time.monotonic()
+    download(request(server), tmp_path / "x.bin", limits, say=said.append)
+    assert 0.9 <= time.monotonic() - started < 3.5
+    assert len(said) == 1
+    assert said[0].startswith("asset/one: HTTP 429, attempt 2 of 5 in ")
+
+
+def test_a_pause_beyond_the_limit_is_not_waited_for(server: Server, tmp_path: Path) -> None:
+    server.on("/file", Reply(b"", 429, {"Retry-After": "86400"}))
+    started = time.monotonic()
+    with pytest.raises(HttpError) as caught:
+        download(request(server), tmp_path / "x.bin", FAST)
+    assert time.monotonic() - started < 1
+    assert "asks to wait 86400 s (the limit is 1.5 s); run again after" in one_line(caught.value)
+    assert leftovers(tmp_path) == []
+
+
+def test_retry_after_in_both_forms_and_in_none() -> None:
+    now = 1_700_000_000.0
+    assert retry_after("17", now) == 17
+    assert retry_after(email.utils.formatdate(now + 90, usegmt=True), now) == 90
+    assert retry_after(email.utils.formatdate(now - 90, usegmt=True), now) == 0
+    assert [retry_after(value, now) for value in (None, "soon", "-3", "1e9", "")] == [None] * 5
+
+
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [(401, "get a new key"), (403, "does not allow this"), (404, "there is no such thing"), (410, "it is gone")],
+)
+def test_a_refusal_is_final_and_carries_the_advice(server: Server, tmp_path: Path, status: int, words: str) -> None:
+    server.on("/file", Reply(b"<html>long page</html>", status))
+    with pytest.raises(HttpError) as caught:
+        download(request(server, token=TOKEN, advice={401: "get a new key"}), tmp_path / "x.bin", FAST)
+    assert words in one_line(caught.value)
+    assert caught.value.status == status
+    assert len(server.calls) == 1
+    assert leftovers(tmp_path) == []
+
+
+def test_a_server_out_of_order_gets_a_few_more_chances(server: Server, tmp_path: Path) -> None:
+    server.on("/file", Reply(b"", 503), Reply(b"", 502), Reply(DATA))
+    assert download(request(server), tmp_path / "x.bin", FAST).sha256 == SHA
+    server.on("/file", Reply(b"", 500))
+    with pytest.raises(HttpError) as caught:
+        download(request(server), tmp_path / "y.bin", FAST)
+    assert "answered 500: it is out of order; try again later" in one_line(caught.value)
+
+
+@pytest.mark.parametrize("pinned", [{"sha256": "0" * 64}, {"size": len(DATA) - 1}, {"size": len(DATA) + 1}])
+def test_a_file_that_is_not_the_pinned_one_is_thrown_away(
+    server: Server, tmp_path: Path, pinned: dict[str, object]
+) -> None:
+    server.on("/file", Reply(DATA, length="size" not in pinned))
+    with pytest.raises(Avs3dError) as caught:
+        download(request(server), tmp_path / "x.bin", FAST, **pinned)  # type: ignore[arg-type]
+    assert "not the file that was pinned" in one_line(caught.value)
+    assert leftovers(tmp_path) == []
+
+
+@pytest.mark.parametrize("honest", [True, False], ids=["announced", "unannounced"])
+def test_a_file_that_is_too_large_is_not_stored(server: Server, tmp_path: Path, honest: bool) -> None:
+    server.on("/file", Reply(DATA, length=honest))
+    small = Limits(timeout=1, max_bytes=50_000)
+    with pytest.raises(Avs3dError) as caught:
+        download(request(server), tmp_path / "x.bin", small)
+    size = "0.1 MB" if honest else "more than promised"
+    assert f"too large ({size}, the limit is 0.05 MB)" in one_line(caught.value)
+    assert "--max-size" in str(caught.value)
+    assert leftovers(tmp_path) == []
+
+
+def test_an_empty_file_is_none(server: Server, tmp_path: Path) -> None:
+    server.on("/file", Reply(b""))
+    with pytest.raises(Avs3dError) as caught:
+        download(request(server), tmp_path / "x.bin", FAST)
+    assert "empty file" in one_line(caught.value)
+    assert leftovers(tmp_path) == []
+
+
+def test_a_server_that_does_not_answer_is_given_up(server: Server, tmp_path: Path) -> None:
+    server.on("/file", Reply(DATA, hang=3))
+    with pytest.raises(CutError) as caught:
+        download(request(server), tmp_path / "x.bin", Limits(timeout=0.2, attempts=2, backoff=0.01))
+    assert "did not answer within 0.2 s" in one_line(caught.value)
+    assert leftovers(tmp_path) == []
+
+
+def test_a_server_that_drips_is_given_up_after_the_total_time(server: Server, tmp_path: Path) -> None:
+    server.on("/file", Reply(DATA, drip=0.05))
+    started = time.monotonic()
+    with pytest.raises(CutError) as caught:
+        download(request(server), tmp_path / "x.bin", Limits(timeout=1, total=0.4, backoff=0.01))
+    assert time.monotonic() - started < 2
+    assert "--max-time" in one_line(caught.value)
+
+
+def _child(url: str, target: Path) -> None:
+    download(Request(url, "asset/one", "The Service"), target, Limits())
+
+
+def test_a_process_that_is_killed_leaves_a_part_that_the_next_one_goes_on_with(server: Server, tmp_path: Path) -> None:
+    server.on(
+        "/file", Reply(DATA, headers=ETAG, ranges=True, block=4096, drip=0.05), Reply(DATA, headers=ETAG, ranges=True)
+    )
+    child = multiprocessing.get_context("fork").Process(target=_child, args=(f"{server.url}/file", tmp_path / "x.bin"))
+    child.start()
+    part = tmp_path / "x.bin.part"
+    while not (part.exists() and part.stat().st_size > 10_000):
+        time.sleep(0.01)
+    os.kill(child.pid or 0, signal.SIGKILL)
+    child.join()
+    assert leftovers(tmp_path) == ["x.bin.part", "x.bin.part.json"]
+    have = part.stat().st_size
+    assert download(request(server), tmp_path / "x.bin", FAST).sha256 == SHA
+    assert server.calls[-1].headers["range"] == f"bytes={have}-"
+    assert leftovers(tmp_path) == ["x.bin"]
+
+
+def test_a_host_that_does_not_exist_is_not_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def unknown(*_args: object, **_kwargs: object) -> None:
+        raise socket.gaierror(socket.EAI_NONAME, "Name or service not known")
+
+    monkeypatch.setattr(socket, "getaddrinfo", unknown)
+    said: list[str] = []
+    with pytest.raises(Avs3dError) as caught:
+        download(Request("https://no.invalid/x", "asset/one", "The Service"), tmp_path / "x", FAST, say=said.append)
+    assert "no address of no.invalid is known" in one_line(caught.value)
+    assert said == []
+
+
+def test_nobody_at_the_other_end(tmp_path: Path) -> None:
+    with serving() as gone:
+        url = gone.url
+    with pytest.raises(CutError) as caught:
+        download(Request(f"{url}/file", "asset/one", "The Service"), tmp_path / "x.bin", FAST)
+    assert "no connection to 127.0.0.1" in one_line(caught.value)
+
+
+def test_a_redirect_to_another_host_does_not_get_the_token(server: Server, tmp_path: Path) -> None:
+    server.on("/file", Reply(b"", 302, {"Location": f"{server.elsewhere}/there?signature=abc"}))
+    server.on("/there", Reply(DATA))
+    assert download(request(server, token=TOKEN), tmp_path / "x.bin", FAST).sha256 == SHA
+    first, second = server.calls
+    assert first.headers["authorization"] == TOKEN
+    assert "authorization" not in second.headers
+    assert second.query == "signature=abc"
+
+
+def test_a_redirect_on_the_same_host_keeps_the_token(server: Server, tmp_path: Path) -> None:
+    server.on("/file", Reply(b"", 307, {"Location": "/there"}))
+    server.on("/there", Reply(DATA))
+    download(request(server, token=TOKEN), tmp_path / "x.bin", FAST)
+    assert server.calls[1].headers["authorization"] == TOKEN
+
+
+def test_redirects_end(server: Server, tmp_path: Path) -> None:
+    server.on("/file", Reply(b"", 302, {"Location": "/file"}))
+    with pytest.raises(HttpError) as caught:
+        download(request(server), tmp_path / "x.bin", FAST)
+    assert "redirects more than 5 times" in one_line(caught.value)
+    server.on("/file", Reply(b"", 302, {"Location": "http://example.org/file"}))
+    with pytest.raises(Avs3dError) as refused:
+        download(request(server), tmp_path / "x.bin", FAST)
+    assert "is no https address" in one_line(refused.value)
+
+
+@pytest.mark.parametrize(
+    "url", ["https://example.org/x", "http://127.0.0.1:80/x", "http://[::1]/x", "http://localhost/"]
+)
+def test_https_everywhere_and_http_at_home(url: str) -> None:
+    check_url(url, "asset/one")
+
+
+@pytest.mark.parametrize(
+    "url", ["http://example.org/x", "ftp://example.org/x", "file:///etc/passwd", "/x", "https:///x"]
+)
+def test_other_addresses_are_refused_without_their_query(url: str) -> None:
+    with pytest.raises(Avs3dError) as caught:
+        check_url(f"{url}?signature={TOKEN}", "asset/one")
+    one_line(caught.value)
+
+
+def test_json_is_json_and_no_larger_than_an_answer(server: Server) -> None:
+    server.on("/file", json_reply({"a": 1}))
+    assert get_json(request(server), FAST) == {"a": 1}
+    for body, words in ((b"<html>", "answered no JSON"), (b" " * 9_000_000, "more than 8 MB")):
+        server.on("/file", Reply(body))
+        with pytest.raises(Avs3dError) as caught:
+            get_json(request(server), FAST)
+        assert words in one_line(caught.value)
+    server.on("/file", Reply(b'{"a": 1234}', cut=5), json_reply({"a": 2}))
+    assert get_json(request(server), FAST) == {"a": 2}
+
+
+def test_two_processes_do_not_write_into_the_same_file(server: Server, tmp_path: Path) -> None:
+    server.on("/file", Reply(DATA, hang=0.4))
+    results: list[str] = []
+
+    def fetch() -> None:
+        try:
+            results.append(download(request(server), tmp_path / "x.bin", Limits(timeout=5)).sha256)
+        except Avs3dError as error:
+            results.append(one_line(error))
+
+    threads = [threading.Thread(target=fetch) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(results) == sorted([SHA, "asset/one: another avs3d is fetching it; wait for that one"])
+    assert (tmp_path / "x.bin").read_bytes() == DATA
+    assert leftovers(tmp_path) == ["x.bin"]
+
+
+def test_a_folder_that_cannot_be_written_is_named(server: Server, tmp_path: Path) -> None:
+    (tmp_path / "a").write_text("a file")
+    server.on("/file", Reply(DATA))
+    with pytest.raises(Avs3dError) as caught:
+        download(request(server), tmp_path / "a" / "x.bin", FAST)
+    assert one_line(caught.value).endswith("a: cannot write: file exists")
