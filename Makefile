@@ -23,7 +23,7 @@ $(STAMP): pyproject.toml
 	$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(v < (3, 11) and f"Python 3.11 or newer is needed, this is {v.major}.{v.minor}: make PYTHON=python3.11")'
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check '$(TORCH)'
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[generate,baselines,dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[generate,baselines,cluster,inspect,exports,dev]'
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[soundspaces]' || \
 	  echo "The SoundSpaces engine did not compile (a C++ compiler is needed): make uses --audio analytic instead."
 	touch $@

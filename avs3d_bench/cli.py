@@ -25,6 +25,10 @@ GROUP = "avs3d.commands"
 SUMMARIES = {
     "generate": "Generate a dataset from a manifest.",
     "contact-sheet": "Draw frames, masks, map and sound of every observation.",
+    "view": "Look at a dataset and listen to it, in the browser.",
+    "video": "Write an observation as an MP4 with its sound.",
+    "view-3d": "Open an observation's scene, path, source and predictions in 3D.",
+    "export": "Export to Croissant, WebDataset, Hugging Face; write a dataset card.",
     "assets": "Find, fetch, import and verify objects and sounds.",
     "doctor": "Report what is installed and works, and what mends the rest.",
     "validate": "Check a dataset; name every problem by file.",
@@ -216,6 +220,10 @@ def run(command: click.Command, arguments: Sequence[str] | None = None, *, progr
         # The reader of our output has gone (`| head`): not an error; keep Python from complaining at exit.
         sys.stderr.close()
         raise SystemExit(0) from None
+    except SystemExit as end:
+        if isinstance(end.__context__, BrokenPipeError):  # rich makes of it an exit with 1
+            raise SystemExit(0) from None
+        raise
     except ModuleNotFoundError as error:
         package = (error.name or "").split(".")[0]
         if package in ("avs3d_bench", "generators", "evaluators", "baselines", ""):

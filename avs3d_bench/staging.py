@@ -42,7 +42,7 @@ def staged_folder(path: str | Path, check: Callable[[Path], None]) -> Iterator[P
     partial = final.with_name(f".{final.name}.partial")
     fresh, previous = partial / "new", partial / "previous"
     with _one_line(path):
-        lock = _hold(partial, path)
+        lock = hold(partial, path)
     try:
         with _one_line(path):
             _put_back(previous, final)
@@ -74,7 +74,7 @@ def _put_back(previous: Path, final: Path) -> None:
         os.replace(previous, final)
 
 
-def _hold(partial: Path, path: str | Path) -> int:
+def hold(partial: Path, path: str | Path) -> int:
     """Make and lock the folder ``partial``; the lock lasts until the descriptor is closed or the process ends."""
     file = partial / "lock"
     for _ in range(_TRIES):

@@ -25,7 +25,7 @@ from avs3d_bench.taxonomy import PARTS, ROOMS
 from avs3d_bench.validate_structure import check_structure
 
 #: Files that may stand beside dataset.json.
-_COMPANIONS = ("README", "LICENCE", "LICENSE", "CITATION", "CHANGELOG")
+_COMPANIONS = ("README", "LICENCE", "LICENSE", "CITATION", "CHANGELOG", "CROISSANT")
 
 
 @dataclass(frozen=True)
@@ -101,6 +101,8 @@ def _check_tree(root: Path) -> Iterator[Problem]:
     for path in sorted(root.iterdir()):
         name = path.name
         if name in PARTS and path.is_dir():
+            continue
+        if name in (layout.LOCK, layout.FAILURES_JSONL):
             continue
         if name != layout.DATASET_JSON and not name.upper().startswith(_COMPANIONS):
             yield Problem("warning", name, f"not part of a dataset; expected {layout.DATASET_JSON}, {', '.join(PARTS)}")

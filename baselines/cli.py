@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from avs3d_bench.errors import UsageError
+from avs3d_bench.scheduling.options import Options, scheduling_options
 
 if TYPE_CHECKING:
     from avs3d_bench.submission import SubmissionWriter
@@ -255,6 +256,7 @@ def denseav(
 @_owod_bind_options
 @click.option("--work", type=_PATH, default=None, help="Folder of intermediate results [OUTPUT.work].")
 @click.option("--device", "devices", multiple=True, help="cpu, cuda:0, …; repeat it to use several [all there are].")
+@scheduling_options
 def echosegnet(
     root: Path,
     path: Path,
@@ -270,13 +272,22 @@ def echosegnet(
     sweep: str | None,
     work: Path | None,
     devices: tuple[str, ...],
+    scheduler: str,
+    address: str | None,
+    jobqueue: str | None,
+    jobqueue_options: Path | None,
+    retries: int,
+    max_failures: int | None,
+    time_limit: float | None,
     **networks: Any,
 ) -> None:
     """Run EchoSegnet (Sokolov, Bhosale, Zhu, 2024).
 
     What does not change between two runs is not computed again: another voting threshold trains nothing. With --masks
-    oracle the truth of TRAIN frames is used, which submission.json says.
+    oracle the truth of TRAIN frames is used, which submission.json says. With --scheduler dask every observation takes
+    one GPU of a worker that offers it (docs/cluster.md).
     """
+    scheduling = Options(scheduler, address, jobqueue, jobqueue_options, retries, max_failures, time_limit)
     from avs3d_bench.dataset import Dataset
     from baselines.echosegnet.pipeline import Settings
     from baselines.echosegnet.run import all_devices, write_echosegnet, write_sweep
@@ -296,6 +307,7 @@ def echosegnet(
         "only": only,
         "overwrite": overwrite,
         "progress": sys.stderr.isatty(),
+        "scheduling": scheduling,
     }
     if masks == "owod-bind":
         from baselines.owod_bind.run import load_owod_bind, write_mask_folder

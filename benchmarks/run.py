@@ -27,16 +27,29 @@ TARGETS: dict[str, tuple[float | None, float | None]] = {
     "scoring over decoding, 2 processes": (1.5, None),
     "peak memory of scoring, 34 observations (MB)": (300.0, None),
     "lifting + decomposition + AISRM, 300k × 105 (s)": (90.0, None),
+    "client and Dask's scheduler per no-op observation, of 10⁴ (CPU ms)": (5.0, None),
+    "two Dask workers over one": (None, 1.8),
+    "DataLoader over bare decoding, 2 workers": (None, 0.8),
 }
+#: Each is `bench_<name>.py`.
+SUITES = ("vision", "acoustics", "pipeline", "scoring", "lifting", "cluster", "loading")
 
 
 @click.command()
 @click.option("--json", "output", type=click.Path(path_type=Path), default=Path("build/bench.json"), show_default=True)
 @click.option("--repeats", type=click.IntRange(5), default=5, show_default=True, help="Runs behind each median.")
-@click.option("--only", type=click.Choice(["vision", "acoustics", "pipeline", "scoring", "lifting"]), default=None)
+@click.option("--only", type=click.Choice(SUITES), default=None)
 def main(output: Path, repeats: int, only: str | None) -> None:
     """Measure, print medians, and write them as JSON."""
-    from benchmarks import bench_acoustics, bench_lifting, bench_pipeline, bench_scoring, bench_vision
+    from benchmarks import (
+        bench_acoustics,
+        bench_cluster,
+        bench_lifting,
+        bench_loading,
+        bench_pipeline,
+        bench_scoring,
+        bench_vision,
+    )
 
     suites = {
         "vision": bench_vision.run_all,
@@ -44,6 +57,8 @@ def main(output: Path, repeats: int, only: str | None) -> None:
         "pipeline": bench_pipeline.run_all,
         "scoring": bench_scoring.run_all,
         "lifting": bench_lifting.run_all,
+        "cluster": bench_cluster.run_all,
+        "loading": bench_loading.run_all,
     }
     table = Table(
         "what", "median", "target", title=f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores"

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from avs3d_bench.errors import UsageError
+from avs3d_bench.scheduling.options import Options, scheduler_of, scheduling_options
 
 
 @click.command()
@@ -35,6 +36,7 @@ from avs3d_bench.errors import UsageError
     help="Folder with HM3D, Matterport3D or other scans (default: $AVS3D_SCANS).",
 )
 @click.option("--cache", type=click.Path(path_type=Path), default=None, help="Baked homes (default: $AVS3D_CACHE).")
+@scheduling_options
 def generate(
     manifest: Path,
     root: Path,
@@ -48,6 +50,13 @@ def generate(
     extras: tuple[str, ...],
     scans: Path | None,
     cache: Path | None,
+    scheduler: str,
+    address: str | None,
+    jobqueue: str | None,
+    jobqueue_options: Path | None,
+    retries: int,
+    max_failures: int | None,
+    time_limit: float | None,
 ) -> None:
     """Generate the dataset that MANIFEST describes into a folder; run it again to go on after an interruption.
 
@@ -60,12 +69,13 @@ def generate(
     # Worker processes are told through the environment, too.
     for variable, named in (("AVS3D_HABITAT_PYTHON", habitat_python), ("AVS3D_SCANS", scans)):
         if named is not None:
-            os.environ[variable] = str(named.absolute())
+            os.environ[variable] = str(named.expanduser().absolute())
+    scheduling = Options(scheduler, address, jobqueue, jobqueue_options, retries, max_failures, time_limit)
     from avs3d_bench.parallel import available_cores
     from generators.homes import default_cache
     from generators.plan import make_plans, read_manifest
     from generators.progress import reporting
-    from generators.runner import run
+    from generators.runner import default_limit, run
 
     source = read_manifest(manifest)
     plans = make_plans(
@@ -80,10 +90,25 @@ def generate(
     )
     count = workers or available_cores()
     with reporting(plans) as listen:
-        outcome = run(source, plans, root, workers=count, cache=cache or default_cache(), listen=listen)
+        outcome = run(
+            source,
+            plans,
+            root,
+            workers=count,
+            cache=cache or default_cache(),
+            listen=listen,
+            scheduler=lambda: scheduler_of(scheduling, count),
+            shared=scheduling.remote,
+            policy=scheduling.policy(one_thread=True),
+            limit=scheduling.limit(default_limit(plans[0].camera)),
+            max_failures=max_failures,
+        )
     click.echo(f"{root}: {len(outcome.made)} made, {len(outcome.kept)} kept, {len(outcome.failed)} failed")
     for key, message in outcome.failed:
         click.echo(f"avs3d: error: {key}: {message}", err=True)
+    if outcome.stopped:
+        left = len(plans) - len(outcome.made) - len(outcome.kept) - len(outcome.failed)
+        click.echo(f"avs3d: stopped by --max-failures {max_failures}, with {left} observations untried", err=True)
     if outcome.failed:
         raise SystemExit(1)
 

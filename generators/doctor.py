@@ -101,7 +101,7 @@ def _scans() -> tuple[Finding, ...]:
     named = os.environ.get("AVS3D_SCANS")
     if not named:
         return (Finding("scans", "scans", "missing", "AVS3D_SCANS is not set; procedural homes need none", fix),)
-    root = Path(named)
+    root = Path(named).expanduser()
     if not root.is_dir():
         return (Finding("scans", "scans", "broken", f"{root}: no such folder", fix),)
     if not has_module("trimesh"):

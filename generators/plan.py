@@ -546,7 +546,30 @@ def make_plans(
 def scans_root(base: Path) -> Path:
     """Where relative names of scan files start: ``$AVS3D_SCANS``, else the manifest's folder."""
     named = os.environ.get("AVS3D_SCANS")
-    return Path(named) if named else base
+    return Path(named).expanduser() if named else base
+
+
+def check_scans(plans: Sequence[ObservationPlan]) -> None:
+    """Look for the scans before anything slow happens; some may be missing, but not all of what is to be made.
+
+    Raises:
+        Avs3dError: one line, if no observation of ``plans`` has a home.
+    """
+    missing: dict[str, Avs3dError] = {}
+    for plan in {plan.spec.scan: plan for plan in plans}.values():
+        if plan.scan.source != "scan":
+            return
+        try:
+            _ = plan.scan_files
+            return
+        except Avs3dError as error:
+            missing[plan.spec.scan] = error
+    if not missing:
+        return
+    first = next(iter(missing.values()))
+    if len(missing) == 1:
+        raise first
+    raise Avs3dError(f"none of the scans {', '.join(missing)} is there: {first}")
 
 
 def resolve_file(base: Path, name: str, what: str) -> Path:

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import timedelta
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
 from generators.plan import ObservationPlan
+
+#: Between two lines on how far the run is, where no bar is drawn, seconds.
+_SUMMARY = 60.0
 
 
 class _Rate(ProgressColumn):
@@ -27,6 +32,8 @@ def reporting(plans: tuple[ObservationPlan, ...]) -> Iterator[Callable[[tuple[st
     frames = {plan.key: plan.camera.frames for plan in plans}
     lock = threading.Lock()
     drawn: dict[str, int] = {}
+    began = said = time.monotonic()
+    ended = made = 0
     with Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -42,7 +49,21 @@ def reporting(plans: tuple[ObservationPlan, ...]) -> Iterator[Callable[[tuple[st
         def say(line: str) -> None:
             (bar.console if console.is_terminal else console).print(line, soft_wrap=True, markup=False)
 
+        def summarise() -> None:
+            """Where no bar is drawn, say every now and then how far the run is."""
+            nonlocal said
+            now = time.monotonic()
+            if console.is_terminal or now - said < _SUMMARY:
+                return
+            said = now
+            rate = made / (now - began)
+            left = (
+                "–" if not rate else str(timedelta(seconds=round((sum(frames.values()) - sum(drawn.values())) / rate)))
+            )
+            say(f"{ended} of {len(frames)} observations, {rate:.1f} frames/s, {left} left")
+
         def listen(event: tuple[str, str, str]) -> None:
+            nonlocal ended, made
             kind, key, text = event
             with lock:
                 if kind == "home":
@@ -50,13 +71,21 @@ def reporting(plans: tuple[ObservationPlan, ...]) -> Iterator[Callable[[tuple[st
                     say(f"home {key}: read, or built and lit where it is not in the cache yet")
                 elif kind == "start":
                     bar.update(task, description="generating")
-                elif kind == "frame" and drawn.get(key, 0) < frames[key]:
-                    drawn[key] = drawn.get(key, 0) + 1
-                    bar.advance(task)
+                elif kind == "frame":
+                    # The newest of several; one that is made a second time draws from the beginning again.
+                    newest = max(drawn.get(key, 0), int(text) + 1)
+                    bar.advance(task, newest - drawn.get(key, 0))
+                    made += newest - drawn.get(key, 0)
+                    drawn[key] = newest
                 elif kind in ("kept", "done", "failed"):
+                    ended += 1
+                    made += frames[key] - drawn.get(key, 0) if kind == "done" else 0
                     bar.advance(task, frames[key] - drawn.get(key, 0))
                     drawn[key] = frames[key]
                     mark = {"kept": "kept  ", "done": "done  ", "failed": "failed"}[kind]
                     say(f"{mark} {key}" + (f"  {text}" if text else ""))
+                elif kind in ("retry", "worker", "note"):
+                    say("  ".join(filter(None, (f"{kind:6}", key, text))))
+                summarise()
 
         yield listen

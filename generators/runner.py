@@ -1,4 +1,4 @@
-"""Runs a manifest: prepares the homes, spreads observations over worker processes, resumes, reports, seals the dataset.
+"""Runs a manifest: what is to be made goes to a scheduler, what is made is kept, and the dataset is sealed.
 
 Observations are independent of one another and of the number of workers. A finished one is recognised by the digest
 of its plan; whatever was interrupted lies in a temporary folder and is made again.
@@ -6,25 +6,19 @@ of its plan; whatever was interrupted lies in a temporary folder and is made aga
 
 from __future__ import annotations
 
-import fcntl
 import os
-import shutil
-import signal
-import threading
 import time
-import traceback
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
-from multiprocessing import active_children, get_context
-from multiprocessing.queues import SimpleQueue
 from pathlib import Path
 
 from avs3d_bench import __version__, files, layout
-from avs3d_bench.cli import missing_extra
 from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.scheduling.failures import FailureLog
+from avs3d_bench.scheduling.local import LocalScheduler
+from avs3d_bench.scheduling.lock import held
+from avs3d_bench.scheduling.tasks import Event, Failure, Policy, Scheduler, Task
 from avs3d_bench.schema import (
     AttributionRecord,
     DatasetEntry,
@@ -34,24 +28,44 @@ from avs3d_bench.schema import (
     parse_record,
     unique_attributions,
 )
-from generators.backends import vision_backend
-from generators.homes import prepare_home
 from generators.library.licences import conditions
-from generators.observation import generate_observation
-from generators.plan import ManifestFile, ObservationPlan
+from generators.plan import CameraSpec, ManifestFile, ObservationPlan, check_scans
+from generators.work import Place, make_observation, prepare
+from generators.writer import sweep
 
-#: What a run tells its caller: (kind, key, text); kinds are "home", "start", "frame", "done", "kept", "failed".
-Event = tuple[str, str, str]
-Listener = Callable[[Event], None]
+#: What a run tells its caller: (kind, key, text). Kinds are "home", "start", "frame", "done", "kept", "failed",
+#: "retry", "worker" (one was lost) and "note"; the text of "frame" is the number of the newest one.
+Listener = Callable[[tuple[str, str, str]], None]
+
+#: A home is built and lit in minutes; one that takes longer than this hangs, seconds.
+HOME_LIMIT = 4 * 3600.0
+#: A network file system shows a new folder to other machines after a while: seconds that are waited for it.
+VISIBLE_WITHIN = 90.0
+
+
+#: The least time limit of an observation, and what every frame of the benchmark's size adds, seconds: far beyond what
+#: slow machines need.
+LEAST_LIMIT, FRAME_LIMIT = 3600.0, 30.0
+
+
+def default_limit(camera: CameraSpec) -> float:
+    """Seconds after which an observation counts as hung."""
+    return max(LEAST_LIMIT, FRAME_LIMIT * camera.frames * (camera.size / layout.IMAGE_SIZE) ** 2)
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run did: keys that were made, kept from an earlier run, and failed (with their message)."""
+    """What a run did: keys that were made, kept from an earlier run, and failed (with their message).
+
+    Attributes:
+        made, kept, failed: see above.
+        stopped: whether it ended early because too much failed.
+    """
 
     made: tuple[str, ...]
     kept: tuple[str, ...]
     failed: tuple[tuple[str, str], ...]
+    stopped: bool = False
 
 
 def run(
@@ -62,6 +76,11 @@ def run(
     workers: int,
     cache: Path,
     listen: Listener,
+    scheduler: Callable[[], Scheduler] | None = None,
+    shared: bool = False,
+    policy: Policy | None = None,
+    limit: float | None = None,
+    max_failures: int | None = None,
 ) -> Outcome:
     """Generate ``plans`` into ``root`` and write dataset.json.
 
@@ -69,182 +88,107 @@ def run(
         source: the manifest, for dataset.json.
         plans: the observations to make.
         root: the dataset's folder; made if missing.
-        workers: number of processes.
+        workers: number of processes of this machine, where no scheduler is given.
         cache: folder of baked homes.
         listen: gets every event, in this process.
+        scheduler: makes the one that does the work; called only if there is any.
+        shared: the scheduler's workers are on other machines: they check that they see the same folder and have the
+            same versions.
+        policy: retries and environment.
+        limit: seconds for an observation; None: no limit.
+        max_failures: end the run when more than so many have failed; None: go on whatever fails.
 
     Raises:
         UsageError: if ``root`` holds observations made from another plan.
-        Avs3dError: if the folder cannot be written or another run is at work in it.
+        Avs3dError: if no scan that ``plans`` need is there, the folder cannot be written, or another run is at work in
+            it.
     """
-    with _locked(root):
-        _sweep(root)
+    check_scans(plans)
+    root, cache = root.absolute(), cache.absolute()
+    with held(root) as me:
+        sweep(root)
         # What is there already must be of one piece with what is to come, selected or not.
         every = [
             replace(plans[0], spec=spec, scan=source.manifest.scans[spec.scan]) for spec in source.manifest.observations
         ]
         done = {plan.key for plan in every if _is_done(root, plan)}
+        log = FailureLog(root, {plan.key: plan.seed for plan in every})
+        log.tidy(done)
         todo = [plan for plan in plans if plan.key not in done]
-        kept = [plan for plan in plans if plan.key in done]
-        for plan in kept:
-            listen(("kept", plan.key, ""))
-        ready, failed = _prepare(todo, workers=workers, cache=cache, listen=listen)
-        if ready:
-            vision_backend(ready[0].vision).warm_up()
-        made, broken = _make(ready, root, workers=workers, cache=cache, listen=listen)
+        kept = tuple(plan.key for plan in plans if plan.key in done)
+        for key in kept:
+            listen(("kept", key, ""))
+        made: list[str] = []
+        failed: list[tuple[str, str]] = []
+        stopped = False
+        if todo:
+            place = Place(root, cache, me.token if shared else None)
+            with (scheduler or (lambda: LocalScheduler(workers)))() as pool:
+                tasks = _tasks(todo, place, threads=1 if shared else workers, limit=limit)
+                results = pool.run(tasks, policy or Policy(), lambda event: listen(_told(event)))
+                try:
+                    with closing(results):
+                        for result in results:
+                            key = result.task.name
+                            if result.task.after is None:
+                                continue  # a home; the observations that waited for it tell the rest
+                            if isinstance(result, Failure):
+                                failed.append((key, result.message))
+                                log.add(key, result.attempts)
+                                listen(("failed", key, result.message))
+                                stopped = max_failures is not None and len(failed) > max_failures
+                                if stopped:
+                                    break
+                            else:
+                                made.append(key)
+                                listen(("done", key, result.value))
+                finally:
+                    sweep(root)
+        log.tidy({*done, *made})
+        _await(root, made)
         _seal(source, root)
-        return Outcome(tuple(made), tuple(plan.key for plan in kept), (*failed, *broken))
+        return Outcome(tuple(made), kept, tuple(failed), stopped)
 
 
-def _prepare(
-    todo: list[ObservationPlan], *, workers: int, cache: Path, listen: Listener
-) -> tuple[list[ObservationPlan], list[tuple[str, str]]]:
-    """Build and light every home once; the plans whose home stands, and the others with what is wrong with theirs."""
+def _tasks(todo: Sequence[ObservationPlan], place: Place, *, threads: int, limit: float | None) -> list[Task]:
+    """A task for each home, and one for each observation, which waits for its home."""
     homes: dict[str, list[ObservationPlan]] = {}
     for plan in todo:
         homes.setdefault(plan.home_digest, []).append(plan)
-    ready: list[ObservationPlan] = []
-    failed: list[tuple[str, str]] = []
-    for group in homes.values():
-        listen(("home", group[0].spec.scan, ""))
-        try:
-            prepare_home(group[0], cache, workers=workers)
-            ready += group
-        except Avs3dError as error:
-            for plan in group:
-                failed.append((plan.key, str(error)))
-                listen(("failed", plan.key, str(error)))
-    return ready, failed
+    each = max(1, threads // len(homes))
+    tasks = []
+    for digest, group in homes.items():
+        home = Task(f"home {digest[:16]}", prepare, (group[0], place, each), limit=HOME_LIMIT)
+        tasks.append(home)
+        tasks += [Task(plan.key, make_observation, (plan, place), after=home.name, limit=limit) for plan in group]
+    return tasks
 
 
-def _make(
-    todo: list[ObservationPlan], root: Path, *, workers: int, cache: Path, listen: Listener
-) -> tuple[list[str], list[tuple[str, str]]]:
-    made: list[str] = []
-    failed: list[tuple[str, str]] = []
-
-    def finished(key: str, error: str | None, text: str) -> None:
-        if error is None:
-            made.append(key)
-            listen(("done", key, text))
-        else:
-            failed.append((key, error))
-            listen(("failed", key, error))
-
-    count = min(workers, len(todo))
-    if count <= 1:
-        for plan in todo:
-            finished(plan.key, *_attempt(plan, root, cache, listen))
-        return made, failed
-    context = get_context("spawn")
-    events: SimpleQueue[Event | None] = context.SimpleQueue()
-    reader = threading.Thread(target=_relay, args=(events, listen), daemon=True)
-    reader.start()
-    pool = ProcessPoolExecutor(count, mp_context=context, initializer=_start_worker, initargs=(events, os.getpid()))
-    jobs: dict[Future[tuple[str | None, str]], str] = {}
-    try:
-        jobs = {pool.submit(_in_worker, plan, root, cache): plan.key for plan in todo}
-        for job in as_completed(jobs):
-            finished(jobs[job], *job.result())
-    except BaseException as error:
-        # Ctrl-C, or a worker that died: end the others too. A dead worker may hold the lock of the queue, so the
-        # reader, a daemon, is left to itself.
-        pool.shutdown(wait=False, cancel_futures=True)
-        for process in active_children():
-            process.terminate()
-            process.join()
-        _sweep(root)
-        if not isinstance(error, BrokenProcessPool):
-            raise
-        lost = [key for key in jobs.values() if key not in made]
-        raise Avs3dError(
-            f"{root}: a worker process died (killed, or out of memory) while making {', '.join(lost[:3])}; "
-            "run the same command again to go on, with fewer --workers if memory was short"
-        ) from None
-    pool.shutdown()
-    events.put(None)
-    reader.join(timeout=5)
-    return made, failed
+def _told(event: Event) -> tuple[str, str, str]:
+    """An event of the scheduler as this run's listener knows it; a home is called by its name."""
+    if event.kind == "home":
+        return "home", event.text, ""
+    return event.kind, event.name, event.text
 
 
-def _relay(events: SimpleQueue[Event | None], listen: Listener) -> None:
-    while (event := events.get()) is not None:
-        listen(event)
+def _await(root: Path, made: Sequence[str]) -> None:
+    """Wait until everything that other machines have made is to be seen from here.
 
-
-_events: SimpleQueue[Event | None] | None = None
-
-
-def _start_worker(events: SimpleQueue[Event | None], parent: int) -> None:
-    global _events
-    _events = events
-    # Ctrl-C reaches every process of the terminal; the parent decides what it means.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    def watch() -> None:
-        # A pool's processes outlive a parent that was killed with -9; they must not go on writing beside its successor.
-        while os.getppid() == parent:
-            time.sleep(0.25)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
-
-
-def _in_worker(plan: ObservationPlan, root: Path, cache: Path) -> tuple[str | None, str]:
-    assert _events is not None
-    return _attempt(plan, root, cache, _events.put)
-
-
-def _attempt(plan: ObservationPlan, root: Path, cache: Path, listen: Listener) -> tuple[str | None, str]:
-    """(None, summary) or (error message, "")."""
-    started = time.perf_counter()
-    listen(("start", plan.key, str(plan.camera.frames)))
-    try:
-        record = generate_observation(plan, root, cache, lambda index: listen(("frame", plan.key, str(index))))
-    except Avs3dError as error:
-        return str(error), ""
-    except OSError as error:
-        return files.os_error_line(error), ""
-    except ModuleNotFoundError as error:
-        return missing_extra(error, "generators"), ""
-    except Exception as error:
-        if os.environ.get("AVS3D_DEBUG"):
-            traceback.print_exc()
-        return f"internal error: {type(error).__name__}: {error} (AVS3D_DEBUG=1 shows where; please report it)", ""
-    visible = sum(frame.visible_pixels > 0 for frame in record.frames)
-    return None, (
-        f"{record.category}, {len(record.instances)} objects, visible in {visible} of {len(record.frames)} frames, "
-        f"T30 {record.acoustics.t30 or float('nan'):.2f} s, {time.perf_counter() - started:.0f} s"
-    )
-
-
-@contextmanager
-def _locked(root: Path) -> Iterator[None]:
-    """Make ``root`` and hold it against a second run."""
-    try:
-        root.mkdir(parents=True, exist_ok=True)
-        handle = os.open(root, os.O_RDONLY)
-    except OSError as error:
-        raise Avs3dError(f"{root}: cannot write there ({error.strerror}); choose another folder with -o") from error
-    try:
-        # The folder itself is locked, so that nothing is left in it, and the lock ends with the process.
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(handle)
-        raise Avs3dError(f"{root}: another avs3d generate is at work in this folder; wait for it") from None
-    except OSError as error:
-        os.close(handle)
-        raise Avs3dError(files.os_error_line(error, root, "lock")) from error
-    try:
-        yield
-    finally:
-        os.close(handle)
-
-
-def _sweep(root: Path) -> None:
-    """Remove what interrupted runs left behind."""
-    for partial in root.glob("part_*/*/*/.*.partial"):
-        shutil.rmtree(partial, ignore_errors=True)
+    Raises:
+        Avs3dError: if it does not come.
+    """
+    deadline = time.monotonic() + VISIBLE_WITHIN
+    for key in made:
+        while not (root / key / layout.OBSERVATION_JSON).exists():
+            if time.monotonic() > deadline:
+                raise Avs3dError(
+                    f"{root / key}: made on another machine, but not to be seen here; "
+                    "check that the folder is shared, and run the same command again"
+                )
+            time.sleep(0.5)
+            # Reading the folder has a network file system look again for what was not there before.
+            if (root / key).parent.is_dir():
+                os.listdir((root / key).parent)
 
 
 def _is_done(root: Path, plan: ObservationPlan) -> bool:
@@ -253,6 +197,8 @@ def _is_done(root: Path, plan: ObservationPlan) -> bool:
         return False
     record = _read(folder)
     if record.plan_sha256 != plan.digest:
+        if plan.scan.source == "scan":
+            _ = plan.scan_files  # a scan that is not there has another digest, too: that is what is to be said then
         raise UsageError(
             f"{folder}: was generated from another manifest, other options or another version; "
             "choose another folder with -o, or delete it to have it made again"

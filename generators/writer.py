@@ -1,9 +1,17 @@
-"""Writes one observation: everything into a temporary folder beside its place, renamed when it is whole."""
+"""Writes one observation: everything into a temporary folder beside its place, renamed when it is whole.
+
+Every attempt has a temporary folder of its own, since an attempt that a scheduler thinks lost may still be at work on
+another machine. Who is second finds the place taken by the same bytes, and throws its copy away.
+"""
 
 from __future__ import annotations
 
+import os
+import secrets
 import shutil
+import socket
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -14,33 +22,52 @@ from numpy.typing import NDArray
 from avs3d_bench import colmap, files, layout, media, ply
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
-from avs3d_bench.schema import CameraSplits, ObservationRecord
+from avs3d_bench.schema import CameraSplits, ObservationRecord, parse_record
 from generators.scenes.scene import Mesh
 from generators.surface_points import SurfacePoints
 from generators.vision.base import Frame
 
 
+def sweep(root: Path) -> None:
+    """Remove what interrupted attempts left below a dataset's folder.
+
+    Each is renamed before it is deleted: an attempt that still runs somewhere can then no longer give its name to a
+    folder that is half gone.
+    """
+    for partial in root.glob("part_*/*/*/.*.partial"):
+        doomed = _hidden(partial, "swept")
+        with suppress(OSError):
+            partial.rename(doomed)
+        shutil.rmtree(doomed, ignore_errors=True)
+
+
+def _hidden(folder: Path, what: str) -> Path:
+    """A name beside ``folder`` that no other process or attempt uses."""
+    stem = folder.name.strip(".").partition(".")[0]
+    host = socket.gethostname().partition(".")[0]
+    return folder.with_name(f".{stem}.{what}-{host}-{os.getpid()}-{secrets.token_hex(4)}.partial")
+
+
 class ObservationWriter:
-    """A context: inside it the observation lies in ``.<index>.partial``; `finish` gives it its name.
+    """A context: inside it the observation lies in ``.<index>.<attempt>.partial``; `finish` gives it its name.
 
     Leaving the context without `finish` (an error, an interrupt) removes the temporary folder.
 
     Args:
-        folder: the observation's final folder; must not exist.
+        folder: the observation's final folder.
         depth: write ``depth/``.
         rirs: write ``rirs/``.
     """
 
     def __init__(self, folder: Path, *, depth: bool = False, rirs: bool = False) -> None:
         self._final = folder
-        self._partial = folder.parent / f".{folder.name}.partial"
+        self._partial = _hidden(folder, "new")
         self._depth = depth
         self._rirs = rirs
         self._frames = 0
 
     def __enter__(self) -> Self:
         try:
-            shutil.rmtree(self._partial, ignore_errors=True)
             self._partial.mkdir(parents=True)
         except OSError as error:
             raise Avs3dError(files.os_error_line(error, self._final, "write")) from error
@@ -116,5 +143,14 @@ class ObservationWriter:
         try:
             self._partial.rename(self._final)
         except OSError as error:
-            raise Avs3dError(files.os_error_line(error, self._final, "write")) from error
+            if not self._is_there(whole):
+                raise Avs3dError(files.os_error_line(error, self._final, "write")) from error
         return whole
+
+    def _is_there(self, record: ObservationRecord) -> bool:
+        """Whether another attempt at the same plan has come first."""
+        path = self._final / layout.OBSERVATION_JSON
+        try:
+            return parse_record(path.read_bytes(), ObservationRecord, path) == record
+        except (OSError, Avs3dError):
+            return False

@@ -14,7 +14,14 @@ import pytest
 from avs3d_bench import doctor
 from avs3d_bench.doctor import Check, Finding, all_checks, constant, examine, package_check
 
-VARIABLES = ("AVS3D_HABITAT_PYTHON", "AVS3D_SCANS", "AVS3D_CHECKPOINTS", "SKETCHFAB_TOKEN", "FREESOUND_TOKEN")
+VARIABLES = (
+    "AVS3D_HABITAT_PYTHON",
+    "AVS3D_SCANS",
+    "AVS3D_CHECKPOINTS",
+    "AVS3D_SH3F",
+    "SKETCHFAB_TOKEN",
+    "FREESOUND_TOKEN",
+)
 
 
 @pytest.fixture(autouse=True)
@@ -161,3 +168,34 @@ def test_the_command_reports_and_exits_with_0(tmp_path: Path):
     assert "habitat lacks: habitat-sim" in done.stdout
     for finding in findings.values():
         assert finding["fix"] == "" or f"→ {finding['fix']}" in done.stdout
+
+
+# What the lines advise
+
+
+def test_a_remark_behind_a_remedy_does_not_swallow_its_option():
+    fix = "pip install 'numpy[x]' (needs a compiler), or do without"
+    (finding,) = package_check("x", "numpy", "numpy", fix, program="raise SystemExit(1)").run()
+    assert (finding.state, finding.fix) == ("broken", fix)
+
+
+def test_furniture_is_looked_for_where_the_user_says(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    import generators.doctor
+
+    monkeypatch.setattr(generators.doctor, "FURNITURE", tmp_path / "debian")
+    monkeypatch.setenv("AVS3D_SH3F", str(tmp_path))
+    (finding,) = generators.doctor._assets()
+    assert finding.state == "missing"
+    assert str(tmp_path) in finding.found
+    assert "AVS3D_SH3F" in finding.fix
+    (tmp_path / "a.sh3f").write_bytes(b"x")
+    assert generators.doctor._assets()[0].state == "ok"
+
+
+def test_a_file_in_the_way_of_the_cache_is_broken(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    import generators.doctor
+
+    (tmp_path / "file").write_bytes(b"x")
+    monkeypatch.setenv("AVS3D_CACHE", str(tmp_path / "file" / "cache"))
+    (finding,) = generators.doctor._cache()
+    assert finding.state == "broken"

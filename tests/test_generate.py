@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import os
 import signal
@@ -18,9 +17,9 @@ import trimesh
 import yaml
 from click.testing import CliRunner
 
-from avs3d_bench import files
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.geometry import direction_to
+from avs3d_bench.scheduling.failures import read_failures
 from avs3d_bench.validate import validate
 from generators.cli import generate
 from tests.homes import tree_digest, write_manifest
@@ -366,29 +365,35 @@ def test_files_take_the_place_of_objects_and_sounds(manifest: Path, tmp_path: Pa
     assert peak == pytest.approx(997, abs=2)
 
 
+#: Python runs this in every process that finds it: writing fails once a process has written 3 MB.
+FULL_DISK = """
+import errno, avs3d_bench.files as files, avs3d_bench.media as media
+written, original = 0, files.write_bytes
+def full(path, data):
+    global written
+    written += len(data)
+    if written > 3_000_000:
+        raise files.Avs3dError(files.os_error_line(OSError(errno.ENOSPC, "No space left on device"), path, "write"))
+    original(path, data)
+files.write_bytes = media.write_bytes = full
+"""
+
+
 def test_a_full_disk_is_one_line_and_the_next_run_goes_on(
     root: Path, manifest: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    written = 0
-    original = files.write_bytes
-
-    def full(path: Path, data: bytes) -> None:
-        nonlocal written
-        written += len(data)
-        if written > 3_000_000:
-            raise files.Avs3dError(files.os_error_line(OSError(errno.ENOSPC, "No space left on device"), path, "write"))
-        original(path, data)
-
     out = tmp_path / "full"
-    args = [str(manifest), "-o", str(out), "--workers", "1", "--audio", "analytic", "--with", "depth", "--with", "rirs"]
-    for module in ("avs3d_bench.files", "avs3d_bench.media"):
-        monkeypatch.setattr(f"{module}.write_bytes", full)
-    done = CliRunner().invoke(generate, args)
-    assert done.exit_code == 1
-    assert "no space left" in done.output.lower()
+    args = [manifest, "-o", out, "--workers", "1", "--audio", "analytic", "--with", "depth", "--with", "rirs"]
+    (tmp_path / "full-disk").mkdir()
+    (tmp_path / "full-disk" / "sitecustomize.py").write_text(FULL_DISK)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path / "full-disk"))
+    code, output = call(*args)
+    assert code == 1
+    assert output.lower().count("no space left") >= 2
     assert not list(out.rglob("*.png"))
-    monkeypatch.undo()
-    assert CliRunner().invoke(generate, args).exit_code == 0
+    assert [line["key"] for line in read_failures(out / "failures.jsonl")] == KEYS
+    monkeypatch.delenv("PYTHONPATH")
+    assert call(*args)[0] == 0
     assert tree_digest(out) == tree_digest(root)
 
 

@@ -6,6 +6,7 @@ import ast
 import io
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -23,7 +24,7 @@ from generators.vision import habitat_worker
 from generators.vision.base import Navigable
 from generators.vision.embree import EmbreeBackend
 from generators.vision.habitat import HabitatBackend, probe
-from generators.vision.habitat_process import GPU_VARIABLE, VARIABLE, Limits, graphics_device, start
+from generators.vision.habitat_process import GPU_VARIABLE, VARIABLE, Client, Limits, graphics_device, start
 from generators.vision.habitat_worker import Channel, Display
 from generators.vision.tone import srgb_decode, srgb_encode
 
@@ -181,21 +182,41 @@ def test_an_interpreter_that_hangs_is_given_up(tmp_path: Path) -> None:
 def test_the_worker_ends_with_its_parent_even_if_that_is_killed(tmp_path: Path) -> None:
     # Busy for good in the middle of an answer, as in a long frame.
     path = interpreter(tmp_path, habitat_sim="import time\ntime.sleep(600)")
+    # What its parent wrote for it is not left behind by either.
+    folder = tmp_path / "exported"
+    folder.mkdir()
+    (folder / "stage.glb").write_bytes(b"large")
+    request = {"command": "hello", "folder": str(folder)}
     script = (
         "import sys, threading\nfrom generators.vision.habitat_process import Worker\n"
-        f"worker = Worker({path!r})\nprint(worker.pid, flush=True)\nworker.ask({{'command': 'hello'}}, 600.0)\n"
+        f"worker = Worker({path!r})\nprint(worker.pid, flush=True)\nworker.ask({request!r}, 600.0)\n"
     )
     parent = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)
     assert parent.stdout is not None
     worker = int(parent.stdout.readline())
-    time.sleep(0.5)
+    time.sleep(1.0)
     assert alive(worker)
+    assert folder.exists()
     parent.kill()
     parent.wait()
     deadline = time.monotonic() + 20
     while alive(worker) and time.monotonic() < deadline:
         time.sleep(0.1)
     assert not alive(worker)
+    assert not folder.exists()
+
+
+def test_a_client_whose_second_worker_does_not_start_is_closed(tmp_path: Path) -> None:
+    path = interpreter(tmp_path, habitat_sim="__version__ = '1'")
+    client = Client(path, "the flat", [], Limits(hello=60.0))
+    assert client.worker is not None
+    os.kill(client.worker.pid, signal.SIGKILL)
+    Path(path).write_text("#!/bin/sh\nexit 3\n")
+    with pytest.raises(Avs3dError, match="ended with status 3"):
+        client.ask({"command": "hello"}, 20.0)
+    with pytest.raises(Avs3dError, match="closed for the flat"):
+        client.ask({"command": "hello"}, 20.0)
+    client.close()
 
 
 def alive(pid: int) -> bool:
@@ -276,3 +297,31 @@ def test_free_space_is_cut_to_what_is_navigable() -> None:
 
 def test_embree_has_no_navigation_mesh() -> None:
     assert EmbreeBackend().navigable(kitchen().scene) is None
+
+
+def test_what_killed_processes_left_is_swept_away(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from generators.vision import habitat
+
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    gone = subprocess.Popen(["true"])
+    gone.wait()
+    host = socket.gethostname()
+    names = [
+        f"avs3d-habitat-{host}-{gone.pid}-abc",
+        f"avs3d-habitat-{host}-{os.getpid()}-abc",
+        "avs3d-habitat-other-1-x",
+    ]
+    for name in names:
+        (tmp_path / name).mkdir()
+
+    class Owner:
+        pass
+
+    owner = Owner()
+    folder, clean = habitat._folder(owner)
+    assert folder.is_dir()
+    assert not (tmp_path / names[0]).exists()
+    assert (tmp_path / names[1]).exists()
+    assert (tmp_path / names[2]).exists()
+    clean()
+    assert not folder.exists()

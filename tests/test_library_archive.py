@@ -120,3 +120,29 @@ def test_a_bundle_comes_back(tmp_path: Path) -> None:
     members = {"a/b.obj": b"v 0 0 0", "a/t.png": b"\x89PNG"}
     (tmp_path / "x.zip").write_bytes(bundle(members))
     assert read_zip(tmp_path / "x.zip", "asset/one") == members
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_damage_is_named_whatever_the_compression(tmp_path: Path, method: int) -> None:
+    path, data = tmp_path / "x.zip", bytes(range(256)) * 40
+    with zipfile.ZipFile(path, "w", method) as archive:
+        archive.writestr("a.bin", data)
+    whole, refusals = path.read_bytes(), []
+    for offset in range(35, 55):
+        damaged = bytearray(whole)
+        damaged[offset] ^= 0xFF
+        path.write_bytes(damaged)
+        try:
+            assert read_zip(path, "asset/one") == {"a.bin": data}, "a byte that says nothing"
+        except Avs3dError as error:
+            refusals.append(str(error))
+    assert len(refusals) >= 10
+    assert all(text.startswith("asset/one: ") and "\n" not in text for text in refusals)
+
+
+def test_a_bomb_that_lies_about_its_packed_size_is_refused(tmp_path: Path) -> None:
+    data = bytearray(bomb())
+    central = data.rindex(b"PK\x01\x02")
+    struct.pack_into("<I", data, central + 20, 40_000_000)  # as if scene.bin were not packed at all
+    (tmp_path / "x.zip").write_bytes(data)
+    assert "packed bytes and holds" in refused(tmp_path / "x.zip", tmp_path)

@@ -358,3 +358,64 @@ def test_a_folder_that_cannot_be_written_is_named(server: Server, tmp_path: Path
     with pytest.raises(Avs3dError) as caught:
         download(request(server), tmp_path / "a" / "x.bin", FAST)
     assert one_line(caught.value).endswith("a: cannot write: file exists")
+
+
+@pytest.mark.parametrize("value", ["9" * 400, "99999999999999", "Fri, 31 Dec 9999 23:59:59 GMT"])
+def test_a_pause_without_end_is_one_line_too(server: Server, tmp_path: Path, value: str) -> None:
+    server.on("/file", Reply(b"", 429, {"Retry-After": value}))
+    with pytest.raises(HttpError) as caught:
+        download(request(server), tmp_path / "x.bin", FAST)
+    assert "asks to wait" in one_line(caught.value)
+
+
+@pytest.mark.parametrize("length", ["²", "9" * 5000, "-5", "abc"])
+def test_a_length_that_is_no_number_counts_as_none(server: Server, tmp_path: Path, length: str) -> None:
+    server.on("/file", Reply(b'{"a": 1}', headers={"Content-Length": length}, length=False))
+    assert download(request(server), tmp_path / "x.bin", FAST).bytes == 8
+    assert get_json(request(server), FAST) == {"a": 1}
+
+
+def test_json_that_is_nested_without_end_is_none(server: Server) -> None:
+    server.on("/file", Reply(b"[" * 200_000 + b"]" * 200_000))
+    with pytest.raises(Avs3dError) as caught:
+        get_json(request(server), FAST)
+    assert "answered no JSON" in one_line(caught.value)
+
+
+@pytest.mark.parametrize("url", ["https://[", "https://h:99999999/x", "https://h:port/x", "http://[::1", "x", ""])
+def test_an_address_that_cannot_be_read_is_refused(tmp_path: Path, url: str) -> None:
+    with pytest.raises(Avs3dError) as caught:
+        download(Request(url, "asset/one", "The Service", token=TOKEN), tmp_path / "x.bin", FAST)
+    assert "is no https address" in one_line(caught.value)
+
+
+@pytest.mark.parametrize("location", ["https://[", "https://h:99999999/x", "https://a b/", "https://é.example/ü"])
+def test_a_redirect_to_no_address_is_refused(server: Server, tmp_path: Path, location: str) -> None:
+    server.on("/file", Reply(b"", 302, {"Location": location}))
+    with pytest.raises(Avs3dError) as caught:
+        download(request(server, token=TOKEN), tmp_path / "x.bin", FAST)
+    assert "address" in one_line(caught.value)
+
+
+def test_a_password_in_an_address_is_not_shown(server: Server, tmp_path: Path) -> None:
+    server.on("/file", Reply(b"", 302, {"Location": f"https://user:{TOKEN}@no.invalid/"}))
+    with pytest.raises(Avs3dError) as caught:
+        download(request(server), tmp_path / "x.bin", FAST)
+    one_line(caught.value)
+
+
+def test_a_folder_that_another_process_tidies_away_is_made_again(
+    server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server.on("/file", Reply(DATA))
+    folder, real, tidied = tmp_path / "incoming", os.open, []
+
+    def late(path: object, flags: int, *rest: int) -> int:
+        if str(path).endswith(".part") and not tidied:
+            tidied.append(path)
+            folder.rmdir()
+        return real(path, flags, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(os, "open", late)
+    assert download(request(server), folder / "x.bin", FAST).sha256 == SHA
+    assert tidied

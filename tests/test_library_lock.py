@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import multiprocessing
+import os
 import random
+import stat
 from pathlib import Path
 
 import pytest
@@ -13,7 +17,7 @@ from hypothesis import strategies as st
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from generators.library.licences import check_licence, conditions, from_sketchfab, spdx, terms
-from generators.library.lock import AssetEntry, Lock, dump_lock, parse_lock, read_lock, update_lock
+from generators.library.lock import AssetEntry, Lock, dump_lock, parse_lock, read_lock, slug, update_lock
 from generators.library.store import Store, open_asset
 from tests.library_server import wav
 
@@ -233,3 +237,96 @@ def test_an_asset_opens_only_if_it_is_the_pinned_one(tmp_path: Path) -> None:
     path.unlink()
     with pytest.raises(Avs3dError, match=r"not in the store .*run: avs3d assets fetch"):
         open_asset(lock, "freesound/1234", store)
+
+
+# ---- edited by hand -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("version: 1\nassets: []\nassets: []", "at line 3: 'assets' stands there twice"),
+        ("version: 1\nassets:\n- {id: a/b, licence: MIT, licence: CC0-1.0}", "'licence' stands there twice"),
+        ("[" * 100_000 + "]" * 100_000, "lists within lists"),
+        ("- " * 5000 + "a", "lists within lists"),
+        ("version: 1\nassets: !!set {a, b}", "assets.0: "),
+        ("a: 2024-99-99", "not valid YAML"),
+        (f"version: 1{'0' * 5000}", "not valid YAML"),
+        ('version: 1\nassets: [{"id": "a\\nb"}]', "assets.0 (a b).id: "),
+        ("&a [*a]", "expected a mapping"),
+        ("", "expected a mapping with version and assets, found None"),
+    ],
+    ids=["doubled table", "doubled field", "brackets", "dashes", "set", "date", "digits", "newline", "circle", "empty"],
+)
+def test_slips_of_the_hand_end_in_one_line(text: str, words: str) -> None:
+    with pytest.raises(Avs3dError) as caught:
+        parse_lock(text.encode(), "my.lock.yaml")
+    assert words in str(caught.value)
+    assert str(caught.value).startswith("my.lock.yaml: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_where_folders_cannot_be_held_a_file_beside_the_lock_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = fcntl.flock
+
+    def nfs(handle: int, how: int) -> None:
+        if stat.S_ISDIR(os.fstat(handle).st_mode):
+            raise OSError(errno.EBADF, "Bad file descriptor")
+        real(handle, how)
+
+    monkeypatch.setattr(fcntl, "flock", nfs)
+    path = tmp_path / "assets.lock.yaml"
+    context = multiprocessing.get_context("fork")
+    workers = [context.Process(target=_add, args=(path, number, 5)) for number in range(3)]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    assert len(read_lock(path).assets) == 15
+
+
+def test_names_in_any_letters_give_steps_that_differ() -> None:
+    assert slug("Zoë's clock") == "Zoe-s-clock"
+    assert slug("washing machine (2)") == "washing-machine-2"
+    assert len({slug(name) for name in ("時計", "電話", "時計1", "電話1", "...", "\udcff")}) == 6
+    assert all(entry(id=f"folder/{slug(name)}") for name in ("時計", "x" * 300, "-.-", "\udcff"))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Attribution required, no commercial use",
+        "Free for personal use with attribution",
+        "CC BY, educational use only",
+        "CC-BY-4.0 with additional restrictions",
+        "CC-BY-NCSA-4.0",
+        "CC-BY NonCom",
+        "not CC0",
+        "All rights reserved (not public domain)",
+        "CC0 AND CC-BY-NC-4.0",
+        "see https://creativecommons.org/licenses/by/4.0/ and do not sell it",
+        "CC BY-NC 4.0 (https://creativecommons.org/licenses/by/4.0/)",
+        "Attribution–Non\u2011Commercial 4.0",
+    ],
+)
+def test_a_condition_in_plain_words_is_never_taken_for_a_free_licence(text: str) -> None:
+    assert terms(spdx(text)).verdict == "refused"
+    with pytest.raises(Avs3dError, match="refused, its licence"):
+        check_licence("x/1", spdx(text))
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("CC BY 4.0 (https://creativecommons.org/licenses/by/4.0/)", "CC-BY-4.0"),
+        ("Creative Commons Attribution 4.0 International Public License", "CC-BY-4.0"),
+        ("CC0 1.0 Universal (CC0 1.0) Public Domain Dedication", "CC0-1.0"),
+        ("cc_by_sa_4.0", "CC-BY-SA-4.0"),
+        ("CC BY 4.0 OR MIT", "CC-BY-4.0 OR MIT"),
+        ("creativecommons.org/licenses/by/3.0/deed.de", "CC-BY-3.0"),
+    ],
+)
+def test_more_spellings_of_licences(text: str, name: str) -> None:
+    assert spdx(text) == name

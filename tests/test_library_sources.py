@@ -15,6 +15,7 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from generators.assets.meshfile import load_mesh
 from generators.library import read_lock
 from generators.library.cli import assets
+from generators.library.folder import mesh_files
 from generators.library.http import Limits
 from generators.library.lock import AssetEntry
 from generators.library.session import Session, Stance
@@ -404,3 +405,133 @@ def test_what_is_written_down_holds_no_secret(server: Server, session: Session, 
     assert TOKEN not in text
     assert TOKEN.encode() not in stored
     assert b"signature=" not in stored
+
+
+# ---- answers and files of another shape ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"license": "by"}, "refused, its licence LicenseRef-Sketchfab-unknown"),
+        ({"license": {"slug": ["by"]}}, "refused, its licence LicenseRef-Sketchfab-unknown"),
+        ({"user": ["x"]}, "answered without 'user.username'"),
+        ({"name": 5}, "answered without 'name'"),
+        ({"viewerUrl": "x" * 5000}, "url: "),
+    ],
+)
+def test_a_description_of_another_shape_is_one_line(
+    server: Server, session: Session, changes: dict[str, object], words: str
+) -> None:
+    sketchfab(server, **changes)  # type: ignore[arg-type]
+    fails(lambda: new("sketchfab", session), session, words, f"sketchfab/{UID}")
+    assert server.to("/store/model.glb") == [], "refused before a byte of it is fetched"
+
+
+@pytest.mark.parametrize("changes", [{"licence": {}}, {"username": 7}, {"previews": []}])
+def test_a_sounds_description_of_another_shape_too(
+    server: Server, session: Session, changes: dict[str, object]
+) -> None:
+    freesound(server, **changes)  # type: ignore[arg-type]
+    fails(lambda: new("freesound", session), session, "answered without", "freesound/1234")
+
+
+def test_a_store_that_is_a_file_is_named(server: Server, tmp_path: Path) -> None:
+    freesound(server)
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(Avs3dError, match=r"^freesound/1234: .*cannot write: not a directory"):
+        new("freesound", Session(Store(tmp_path / "file"), FAST))
+
+
+def test_the_file_of_another_process_is_left_alone(server: Server, session: Session) -> None:
+    """It has just come whole under its name there, and has yet to be given its place in the store."""
+    freesound(server)
+    staged = session.store.incoming("freesound/1234", "preview.ogg")
+    staged.parent.mkdir(parents=True)
+    staged.write_bytes(b"of another process")
+    server.on("/previews/1234-hq.ogg", Reply(b"", 404))
+    with pytest.raises(Avs3dError):
+        new("freesound", session)
+    assert staged.read_bytes() == b"of another process"
+
+
+def imports(folder: Path, lock: Path, licence: str = "CC0-1.0") -> Result:
+    return run(
+        "import", "folder", folder, "--licence", licence, "--author", "me", "--category", "clock", "--lock", lock
+    )
+
+
+def test_files_of_like_names_do_not_take_each_others_place(server: Server, tmp_path: Path) -> None:
+    folder, lock = tmp_path / "mine", tmp_path / "assets.lock.yaml"
+    folder.mkdir()
+    for number, name in enumerate(("clock.wav", "clock.ogg", "Zoë.wav", "時計.wav", "電話.wav", "a b.wav", "a-b.wav")):
+        (folder / name).write_bytes(wav(1 + number / 10, "OGG" if name.endswith("ogg") else "WAV"))
+    (folder / "clock.glb").write_bytes(glb())
+    done = imports(folder, lock)
+    assert done.exit_code == 0, done.output
+    entries = read_lock(lock).assets
+    assert len(entries) == 8
+    assert len({entry.sha256 for entry in entries}) == 8
+    ids = {entry.ref: entry.id for entry in entries}
+    assert ids["clock.wav"] == "folder/mine/clock-wav"
+    assert ids["clock.glb"] == "folder/mine/clock-glb"
+    assert ids["Zoë.wav"] == "folder/mine/Zoe"
+    first = lock.read_bytes()
+    assert imports(folder, lock).exit_code == 0
+    assert lock.read_bytes() == first
+
+
+def test_one_hostile_file_does_not_end_an_import(server: Server, tmp_path: Path) -> None:
+    folder, lock = tmp_path / "mine", tmp_path / "assets.lock.yaml"
+    folder.mkdir()
+    obj = "mtllib {}\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+    (folder / "long.obj").write_text(obj.format("a" * 5000))
+    (folder / "nul.obj").write_text(obj.format("a\0b.mtl"))
+    deep = b'{"asset":{"version":"2.0"},"extras":' + b"[" * 100_000 + b"]" * 100_000 + b"}"
+    (folder / "deep.gltf").write_bytes(deep)
+    (folder / "uri.gltf").write_text(json.dumps({"asset": {"version": "2.0"}, "buffers": [{"uri": "\0"}]}))
+    Path(folder, "name\udcff.obj").write_text(obj.format("x.mtl"))
+    (folder / "zz.wav").write_bytes(wav())
+    done = imports(folder, lock)
+    assert done.exit_code == 1, done.exception
+    assert isinstance(done.exception, SystemExit)
+    assert "folder/mine/deep: " in done.output
+    assert "rename the file" in done.output
+    assert "folder/mine/zz" in {entry.id for entry in read_lock(lock).assets}
+
+
+def test_textures_are_found_whatever_their_case_and_path(server: Server, session: Session, tmp_path: Path) -> None:
+    folder = tmp_path / "m"
+    folder.mkdir()
+    (folder / "box.obj").write_text("mtllib C:\\work\\BOX.mtl\n")
+    (folder / "box.MTL").write_text("newmtl a\nmap_Kd textures\\Wood.PNG\n")
+    (folder / "textures").mkdir()
+    (folder / "textures" / "wood.png").write_bytes(b"png")
+    assert sorted(mesh_files(folder / "box.obj", folder)) == ["box.MTL", "box.obj", "textures/wood.png"]
+    (folder / "box.dae").write_text("<image><init_from>textures/wood.png</init_from></image>")
+    assert sorted(mesh_files(folder / "box.dae", folder)) == ["box.dae", "textures/wood.png"]
+
+
+def test_a_condition_in_the_licences_name_is_heeded(server: Server, tmp_path: Path) -> None:
+    (tmp_path / "a.wav").write_bytes(wav())
+    done = imports(tmp_path / "a.wav", tmp_path / "assets.lock.yaml", "Attribution, no commercial use")
+    assert done.exit_code == 1
+    assert "refused, its licence Attribution, no commercial use" in done.output
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (("verify", "--lock", "none.yaml"), "none.yaml: no such lock file"),
+        (("list", "--lock", "none.yaml"), "none.yaml: no such lock file"),
+        (("fetch", "sketchfab", UID, "--category", "clock", "--height", "80"), "not in the range"),
+        (("fetch", "sketchfab", UID, "--category", "clock", "--height", "nan"), "no number in the range"),
+        (("fetch", "freesound", "1234", "--category", "clock", "--max-size", "nan"), "no number in the range"),
+        (("fetch", "sketchfab", UID, "--category", "clock", "--up", "y", "--front", "-y"), "two directions"),
+    ],
+)
+def test_slips_on_the_command_line_are_told_at_once(server: Server, args: tuple[str, ...], words: str) -> None:
+    done = run(*args)
+    assert done.exit_code == 2 or isinstance(done.exception, UsageError)
+    assert words in f"{done.output} {done.exception}"
+    assert server.calls == []

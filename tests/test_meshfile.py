@@ -293,6 +293,10 @@ def test_a_texture_that_cannot_be_decoded(tmp_path: Path) -> None:
     (picture,) = tmp_path.glob("*.png")
     picture.write_bytes(picture.read_bytes()[:60])
     assert picture.name.split(".")[0] in said(tmp_path / "quad.obj")
+    data = textured_quad().export(file_type="glb")
+    at = data.index(b"\x89PNG")
+    (tmp_path / "quad.glb").write_bytes(data[:at] + b"\0" * 64 + data[at + 64 :])
+    assert "quad.glb: its image" in said(tmp_path / "quad.glb")
 
 
 def test_bad_orders(tmp_path: Path) -> None:

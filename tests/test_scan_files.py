@@ -9,7 +9,8 @@ import pytest
 import yaml
 
 from avs3d_bench.errors import Avs3dError
-from generators.plan import make_plans, read_manifest
+from generators.plan import check_scans, make_plans, read_manifest, scans_root
+from generators.runner import run
 from generators.scenes import scanfiles
 from generators.scenes.scanfiles import digest, find_scan_files, scan_files_of
 
@@ -102,6 +103,13 @@ def test_a_link_in_a_circle_is_followed_once(tmp_path: Path) -> None:
     assert find_scan_files("flat", tmp_path).mesh.name == "flat.glb"
 
 
+def test_a_link_to_itself_and_a_link_to_nowhere_are_passed_over(tmp_path: Path) -> None:
+    touch(tmp_path, "a/flat.glb")
+    os.symlink("loop", tmp_path / "loop")
+    os.symlink("gone", tmp_path / "flat.obj")
+    assert find_scan_files("flat", tmp_path).mesh.name == "flat.glb"
+
+
 def test_a_file_is_read_once_for_its_digest_until_it_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "big.glb"
     file.write_bytes(b"one")
@@ -126,6 +134,24 @@ def test_what_a_mesh_refers_to_is_part_of_the_scan(tmp_path: Path) -> None:
     (tmp_path / "b 1.bin").write_bytes(b"bin")
     assert [path.name for path in find_scan_files("a", tmp_path).all] == ["a.obj", "my a.mtl", "wall.png"]
     assert [path.name for path in find_scan_files("b", tmp_path).all] == ["b.gltf", "b 1.bin"]
+
+
+def test_the_texture_that_a_ply_names_is_part_of_the_scan(tmp_path: Path) -> None:
+    (tmp_path / "c.ply").write_bytes(b"ply\nformat ascii 1.0\ncomment TextureFile my wall.png\nend_header\n\xff")
+    (tmp_path / "my wall.png").write_bytes(b"png")
+    assert [path.name for path in find_scan_files("c", tmp_path).all] == ["c.ply", "my wall.png"]
+
+
+def test_files_of_one_name_in_different_folders_all_count(tmp_path: Path) -> None:
+    (tmp_path / "a.gltf").write_text('{"images": [{"uri": "walls/0.png"}, {"uri": "floors/0.png"}]}')
+    touch(tmp_path, "walls/0.png", "floors/0.png")
+    before = find_scan_files("a", tmp_path).digests()
+    assert {"walls/0.png", "floors/0.png"} < set(before)
+    for name in ("walls/0.png", "floors/0.png"):
+        old = (tmp_path / name).read_bytes()
+        (tmp_path / name).write_bytes(b"changed " + old)
+        assert find_scan_files("a", tmp_path).digests() != before, name
+        (tmp_path / name).write_bytes(old)
 
 
 # ---- plans --------------------------------------------------------------------------------------------------------
@@ -181,3 +207,28 @@ def test_a_missing_scan_is_named_when_it_is_opened_not_before(tmp_path: Path) ->
         _ = one.scan_files
     with pytest.raises(Avs3dError, match=r"m\.json: material file of scan flat not found"):
         _ = plan(tmp_path, materials="m.json").material_file
+
+
+def test_all_scans_missing_is_one_line_before_anything_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = read_manifest(Path(__file__).parent.parent / "scenes_manifest" / "3davs-s34-o7.yaml")
+    root = tmp_path / "scans"
+    touch(root, "other.glb")
+    monkeypatch.setenv("AVS3D_SCANS", str(root))
+    plans = make_plans(source, audio="analytic")
+    with pytest.raises(Avs3dError, match="none of the scans") as caught:
+        run(source, plans, tmp_path / "out", workers=1, cache=tmp_path, listen=lambda event: pytest.fail(str(event)))
+    message = str(caught.value)
+    assert all(scan in message for scan in source.manifest.scans)
+    assert str(root) in message
+    assert "--scans" in message
+    assert "\n" not in message
+    assert not (tmp_path / "out").exists()
+    # With one of four the others fail one by one, and it goes on.
+    touch(root, "wc2JMjhGNzB/wc2JMjhGNzB.glb")
+    check_scans(plans)
+
+
+def test_the_root_may_lie_below_ones_home(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("AVS3D_SCANS", "~/scans")
+    assert scans_root(Path("elsewhere")) == tmp_path / "scans"

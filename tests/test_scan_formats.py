@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import struct
 from dataclasses import replace
 from pathlib import Path
 
@@ -45,6 +46,21 @@ def test_the_table_of_hm3d(tmp_path: Path) -> None:
     assert read_table(file) == [(0xFF0080, "kitchen, old", 3), (0x00FF00, "door", -1)]
 
 
+def test_names_with_quotes_and_commas_and_lines_of_windows(tmp_path: Path) -> None:
+    file = tmp_path / "a.semantic.txt"
+    rows = [
+        "HM3D Semantic Annotations",
+        '1,FF0001,"tv, 32"" wide",0',
+        '2,FF0002,"tv 32" wide",1',
+        "3,FF0003,lamp, tall,2",
+        '4,FF0004,"",3',
+        '5,FF0005,"wall"  ,4',
+    ]
+    file.write_bytes("\r\n".join(rows).encode("utf-8-sig") + b"\r\n")
+    names = ['tv, 32" wide', "tv 32 wide", "lamp, tall", "unknown", "wall"]
+    assert read_table(file) == [(0xFF0001 + n, name, n) for n, name in enumerate(names)]
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -55,6 +71,9 @@ def test_the_table_of_hm3d(tmp_path: Path) -> None:
         ("HM3D Semantic Annotations\n1,GG0000,wall,0\n", "line 2"),
         ("HM3D Semantic Annotations\n1,FF0000,wall,0\n2,FF,door,0\n", "line 3"),
         ("HM3D Semantic Annotations\n1,FF0000,wall,x\n", "line 2"),
+        ("HM3D Semantic Annotations\n1,FF0000,wall,99999999999999\n", "line 2"),
+        # A quote that is not closed ends with its line.
+        ('HM3D Semantic Annotations\n1,FF0000,wall,0\n2,FF0001,"door,0\n' + "3,FF0002,wall,0\n" * 20_000, "line 3"),
     ],
 )
 def test_a_broken_table_is_named_by_line(tmp_path: Path, text: str, message: str) -> None:
@@ -317,6 +336,7 @@ def test_labels_with_coefficients_stay_apart_in_the_engine() -> None:
         ('{"materials": [{"labels": ["a"], "absorption": [1, 0.5, 2]}]}', "expected pairs"),
         ('{"materials": [{"labels": ["a"], "absorption": [1, true]}]}', "expected pairs"),
         ('{"materials": [{"labels": ["a"], "absorption": [1, NaN]}]}', "expected pairs"),
+        ('{"materials": [{"labels": ["a"], "absorption": [1' + "0" * 400 + ", 0.1]}]}", "expected pairs"),
         ('{"materials": [{"labels": ["a"], "absorption": [2, 0.5, 1, 0.5]}]}', "that ascend"),
         ('{"materials": [{"labels": ["a"], "absorption": [1, 1.5]}]}', r"values in \[0, 1\]"),
     ],
@@ -416,3 +436,21 @@ def test_compressed_geometry_is_refused_with_the_command_that_unpacks_it(
         load_mesh(file)
     assert "gltf-transform/cli copy small.glb small.plain.glb" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ['{"images": 3}', '{"textures": [null]}', '{"extensionsUsed": null}', "[" * 99_999])
+def test_a_document_that_is_no_gltf_is_one_line(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "odd.glb"
+    body = text.encode()
+    head = struct.pack("<4sII", b"glTF", 2, 20 + len(body)) + struct.pack("<I4s", len(body), b"JSON")
+    file.write_bytes(head + body)
+    with pytest.raises(Avs3dError, match=r"odd\.glb: cannot be read as glb") as caught:
+        load_mesh(file)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_face_of_a_vertex_that_is_not_there_is_one_line(tmp_path: Path) -> None:
+    file = tmp_path / "odd.glb"
+    file.write_bytes(scan_like.mesh_glb(SQUARE, FACES + 2))
+    with pytest.raises(Avs3dError, match=r"odd\.glb: faces of .* refer to vertex 5, it has 4"):
+        load_mesh(file)

@@ -1,22 +1,26 @@
-"""EchoSegnet over a dataset: one submission, or one per voting threshold; one process per device."""
+"""EchoSegnet over a dataset: one submission, or one per voting threshold; one observation at a time on every device."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 
 import torch
 
+from avs3d_bench.cli import missing_extra
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.parallel import process_each
+from avs3d_bench.scheduling.errors import UnfitError
+from avs3d_bench.scheduling.options import Options, scheduler_of
+from avs3d_bench.scheduling.tasks import Context, Event, Failure, Task
 from avs3d_bench.schema import Scalar
 from avs3d_bench.submission import SubmissionFolder, SubmissionWriter
 from baselines.echosegnet.pipeline import Settings, predict
-from baselines.echosegnet.rasterise import default_rasteriser
+from baselines.echosegnet.rasterise import Rasteriser, default_rasteriser
 from baselines.echosegnet.sources import MaskSource
 from baselines.echosegnet.train import Report
 
@@ -24,27 +28,29 @@ from baselines.echosegnet.train import Report
 SWEEP = tuple(round(0.1 * step, 1) for step in range(9, 0, -1))
 
 
+#: An observation takes minutes; one that takes longer than this hangs, seconds.
+LIMIT = 6 * 3600.0
+
+
 @dataclass(frozen=True)
 class Job:
-    """One device's share of the work.
+    """One observation.
 
     Attributes:
-        device: e.g. ``cuda:1``.
         root: the dataset's folder.
-        keys: of its observations.
+        key: of the observation.
         targets: settings → where their masks and points go.
         source: of the train frames' masks.
         work: folder of intermediate results.
-        verbose: report training on stderr.
+        devices: what the tasks of a machine share, e.g. ``("cuda:0", "cuda:1")``; empty: every device it has.
     """
 
-    device: str
     root: Path
-    keys: tuple[str, ...]
+    key: str
     targets: tuple[tuple[Settings, SubmissionFolder], ...]
     source: MaskSource
     work: Path
-    verbose: bool
+    devices: tuple[str, ...]
 
 
 def all_devices() -> tuple[str, ...]:
@@ -83,6 +89,7 @@ def write_echosegnet(
     only: Iterable[str] = (),
     overwrite: bool = False,
     progress: bool = False,
+    scheduling: Options | None = None,
 ) -> SubmissionWriter:
     """Run EchoSegnet and write its submission.
 
@@ -92,10 +99,12 @@ def write_echosegnet(
         source: of the train frames' 2D masks.
         settings: of the pipeline.
         work: folder of intermediate results; a second run with other settings reuses what they do not change.
-        devices: e.g. ``("cuda:0", "cuda:1")``: one process each; with one device, in this process.
+        devices: of this machine, e.g. ``("cuda:0", "cuda:1")``: one process each; with one device and no time limit,
+            in this process. Dask workers use the devices that they have.
         only: shell patterns of observation keys.
         overwrite: take the place of a submission that stands there.
         progress: report on stderr.
+        scheduling: where it runs; None: here.
 
     Raises:
         UsageError: if no observation matches, the target is not free, or a device does not exist.
@@ -103,7 +112,9 @@ def write_echosegnet(
     """
     writer = _writer(dataset, path, source, settings, only, overwrite)
     with writer:
-        figures = _run(writer.observations, dataset, ((settings, writer.folder),), source, work, devices, progress)
+        figures = _run(
+            writer.observations, dataset, ((settings, writer.folder),), source, work, devices, progress, scheduling
+        )
         seconds = sum(float(figure[name] or 0) for figure in figures for name in figure if name.endswith("_seconds"))
         writer.set_runtime(runtime_of(settings, source) | {"seconds": round(seconds, 1)})
     return writer
@@ -121,6 +132,7 @@ def write_sweep(
     only: Iterable[str] = (),
     overwrite: bool = False,
     progress: bool = False,
+    scheduling: Options | None = None,
 ) -> tuple[SubmissionWriter, ...]:
     """One submission per voting threshold, ``<path>/voting-threshold-0.3`` and so on; else as `write_echosegnet`."""
     writers = []
@@ -131,6 +143,7 @@ def write_sweep(
             write_echosegnet(
                 dataset, target, source, mine,
                 work=work, devices=devices, only=only, overwrite=overwrite, progress=progress,
+                scheduling=scheduling,
             )
         )  # fmt: skip
     return tuple(writers)
@@ -160,54 +173,88 @@ def _run(
     work: str | Path,
     devices: Sequence[str],
     progress: bool,
+    scheduling: Options | None,
 ) -> list[dict[str, Scalar]]:
-    keys = [observation.key for observation in observations]
-    for device in devices:
-        default_rasteriser(device)  # a device that is not there is named before anything starts
+    options = scheduling or Options()
+    here = options.address is None and options.jobqueue is None
+    if here:
+        for device in devices:
+            default_rasteriser(device)  # a device that is not there is named before anything starts
+    mine = tuple(devices) if here else ()
     jobs = [
-        Job(device, dataset.root, tuple(keys[start :: len(devices)]), targets, source, Path(work), progress)
-        for start, device in enumerate(devices)
-        if keys[start :: len(devices)]
+        Job(dataset.root.absolute(), observation.key, targets, source, Path(work).absolute(), mine)
+        for observation in observations
     ]
-    done = process_each(run_job, jobs, workers=len(jobs), label="EchoSegnet")
-    return [figure for _, figures in done for figure in figures]
+
+    def say(kind: str, text: str) -> None:
+        if progress:
+            print("  ".join(filter(None, (kind, text))), file=sys.stderr)
+
+    if not options.remote and len(devices) == 1 and options.time_limit is None:
+        return [predict_one(Context(0, lambda _, text: say("", text)), job) for job in jobs]
+
+    def listen(event: Event) -> None:
+        say("" if event.kind in ("training", "done") else event.kind, event.text)
+
+    tasks = [Task(job.key, predict_one, (job,), limit=options.limit(LIMIT)) for job in jobs]
+    figures: list[dict[str, Scalar]] = []
+    failed: list[Failure] = []
+    gpus = any(device != "cpu" for device in devices)
+    with scheduler_of(options, min(len(devices), len(jobs)), gpus=gpus) as pool:
+        results = pool.run(tasks, options.policy(one_thread=False), listen)
+        with closing(results):
+            for result in results:
+                if isinstance(result, Failure):
+                    failed.append(result)
+                    say("failed", f"{result.task.name}: {result.message}")
+                    if options.max_failures is not None and len(failed) > options.max_failures:
+                        break
+                else:
+                    figures.append(result.value)
+    if failed:
+        more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
+        text, key = failed[0].message, failed[0].task.name
+        raise Avs3dError((text if key in text else f"{key}: {text}") + more)
+    return figures
 
 
-def run_job(job: Job) -> list[dict[str, Scalar]]:
-    """Predict the job's observations on its device and write them; figures of each."""
-    rasteriser = default_rasteriser(job.device)
-    figures = []
-    for key in job.keys:
-        observation = Observation(job.root, key)
+def predict_one(context: Context, job: Job) -> dict[str, Scalar]:
+    """Predict an observation on the device of the task's slot and write it; its figures."""
+    try:
+        devices = job.devices or all_devices()
+        rasteriser = _rasteriser(devices[context.slot % len(devices)])
+        observation = Observation(job.root, job.key)
+        figures: dict[str, Scalar] = {}
         for settings, folder in job.targets:
-            say = partial(_say, key) if job.verbose else None
-            try:
-                prediction = predict(observation, job.source, rasteriser, settings, job.work / key, progress=say)
-            except Avs3dError as error:
-                text = str(error)
-                raise type(error)(text if key in text else f"{key}: {text}") from None
+            say = partial(_say, context, job.key)
+            prediction = predict(observation, job.source, rasteriser, settings, job.work / job.key, progress=say)
             for frame in observation.test:
                 folder.write_mask(frame, prediction.masks[frame.name])
             folder.write_points(observation, prediction.points)
-            figures.append({"key": key, **prediction.figures})
-            if job.verbose:
-                _report(key, prediction.figures)
-    return figures
+            figures = {"key": job.key, **prediction.figures}
+            said = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in prediction.figures.items())
+            context.report("done", f"{job.key}: {said}")
+        return figures
+    except ModuleNotFoundError as error:
+        raise UnfitError(missing_extra(error, "baselines")) from error
+    except Avs3dError as error:
+        text = str(error)
+        raise type(error)(text if job.key in text else f"{job.key}: {text}") from None
+
+
+@lru_cache(maxsize=1)
+def _rasteriser(device: str) -> Rasteriser:
+    return default_rasteriser(device)
 
 
 #: Iterations between two lines of progress.
 _SAID_EVERY = 5_000
 
 
-def _say(key: str, report: Report) -> None:
+def _say(context: Context, key: str, report: Report) -> None:
     if report.iteration % _SAID_EVERY == 0 or report.iteration == report.iterations:
-        print(
+        context.report(
+            "training",
             f"{key}: iteration {report.iteration:,} of {report.iterations:,}, loss {report.loss:.4f}, "
             f"{report.psnr:.1f} dB, {report.gaussians:,} Gaussians",
-            file=sys.stderr,
         )
-
-
-def _report(key: str, figures: dict[str, Scalar]) -> None:
-    said = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in figures.items())
-    print(f"{key}: {said}", file=sys.stderr)

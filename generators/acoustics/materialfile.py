@@ -26,6 +26,8 @@ from generators.acoustics.materials import OCTAVE_BANDS, Spectrum, spectral_labe
 
 #: Scattering where a material gives none.
 _SCATTERING: Spectrum = (0.1,) * 6
+#: No frequency is as high, and it is less than a float holds.
+_MOST = 1e300
 _MOST_BYTES = 20_000_000
 
 
@@ -104,7 +106,7 @@ def read_material_file(path: Path) -> MaterialFile:
 def _octaves(values: Any, where: str) -> Spectrum:
     """A spectrum [f0, v0, f1, v1, …] at `OCTAVE_BANDS`."""
     numbers = isinstance(values, list) and all(
-        isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in values
+        isinstance(v, int | float) and not isinstance(v, bool) and abs(v) < _MOST and math.isfinite(v) for v in values
     )
     if not numbers or not values or len(values) % 2:
         raise Avs3dError(f"{where} is {values!r:.60}; expected pairs of frequency (Hz) and coefficient")

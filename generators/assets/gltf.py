@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import io
 import json
 import struct
 from pathlib import Path
@@ -16,6 +17,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from PIL import Image
 
 from avs3d_bench.errors import Avs3dError
 
@@ -28,6 +30,9 @@ COMPRESSED = {
     "KHR_meshopt_compression": "meshopt",
 }
 _DECODER = "opengl_basisu"
+#: Lists of the document that are looked at here, and those of them that hold names.
+_OF_NAMES = ("extensionsUsed", "extensionsRequired")
+_LISTS = (*_OF_NAMES, "buffers", "bufferViews", "images", "textures", "materials")
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
 
 
@@ -51,10 +56,15 @@ def read_tree(file: Path) -> dict[str, Any]:
         data = file.read_bytes()
     try:
         tree = json.loads(data)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise Avs3dError(f"{file}: cannot be read as {file.suffix[1:]} (its JSON is broken); is it whole?") from error
     if not isinstance(tree, dict):
         raise Avs3dError(f"{file}: cannot be read as {file.suffix[1:]} (its JSON is no object); is it whole?")
+    for key in _LISTS:
+        items = tree.get(key, [])
+        kind = str if key in _OF_NAMES else dict
+        if not isinstance(items, list) or not all(isinstance(item, kind) for item in items):
+            raise Avs3dError(f"{file}: cannot be read as {file.suffix[1:]} (its {key} are {items!r:.40}); is it whole?")
     return tree
 
 
@@ -96,6 +106,24 @@ def basis_error(file: Path) -> Avs3dError:
     )
 
 
+def check_images(file: Path) -> None:
+    """Refuse a GLB with an image that is no picture: readers pass over it, and the faces come out plain.
+
+    Raises:
+        Avs3dError: naming the image.
+    """
+    tree, binary = _load(file)
+    compressed = _basis_images(tree)
+    for index, image in enumerate(tree.get("images", [])):
+        if index in compressed or "bufferView" not in image:
+            continue
+        try:
+            Image.open(io.BytesIO(_image_bytes(file, tree, binary, image))).close()
+        except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
+            name = image.get("name") or index
+            raise Avs3dError(f"{file}: its image {name!r} cannot be decoded; fetch the file again") from error
+
+
 def without_basis(file: Path) -> bytes:
     """The GLB with its KTX2 images decoded to PNG.
 
@@ -112,7 +140,7 @@ def without_basis(file: Path) -> bytes:
         image = tree["images"][index]
         try:
             pixels = decoder.open(_image_bytes(file, tree, binary, image)).transcode("rgba8").data
-        except (ValueError, OSError, LookupError) as error:
+        except Exception as error:  # the decoder has its own
             reason = " ".join(str(error).split()) or type(error).__name__
             raise Avs3dError(
                 f"{file}: KTX2 image {index} cannot be decoded ({reason}); fetch the file again"

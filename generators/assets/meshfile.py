@@ -19,7 +19,7 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.taxonomy import check_category
 from generators.assets.acoustic_twin import clustered, component_boxes
 from generators.assets.catalogue import Model, framed
-from generators.assets.gltf import has_basis, without_basis, without_textures
+from generators.assets.gltf import check_images, has_basis, without_basis, without_textures
 from generators.assets.meshcheck import check_file
 from generators.assets.modelframe import before_front, clear_of_twin, upright
 from generators.assets.objects.design import Design, Mount, Point
@@ -88,7 +88,7 @@ def load_mesh(
     file = Path(path)
     scene = open_scene(file, textures=textures)
     known: dict[int, Material] = {}
-    pieces = [_piece(file, name, part, matrix, acoustic, known) for name, part, matrix in _instances(scene)]
+    pieces = [_piece(file, name, part, matrix, acoustic, known) for name, part, matrix in _instances(file, scene)]
     if not pieces:
         raise Avs3dError(f"{file}: has no faces (an empty scene, or points and lines only); expected triangles")
     positions = np.concatenate([p.positions for p in pieces])
@@ -119,6 +119,8 @@ def open_scene(file: Path, *, textures: bool = True) -> Any:
     """
     check_file(file)
     glb = file.suffix.lower() == ".glb"
+    if glb and textures:
+        check_images(file)
     data = without_textures(file) if glb and not textures else without_basis(file) if has_basis(file) else None
     try:
         if data is not None:
@@ -135,7 +137,7 @@ def world_triangles(file: Path, scene: Any) -> Iterator[tuple[Array, NDArray[np.
     Raises:
         Avs3dError: if a vertex is not finite.
     """
-    for name, part, matrix in _instances(scene):
+    for name, part, matrix in _instances(file, scene):
         vertices = np.asarray(part.vertices, dtype=np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
         faces = np.asarray(part.faces, dtype=np.int64)
         if not np.isfinite(vertices).all():
@@ -195,15 +197,23 @@ def load_model(
 # ---- one geometry of the file -------------------------------------------------------------------------------------
 
 
-def _instances(scene: Any) -> Iterator[tuple[str, Any, Array]]:
+def _instances(file: Path, scene: Any) -> Iterator[tuple[str, Any, Array]]:
     """Name, geometry and local-to-world matrix of every triangle mesh in the scene graph, in the order of names.
 
     The names are those of geometries: the reader makes up random ones for nodes (of a mesh with several primitives).
+
+    Raises:
+        Avs3dError: if a face refers to a vertex that is not there.
     """
     nodes = [scene.graph[node] for node in scene.graph.nodes_geometry]
     for matrix, name in sorted(nodes, key=lambda node: (str(node[1]), np.asarray(node[0], dtype=np.float64).tolist())):
         part = scene.geometry[name]
         if isinstance(part, trimesh.Trimesh) and len(part.faces):
+            if not 0 <= int(np.min(part.faces)) <= int(np.max(part.faces)) < len(part.vertices):
+                raise Avs3dError(
+                    f"{file}: faces of {str(name)!r} refer to vertex {int(np.max(part.faces))}, it has "
+                    f"{len(part.vertices)}; is the file whole?"
+                )
             yield str(name), part, np.asarray(matrix, dtype=np.float64)
 
 

@@ -86,6 +86,8 @@ def vetted(
         total += member.file_size
         packed += member.compress_size
         kept.append(member)
+    if packed > archive.start_dir:  # what is before the directory is all there is: members overlap, or they lie
+        raise refuse(f"claims {packed} packed bytes and holds {archive.start_dir}")
     if total > limits.total:
         raise refuse(f"unpacks to {total / 1e6:.0f} MB (at most {limits.total / 1e6:.0f} MB)")
     if total > 10_000_000 and total > limits.ratio * max(1, packed):

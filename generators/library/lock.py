@@ -172,8 +172,7 @@ def _parse(data: bytes, where: str) -> Lock:
             opens = isinstance(event, yaml.SequenceStartEvent | yaml.MappingStartEvent)
             depth += opens - isinstance(event, yaml.SequenceEndEvent | yaml.MappingEndEvent)
             if depth > _DEEPEST:
-                line = event.start_mark.line + 1
-                raise Avs3dError(f"{where}: not valid at line {line}: lists within lists; expected entries with fields")
+                raise Avs3dError(f"{where}: not valid: lists within lists; expected entries with fields")
         document: Any = yaml.load(text, Loader=_Loader)
     except (yaml.YAMLError, UnicodeDecodeError, ValueError) as error:
         mark = getattr(error, "problem_mark", None)

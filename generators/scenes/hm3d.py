@@ -24,6 +24,8 @@ from generators.scenes.scene import I32
 Array = NDArray[np.float64]
 
 HEADER = "HM3D Semantic Annotations"
+#: What an object is called whose name is empty.
+UNKNOWN = "unknown"
 #: Distance of the points at which the coloured surface is read, and the most on one face.
 SPACING, MOST = 0.07, 400
 #: Percentage of a region's surface beyond each side of its box: stray texels, reveals of windows.
@@ -63,19 +65,19 @@ def read_table(path: Path) -> list[tuple[int, str, int]]:
     if not lines or HEADER not in lines[0]:
         raise Avs3dError(f"{path}: does not start with {HEADER!r}; is it HM3D's .semantic.txt?")
     out = []
-    for number, row in enumerate(csv.reader(lines[1:], skipinitialspace=True), start=2):
-        if not row:
+    for number, line in enumerate(lines[1:], start=2):
+        if not line.strip():
             continue
         try:
-            _, code, category, region = row
+            # Line by line: a quote that is never closed is not to swallow the rest of the file.
+            _, code, *words, region = next(csv.reader([line], skipinitialspace=True))
             colour = int(code, 16)
-            if len(code) != 6 or not category.strip():
+            if len(code) != 6 or not words:
                 raise ValueError
-            out.append((colour, category.strip().lower(), int(region)))
-        except ValueError:
-            raise Avs3dError(
-                f'{path}: line {number} is {",".join(row)!r:.80}; expected id,RRGGBB,"category",region'
-            ) from None
+            category = " ".join(", ".join(words).lower().split()).strip('"')
+            out.append((colour, category or UNKNOWN, int(np.int32(int(region)))))
+        except (ValueError, OverflowError, csv.Error):
+            raise Avs3dError(f'{path}: line {number} is {line!r:.80}; expected id,RRGGBB,"category",region') from None
     if not out:
         raise Avs3dError(f"{path}: has no objects; is it whole?")
     return out

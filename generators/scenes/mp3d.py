@@ -50,7 +50,7 @@ def read_mp3d(house: Path, mesh: Path | None, rotation: Array) -> Annotations:
 def _read_house(path: Path) -> tuple[list[Region], list[AnnotatedObject], dict[int, int]]:
     """Regions and objects in the file's axes, and object index in the file → place in the list."""
     try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+        lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
     except OSError as error:
         raise Avs3dError(f"{path}: cannot be read ({error}); expected a house file of Matterport3D") from error
     if not lines or not lines[0].startswith("ASCII"):

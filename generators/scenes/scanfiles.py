@@ -35,6 +35,8 @@ MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".basis.glb")
 AXES: dict[Kind, tuple[str, str]] = {"hm3d": ("z", "-y"), "mp3d": ("z", "-y"), "file": ("y", "+z")}
 #: Folders below the root that are searched, so that a root of ``/`` is noticed rather than walked.
 _MOST_FOLDERS = 200_000
+#: Bytes of a PLY that are looked through for the end of its header.
+_PLY_HEADER = 65_536
 _HM3D_FOLDER = re.compile(r"^(\d{5})-(\w+)$")
 
 
@@ -63,16 +65,25 @@ class ScanFiles:
     @property
     def all(self) -> tuple[Path, ...]:
         """Every file that there is, those that the mesh refers to included."""
+        return self._own + _referred(self.mesh)
+
+    @property
+    def _own(self) -> tuple[Path, ...]:
         own = (self.mesh, self.semantic_txt, self.semantic_mesh, self.house)
-        return tuple(p for p in own if p is not None) + _referred(self.mesh)
+        return tuple(p for p in own if p is not None)
 
     def digests(self) -> dict[str, str]:
-        """File name → sha256 of every file."""
-        return {path.name: digest(path) for path in self.all}
+        """Name → sha256 of every file; what the mesh refers to is named as it does, since names alone may repeat."""
+        named = {os.path.relpath(path, self.mesh.parent): path for path in _referred(self.mesh)}
+        named |= {path.name: path for path in self._own}
+        return {name: digest(path) for name, path in sorted(named.items())}
 
 
 def _referred(mesh: Path) -> tuple[Path, ...]:
-    """The buffers and textures of a .gltf, the material library of an .obj and its textures, as far as they exist."""
+    """What the mesh refers to, as far as it exists.
+
+    The buffers and textures of a .gltf, the material library of an .obj and its textures, the texture of a .ply.
+    """
     names: list[str] = []
     suffix = mesh.suffix.lower()
     try:
@@ -85,6 +96,8 @@ def _referred(mesh: Path) -> tuple[Path, ...]:
             names += [
                 image for name in names if (mesh.parent / name).is_file() for image in _images(mesh.parent / name)
             ]
+        elif suffix == ".ply":
+            names = _texture_of_ply(mesh)
     except (OSError, ValueError, AttributeError, TypeError):
         return ()  # the reader will say what is wrong with it
     return tuple(path for path in (mesh.parent / name for name in dict.fromkeys(names)) if path.is_file())
@@ -94,6 +107,14 @@ def _images(library: Path) -> list[str]:
     """Textures of a material library; options may stand before a name."""
     words = _after(library, "map_kd")
     return [(word.split()[-1] if word.startswith("-") else word).replace("\\", "/") for word in words]
+
+
+def _texture_of_ply(mesh: Path) -> list[str]:
+    """Textures that the comments of a PLY's header name."""
+    with mesh.open("rb") as stream:
+        header = stream.read(_PLY_HEADER).partition(b"end_header")[0].decode("utf-8", "replace")
+    words = [line.split(maxsplit=2) for line in header.splitlines()]
+    return [rest[2].strip() for rest in words if len(rest) == 3 and rest[:2] == ["comment", "TextureFile"]]
 
 
 def _after(file: Path, key: str) -> list[str]:
@@ -125,7 +146,8 @@ def find_scan_files(scan_id: str, root: str | Path) -> ScanFiles:
         if any(p.name.startswith(f"{stem}.semantic") for p in found):
             hint = "; only its annotations are there: the geometry is in HM3D's archives hm3d-*-glb or hm3d-*-habitat"
         raise Avs3dError(
-            f"unknown scan {scan_id!r}: no {stem}.glb (or .gltf, .obj, .ply, .basis.glb) below {root}{hint}"
+            f"unknown scan {scan_id!r}: no {stem}.glb (or .gltf, .obj, .ply, .basis.glb) below {root}{hint}; "
+            "name the folder that holds your scans with --scans (or $AVS3D_SCANS)"
         )
     mesh = meshes[0]
     same = [p for p in meshes if p.name == mesh.name]
@@ -184,9 +206,13 @@ def _walk(root: Path) -> Iterator[Path]:
             raise Avs3dError(f"{root}: more than {_MOST_FOLDERS} folders; name the folder that holds your scans")
         folders = []
         for entry in entries:
-            if entry.is_dir():
+            try:
+                is_folder, is_file = entry.is_dir(), entry.is_file()
+            except OSError:  # a link to itself, or into a folder that may not be read
+                continue
+            if is_folder:
                 folders.append(Path(entry.path))
-            elif entry.is_file():
+            elif is_file:
                 yield Path(entry.path)
         stack += reversed(folders)
 

@@ -13,12 +13,15 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import shutil
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from socket import gethostname
+from tempfile import TemporaryDirectory, gettempdir
 
 import numpy as np
 from numpy.typing import NDArray
@@ -235,12 +238,30 @@ def _field_of_view(camera: Intrinsics) -> float:
 
 
 def _folder(owner: object) -> tuple[Path, Callable[[], object]]:
-    """A temporary folder that goes with its ``owner``, and what removes it before."""
+    """A temporary folder that goes with its ``owner``, and what removes it before.
+
+    Its name says whose it is: what processes left behind that were killed together with their worker goes now.
+    """
+    prefix = f"avs3d-habitat-{gethostname()}-"
+    for left in Path(gettempdir()).glob(f"{prefix}*-*"):
+        owner_id = left.name.removeprefix(prefix).partition("-")[0]
+        if owner_id.isdigit() and not _is_alive(int(owner_id)):
+            shutil.rmtree(left, ignore_errors=True)
     try:
-        folder = TemporaryDirectory(prefix="avs3d-habitat-", ignore_cleanup_errors=True)
+        folder = TemporaryDirectory(prefix=f"{prefix}{os.getpid()}-", ignore_cleanup_errors=True)
     except OSError as error:
         raise Avs3dError(os_error_line(error, action="make a temporary folder")) from error
     return Path(folder.name), weakref.finalize(owner, folder.cleanup)
+
+
+def _is_alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # another user's
+        return True
+    return True
 
 
 def _open_request(scene: Scene, folder: Path, camera: Intrinsics, hfov: float) -> Header:
@@ -260,6 +281,7 @@ def _open_request(scene: Scene, folder: Path, camera: Intrinsics, hfov: float) -
         objects.append({"id": number, "path": str(path)})
     return {
         "command": "open",
+        "folder": str(folder),
         "stage": stage,
         "objects": objects,
         "width": camera.width,

@@ -211,9 +211,8 @@ class Client:
         try:
             return self.worker.ask(header, limit, arrays)
         except WorkerLostError as lost:
-            self.worker.close()
+            self.close()
             if self._replaced:
-                self.worker = None
                 raise Avs3dError(f"habitat-sim died a second time over {self._what}: it {lost}") from lost
         self._replaced = True
         self.worker = self._start()
@@ -230,7 +229,8 @@ class Client:
             self.worker = None
 
     def _start(self) -> Worker:
-        worker, self.about = start(self._interpreter, self._limits)
+        folder = next((header["folder"] for header, _ in self._prepare if "folder" in header), None)
+        worker, self.about = start(self._interpreter, self._limits, folder)
         try:
             self.answers = [worker.ask(header, limit)[0] for header, limit in self._prepare]
         except WorkerLostError as lost:
@@ -242,15 +242,18 @@ class Client:
         return worker
 
 
-def start(interpreter: str, limits: Limits) -> tuple[Worker, Header]:
+def start(interpreter: str, limits: Limits, folder: str | None = None) -> tuple[Worker, Header]:
     """A worker that has said hello, and what it said: ``version`` of habitat_sim, ``python``, ``cuda``.
+
+    It removes ``folder`` when this process lets it go, or is killed. It is told so before it loads habitat_sim, which
+    takes a while.
 
     Raises:
         Avs3dError: if the interpreter cannot be run, is no Python ≥ 3.8, or has no habitat_sim.
     """
     worker = Worker(interpreter)
     try:
-        answer, _ = worker.ask({"command": "hello"}, limits.hello)
+        answer, _ = worker.ask({"command": "hello"} | ({"folder": folder} if folder else {}), limits.hello)
     except WorkerLostError as lost:
         worker.close()
         raise Avs3dError(f"vision backend habitat: {interpreter} {lost}; {HOW}") from lost

@@ -12,7 +12,8 @@ other. Every request has a ``command`` and gets one answer, which has ``ok``: tr
     navigable   which points (N, 3) lie on it
     close       drop the scene
 
-The process ends with its input.
+The process ends with its input. The folder that a request names goes with it: a parent that was killed cannot remove
+it.
 
 habitat-sim and the graphics driver print to file descriptor 1 as they please; it is made a copy of standard error
 before either is loaded, and answers go out through a duplicate of the original.
@@ -23,6 +24,7 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import shutil
 import signal
 import struct
 import sys
@@ -224,10 +226,12 @@ class Service:
 
     def __init__(self) -> None:
         self.world: World | None = None
+        self.folder: str | None = None
 
     def answer(self, request: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], list[tuple[str, Any]]]:
         """The answer to a request, and the arrays that go with it."""
         command = request.get("command")
+        self.folder = request.get("folder", self.folder)
         if command == "hello":
             return self.hello(), []
         if command == "open":
@@ -264,28 +268,36 @@ class Service:
             self.world.close()
         self.world = None
 
+    def remove_folder(self) -> None:
+        """Remove what the parent wrote for this process, which nobody needs once the parent has let it go."""
+        if self.folder is not None:
+            shutil.rmtree(self.folder, ignore_errors=True)
 
-def serve(channel: Channel) -> None:
+
+def serve(channel: Channel, service: Service) -> None:
     """Answer requests until the other side goes."""
-    service = Service()
-    while True:
-        request, arrays = channel.receive()
-        if request is None:
-            break
-        try:
-            answer, results = service.answer(request, arrays)
-            answer["ok"] = True
-        except Exception as error:  # whatever it is, the other side is to hear of it
-            traceback.print_exc()
-            answer, results = {"ok": False, "error": f"{type(error).__name__}: {error}"}, []
-        channel.send(answer, results)
+    try:
+        while True:
+            request, arrays = channel.receive()
+            if request is None:
+                break
+            try:
+                answer, results = service.answer(request, arrays)
+                answer["ok"] = True
+            except Exception as error:  # whatever it is, the other side is to hear of it
+                traceback.print_exc()
+                answer, results = {"ok": False, "error": f"{type(error).__name__}: {error}"}, []
+            channel.send(answer, results)
+    finally:  # it may have gone in the middle of a message
+        service.remove_folder()
     service.close()
 
 
-def watch(parent: int) -> None:
+def watch(parent: int, service: Service) -> None:
     """End this process when its parent has ended, even in the middle of a frame."""
     while os.getppid() == parent:
         time.sleep(WATCH)
+    service.remove_folder()
     os._exit(1)
 
 
@@ -296,12 +308,13 @@ def main() -> None:
     sys.path[:] = [entry for entry in sys.path if os.path.abspath(entry or ".") != here]
     # Ctrl-C at the terminal is the parent's business, which ends this process by closing its input.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=watch, args=(os.getppid(),), daemon=True).start()
+    service = Service()
+    threading.Thread(target=watch, args=(os.getppid(), service), daemon=True).start()
     reader, writer = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     os.environ.setdefault("HABITAT_SIM_LOG", "quiet")
     os.environ.setdefault("MAGNUM_LOG", "quiet")
-    serve(Channel(reader, writer))
+    serve(Channel(reader, writer), service)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,309 @@
+"""A dataset card: what is in it, how it was made, what may be done with it, what it cannot tell, how to load it.
+
+The front matter is the one of Hugging Face's cards, with the files of each configuration where the card stands in an
+export. All numbers come from the observations' records; nothing is decoded.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from avs3d_bench import media
+from avs3d_bench.dataset import Dataset
+from avs3d_bench.exports.citation import ARXIV, BIBTEX, PAPER
+from avs3d_bench.exports.samples import ALL_KINDS, check_output, file_kinds, select
+from avs3d_bench.schema import DatasetRecord
+from avs3d_bench.taxonomy import CATEGORIES, PARTS, ROOMS
+
+#: Licence names as the Hub knows them.
+_HUB_LICENCES = {
+    "Apache-2.0": "apache-2.0",
+    "MIT": "mit",
+    "CC0-1.0": "cc0-1.0",
+    "CC-BY-4.0": "cc-by-4.0",
+    "CC-BY-SA-4.0": "cc-by-sa-4.0",
+    "CC-BY-NC-4.0": "cc-by-nc-4.0",
+    "CC-BY-NC-SA-4.0": "cc-by-nc-sa-4.0",
+}
+
+
+@dataclass(frozen=True)
+class ObservationFacts:
+    """What the card says of an observation; None where the official release does not say it."""
+
+    key: str
+    part: str
+    scan: str
+    room: str
+    category: str | None
+    frames: int
+    train: int
+    test: int
+    visible: int | None
+    width: int
+    height: int
+    t30: float | None
+    distances: tuple[float, float] | None
+    moves: bool
+    variant_of: str | None
+    silent: tuple[str, ...]
+    acoustics: str | None
+    vision: str | None
+
+
+@dataclass(frozen=True)
+class CardFacts:
+    """What the card says of the dataset; ``sizes``: kind → (files, bytes)."""
+
+    name: str
+    record: DatasetRecord | None
+    observations: tuple[ObservationFacts, ...]
+    sizes: dict[str, tuple[int, int]]
+
+
+def gather(dataset: Dataset, keys: Sequence[str]) -> CardFacts:
+    """Read the records of the observations and the sizes of their files.
+
+    Raises:
+        Avs3dError: if a record does not fit the schema.
+    """
+    observations = []
+    sizes: dict[str, tuple[int, int]] = {}
+    for key in keys:
+        observation = dataset[key]
+        place, record, camera = observation.place, observation.record, observation.intrinsics
+        frames = record.frames if record else ()
+        distances = [frame.distance for frame in frames]
+        observations.append(
+            ObservationFacts(
+                key=key, part=place.part, scan=place.scan, room=place.room, category=observation.category,
+                frames=len(observation.frames), train=len(observation.train), test=len(observation.test),
+                visible=sum(f.visible_pixels > 0 for f in frames) if record else None,
+                width=camera.width, height=camera.height, t30=record.acoustics.t30 if record else None,
+                distances=(min(distances), max(distances)) if distances else None,
+                moves=bool(record and record.moves), variant_of=record.variant_of if record else None,
+                silent=tuple(sorted(i.category for i in record.instances if not i.sounding)) if record else (),
+                acoustics=f"{record.acoustics.backend} {record.acoustics.version}" if record else None,
+                vision=f"{record.vision.backend} {record.vision.version}" if record else None,
+            )
+        )  # fmt: skip
+        for name, kind in file_kinds(observation, tuple(ALL_KINDS)).items():
+            found = [kind.file(observation.path, frame.name, frame.index) for frame in observation.frames]
+            known = [path.stat().st_size for path in found if path.is_file()]
+            files, size = sizes.get(name, (0, 0))
+            sizes[name] = (files + len(known), size + sum(known))
+    return CardFacts(dataset.name, dataset.record, tuple(observations), sizes)
+
+
+def write_card(root: str | Path, output: str | Path) -> None:
+    """Write the card of the dataset at ``root``.
+
+    Raises:
+        UsageError: if there is no dataset.
+        Avs3dError: if a record does not fit the schema, or the system refuses.
+    """
+    dataset, keys = select(root)
+    check_output(dataset, output)
+    media.write_bytes(output, card_text(gather(dataset, keys)).encode())
+
+
+def card_text(facts: CardFacts, *, configs: Mapping[str, Mapping[str, str]] | None = None) -> str:
+    """The card in Markdown.
+
+    Args:
+        facts: of `gather`.
+        configs: configuration → split → files, for a card that stands in an export; the first is the default.
+    """
+    sections = [
+        _front_matter(facts, configs),
+        _opening(facts),
+        _contents(facts),
+        _rooms_and_sound(facts),
+        _files(facts),
+        _loading(facts, configs),
+        _LIMITS.format(variants=_variants(facts), engine=_engine(facts)),
+        _licences(facts),
+        f"## Citation\n\n```bibtex\n{BIBTEX}\n```\n",
+    ]
+    return "\n".join(section.rstrip() + "\n" for section in sections if section)
+
+
+def hub_licence(licence: str | None) -> str:
+    """The Hub's identifier of a licence that starts with an SPDX name; ``other`` where it has none."""
+    return _HUB_LICENCES.get((licence or "").split(" ")[0], "other")
+
+
+def _front_matter(facts: CardFacts, configs: Mapping[str, Mapping[str, str]] | None) -> str:
+    frames = sum(o.frames for o in facts.observations)
+    sizes = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))
+    licence = facts.record.licence if facts.record else None
+    head: dict[str, Any] = {
+        "pretty_name": facts.name,
+        "license": hub_licence(licence),
+        "task_categories": ["image-segmentation"],
+        "tags": ["audio-visual-segmentation", "3d", "binaural", "spatial-audio", "synthetic", "multi-view"],
+        "size_categories": [next((name for most, name in sizes if frames < most), "n>1M")],
+    }
+    if head["license"] == "other":
+        head |= {"license_name": "other", "license_details": licence or "see the publisher of the release"}
+    if configs:
+        head["configs"] = [
+            {"config_name": name, "data_files": [{"split": split, "path": path} for split, path in files.items()]}
+            | ({"default": True} if number == 0 else {})
+            for number, (name, files) in enumerate(configs.items())
+        ]
+    return f"---\n{yaml.safe_dump(head, sort_keys=False, allow_unicode=True, width=110)}---"
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """A Markdown table; the first column is text, the others stand right."""
+    lines = [f"| {' | '.join(header)} |", f"|{'|'.join(['---', *['---:'] * (len(header) - 1)])}|"]
+    return "\n".join(lines + [f"| {' | '.join(str(cell).replace('|', '/') for cell in row)} |" for row in rows])
+
+
+def _plural(count: int, what: str) -> str:
+    return f"{count:,} {what}{'' if count == 1 else 's'}"
+
+
+def _opening(facts: CardFacts) -> str:
+    observations = facts.observations
+    frames = sum(o.frames for o in observations)
+    sizes = sorted({f"{o.width}×{o.height}" for o in observations})
+    version = f" {facts.record.version}" if facts.record else ""
+    moving = sum(o.moves for o in observations)
+    extra = f" In {_plural(moving, 'observation')} the source moves." if moving else ""
+    made = ""
+    if facts.record:
+        engines = ", ".join(f"{name} {version}" for name, version in sorted(facts.record.backends.items()))
+        made = (
+            f"\nRendered with {engines} by avs3d-bench {facts.record.toolkit_version}; the manifest "
+            f"(sha256 `{facts.record.manifest_sha256[:16]}…`) stands verbatim in `dataset.json`, and the same manifest "
+            "and engines give the same bytes."
+        )
+    return (
+        f"# {facts.name}{version}\n\n"
+        "3D audio-visual segmentation: posed RGB pictures and one second of binaural sound per picture, along the path "
+        "of an agent that passes an object that sounds. The task: mark that object, in every view and in 3D.\n\n"
+        f"{_plural(len(observations), 'observation')} with {_plural(frames, 'frame')} of {', '.join(sizes)} pixels, "
+        f"44.1 kHz; every eighth frame is a test frame.{extra} It follows the benchmark 3DAVS-S34-O7 of “{PAPER}” "
+        f"([arXiv:{ARXIV}](https://arxiv.org/abs/{ARXIV})).{made}"
+    )
+
+
+def _contents(facts: CardFacts) -> str:
+    rows = []
+    what = {"part_1": "one instance of the category", "part_2": "several identical instances, one sounds"}
+    for part in PARTS:
+        mine = [o for o in facts.observations if o.part == part]
+        if mine:
+            visible = "–" if any(o.visible is None for o in mine) else f"{sum(o.visible or 0 for o in mine):,}"
+            rows.append(
+                (f"`{part}`: {what[part]}", len(mine), f"{sum(o.frames for o in mine):,}",
+                 f"{sum(o.train for o in mine):,}", f"{sum(o.test for o in mine):,}", visible)
+            )  # fmt: skip
+    text = "## Contents\n\n" + table(("part", "observations", "frames", "train", "test", "object visible"), rows)
+    known = Counter((o.category, o.part) for o in facts.observations if o.category)
+    if known:
+        lines = [
+            (c, *(known[(c, part)] for part in PARTS), sum(o.category == c for o in facts.observations))
+            for c in CATEGORIES
+        ]
+        text += "\n\n" + table(("sounding category", *PARTS, "all"), lines)
+    silent = Counter(category for o in facts.observations for category in o.silent)
+    if silent:
+        listed = ", ".join(f"{name} ({count})" for name, count in sorted(silent.items()))
+        text += f"\n\nSilent objects that stand by: {listed}."
+    return text
+
+
+def _rooms_and_sound(facts: CardFacts) -> str:
+    rows = []
+    for room in ROOMS:
+        mine = [o for o in facts.observations if o.room == room]
+        if not mine:
+            continue
+        t30 = [o.t30 for o in mine if o.t30 is not None]
+        reach = [o.distances for o in mine if o.distances is not None]
+        rows.append(
+            (room, len(mine), len({o.scan for o in mine}),
+             f"{min(t30):.2f} – {np.median(t30):.2f} – {max(t30):.2f}" if t30 else "–",
+             f"{min(a for a, _ in reach):.1f} – {max(b for _, b in reach):.1f}" if reach else "–")
+        )  # fmt: skip
+    head = ("room", "observations", "homes", "T30, least – median – most (s)", "distance to the source (m)")
+    return "## Rooms and sound\n\n" + table(head, rows)
+
+
+def _files(facts: CardFacts) -> str:
+    rows = [
+        (f"`{ALL_KINDS[name].folder}/`: {ALL_KINDS[name].what}", f"{files:,}", f"{size / 1e6:,.1f}")
+        for name, (files, size) in facts.sizes.items()
+    ]
+    rows.append(("together", f"{sum(n for n, _ in facts.sizes.values()):,}",
+                 f"{sum(size for _, size in facts.sizes.values()) / 1e6:,.1f}"))  # fmt: skip
+    return "## Files of the frames\n\n" + table(("folder", "files", "MB"), rows)
+
+
+def _loading(facts: CardFacts, configs: Mapping[str, Mapping[str, str]] | None) -> str:
+    split = next(iter(next(iter(configs.values())))) if configs else "train"
+    if configs:
+        code = (
+            "from datasets import load_dataset\n"
+            "from avs3d_bench.exports import waveform\n\n"
+            f'frames = load_dataset(".", split="{split}")      # this folder\n'
+            'row = frames[0]                                # row["rgb"], row["mask"]: PIL pictures\n'
+            'samples, rate = waveform(row["binaural"])      # (2, 44100) float32; no torchcodec needed\n'
+            'observations = load_dataset(".", "observations", split="observations")'
+        )
+    else:
+        code = (
+            "from avs3d_bench.exports import AVS3DDataset    # a torch.utils.data.Dataset\n\n"
+            'frames = AVS3DDataset(".", split="train")       # this folder\n'
+            'item = frames[0]                                # item["rgb"], item["binaural"], item["mask"], …'
+        )
+    return (
+        f"## Loading\n\n```python\n{code}\n```\n\n"
+        "World: right-handed, metres, Y up. The camera looks down −Z; poses are camera-to-world, quaternions "
+        "(w, x, y, z). Azimuth: 0 ahead, positive to the right. Channel 0 is left."
+    )
+
+
+_LIMITS = """## Known limits
+
+- Synthetic: procedural or scanned homes, rendered pictures and computed sound. No sensor noise, no motion blur, no
+  second sound, no speech. A method that does well here has not been shown to do so on recordings.
+- One object sounds in every frame, whether it is in view or not; many frames show none of it (see the table).
+- Masks hold visible pixels only; what glass and mirrors do to them depends on the renderer.
+- The path was chosen so that the object comes into view; azimuths and distances are not uniform.
+- Seven household categories, three kinds of rooms: not a sample of the homes of the world.{variants}{engine}
+- No person was recorded or shown; there is no personal data."""
+
+
+def _variants(facts: CardFacts) -> str:
+    count = sum(o.variant_of is not None for o in facts.observations)
+    return f"\n- {_plural(count, 'observation')} differ from another in their acoustics alone." if count else ""
+
+
+def _engine(facts: CardFacts) -> str:
+    engines = sorted({o.acoustics for o in facts.observations if o.acoustics})
+    return f"\n- The sound is that of {', '.join(engines)} with one head; other ears hear otherwise." if engines else ""
+
+
+def _licences(facts: CardFacts) -> str:
+    if facts.record is None:
+        return (
+            "## Licence\n\nThe release states no licence in its files: ask its publisher. Scans and assets keep the "
+            "licences of their sources."
+        )
+    rows = [(a.asset, a.name, a.author, a.source) for a in facts.record.attributions]
+    text = f"## Licence\n\n{facts.record.licence}"
+    if rows:
+        head = ("asset", "licence", "author", "source")
+        text += "\n\n" + table(head, rows).replace("---:", "---")
+    return text

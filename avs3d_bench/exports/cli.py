@@ -1,0 +1,100 @@
+"""`avs3d export`: a dataset in the forms that other tools read."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from avs3d_bench.exports.samples import EXTRA_KINDS, SPLIT_CHOICES
+from avs3d_bench.exports.shards import ShardIndex
+
+_C = TypeVar("_C", bound=Callable[..., Any])
+_ROOT = click.argument("root", type=click.Path(path_type=Path))
+_ONLY = click.option("--only", multiple=True, metavar="GLOB", help="Observations whose key matches; repeatable.")
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+def export() -> None:
+    """Export a dataset in forms that other tools read."""
+
+
+def _shard_options(command: _C) -> _C:
+    size = "A shard's size in megabytes (10⁶ bytes)."
+    for option in (
+        click.option("--workers", type=click.IntRange(1, 256), default=None, help="Processes [one per core]."),
+        click.option("--with", "extras", type=click.Choice(list(EXTRA_KINDS)), multiple=True, help="More files."),
+        _ONLY,
+        click.option("--shard-size", "shard_mb", type=float, default=256.0, show_default=True, metavar="MB", help=size),
+        click.option("--split", type=click.Choice(SPLIT_CHOICES), default="all", show_default=True),
+        click.option("-o", "--output", "folder", type=click.Path(path_type=Path), required=True, help="The folder."),
+        _ROOT,
+    ):
+        command = option(command)
+    return command
+
+
+def _say(folder: Path, index: ShardIndex) -> None:
+    for name, split in index.splits.items():
+        click.echo(
+            f"{name}: {split.samples:,} samples of {split.observations} observations, {split.shards} shards, "
+            f"{split.bytes / 1e6:,.1f} MB"
+        )
+    click.echo(str(folder))
+
+
+@export.command(short_help="Tar shards of frames.")
+@_shard_options
+def webdataset(root: Path, folder: Path, **options: Any) -> None:
+    """Write the dataset at ROOT as WebDataset shards.
+
+    The same dataset and options give the same bytes. An interrupted export goes on where it stopped; `shards.json` is
+    written last and holds the sha256 of every shard.
+    """
+    from avs3d_bench.exports.webdataset import write_webdataset
+
+    _say(folder, write_webdataset(root, folder, progress=sys.stderr.isatty(), **options))
+
+
+@export.command(short_help="A folder for `datasets.load_dataset`.")
+@_shard_options
+def huggingface(root: Path, folder: Path, **options: Any) -> None:
+    """Write the dataset at ROOT as Parquet files with a dataset card: `datasets.load_dataset(DIR)` reads them.
+
+    The same dataset and options give the same bytes. An interrupted export goes on where it stopped.
+    """
+    from avs3d_bench.exports.huggingface import write_huggingface
+
+    _say(folder, write_huggingface(root, folder, progress=sys.stderr.isatty(), **options))
+
+
+@export.command(short_help="A Croissant description (JSON-LD).")
+@_ROOT
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="The file; beside the data, best.")
+@click.option("--url", default=None, help="The dataset's home page.")
+@click.option("--date", "published", default=None, metavar="YYYY-MM-DD", help="When it was published.")
+def croissant(root: Path, output: Path, url: str | None, published: str | None) -> None:
+    """Describe the dataset at ROOT in Croissant: files, records, licence, citation, responsible-AI fields.
+
+    Paths in it are relative to ROOT: readers look for the files beside it.
+    """
+    from avs3d_bench.exports.croissant import write_croissant
+
+    write_croissant(root, output, url=url, published=published)
+    click.echo(str(output))
+    if output.resolve().parent != root.resolve():
+        click.echo(f"{output}: paths in it are relative to {root}; put it there before it is read", err=True)
+
+
+@export.command(short_help="A dataset card.")
+@_ROOT
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="The file, e.g. README.md.")
+def card(root: Path, output: Path) -> None:
+    """Write the card of the dataset at ROOT: contents, sizes, rooms, sound, licences, limits, how to load it."""
+    from avs3d_bench.exports.card import write_card
+
+    write_card(root, output)
+    click.echo(str(output))

@@ -1,0 +1,174 @@
+"""WebDataset shards: tar files whose members group into samples by name.
+
+    train-000000.tar
+      part_1/apartment_1/kitchen/1/frame_001.rgb.png
+      part_1/apartment_1/kitchen/1/frame_001.binaural.wav
+      part_1/apartment_1/kitchen/1/frame_001.mask.png
+      part_1/apartment_1/kitchen/1/frame_001.instances.png
+      part_1/apartment_1/kitchen/1/frame_001.json
+
+    import webdataset
+    from avs3d_bench.exports import decode_sample
+    frames = webdataset.WebDataset("shards/train-{000000..000011}.tar", shardshuffle=12).map(decode_sample)
+
+Files are stored as they are. Owner, group and times are 0, so that the same frames give the same bytes; names that
+USTAR cannot hold get a PAX header.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import tarfile
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import cv2
+import numpy as np
+
+from avs3d_bench import layout
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.exports.samples import ALL_KINDS, Sample, check_extras, check_split, select
+from avs3d_bench.exports.shards import Layout, ShardIndex, export_shards
+
+#: Megabytes of a shard: large enough to stream, small enough to shuffle and to resume.
+SHARD_MB = 256.0
+MB = 1_000_000
+_BLOCK = tarfile.BLOCKSIZE
+
+
+def header(name: str, size: int) -> bytes:
+    """The tar header of a regular file (with a PAX header before it where the name asks for one)."""
+    info = tarfile.TarInfo(name)
+    info.size, info.mode, info.mtime, info.uid, info.gid = size, 0o644, 0, 0, 0
+    return info.tobuf(tarfile.PAX_FORMAT, encoding="utf-8", errors="surrogateescape")
+
+
+def padding(size: int) -> bytes:
+    """Zeros up to the next block."""
+    return bytes(-size % _BLOCK)
+
+
+def room(sample: Sample) -> int:
+    """Bytes that a sample takes in a tar file."""
+    files = [(f"{sample.key}.{member.name}", member.size) for member in sample.members]
+    files.append((f"{sample.key}.json", len(sample.json)))
+    return sum(len(header(name, size)) + size + len(padding(size)) for name, size in files)
+
+
+def write_tar(stream: BinaryIO, samples: Iterator[Sample]) -> None:
+    """Write samples as a tar archive."""
+    written = 0
+    for sample in samples:
+        for name, data in [*((m.name, m.read()) for m in sample.members), ("json", sample.json)]:
+            for piece in (header(f"{sample.key}.{name}", len(data)), data, padding(len(data))):
+                stream.write(piece)
+                written += len(piece)
+    end = 2 * _BLOCK
+    stream.write(bytes(end + -(written + end) % tarfile.RECORDSIZE))
+
+
+def shard_name(split: str, number: int, _count: int) -> str:
+    """``train-000000.tar``: brace expansion (``train-{000000..000011}.tar``) finds them."""
+    return f"{split}-{number:06d}.tar"
+
+
+_LAYOUT = Layout("webdataset", "webdataset 1", room, write_tar, shard_name)
+
+
+def write_webdataset(
+    root: str | Path,
+    folder: str | Path,
+    *,
+    split: str = "all",
+    shard_mb: float = SHARD_MB,
+    only: Sequence[str] = (),
+    extras: Sequence[str] = (),
+    workers: int | None = None,
+    progress: bool = False,
+) -> ShardIndex:
+    """Write a dataset as WebDataset shards; an interrupted export is completed, a finished one checked.
+
+    Args:
+        root: the dataset (ours or the official release).
+        folder: where the shards and `shards.json` go.
+        split: ``train``, ``test`` or ``all``; shards never mix splits.
+        shard_mb: a shard's size in megabytes (10⁶ bytes).
+        only: shell patterns of observation keys.
+        extras: ``depth``, ``mono``, ``rirs``.
+        workers: processes; None: one per core. The bytes do not depend on it.
+        progress: show bars on stderr.
+
+    Raises:
+        UsageError: if an argument asks for something that does not exist, or ``folder`` holds something else.
+        Avs3dError: if a file is missing or damaged, or the system refuses (full disk, …).
+    """
+    dataset, keys = select(root, only)
+    chosen, wanted = check_split(split), check_extras(extras)
+    members = {kind.member: kind.what for kind in ALL_KINDS.values()} | {"json": "pose, camera, source, instances"}
+    return export_shards(
+        dataset, keys, folder, _LAYOUT, split=chosen, limit=shard_limit(shard_mb), extras=wanted, members=members,
+        workers=workers, progress=progress,
+    )  # fmt: skip
+
+
+def shard_limit(megabytes: float) -> int:
+    """Bytes of a shard.
+
+    Raises:
+        UsageError: if ``megabytes`` is not between 0.001 and 10⁶.
+    """
+    if not 0.001 <= megabytes <= 1e6:
+        raise UsageError(f"--shard-size {megabytes:g}: expected megabytes between 0.001 and 1000000")
+    return int(megabytes * MB)
+
+
+def decode_sample(sample: Mapping[str, Any]) -> dict[str, Any]:
+    """Decode a sample of undecoded members, as the `webdataset` package yields it.
+
+    Args:
+        sample: ``__key__`` and bytes by member name.
+
+    Returns:
+        ``facts`` (the JSON) and, where the sample has them, ``rgb`` (3, H, W) uint8, ``binaural`` (2, 44100) float32,
+        ``mask`` (H, W) bool, ``instance_ids`` (H, W) int32, ``depth`` (H, W) float32 metres, ``mono`` (n,) float32,
+        ``impulse_response`` (2, n) float32; other keys (``__key__``, …) pass through. Arrays are numpy's.
+
+    Raises:
+        Avs3dError: if a member is damaged; the sample and the member are named.
+    """
+    import soundfile
+
+    out: dict[str, Any] = {name: value for name, value in sample.items() if name.startswith("__")}
+    for name, data in sample.items():
+        if name.startswith("__"):
+            continue
+        try:
+            if name == "json":
+                out["facts"] = json.loads(data)
+            elif name == "rgb.png":
+                out["rgb"] = np.ascontiguousarray(_pixels(data, cv2.IMREAD_COLOR)[..., ::-1].transpose(2, 0, 1))
+            elif name == "mask.png":
+                out["mask"] = _pixels(data, cv2.IMREAD_GRAYSCALE) == 255
+            elif name == "instances.png":
+                out["instance_ids"] = _pixels(data, cv2.IMREAD_UNCHANGED).astype(np.int32)
+            elif name == "depth.png":
+                out["depth"] = _pixels(data, cv2.IMREAD_UNCHANGED) / np.float32(layout.DEPTH_UNITS_PER_METRE)
+            elif name == "binaural.wav":
+                out["binaural"] = np.ascontiguousarray(soundfile.read(io.BytesIO(data), dtype="float32")[0].T)
+            elif name == "mono.wav":
+                out["mono"] = soundfile.read(io.BytesIO(data), dtype="float32")[0]
+            elif name == "rir.npz":
+                with np.load(io.BytesIO(data)) as archive:
+                    out["impulse_response"] = archive["rir"]
+        except Exception as error:
+            raise Avs3dError(f"{sample.get('__key__')}.{name}: cannot be decoded: {error}") from None
+    return out
+
+
+def _pixels(data: bytes, flag: int) -> Any:
+    pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flag)
+    if pixels is None:
+        raise ValueError("damaged PNG")
+    return pixels

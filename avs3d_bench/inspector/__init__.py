@@ -1,0 +1,5 @@
+"""Looking at and listening to a dataset: `avs3d view`.
+
+`facts` reads what an observation's page shows, `pictures`, `floorplan` and `sound` make its files, `pages` its HTML,
+`site` knows every address; `build` writes them all, `server` makes them when they are asked for.
+"""

@@ -1,0 +1,137 @@
+"""The site on disk: every page and every file it shows, in a folder that can be opened or served from anywhere."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from avs3d_bench import __version__
+from avs3d_bench.dataset import Dataset
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.files import write_bytes, write_json
+from avs3d_bench.inspector.facts import NAMED, without_path
+from avs3d_bench.inspector.pages import gallery_page, observation_page
+from avs3d_bench.inspector.site import PAGE, SCRIPTS, SOUND, STYLES, Card, ObservationSite, static_asset
+from avs3d_bench.inspector.submissions import ShownSubmission
+from avs3d_bench.parallel import process_each
+from avs3d_bench.staging import staged_folder
+
+#: Marks a folder as ours, so that it may be replaced.
+MARKER = "avs3d-view.json"
+_OWN = re.compile(
+    rf"{re.escape(MARKER)}|index\.html|assets/[a-z]+\.(js|css)|"
+    r"part_[12]/[^/]+/[^/]+/[0-9]+/(index\.html|thumbnail\.webp|floor\.png|sound\.flac|"
+    r"(frames|masks|instances|predictions/[1-9])/frame_[0-9]+\.(webp|png))"
+)
+
+
+@dataclass(frozen=True)
+class Built:
+    """What was written.
+
+    Attributes:
+        folder: the site.
+        pages: observations with a page.
+        size: bytes of all files.
+        problems: one line for each file or observation that could not be shown.
+    """
+
+    folder: Path
+    pages: int
+    size: int
+    problems: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Task:
+    root: Path
+    key: str
+    before: str | None
+    after: str | None
+    submissions: tuple[ShownSubmission, ...]
+    folder: Path
+
+
+def build_site(
+    dataset: Dataset,
+    keys: Sequence[str],
+    submissions: tuple[ShownSubmission, ...],
+    folder: str | Path,
+    *,
+    workers: int | None = None,
+    progress: bool = False,
+) -> Built:
+    """Write the site into ``folder``, as a whole or not at all; an older site there is replaced.
+
+    What cannot be read is left out, with a line on the page and in the result.
+
+    Raises:
+        UsageError: if ``folder`` lies in the dataset or a submission (or around one), or holds anything but a site.
+        Avs3dError: if the system refuses, or no observation can be shown.
+    """
+    sources = [dataset.root, *(submission.root for submission in submissions)]
+    with staged_folder(folder, lambda final: _check_target(final, Path(folder), sources)) as fresh:
+        neighbours = zip([None, *keys[:-1]], keys, [*keys[1:], None], strict=True)
+        tasks = [_Task(dataset.root, key, before, after, submissions, fresh) for before, key, after in neighbours]
+        done = dict(process_each(_build_observation, tasks, workers=workers, label="pages", progress=progress))
+        cards = [done[task][0] for task in tasks]
+        problems = tuple(line for task in tasks for line in done[task][1])
+        shown = sum(card.problem is None for card in cards)
+        if not shown:
+            first = problems[0] if problems else "no observations"
+            raise Avs3dError(f"{dataset.root}: nothing to show: {first}")
+        write_bytes(fresh / PAGE, gallery_page(dataset, cards, [submission.name for submission in submissions]))
+        for name in (*SCRIPTS, *STYLES):
+            write_bytes(fresh / "assets" / name, static_asset(name))
+        write_json(fresh / MARKER, {"made_by": f"avs3d-bench {__version__}", "dataset": dataset.name})
+        size = sum(path.stat().st_size for path in fresh.rglob("*") if path.is_file())
+    return Built(Path(folder), shown, size, problems)
+
+
+def _build_observation(task: _Task) -> tuple[Card, tuple[str, ...]]:
+    """Write one observation's files and page (in a worker process)."""
+    site = ObservationSite(Dataset(task.root), task.key, task.submissions)
+    card = site.card()
+    if card.problem is not None:
+        return card, (f"{task.root / task.key}: {card.problem}",)
+    folder = task.folder / task.key
+    problems: list[str] = []
+    for name in site.names():
+        try:
+            data = site.make(name)
+        except Avs3dError as error:
+            problems.append(str(error))
+            continue
+        write_bytes(folder / name, data)
+        if name == SOUND:
+            problems += site.track.problems
+    if len(problems) > NAMED + 1:
+        problems[NAMED:] = [f"{task.root / task.key}: {len(problems) - NAMED} more files cannot be shown"]
+    lines = [without_path(site.observation, line) for line in problems]
+    page = observation_page(site, before=task.before, after=task.after, linked=False, problems=lines)
+    write_bytes(folder / PAGE, page)
+    return card, tuple(problems)
+
+
+def _check_target(final: Path, named: Path, sources: Sequence[Path]) -> None:
+    """Refuse a folder that is not ours to take."""
+    for source in sources:
+        root = source.resolve()
+        if final.is_relative_to(root) or root.is_relative_to(final):
+            how = "inside of" if final.is_relative_to(root) else "around"
+            raise UsageError(f"{named}: lies {how} {source}; choose another folder")
+    if not final.exists():
+        return
+    if not final.is_dir():
+        raise UsageError(f"{named}: a file stands there, expected a folder; choose another name")
+    if not any(final.iterdir()):
+        return
+    if not (final / MARKER).is_file():
+        raise UsageError(f"{named}: not empty and no site of avs3d view; choose another folder")
+    # What is replaced is deleted: only what we may have written.
+    files = (path.relative_to(final).as_posix() for path in sorted(final.rglob("*")) if not path.is_dir())
+    foreign = next((name for name in files if not _OWN.fullmatch(name)), None)
+    if foreign is not None:
+        raise UsageError(f"{named}: cannot replace the site: {foreign} is no part of it; move it away")

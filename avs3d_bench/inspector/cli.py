@@ -1,0 +1,91 @@
+"""`avs3d view`: look at a dataset and listen to it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from avs3d_bench.dataset import Dataset
+    from avs3d_bench.inspector.submissions import ShownSubmission
+
+_PATH = click.Path(path_type=Path)
+
+
+@click.command(
+    context_settings={"help_option_names": ["-h", "--help"]}, short_help="Look at a dataset and listen to it."
+)
+@click.argument("root", type=_PATH)
+@click.option("-o", "--output", "folder", type=_PATH, help="Write a static site into this folder instead of serving.")
+@click.option("--submission", "submissions", type=_PATH, multiple=True, help="Lay its masks beside the truth; up to 9.")
+@click.option("--port", type=click.IntRange(0, 65535), help="Port on 127.0.0.1 [8737, or any that is free].")
+@click.option("--no-browser", is_flag=True, help="Do not open a browser.")
+@click.option("--only", multiple=True, metavar="GLOB", help="Observations whose key matches.")
+@click.option("--workers", type=click.IntRange(1, 256), default=None, help="Processes of -o [one per core].")
+def view(
+    root: Path,
+    folder: Path | None,
+    submissions: tuple[Path, ...],
+    port: int | None,
+    no_browser: bool,
+    only: tuple[str, ...],
+    workers: int | None,
+) -> None:
+    """Look at the dataset at ROOT and listen to it in a browser.
+
+    A gallery, and for each observation a player with masks, binaural sound, a map and plots. Served on this computer
+    alone until Ctrl-C; with -o written to a folder that needs no server.
+
+    Exit status: 0 shown, 1 something could not be read (each named), 2 usage.
+    """
+    from avs3d_bench.dataset import Dataset
+    from avs3d_bench.errors import UsageError
+    from avs3d_bench.inspector.submissions import open_submissions
+
+    dataset = Dataset(root)
+    keys = [observation.key for observation in dataset.select(*only)]
+    if not keys:
+        what = f"no observation matches {' '.join(only)}" if only else "no observation to show"
+        raise UsageError(f"{root}: {what}; expected some of {', '.join(dataset.keys[:3]) or 'part_1/…'}")
+    _ = dataset.record  # a damaged dataset.json is said before anything is made
+    shown = open_submissions(dataset, submissions)
+    if folder is not None:
+        if port is not None:
+            raise UsageError("--port is for serving; it has no meaning with -o")
+        _build(dataset, keys, shown, folder, workers)
+        return
+    _serve(dataset, keys, shown, port, not no_browser)
+
+
+def _build(
+    dataset: Dataset, keys: Sequence[str], shown: tuple[ShownSubmission, ...], folder: Path, workers: int | None
+) -> None:
+    from avs3d_bench.inspector.build import build_site
+
+    built = build_site(dataset, keys, shown, folder, workers=workers, progress=sys.stderr.isatty())
+    for line in built.problems:
+        click.echo(line, err=True)
+    click.echo(str(folder / "index.html"))
+    if built.problems:
+        raise SystemExit(1)
+
+
+def _serve(
+    dataset: Dataset, keys: Sequence[str], shown: tuple[ShownSubmission, ...], port: int | None, browse: bool
+) -> None:
+    import webbrowser
+
+    from avs3d_bench.inspector.server import ViewServer
+
+    with ViewServer(dataset, keys, shown, port=port) as server:
+        click.echo(f"{dataset.name}: {len(keys)} observations at {server.url} (Ctrl-C ends)")
+        if browse:
+            webbrowser.open(server.url)
+        try:
+            server.serve()
+        except KeyboardInterrupt:
+            click.echo("", err=True)

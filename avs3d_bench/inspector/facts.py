@@ -1,0 +1,305 @@
+"""What the page of an observation says, gathered from a dataset of ours or from the official release as it is.
+
+What the data does not tell is None here, and a line in `Facts.missing` says so on the page. Time runs at one frame a
+second: frame k (in the order of names) is shown during [k, k + 1) s, while its clip is heard.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench import layout
+from avs3d_bench.dataset import Dataset, Frame, Observation
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.schema import AttributionRecord, InstanceRecord, LicenceRecord, unique_attributions
+
+#: Added to amplitudes before a logarithm: digital silence is −240 dB, not −∞.
+_TINY = 1e-12
+#: The object fills at most this share of a thumbnail, so that something of the room is seen.
+_BEST_SHARE = 0.2
+#: Degrees to either side within which the object is not at the edge of the picture.
+_AHEAD = 25.0
+#: Messages about single files before a page only counts them.
+NAMED = 5
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One frame: what was there at its second. World coordinates are metres, Y up; angles are degrees.
+
+    Attributes:
+        name: ``frame_007``.
+        split: ``train``, ``test`` or None.
+        position: (x, y, z) of the sensor; None without a pose.
+        heading: (x, z) unit vector in the floor plane, where the camera looks; None without a pose.
+        source: (x, y, z) where the sound comes from at this time; None if unknown.
+        azimuth: of the source, 0 ahead, positive right.
+        distance: to the source, metres.
+        line_of_sight: nothing stands between sensor and source.
+        ild: level(right) − level(left) of the clip, dB; None without a clip.
+        level: RMS over both channels, dB re full scale.
+        visible: pixels of the sounding object in the frame.
+    """
+
+    name: str
+    split: str | None
+    position: tuple[float, float, float] | None
+    heading: tuple[float, float] | None
+    source: tuple[float, float, float] | None
+    azimuth: float | None
+    distance: float | None
+    line_of_sight: bool | None
+    ild: float | None
+    level: float | None
+    visible: int | None
+
+
+@dataclass(frozen=True)
+class Facts:
+    """All that a page says about an observation but its submissions.
+
+    Attributes:
+        key: of the observation.
+        place: the key's pieces.
+        category: of the sounding object; None in the official release.
+        moments: the frames in the order of time.
+        instances: placed objects, sorted by id; empty in the official release.
+        moves: whether the source moves.
+        t30: reverberation time, seconds.
+        details: (term, text) pairs for the list of facts.
+        notes: the generator's remarks.
+        licences: of every asset that this observation holds.
+        missing: one line for each thing that the data does not have.
+        has_masks: there are masks of the sounding object.
+        has_instances: there are instance masks.
+        has_sound: there are binaural clips.
+        has_map: there is a sparse model or a path to draw.
+    """
+
+    key: str
+    place: layout.ObservationKey
+    category: str | None
+    moments: tuple[Moment, ...]
+    instances: tuple[InstanceRecord, ...]
+    moves: bool
+    t30: float | None
+    details: tuple[tuple[str, str], ...]
+    notes: tuple[str, ...]
+    licences: tuple[AttributionRecord, ...]
+    missing: tuple[str, ...]
+    has_masks: bool
+    has_instances: bool
+    has_sound: bool
+    has_map: bool
+
+    @property
+    def twins(self) -> int:
+        """How many silent instances have the category of the sounding one."""
+        return sum(i.category == self.category and not i.sounding for i in self.instances)
+
+
+def read_facts(dataset: Dataset, observation: Observation) -> Facts:
+    """Gather what the page shows; the sound is measured where no record says how loud it is.
+
+    Raises:
+        Avs3dError: if the observation has no frames, or observation.json or camera_splits.json is damaged.
+    """
+    record, folder = observation.record, observation.path
+    missing: list[str] = []
+    if record is None:
+        missing.append(
+            "No observation.json (as in the official release): category, source, azimuth, distance, T30 and licences "
+            "are not known."
+        )
+    has_masks = _has(folder / layout.SEMANTIC_MASKS, "*.png", "No semantic_masks/: no overlay of the truth.", missing)
+    has_instances = _has(folder / layout.INSTANCE_MASKS, "*.png", "No instance_masks/: no overlay of them.", missing)
+    has_sound = _has(folder / layout.BINAURAL, "*.wav", "No audio_clips_binaural/: the player is silent.", missing)
+    poses = _has_poses(observation, missing)
+    moments = tuple(_measured(observation, poses, has_sound, has_masks, missing))
+    return Facts(
+        key=observation.key,
+        place=observation.place,
+        category=observation.category,
+        moments=moments,
+        instances=tuple(sorted(record.instances, key=lambda i: i.id)) if record else (),
+        moves=bool(record and record.moves),
+        t30=record.acoustics.t30 if record else None,
+        details=_details(dataset, observation, moments),
+        notes=tuple(n for n in (*record.notes, record.acoustics.notes) if n) if record else (),
+        licences=_licences(dataset, observation),
+        missing=tuple(missing),
+        has_masks=has_masks,
+        has_instances=has_instances,
+        has_sound=has_sound,
+        has_map=any(moment.position for moment in moments),
+    )
+
+
+def ild_db(left: float, right: float) -> float:
+    """Interaural level difference of two RMS values, dB: positive where the right ear is louder."""
+    return 20 * math.log10((right + _TINY) / (left + _TINY))
+
+
+def level_db(left: float, right: float) -> float:
+    """Level of both channels together, dB re full scale."""
+    return 10 * math.log10((left**2 + right**2) / 2 + _TINY**2)
+
+
+def _has(folder: Path, pattern: str, line: str, missing: list[str]) -> bool:
+    found = any(folder.glob(pattern))
+    if not found:
+        missing.append(line)
+    return found
+
+
+def _has_poses(observation: Observation, missing: list[str]) -> bool:
+    """Whether poses can be read at all; a damaged or missing sparse model is a line on the page."""
+    if observation.record is not None:
+        return True
+    try:
+        return bool(observation.colmap.images)
+    except Avs3dError as error:
+        missing.append(f"No poses, hence no map: {without_path(observation, str(error))}")
+        return False
+
+
+def without_path(observation: Observation, line: str) -> str:
+    """A message without the path down to the observation: pages say nothing of the disk they were made on."""
+    return line.replace(f"{observation.path}/", "").replace(str(observation.path), observation.key)
+
+
+def _measured(
+    observation: Observation, poses: bool, has_sound: bool, has_masks: bool, missing: list[str]
+) -> Iterable[Moment]:
+    problems: list[str] = []
+    for frame in observation.frames:
+        record = frame.record
+        sound, visible = None, None
+        if record is not None:
+            sound, visible = (record.rms_left, record.rms_right), record.visible_pixels
+        else:
+            try:
+                sound = _rms(frame.audio()) if has_sound else None
+            except Avs3dError as error:
+                problems.append(without_path(observation, str(error)))
+            try:
+                visible = int(frame.mask().sum()) if has_masks else None
+            except Avs3dError as error:
+                problems.append(without_path(observation, str(error)))
+        pose = frame.pose if poses and frame.has_pose else None
+        ahead = pose.rotation_matrix @ np.array([0.0, 0.0, -1.0]) if pose else None
+        yield Moment(
+            name=frame.name,
+            split=frame.split,
+            position=pose.position if pose else None,
+            heading=_flat(ahead) if ahead is not None else None,
+            source=observation.record.source_at(record) if observation.record and record else None,
+            azimuth=record.azimuth if record else None,
+            distance=record.distance if record else None,
+            line_of_sight=record.line_of_sight if record else None,
+            ild=ild_db(*sound) if sound else None,
+            level=level_db(*sound) if sound else None,
+            visible=visible,
+        )
+    missing += problems[:NAMED]
+    if len(problems) > NAMED:
+        missing.append(f"… and {len(problems) - NAMED} more files that cannot be read.")
+
+
+def _rms(clip: NDArray[np.float32]) -> tuple[float, float]:
+    left, right = np.sqrt(np.mean(np.square(clip[:2].astype(np.float64)), axis=1))
+    return float(left), float(right)
+
+
+def _flat(ahead: NDArray[np.float64]) -> tuple[float, float]:
+    """The horizontal direction of a vector, of unit length."""
+    length = math.hypot(ahead[0], ahead[2])
+    return (float(ahead[0] / length), float(ahead[2] / length)) if length > 1e-9 else (0.0, -1.0)
+
+
+def _details(dataset: Dataset, observation: Observation, moments: tuple[Moment, ...]) -> tuple[tuple[str, str], ...]:
+    record = observation.record
+    test = sum(moment.split == "test" for moment in moments)
+    rows = [("Frames", f"{len(moments)}, of which {test} are test frames")]
+    seen = [moment.visible for moment in moments if moment.visible is not None]
+    if seen:
+        rows.append(("In view", f"in {sum(v > 0 for v in seen)} of {len(seen)} frames"))
+    sight = [moment.line_of_sight for moment in moments if moment.line_of_sight is not None]
+    if sight:
+        rows.append(("Line of sight", f"in {sum(sight)} of {len(sight)} frames"))
+    away = [moment.distance for moment in moments if moment.distance is not None]
+    if away:
+        rows.append(("Distance", f"{min(away):.1f} to {max(away):.1f} m"))
+    if record is not None:
+        camera = record.intrinsics
+        hfov = 2 * math.degrees(math.atan(camera.width / 2 / camera.fx))
+        rows.append(("Camera", f"{camera.width} × {camera.height} pixels, {hfov:.0f}° wide"))
+        if record.acoustics.t30:
+            rows.append(("Reverberation", f"T30 {record.acoustics.t30:.2f} s"))
+        rows.append(("Pictures", f"{record.vision.backend} {record.vision.version}"))
+        rows.append(("Sound", f"{record.acoustics.backend} {record.acoustics.version}"))
+        if record.sound:
+            rows.append(("Recording", record.sound.asset))
+        rows.append(("Seed", str(record.seed)))
+        if record.variant_of:
+            rows.append(("Acoustic variant of", record.variant_of))
+    if dataset.record is not None:
+        rows.append(("Dataset", f"{dataset.record.name} {dataset.record.version}"))
+        rows.append(("Licence of the dataset", dataset.record.licence))
+    return tuple(rows)
+
+
+def _licences(dataset: Dataset, observation: Observation) -> tuple[AttributionRecord, ...]:
+    """Of every instance and of the sound, as observation.json says; of the scan, as dataset.json says."""
+    found: list[AttributionRecord] = []
+    record = observation.record
+    if record is not None:
+        assets: list[tuple[str, LicenceRecord]] = [(i.asset, i.licence) for i in record.instances]
+        assets += [(record.sound.asset, record.sound.licence)] if record.sound else []
+        for asset, licence in assets:
+            found.append(AttributionRecord(asset=asset, **licence.model_dump()))
+    if dataset.record is not None:
+        scan = observation.place.scan
+        pieces = (a for a in dataset.record.attributions if scan in a.asset.replace(":", "/").split("/"))
+        found += pieces
+    return unique_attributions(found)
+
+
+def best_frames(observation: Observation) -> list[Frame]:
+    """All frames, the one that shows the object best first: ahead, and as large as it gets up to a fifth of the frame.
+
+    Without a record the test frames' masks are looked at; without masks the middle frame is first.
+
+    Raises:
+        Avs3dError: if there are no frames.
+    """
+    frames = observation.frames
+    middle = len(frames) // 2
+    limit, sizes, aside = math.inf, {}, set()
+    if observation.record is not None:
+        camera = observation.record.intrinsics
+        limit = _BEST_SHARE * camera.width * camera.height
+        sizes = {frame.name: frame.visible_pixels for frame in observation.record.frames}
+        aside = {frame.name for frame in observation.record.frames if abs(frame.azimuth) > _AHEAD}
+    elif (observation.path / layout.SEMANTIC_MASKS).is_dir():
+        for frame in observation.test or frames:
+            with suppress(Avs3dError):
+                mask = frame.mask()
+                limit, sizes[frame.name] = _BEST_SHARE * mask.size, int(mask.sum())
+
+    def rank(entry: tuple[int, Frame]) -> tuple[int, int, int]:
+        at, frame = entry
+        size = sizes.get(frame.name, 0)
+        if 0 < size <= limit:
+            return int(frame.name in aside), -size, at
+        # Rather too large than out of view; and the same order on every run.
+        return (2, size, at) if size > 0 else (3, abs(at - middle), at)
+
+    return [frame for _, frame in sorted(enumerate(frames), key=rank)]

@@ -1,0 +1,90 @@
+"""`avs3d video` and `avs3d view-3d`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Literal
+
+import click
+
+
+@click.command(short_help="Write an observation as a film with its binaural sound.")
+@click.argument("key")
+@click.option("--dataset", "root", type=click.Path(path_type=Path), required=True, help="Root of the dataset.")
+@click.option("-o", "--output", "path", type=click.Path(path_type=Path), required=True, help="The film: FILE.mp4.")
+@click.option("--submission", type=click.Path(path_type=Path), help="Outline the masks of this submission as well.")
+@click.option("--size", type=int, default=720, show_default=True, help="Longer side of the picture, pixels.")
+@click.option(
+    "--overlay",
+    type=click.Choice(["outline", "tint", "none"]),
+    default="tint",
+    show_default=True,
+    help="How the sounding object is marked; a tint has its outline too.",
+)
+@click.option("--map", "with_map", is_flag=True, help="Draw path, heading and source from above in a corner.")
+def video(
+    key: str,
+    root: Path,
+    path: Path,
+    submission: Path | None,
+    size: int,
+    overlay: Literal["outline", "tint", "none"],
+    with_map: bool,
+) -> None:
+    """Write the observation KEY (part_1/<scan>/<room>/<index>) as an MP4 with its binaural sound: use headphones.
+
+    A frame lasts a second, while its clip is heard. Needs PyAV: pip install 'avs3d-bench[inspect]'.
+    """
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from avs3d_bench.dataset import Dataset
+    from avs3d_bench.inspector.video import describe_film, write_video
+
+    dataset = Dataset(root)
+    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
+        task = progress.add_task("frames", total=len(dataset[key]))
+        film = write_video(
+            dataset,
+            key,
+            path,
+            size=size,
+            overlay=overlay,
+            submission=submission,
+            with_map=with_map,
+            advance=lambda done: progress.update(task, completed=done),
+        )
+    click.echo(describe_film(film))
+
+
+@click.command("view-3d", short_help="Show an observation in 3D in the browser, or save it as one HTML file.")
+@click.argument("key")
+@click.option("--dataset", "root", type=click.Path(path_type=Path), required=True, help="Root of the dataset.")
+@click.option(
+    "--submission",
+    "submissions",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    help="Show the predicted points of this submission; may be given several times.",
+)
+@click.option("--port", type=click.IntRange(0, 65535), default=8080, show_default=True, help="0: any free one.")
+@click.option(
+    "--save",
+    "path",
+    type=click.Path(path_type=Path),
+    help="Write FILE.html, which any browser opens without a network (or FILE.viser), and serve nothing.",
+)
+def view_3d(key: str, root: Path, submissions: tuple[Path, ...], port: int, path: Path | None) -> None:
+    """Show the room, the path, the sounding object and predicted points of the observation KEY.
+
+    Served on the loopback address until Ctrl-C. Needs viser: pip install 'avs3d-bench[inspect]'.
+    """
+    from avs3d_bench.dataset import Dataset
+    from avs3d_bench.inspector.view3d import save_view, serve_view
+
+    dataset = Dataset(root)
+    if path is not None:
+        click.echo(str(save_view(dataset, key, path, submissions)))
+        return
+    serve_view(dataset, key, submissions, port=port, ready=lambda url: click.echo(f"{url}  (Ctrl-C ends)"))

@@ -1,0 +1,259 @@
+"""Every address of the site and what lies there; the same for a site on disk and for the server.
+
+    index.html                       the gallery
+    assets/…                         style and scripts
+    <key>/index.html                 the page of an observation
+    <key>/thumbnail.webp  floor.png  sound.flac
+    <key>/frames/frame_000.webp      what the player shows
+    <key>/masks/frame_000.png        the truth, transparent where it is not set
+    <key>/instances/frame_000.png    instance ids in colours
+    <key>/predictions/1/frame_000.png   masks of the first submission
+    <key>/full/frame_000.png         the dataset's own picture; served only, a site on disk does not hold it
+
+No address is a path on disk: names are looked up among those that exist, so that none leads anywhere else.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from importlib.resources import files as package_files
+from pathlib import Path
+
+from avs3d_bench import layout, media
+from avs3d_bench.dataset import Dataset, Frame, Observation
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.files import read_bytes
+from avs3d_bench.inspector import pictures
+from avs3d_bench.inspector.facts import Facts, best_frames, read_facts, without_path
+from avs3d_bench.inspector.floorplan import draw_floorplan
+from avs3d_bench.inspector.sound import Track, read_track
+from avs3d_bench.inspector.submissions import Agreement, ShownSubmission
+
+THUMBNAIL, FLOOR, SOUND, PAGE = "thumbnail.webp", "floor.png", "sound.flac", "index.html"
+SCRIPTS = ("theme.js", "gallery.js", "map.js", "plots.js", "player.js")
+STYLES = ("style.css",)
+MEDIA_TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".webp": "image/webp",
+    ".png": "image/png",
+    ".flac": "audio/flac",
+}
+_FRAME_FILE = re.compile(r"(frames|masks|instances|full|predictions/[1-9])/([A-Za-z0-9_]+)\.(webp|png)")
+
+
+class NotThereError(Avs3dError):
+    """The site has no such address."""
+
+
+@dataclass(frozen=True)
+class Card:
+    """An observation in the gallery.
+
+    Attributes:
+        place: the key's pieces.
+        category: of the sounding object; None if unknown.
+        frames: how many.
+        seen: in how many of them the object is in view; None if unknown.
+        twins: silent instances of the same category.
+        t30: reverberation time, seconds.
+        moves: whether the source moves.
+        outline: SVG path of the object in the thumbnail, in a square of 1000 × 1000.
+        problem: why the observation cannot be shown; None where it can.
+    """
+
+    place: layout.ObservationKey
+    category: str | None = None
+    frames: int = 0
+    seen: int | None = None
+    twins: int = 0
+    t30: float | None = None
+    moves: bool = False
+    outline: str = ""
+    problem: str | None = None
+
+
+class ObservationSite:
+    """The files of one observation's page, each made when it is asked for."""
+
+    def __init__(self, dataset: Dataset, key: str, submissions: tuple[ShownSubmission, ...]) -> None:
+        """Open the observation; nothing is read yet."""
+        self.dataset = dataset
+        self.observation: Observation = dataset[key]
+        self.submissions = submissions
+
+    @cached_property
+    def facts(self) -> Facts:
+        """What the page says.
+
+        Raises:
+            Avs3dError: if the observation cannot be read.
+        """
+        return read_facts(self.dataset, self.observation)
+
+    @cached_property
+    def _frames(self) -> dict[str, Frame]:
+        return {frame.name: frame for frame in self.observation.frames}
+
+    @cached_property
+    def poster(self) -> Frame:
+        """The frame of the thumbnail: the best that has a picture.
+
+        Raises:
+            Avs3dError: if there are no frames, or none has a picture.
+        """
+        problem: Avs3dError | None = None
+        for frame in best_frames(self.observation):
+            try:
+                media.png_header(self._picture(frame))
+            except Avs3dError as error:
+                problem = problem or error
+            else:
+                return frame
+        raise problem or Avs3dError(f"{self.observation.path}: no frames")
+
+    @cached_property
+    def track(self) -> Track:
+        """The sound."""
+        return read_track(self.observation)
+
+    def forget_sound(self) -> None:
+        """Keep what the page says of the track, without its ten megabytes."""
+        self.__dict__["track"] = replace(self.track, data=b"")
+
+    @cached_property
+    def colours(self) -> dict[int, tuple[int, int, int]]:
+        """Instance id → RGB."""
+        record = self.observation.record
+        if record is None:
+            return pictures.instance_colours([], None)
+        return pictures.instance_colours([i.id for i in record.instances], record.sounding.id)
+
+    def names(self) -> Iterator[str]:
+        """Every file of a site on disk, relative to the observation, but its page."""
+        facts = self.facts
+        yield THUMBNAIL
+        if facts.has_map:
+            yield FLOOR
+        if facts.has_sound:
+            yield SOUND
+        for name, frame in self._frames.items():
+            yield f"frames/{name}.webp"
+            if facts.has_masks:
+                yield f"masks/{name}.png"
+            if facts.has_instances:
+                yield f"instances/{name}.png"
+            for submission in self.submissions:
+                if submission.mask_path(frame) is not None:
+                    yield f"predictions/{submission.number}/{name}.png"
+
+    def make(self, name: str) -> bytes:
+        """The file ``name``.
+
+        Raises:
+            NotThereError: if there is no such file.
+            Avs3dError: if what it is made of is missing or damaged.
+        """
+        if name == THUMBNAIL:
+            return pictures.thumbnail(self.poster.rgb())
+        if name == FLOOR and self.facts.has_map:
+            return draw_floorplan(self.observation, self.facts)
+        if name == SOUND and self.facts.has_sound:
+            if not self.track.data:
+                del self.track
+            return self.track.data
+        match = _FRAME_FILE.fullmatch(name)
+        frame = self._frames.get(match.group(2)) if match else None
+        if match is None or frame is None:
+            raise NotThereError(f"{self.observation.key}: the site has no {name}")
+        kind, suffix = match.group(1), match.group(3)
+        if kind == "frames" and suffix == "webp":
+            return pictures.player_frame(frame.rgb())
+        if suffix == "png":
+            if kind == "full":
+                return read_bytes(self._picture(frame))
+            if kind == "masks":
+                return pictures.mask_png(frame.mask())
+            if kind == "instances" and self.colours:
+                return pictures.instances_png(frame.instance_ids(), self.colours)
+            if kind.startswith("predictions/"):
+                return self._prediction(int(kind[-1]), frame)
+        raise NotThereError(f"{self.observation.key}: the site has no {name}")
+
+    def _picture(self, frame: Frame) -> Path:
+        has_input = (self.observation.path / layout.INPUT).is_dir()
+        return frame.path(layout.INPUT if has_input else layout.IMAGES)
+
+    def _prediction(self, number: int, frame: Frame) -> bytes:
+        for submission in self.submissions:
+            path = submission.mask_path(frame) if submission.number == number else None
+            if path is not None:
+                return pictures.mask_png(media.read_png_mask(path))
+        raise NotThereError(f"{self.observation.key}: no submission {number} has a mask of {frame.name}")
+
+    @cached_property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the frames."""
+        header = media.png_header(self._picture(self.poster))
+        return header.width, header.height
+
+    @cached_property
+    def agreements(self) -> dict[int, dict[str, Agreement]]:
+        """Submission number → frame name → how it agrees with the truth; frames that cannot be compared are absent."""
+        out: dict[int, dict[str, Agreement]] = {submission.number: {} for submission in self.submissions}
+        if not self.facts.has_masks or not self.submissions:
+            return out
+        for frame in self.observation.test:
+            try:
+                truth = frame.mask()
+            except Avs3dError:
+                continue
+            for submission in self.submissions:
+                path = submission.mask_path(frame)
+                try:
+                    mask = media.read_png_mask(path) if path else None
+                except Avs3dError:
+                    continue
+                if mask is not None and mask.shape == truth.shape:
+                    out[submission.number][frame.name] = Agreement.of(truth, mask)
+        return out
+
+    def card(self) -> Card:
+        """The observation in the gallery; one that cannot be read says why."""
+        place = self.observation.place
+        try:
+            frames, record = self.observation.frames, self.observation.record
+            poster = self.poster
+        except Avs3dError as error:
+            return Card(place, problem=without_path(self.observation, str(error)))
+        outline = ""
+        with suppress(Avs3dError):
+            outline = pictures.outline_path(poster.mask())
+        if record is None:
+            return Card(place, frames=len(frames), outline=outline)
+        twins = sum(i.category == record.category and not i.sounding for i in record.instances)
+        seen = sum(frame.visible_pixels > 0 for frame in record.frames)
+        return Card(
+            place, record.category, len(frames), seen, twins, record.acoustics.t30, record.moves, outline
+        )  # fmt: skip
+
+
+def static_asset(name: str) -> bytes:
+    """A script or the style.
+
+    Raises:
+        NotThereError: if there is no such file.
+    """
+    if name not in (*SCRIPTS, *STYLES):
+        raise NotThereError(f"the site has no assets/{name}")
+    return (package_files("avs3d_bench.inspector") / "templates" / name).read_bytes()
+
+
+def media_type(name: str) -> str:
+    """The media type of a file of the site."""
+    return MEDIA_TYPES[Path(name).suffix]

@@ -1,0 +1,114 @@
+"""One continuous track of an observation's clips, for listening only.
+
+The impulse response changes with every frame, so that clips of successive seconds do not join smoothly. In the first
+5 ms of a clip the end of the one before, mirrored, is faded out while the clip fades in: no click, and all other
+samples are those of the dataset. The track is FLAC, which changes no sample: samples are rounded as a 16-bit file would
+hold them (noise 98 dB below full scale), to fewer bits (12 at least) where the track would be larger than `MOST_BYTES`, and
+shifted up by whole bits (6 dB each, the same for the whole observation) so that quiet sources can be heard.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench.dataset import Observation
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.layout import BINAURAL_SAMPLES, SAMPLE_RATE
+
+#: Length of the cross-fade where clips meet.
+FADE_SECONDS = 0.005
+#: Bits of headroom that may be used up at most: 24 dB.
+MAX_SHIFT = 4
+#: Noise compresses badly; with its pictures an observation stays below 15 MB.
+MOST_BYTES = 9_000_000
+#: Bits of a sample at full scale, and the fewest to which it is rounded.
+BITS, FEWEST_BITS = 16, 12
+
+
+@dataclass(frozen=True)
+class Track:
+    """What the player plays.
+
+    Attributes:
+        data: FLAC, two channels, 44,100 Hz, 16 bits.
+        bits: to which samples at full scale were rounded.
+        gain: dB by which it is louder than the files.
+        problems: one line for each clip that could not be read; there is silence in its place.
+    """
+
+    data: bytes
+    bits: int
+    gain: float
+    problems: tuple[str, ...]
+
+
+def joined(clips: list[NDArray[np.float32]]) -> NDArray[np.float32]:
+    """Clips (2, n) each, one after the other, cross-faded in the first 5 ms of each but the first.
+
+    Returns:
+        (2, n · len(clips)).
+    """
+    length = round(FADE_SECONDS * SAMPLE_RATE)
+    # From 0 to 1, neither included: the last sample of the clip before has weight 1 already.
+    rise = np.sin(0.5 * np.pi * (np.arange(length) + 1) / (length + 1)) ** 2
+    out = [clip.astype(np.float32, copy=True) for clip in clips]
+    for before, clip in zip(clips, out[1:], strict=False):
+        mirrored = before[:, -1 : -length - 1 : -1]
+        clip[:, :length] = rise * clip[:, :length] + (1 - rise) * mirrored
+    return np.concatenate(out, axis=1)
+
+
+def read_track(observation: Observation) -> Track:
+    """Read the clips and make the track; a clip that cannot be read is a second of silence and a line.
+
+    Raises:
+        Avs3dError: if the observation has no frames.
+    """
+    clips, problems = [], []
+    for frame in observation.frames:
+        clip = np.zeros((2, BINAURAL_SAMPLES), dtype=np.float32)
+        try:
+            read = frame.audio()
+            if read.shape[0] != 2:
+                raise Avs3dError(f"{frame.name}: {read.shape[0]} channels, expected 2")
+            count = min(BINAURAL_SAMPLES, read.shape[1])
+            clip[:, :count] = read[:, :count]
+        except Avs3dError as error:
+            problems.append(str(error))
+        clips.append(clip)
+    samples = joined(clips)
+    shift = shift_for(float(np.abs(samples).max(initial=0.0)))
+    for bits in range(BITS, FEWEST_BITS - 1, -1):
+        data = _flac(_rounded(samples, bits, shift))
+        if len(data) <= MOST_BYTES:
+            break
+    return Track(data, bits, 20 * math.log10(2) * shift, tuple(problems))
+
+
+def _rounded(samples: NDArray[np.float32], bits: int, shift: int) -> NDArray[np.int16]:
+    """Samples rounded to so many bits of full scale, raised by ``shift`` bits, in 16 bits."""
+    steps = np.rint(samples * 2.0 ** (bits - 1))
+    up = BITS - bits + shift
+    low, high = -(2.0**15) / 2**up, 2.0**15 / 2**up - 1
+    return np.asarray(np.clip(steps, low, high).astype(np.int16) << up, dtype=np.int16)
+
+
+def shift_for(peak: float) -> int:
+    """By how many bits a signal of this peak (full scale 1) can be raised without clipping, at most `MAX_SHIFT`."""
+    if peak <= 0:
+        return 0
+    return int(np.clip(math.floor(-math.log2(peak)), 0, MAX_SHIFT))
+
+
+def _flac(samples: NDArray[np.int16]) -> bytes:
+    import soundfile
+
+    stream = io.BytesIO()
+    with soundfile.SoundFile(stream, "w", SAMPLE_RATE, 2, subtype="PCM_16", format="FLAC") as file:
+        file.write(np.ascontiguousarray(samples.T))
+    return stream.getvalue()

@@ -1,0 +1,372 @@
+"use strict";
+// The player. The sound's clock leads: frame k is shown while second k is heard. Without sound a clock of its own runs.
+(() => {
+  const data = JSON.parse(document.getElementById("data").textContent);
+  const by = (id) => document.getElementById(id);
+  const stage = by("stage"), screen = by("screen"), pen = screen.getContext("2d");
+  const sound = by("sound"), scrub = by("scrub"), say = by("say"), strip = by("strip");
+  const count = data.frames.length;
+  // Okabe & Ito: told apart with any colour vision; what was missed is hatched as well.
+  const HIT = "rgb(86,180,233)", MISSED = "rgb(240,228,66)", FALSE = "rgb(213,94,0)", TRUTH = "rgb(255,122,69)", MARKED = "rgb(64,190,255)";
+  const AHEAD = 4, KEPT = 48;
+  const state = { index: -1, playing: false, mask: false, instances: false, errors: false, submission: 0, wanted: 0 };
+
+  // ---- the clock ----------------------------------------------------------------------------------------------
+  const clock = {
+    base: 0, since: null, rate: 1, silent: !sound,
+    now() {
+      if (!this.silent) return Math.min(count, sound.currentTime);
+      const run = this.since === null ? 0 : ((performance.now() - this.since) / 1000) * this.rate;
+      return Math.min(count, this.base + run);
+    },
+    set(time) {
+      const at = Math.min(count, Math.max(0, time));
+      if (!this.silent) sound.currentTime = at;
+      this.base = at;
+      if (this.since !== null) this.since = performance.now();
+    },
+    start() {
+      if (!this.silent) return sound.play();
+      this.since = performance.now();
+      return Promise.resolve();
+    },
+    stop() {
+      this.base = this.now();
+      this.since = null;
+      if (!this.silent) sound.pause();
+    },
+    speed(rate) {
+      this.base = this.now();
+      if (this.since !== null) this.since = performance.now();
+      this.rate = rate;
+      if (sound) sound.playbackRate = rate;
+    },
+    // Sound that cannot be played must not stop the pictures.
+    mute() {
+      if (this.silent) return;
+      const at = Math.min(count, sound.currentTime || 0);
+      this.silent = true;
+      this.base = at;
+      if (state.playing) this.since = performance.now();
+      tell("The sound cannot be played here; the pictures run without it.");
+    },
+  };
+
+  // ---- pictures: the few that are shown soon ------------------------------------------------------------------
+  const cache = new Map();
+  const load = (address) => {
+    let entry = cache.get(address);
+    if (entry) { cache.delete(address); cache.set(address, entry); return entry; }
+    const image = new Image();
+    entry = { image, done: new Promise((resolve) => {
+      image.onload = () => resolve(image);
+      image.onerror = () => resolve(null);
+    }) };
+    image.src = address;
+    cache.set(address, entry);
+    while (cache.size > KEPT) cache.delete(cache.keys().next().value);
+    return entry;
+  };
+  const submission = () => data.submissions.find((entry) => entry.number === state.submission);
+  const predicted = (index) => Boolean(submission()?.frames.includes(data.frames[index].name));
+  const needed = (index) => {
+    const { name } = data.frames[index];
+    const comparing = state.errors && predicted(index);
+    return {
+      frame: `frames/${name}.webp`,
+      mask: data.has.masks && (state.mask || comparing) ? `masks/${name}.png` : null,
+      instances: data.has.instances && state.instances ? `instances/${name}.png` : null,
+      prediction: predicted(index) ? `predictions/${state.submission}/${name}.png` : null,
+    };
+  };
+
+  // ---- drawing ------------------------------------------------------------------------------------------------
+  const shown = Math.min(1, 1008 / Math.max(...data.size));
+  screen.width = Math.max(1, Math.round(data.size[0] * shown));
+  screen.height = Math.max(1, Math.round(data.size[1] * shown));
+  screen.style.aspectRatio = `${screen.width} / ${screen.height}`;
+  const sheet = () => { const c = document.createElement("canvas"); c.width = screen.width; c.height = screen.height; return c.getContext("2d"); };
+  const first = sheet(), second = sheet();
+  const W = screen.width, H = screen.height, LINE = Math.max(1.5, W / 380);
+  const hatch = (() => {
+    const tile = document.createElement("canvas"), side = Math.max(8, Math.round(W / 80));
+    tile.width = tile.height = side;
+    const brush = tile.getContext("2d");
+    brush.fillStyle = MISSED;
+    brush.globalAlpha = 0.35;
+    brush.fillRect(0, 0, side, side);
+    brush.globalAlpha = 1;
+    brush.strokeStyle = MISSED;
+    brush.lineWidth = side * 0.42;
+    for (const shift of [-side, 0, side]) { brush.beginPath(); brush.moveTo(shift - 2, side + 2); brush.lineTo(shift + side + 2, -2); brush.stroke(); }
+    return pen.createPattern(tile, "repeat");
+  })();
+  const wipe = (context) => { context.globalCompositeOperation = "source-over"; context.clearRect(0, 0, W, H); };
+  const paint = (context, operation, image) => { context.globalCompositeOperation = operation; context.drawImage(image, 0, 0, W, H); };
+  const fill = (context, colour) => { context.globalCompositeOperation = "source-in"; context.fillStyle = colour; context.fillRect(0, 0, W, H); };
+  // The part of one mask that lies in (or out of) another, in a colour.
+  const area = (mask, colour, other = null, inside = true) => {
+    wipe(first);
+    paint(first, "source-over", mask);
+    if (other) paint(first, inside ? "destination-in" : "destination-out", other);
+    fill(first, colour);
+    return first.canvas;
+  };
+  const ring = (mask, width) => {
+    wipe(second);
+    for (let i = 0; i < 16; i += 1) {
+      const angle = (i * Math.PI) / 8;
+      second.drawImage(mask, width * Math.cos(angle), width * Math.sin(angle), W, H);
+    }
+    paint(second, "destination-out", mask);
+  };
+  const outline = (mask, colour) => {
+    for (const [width, ink, alpha] of [[2 * LINE, "#000", 0.55], [LINE, colour, 1]]) {
+      ring(mask, width);
+      fill(second, ink);
+      pen.globalAlpha = alpha;
+      pen.drawImage(second.canvas, 0, 0);
+    }
+    pen.globalAlpha = 1;
+  };
+  const lay = (canvas, alpha) => { pen.globalAlpha = alpha; pen.drawImage(canvas, 0, 0); pen.globalAlpha = 1; };
+  const muted = () => {
+    pen.globalCompositeOperation = "saturation";
+    pen.fillStyle = "hsl(0 0% 50%)";
+    pen.fillRect(0, 0, W, H);
+    pen.globalCompositeOperation = "source-over";
+    pen.fillStyle = "rgba(24,24,28,.28)";
+    pen.fillRect(0, 0, W, H);
+  };
+
+  const draw = async () => {
+    const index = state.index, ticket = ++state.wanted, addresses = needed(index);
+    const names = Object.keys(addresses);
+    const images = await Promise.all(names.map((name) => (addresses[name] ? load(addresses[name]).done : null)));
+    if (ticket !== state.wanted) return;
+    const got = Object.fromEntries(names.map((name, i) => [name, images[i]]));
+    pen.globalCompositeOperation = "source-over";
+    pen.globalAlpha = 1;
+    pen.imageSmoothingQuality = "high";
+    if (got.frame) pen.drawImage(got.frame, 0, 0, W, H);
+    else { pen.fillStyle = "#333"; pen.fillRect(0, 0, W, H); }
+    if (got.instances) lay(got.instances, 0.5);
+    if (got.prediction && state.errors && got.mask) {
+      muted();
+      lay(area(got.prediction, HIT, got.mask), 0.78);
+      lay(area(got.prediction, FALSE, got.mask, false), 0.82);
+      lay(area(got.mask, hatch, got.prediction, false), 0.95);
+      outline(got.mask, "#fff");
+    } else {
+      if (got.mask) { lay(area(got.mask, TRUTH), 0.34); outline(got.mask, "#fff"); }
+      if (got.prediction) { lay(area(got.prediction, MARKED), 0.45); outline(got.prediction, MARKED); }
+    }
+    const failed = names.filter((name) => addresses[name] && !got[name]);
+    tell(failed.length ? `${failed.map((name) => addresses[name]).join(", ")} cannot be shown`
+      : state.submission && !predicted(index) ? (data.frames[index].split === "test" ? "no mask of this frame" : "train frame: submissions mark test frames only (T: next test frame)") : "");
+    screen.dataset.frame = data.frames[index].name;
+    screen.dataset.layers = names.filter((name) => got[name]).join(" ");
+    // Only now, so that what is shown comes first.
+    const ahead = state.playing ? AHEAD : 1;
+    for (let i = 1; i <= ahead && index + i < count; i += 1) Object.values(needed(index + i)).filter(Boolean).forEach(load);
+  };
+
+  // ---- what is said beside the picture ------------------------------------------------------------------------
+  const tell = (line) => { say.textContent = line; say.hidden = !line; };
+  const clockText = (time) => `${Math.floor(time / 60)}:${String(Math.floor(time % 60)).padStart(2, "0")}`;
+  const signed = (value, digits) => `${value > 0 ? "+" : value < 0 ? "−" : ""}${Math.abs(value).toFixed(digits)}`;
+  const side = (azimuth) => {
+    const off = Math.abs(azimuth), hand = azimuth < 0 ? "left" : "right";
+    return off <= 10 ? "ahead" : off >= 170 ? "behind" : off > 100 ? `behind, ${hand}` : hand;
+  };
+  const share = (pixels) => {
+    const percent = (100 * pixels) / (data.size[0] * data.size[1]);
+    return percent < 0.1 ? "< 0.1 %" : `${percent.toFixed(percent < 10 ? 1 : 0)} %`;
+  };
+  const readout = by("readout");
+  const cells = [
+    ["Azimuth", (f) => (f.azimuth === undefined ? null : [`${signed(f.azimuth, 0)}°`, side(f.azimuth)])],
+    ["ILD", (f) => (f.ild === undefined ? null : [`${signed(f.ild, 1)} dB`, Math.abs(f.ild) < 0.5 ? "even" : `louder ${f.ild > 0 ? "right" : "left"}`])],
+    ["Distance", (f) => (f.distance === undefined ? null : [`${f.distance.toFixed(1)} m`, f.sight === false ? "no line of sight" : "line of sight"])],
+    ["Level", (f) => (f.level === undefined ? null : [`${signed(f.level, 0)} dB`, "re full scale"])],
+    ["In view", (f) => (f.pixels === undefined ? null : [f.pixels ? share(f.pixels) : "no", f.pixels ? `${f.pixels.toLocaleString("en")} px` : "\u00a0"])],
+  ].map(([label, value]) => {
+    const cell = document.createElement("div"), name = document.createElement("small"), big = document.createElement("b"), more = document.createElement("span");
+    name.textContent = label;
+    cell.append(name, big, more);
+    readout.append(cell);
+    return (frame) => { const found = value(frame); cell.hidden = !found; if (found) [big.textContent, more.textContent] = found; };
+  });
+
+  // ---- moving in time -----------------------------------------------------------------------------------------
+  const seekFrame = (index) => { clock.set(Math.min(count - 1, Math.max(0, index)) + 0.001); sync(); };
+  const floorMap = new window.AVS3D.FloorMap(by("map"), data, seekFrame);
+  const plots = window.AVS3D.plots(by("plots"), data, seekFrame);
+  const buttons = [...document.querySelectorAll(".submission")];
+
+  const sync = () => {
+    const time = clock.now(), index = Math.min(count - 1, Math.floor(time));
+    by("time").textContent = clockText(time);
+    if (document.activeElement !== scrub || !scrub.matches(":active")) scrub.value = time;
+    scrub.style.setProperty("--at", `${(100 * time) / count}%`);
+    plots.forEach((plot) => plot.show(index, time));
+    if (index !== state.index) {
+      state.index = index;
+      const frame = data.frames[index];
+      stage.dataset.index = index;
+      by("frame-name").textContent = frame.name;
+      const tag = by("frame-split");
+      tag.textContent = frame.split ?? "in no split";
+      tag.dataset.split = frame.split ?? "";
+      scrub.setAttribute("aria-valuetext", `${frame.name}, ${clockText(time)} of ${clockText(count)}`);
+      screen.setAttribute("aria-label", `Camera frame ${index + 1} of ${count}`);
+      cells.forEach((cell) => cell(frame));
+      floorMap.show(index);
+      const full = by("full");
+      if (full) full.href = `full/${frame.name}.png`;
+      describe();
+      draw();
+    }
+  };
+  const describe = () => {
+    const { name } = data.frames[state.index];
+    for (const button of buttons) {
+      const entry = data.submissions.find((s) => s.number === Number(button.dataset.number));
+      const iou = entry.iou[name];
+      button.querySelector("small").textContent = iou === undefined || iou === null ? "" : `IoU ${iou.toFixed(2)}`;
+      button.classList.toggle("absent-here", !entry.frames.includes(name));
+    }
+  };
+  const tick = () => {
+    if (!state.playing) return;
+    sync();
+    if (clock.silent && clock.now() >= count) { pause(); return; }
+    requestAnimationFrame(tick);
+  };
+  const face = () => {
+    stage.classList.toggle("playing", state.playing);
+    by("play").setAttribute("aria-label", state.playing ? "Pause" : "Play");
+  };
+  const play = async () => {
+    if (clock.now() >= count - 0.02) clock.set(0);
+    state.playing = true;
+    face();
+    try { await clock.start(); } catch (error) {
+      if (error.name === "NotSupportedError") clock.mute();
+      else if (error.name !== "AbortError") { pause(); return; }
+    }
+    requestAnimationFrame(tick);
+  };
+  const pause = () => { state.playing = false; clock.stop(); face(); sync(); };
+  const toggle = () => (state.playing ? pause() : play());
+
+  // ---- layers -------------------------------------------------------------------------------------------------
+  const legend = by("legend");
+  const press = () => {
+    for (const name of ["mask", "instances", "errors"]) by(name)?.setAttribute("aria-pressed", String(state[name]));
+    for (const button of buttons) button.setAttribute("aria-pressed", String(Number(button.dataset.number) === state.submission));
+    const rows = [];
+    if (state.instances && data.has.instances) for (const thing of data.instances) rows.push([thing.colour, `${thing.name}${thing.sounding ? ", sounds" : thing.twin ? ", silent twin" : ""}`]);
+    if (state.errors && state.submission) rows.push([HIT, "hit"], [MISSED, "missed (hatched)"], [FALSE, "false"]);
+    else {
+      if (state.mask && data.has.masks) rows.push([TRUTH, "truth, white outline"]);
+      if (state.submission) rows.push([MARKED, submission().name]);
+    }
+    legend.replaceChildren(...rows.map(([colour, label]) => {
+      const row = document.createElement("li"), dot = document.createElement("i");
+      dot.style.background = colour;
+      row.append(dot, label);
+      return row;
+    }));
+    legend.hidden = !rows.length;
+    draw();
+  };
+  const flip = (name) => {
+    if (by(name)?.disabled ?? true) return;
+    state[name] = !state[name];
+    // Errors are those of somebody.
+    if (name === "errors" && state.errors && !state.submission) choose(1);
+    else press();
+  };
+  const choose = (number) => {
+    if (number && !data.submissions.some((entry) => entry.number === number)) return;
+    state.submission = state.submission === number ? 0 : number;
+    if (!state.submission) state.errors = false;
+    // Submissions mark test frames only: go to the nearest one rather than show nothing.
+    if (state.submission && !state.playing && !predicted(state.index)) {
+      const found = data.frames.map((_, i) => i).filter(predicted).sort((a, b) => Math.abs(a - state.index) - Math.abs(b - state.index));
+      if (found.length) seekFrame(found[0]);
+    }
+    press();
+  };
+  const nextTest = (step) => {
+    for (let i = state.index + step; i >= 0 && i < count; i += step) if (data.frames[i].split === "test") { seekFrame(i); return; }
+  };
+
+  // ---- the timeline's strip: where the object is in view, and the test frames ---------------------------------
+  const drawStrip = () => {
+    const style = getComputedStyle(document.documentElement), ratio = window.devicePixelRatio || 1;
+    const width = strip.clientWidth, height = strip.clientHeight;
+    if (!width) return;
+    strip.width = Math.round(width * ratio);
+    strip.height = Math.round(height * ratio);
+    const brush = strip.getContext("2d");
+    brush.scale(ratio, ratio);
+    const step = width / count, most = Math.max(1, ...data.frames.map((frame) => frame.pixels ?? 0));
+    data.frames.forEach((frame, i) => {
+      brush.fillStyle = style.getPropertyValue(frame.split === "test" ? "--ink" : "--line");
+      brush.fillRect(i * step, height - 3, Math.max(1, step - 1), 3);
+      if (!frame.pixels) return;
+      const tall = (height - 6) * (0.15 + 0.85 * Math.sqrt(frame.pixels / most));
+      brush.fillStyle = style.getPropertyValue("--warm");
+      brush.fillRect(i * step, height - 5 - tall, Math.max(1, step - 1), tall);
+    });
+  };
+
+  // ---- hands --------------------------------------------------------------------------------------------------
+  by("duration").textContent = clockText(count);
+  by("play").addEventListener("click", toggle);
+  screen.addEventListener("click", toggle);
+  document.querySelectorAll("[data-step]").forEach((button) => button.addEventListener("click", () => seekFrame(state.index + Number(button.dataset.step))));
+  scrub.addEventListener("input", () => { clock.set(Number(scrub.value)); sync(); });
+  by("rate").addEventListener("change", (event) => clock.speed(Number(event.target.value)));
+  by("volume")?.addEventListener("input", (event) => { if (sound) sound.volume = Number(event.target.value); });
+  for (const name of ["mask", "instances", "errors"]) by(name)?.addEventListener("click", () => flip(name));
+  buttons.forEach((button) => button.addEventListener("click", () => choose(Number(button.dataset.number))));
+  if (sound) {
+    sound.addEventListener("ended", pause);
+    sound.addEventListener("error", () => clock.mute());
+    sound.addEventListener("seeked", sync);
+    // Another hand (a media key) may have stopped it.
+    sound.addEventListener("pause", () => { if (state.playing && !clock.silent && !sound.ended) pause(); });
+  }
+  window.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    const target = event.target, key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+    if (target.matches("input:not([type=range]), select, textarea") || (target === by("volume") && key.startsWith("Arrow"))) return;
+    const far = event.shiftKey ? 10 : 1;
+    const actions = {
+      " ": () => (target.matches("button, a, summary") ? null : (toggle(), true)),
+      ArrowLeft: () => (seekFrame(state.index - far), true),
+      ArrowRight: () => (seekFrame(state.index + far), true),
+      Home: () => (seekFrame(0), true),
+      End: () => (seekFrame(count - 1), true),
+      m: () => (flip("mask"), true),
+      i: () => (flip("instances"), true),
+      e: () => (flip("errors"), true),
+      t: () => (nextTest(event.shiftKey ? -1 : 1), true),
+      0: () => (state.submission && choose(state.submission), true),
+    };
+    const done = /^[1-9]$/.test(key) ? (choose(Number(key)), true) : actions[key]?.();
+    if (done) event.preventDefault();
+  });
+  new ResizeObserver(drawStrip).observe(strip);
+  window.addEventListener("avs3d:theme", drawStrip);
+
+  // The address may name a frame: …#frame_007.
+  const linked = () => { const at = data.frames.findIndex((frame) => `#${frame.name}` === location.hash); if (at >= 0) seekFrame(at); };
+  window.addEventListener("hashchange", linked);
+  sync();
+  press();
+  linked();
+})();

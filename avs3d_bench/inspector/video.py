@@ -1,0 +1,292 @@
+"""An observation as a film: frames with the sounding object marked, and the binaural track in step.
+
+H.264 (yuv420p, BT.709) and AAC in an MP4 that starts while it loads, made through PyAV. A frame of the dataset lasts a
+second, as its clip does, and is written `RATE` times, so that players need not cope with films of one picture a second;
+repeated pictures cost next to nothing. 30 a second, because 44,100 samples are then 1470 for each picture exactly:
+picture 30·k and sample 44,100·k are at the same instant, so the clip of frame k is heard while frame k is shown. Each
+frame starts with a key picture: seeking lands on frames.
+
+Clips are joined as the web player joins them (`avs3d_bench.inspector.sound.joined`: 5 ms cross-fades, because the
+impulse response changes from frame to frame) and raised by whole decibels, the same for the whole film; the caption
+says by how many. Nothing in the file depends on the time, and x264 runs on one thread: same input, same bytes, as long
+as PyAV and its FFmpeg are the same.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench import layout
+from avs3d_bench.dataset import Dataset, Frame, Observation
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.files import atomic_path
+from avs3d_bench.inspector.facts import read_facts
+from avs3d_bench.inspector.sound import joined
+from avs3d_bench.inspector.video_drawing import Canvas, Loudness, Overlay, Shown
+from avs3d_bench.inspector.video_map import MapInset
+from avs3d_bench.media import read_png_mask, read_record
+from avs3d_bench.schema import SubmissionRecord
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+#: Pictures a second; it divides 44,100.
+RATE = 30
+#: Quality of x264 (lower is better; 18 is said to be visually lossless) and bits a second of the sound.
+QUALITY, SOUND_BITS = 20, 256_000
+#: Intensity stereo and noise substitution change levels between the ears: of white noise by 0.26 dB instead of 0.03.
+_BINAURAL = {"aac_is": "0", "aac_pns": "0", "aac_ms": "0"}
+#: The loudest sample is raised to this at most, dB re full scale: the encoder overshoots a little.
+PEAK_DB = -3.0
+#: What is added at most, dB: a source behind two walls stays a quiet one.
+MAX_GAIN_DB = 24
+#: Sizes of the picture, pixels of the longer side.
+SMALLEST, LARGEST = 64, 2160
+
+
+@dataclass(frozen=True)
+class Film:
+    """What was written.
+
+    Attributes:
+        path: the file.
+        frames: frames of the observation; also its length in seconds.
+        width: pixels.
+        height: pixels, caption included.
+        gain_db: by how much the sound is louder than the dataset's files; None if the film is silent.
+    """
+
+    path: Path
+    frames: int
+    width: int
+    height: int
+    gain_db: int | None
+
+
+def load_av() -> ModuleType:
+    """PyAV.
+
+    Raises:
+        Avs3dError: if it is not installed.
+    """
+    try:
+        import av
+    except ModuleNotFoundError:
+        raise Avs3dError("av is not installed; avs3d video needs it: pip install 'avs3d-bench[inspect]'") from None
+    return av
+
+
+def write_video(
+    dataset: Dataset,
+    key: str,
+    path: str | Path,
+    *,
+    size: int = 720,
+    overlay: Overlay = "tint",
+    submission: str | Path | None = None,
+    with_map: bool = False,
+    advance: Callable[[int], None] | None = None,
+) -> Film:
+    """Write the film of an observation, all of it or nothing.
+
+    Args:
+        dataset: where it is; the official release will do.
+        key: of the observation.
+        path: the MP4.
+        size: longer side of the picture without its caption, pixels.
+        overlay: ``tint`` (outline and tint), ``outline`` or ``none``.
+        submission: a folder of predictions, outlined in a second colour on the test frames.
+        with_map: draw the path, the heading and the source from above in a corner.
+        advance: called with the number of frames done.
+
+    Raises:
+        UsageError: if there is no such observation, the name or the size does not do, or the submission has no mask
+            of the observation.
+        Avs3dError: if PyAV is missing, a file is damaged, or the system refuses.
+    """
+    target = Path(path)
+    if target.suffix.lower() != ".mp4":
+        raise UsageError(f"{target}: the film is an MP4; expected a name that ends with .mp4")
+    if target.is_dir():
+        raise UsageError(f"{target}: a folder stands there, expected the name of a file")
+    if not SMALLEST <= size <= LARGEST:
+        raise UsageError(f"size {size}: expected {SMALLEST} to {LARGEST} pixels")
+    av = load_av()
+    observation = dataset[key]
+    predicted = Predictions.open(submission, observation) if submission is not None else None
+    facts = read_facts(dataset, observation)
+    sound, gain = film_sound(observation)
+    canvas = Canvas.of(observation.frames[0].rgb().shape, size)
+    what = (facts.category or "sounding object").replace("_", " ")
+    inset = MapInset.of(observation, facts, canvas.width) if with_map and facts.has_map else None
+    if with_map and inset is None:
+        raise Avs3dError(f"{observation.path}: no frame has a pose, so there is no map; run without --map")
+
+    def pictures() -> Iterator[NDArray[np.uint8]]:
+        for number, (frame, moment) in enumerate(zip(observation.frames, facts.moments, strict=True)):
+            yield canvas.draw(
+                Shown(
+                    rgb=frame.rgb(),
+                    truth=frame.mask() if overlay != "none" and facts.has_masks else None,
+                    predicted=predicted.mask(frame) if predicted else None,
+                    moment=moment,
+                    title=key,
+                    what=what,
+                    loudness=_loudness(sound, number, gain),
+                    method=predicted.method if predicted else None,
+                    inset=inset.draw(number) if inset else None,
+                ),
+                overlay,
+            )
+            if advance is not None:
+                advance(number + 1)
+
+    try:
+        with atomic_path(target) as temporary:
+            _encode(av, temporary, pictures(), canvas, sound)
+    except av.FFmpegError as error:
+        raise Avs3dError(
+            f"{target}: cannot write the film: {error.strerror}; free some space, or try another"
+        ) from error
+    return Film(target, len(observation.frames), canvas.width, canvas.height, gain)
+
+
+@dataclass(frozen=True)
+class Predictions:
+    """The masks of a submission for one observation.
+
+    Attributes:
+        folder: with ``frame_000.png`` and on.
+        method: its name in the caption.
+    """
+
+    folder: Path
+    method: str
+
+    @classmethod
+    def open(cls, submission: str | Path, observation: Observation) -> Predictions:
+        """Find the observation in a submission.
+
+        Raises:
+            UsageError: if there is no such folder, or it holds no mask of the observation.
+            Avs3dError: if submission.json is damaged.
+        """
+        root = Path(submission)
+        if not root.is_dir():
+            raise UsageError(f"{root}: no such folder; expected a submission")
+        folder = root / observation.key / layout.SUBMISSION_MASKS
+        if not any(folder.glob("frame_*.png")):
+            raise UsageError(f"{folder}: no masks; expected a submission that covers {observation.key}")
+        about = root / layout.SUBMISSION_JSON
+        return cls(folder, read_record(about, SubmissionRecord).method if about.exists() else root.resolve().name)
+
+    def mask(self, frame: Frame) -> NDArray[np.bool_] | None:
+        """The predicted mask (H, W); None where there is none, as on train frames."""
+        path = self.folder / f"{frame.name}.png"
+        return read_png_mask(path) if path.exists() else None
+
+
+def film_sound(observation: Observation) -> tuple[NDArray[np.float32] | None, int | None]:
+    """The track (2, 44100 · frames) as it will be heard, and the gain in dB; (None, None) without clips.
+
+    A clip that is shorter than a second (none of ours is) is followed by silence, a longer one is cut: the next frame
+    starts on its second whatever the one before brought.
+
+    Raises:
+        Avs3dError: if a clip is missing or damaged, or has other than two channels.
+    """
+    folder = observation.path / layout.BINAURAL
+    if not folder.is_dir():
+        return None, None
+    clips = []
+    for frame in observation.frames:
+        clip = np.zeros((2, layout.BINAURAL_SAMPLES), dtype=np.float32)
+        read = frame.audio()
+        if read.shape[0] != 2:
+            where = observation.path / layout.audio_path(layout.BINAURAL, frame.index)
+            raise Avs3dError(f"{where}: {read.shape[0]} channel(s), expected 2")
+        count = min(layout.BINAURAL_SAMPLES, read.shape[1])
+        clip[:, :count] = read[:, :count]
+        clips.append(clip)
+    samples = joined(clips)
+    gain = gain_for(float(np.abs(samples).max(initial=0.0)))
+    return (samples * np.float32(10 ** (gain / 20))).astype(np.float32), gain
+
+
+def gain_for(peak: float) -> int:
+    """Whole decibels by which a track of this peak (full scale 1) is raised: to `PEAK_DB`, by `MAX_GAIN_DB` at most.
+
+    It is lowered where it would clip, as far as that takes.
+    """
+    return min(MAX_GAIN_DB, math.floor(PEAK_DB - 20 * math.log10(peak))) if peak > 0 else 0
+
+
+def _loudness(sound: NDArray[np.float32] | None, number: int, gain: int | None) -> Loudness | None:
+    """RMS of both ears in the file, dB re full scale, for the meters."""
+    if sound is None or gain is None:
+        return None
+    second = sound[:, number * layout.SAMPLE_RATE : (number + 1) * layout.SAMPLE_RATE].astype(np.float64)
+    left, right = (10 * math.log10(max(float(power), 1e-20)) for power in np.mean(second**2, axis=1))
+    return Loudness(left, right, gain)
+
+
+def _encode(
+    av: Any,
+    path: Path,
+    pictures: Iterator[NDArray[np.uint8]],
+    canvas: Canvas,
+    sound: NDArray[np.float32] | None,
+) -> None:
+    """Write the container: second by second a picture, `RATE` times, and its 44,100 samples."""
+    # bitexact keeps the muxer's version out; x264 has no B-pictures, so that no edit list delays the first picture.
+    options = {"movflags": "+faststart", "fflags": "+bitexact"}
+    with av.open(str(path), "w", format="mp4", options=options) as container:
+        video = container.add_stream("libx264", rate=RATE)
+        video.width, video.height, video.pix_fmt = canvas.width, canvas.height, "yuv420p"
+        context = video.codec_context
+        context.thread_count = 1
+        context.color_primaries = context.color_trc = context.colorspace = 1  # BT.709
+        context.color_range = 1  # limited, as players expect
+        context.options = {
+            "preset": "veryfast", "crf": str(QUALITY), "tune": "stillimage", "bf": "0", "g": str(RATE),
+            "keyint_min": str(RATE), "sc_threshold": "0",
+        }  # fmt: skip
+        audio = None
+        if sound is not None:
+            audio = container.add_stream("aac", rate=layout.SAMPLE_RATE, layout="stereo")
+            audio.bit_rate = SOUND_BITS
+            audio.codec_context.thread_count = 1
+            audio.codec_context.options = dict(_BINAURAL)
+        for number, picture in enumerate(pictures):
+            image = av.VideoFrame.from_ndarray(picture, format="rgb24").reformat(
+                format="yuv420p", src_colorspace="ITU709", dst_colorspace="ITU709", dst_color_range="MPEG"
+            )
+            for repeat in range(RATE):
+                image.pts, image.time_base = number * RATE + repeat, Fraction(1, RATE)
+                container.mux(video.encode(image))
+            if audio is not None and sound is not None:
+                second = sound[:, number * layout.SAMPLE_RATE : (number + 1) * layout.SAMPLE_RATE]
+                _sound(av, container, audio, second, number * layout.SAMPLE_RATE)
+        container.mux(video.encode(None))
+        if audio is not None:
+            container.mux(audio.encode(None))
+
+
+def _sound(av: Any, container: Any, stream: Any, samples: NDArray[np.float32], first: int) -> None:
+    frame = av.AudioFrame.from_ndarray(np.ascontiguousarray(samples), format="fltp", layout="stereo")
+    frame.sample_rate, frame.pts, frame.time_base = layout.SAMPLE_RATE, first, Fraction(1, layout.SAMPLE_RATE)
+    container.mux(stream.encode(frame))
+
+
+def describe_film(film: Film) -> str:
+    """One line for the terminal."""
+    what = "no sound" if film.gain_db is None else f"sound {film.gain_db:+d} dB"
+    return f"{film.path}: {film.frames} s, {film.width} × {film.height}, {what}"

@@ -1,0 +1,281 @@
+"""The pictures of a film: a frame with the object marked, and a caption below it.
+
+Drawn with OpenCV alone. Captions are drawn at twice their size and averaged, for even edges. Masks are
+outlined at their own size and the outline is scaled: a clock of twenty pixels keeps its shape in a smaller film.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.inspector.facts import Moment
+from avs3d_bench.inspector.pictures import SOUNDING
+
+U8 = NDArray[np.uint8]
+Colour = tuple[int, int, int]
+Overlay = Literal["outline", "tint", "none"]
+
+#: RGB. The prediction's blue and the truth's vermilion differ for every kind of colour vision (Okabe & Ito 2008).
+TRUTH: Colour = SOUNDING
+PREDICTED: Colour = (86, 180, 233)
+GROUND: Colour = (20, 22, 26)
+_INK, _DIM, _TRACK = (240, 240, 240), (150, 156, 164), (58, 62, 70)
+#: Of the sounding object in its colour, under the outline.
+TINT = 0.35
+#: Height of the caption, in widths of the picture.
+_CAPTION = 0.125
+#: What the meters show, dB re full scale.
+_QUIET_DB = -60.0
+_FONT = cv2.FONT_HERSHEY_DUPLEX
+
+
+@dataclass(frozen=True)
+class Loudness:
+    """RMS of both ears as the film plays them, dB re full scale, and the film's gain in dB."""
+
+    left: float
+    right: float
+    gain_db: int
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What a picture of the film shows.
+
+    Attributes:
+        rgb: (H, W, 3) the frame.
+        truth: (H, W) the sounding object; None where it is not to be marked.
+        predicted: (H, W) a submission's mask; None where there is none.
+        moment: name, split, azimuth and distance.
+        title: the observation's key.
+        what: sounds.
+        loudness: of the second; None in a silent film.
+        method: of the submission; None without one.
+        inset: (h, w, 3) the map of this moment, or None.
+    """
+
+    rgb: U8
+    truth: NDArray[np.bool_] | None
+    predicted: NDArray[np.bool_] | None
+    moment: Moment
+    title: str
+    what: str
+    loudness: Loudness | None
+    method: str | None = None
+    inset: U8 | None = None
+
+
+@dataclass(frozen=True)
+class Canvas:
+    """Sizes in pixels, all even, as yuv420p wants them: the picture, and the caption below it."""
+
+    width: int
+    picture: int
+    caption: int
+
+    @classmethod
+    def of(cls, shape: tuple[int, ...], size: int) -> Canvas:
+        """For frames of this (H, W, 3), with ``size`` pixels on the longer side."""
+        scale = size / max(shape[:2])
+        width, height = (max(2, 2 * round(side * scale / 2)) for side in (shape[1], shape[0]))
+        return cls(width, height, max(2, 2 * round(width * _CAPTION / 2)))
+
+    @property
+    def height(self) -> int:
+        """Of both."""
+        return self.picture + self.caption
+
+    def draw(self, shown: Shown, overlay: Overlay) -> U8:
+        """The picture (height, width, 3), RGB.
+
+        Raises:
+            Avs3dError: if a mask has another size than the frame.
+        """
+        shrinks = shown.rgb.shape[1] >= self.width
+        how = cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC
+        picture = np.ascontiguousarray(cv2.resize(shown.rgb, (self.width, self.picture), interpolation=how), np.uint8)
+        for mask, colour in ((shown.truth, TRUTH), (shown.predicted, PREDICTED)):
+            if mask is None:
+                continue
+            if mask.shape != shown.rgb.shape[:2]:
+                raise Avs3dError(
+                    f"{shown.moment.name}: a mask of {mask.shape}, expected {shown.rgb.shape[:2]} as the frame"
+                )
+            if overlay == "tint" and mask is shown.truth:
+                self._tint(picture, mask, colour)
+            self._outline(picture, mask, colour)
+        if shown.truth is not None or shown.method is not None:
+            self._legend(picture, shown)
+        if shown.inset is not None:
+            edge = round(self.width * 0.018)
+            height, width = shown.inset.shape[:2]
+            picture[edge : edge + height, self.width - edge - width : self.width - edge] = shown.inset
+        return np.concatenate([picture, self._caption(shown)])
+
+    def _tint(self, picture: U8, mask: NDArray[np.bool_], colour: Colour) -> None:
+        size = (self.width, self.picture)
+        cover = cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA)[..., None] * np.float32(TINT)
+        picture[:] = np.rint(picture * (1 - cover) + np.array(colour, dtype=np.float32) * cover).astype(np.uint8)
+
+    def _outline(self, picture: U8, mask: NDArray[np.bool_], colour: Colour) -> None:
+        found, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+        scale = np.array([self.width / mask.shape[1], self.picture / mask.shape[0]])
+        # Fixed point with four fractional bits; OpenCV's whole numbers are pixel centres, ours lie at + 0.5.
+        lines = [np.rint(((contour + 0.5) * scale - 0.5) * 16).astype(np.int32) for contour in found]
+        thick = max(1, round(self.width / 360))
+        cv2.polylines(picture, lines, True, GROUND, thick + 2, cv2.LINE_AA, 4)
+        cv2.polylines(picture, lines, True, colour, thick, cv2.LINE_AA, 4)
+
+    def _legend(self, picture: U8, shown: Shown) -> None:
+        unit = self.width / 720
+        rows = [(shown.what, TRUTH)] if shown.truth is not None else []
+        if shown.method is not None:
+            rows.append((shown.method, PREDICTED))
+        most = self.width * (0.6 if shown.inset is not None else 0.9) - 44 * unit
+        # What follows the method's name is kept, however long that is.
+        tail = "" if shown.predicted is None or shown.predicted.any() else ": nothing"
+        tail = ": no mask" if shown.predicted is None else tail
+        most -= _text_width(tail, 15 * unit)
+        rows = [(_fitting(text, 15 * unit, most) + tail * (colour == PREDICTED), colour) for text, colour in rows]
+        width = round(max(_text_width(text, 15 * unit) for text, _ in rows) + 44 * unit)
+        height, edge = round((len(rows) * 24 + 10) * unit), round(13 * unit)
+        panel = picture[edge : edge + height, edge : edge + min(width, self.width - 2 * edge)]
+        panel[:] = np.rint(panel * 0.25 + np.array(GROUND) * 0.75).astype(np.uint8)
+        big = _twice(panel)
+        for number, (text, colour) in enumerate(rows):
+            y = (21 + 24 * number) * unit * 2
+            cv2.line(
+                big,
+                at_pixel(20 * unit, y - 10 * unit),
+                at_pixel(48 * unit, y - 10 * unit),
+                colour,
+                round(6 * unit) or 1,
+            )
+            _text(big, text, (64 * unit, y), 30 * unit, _INK)
+        panel[:] = halved(big, panel.shape)
+
+    def _caption(self, shown: Shown) -> U8:
+        big = np.full((2 * self.caption, 2 * self.width, 3), GROUND, dtype=np.uint8)
+        unit, moment = 2 * self.width / 720, shown.moment
+        x = _text(big, moment.name, (18 * unit, 38 * unit), 24 * unit, _INK)
+        if moment.split:
+            x = _text(big, moment.split, (x + 12 * unit, 38 * unit), 17 * unit, _DIM)
+        room = (470 * unit) if shown.loudness is not None or moment.azimuth is not None else 2 * self.width
+        title = _fitting(shown.title, 14 * unit, room - x - 24 * unit)
+        _text(big, title, (x + 22 * unit, 38 * unit), 14 * unit, _DIM)
+        x = 18 * unit
+        for text, colour in _whereabouts(moment):
+            x = _text(big, text, (x, 72 * unit), 19 * unit, colour) + 22 * unit
+        if moment.azimuth is not None:
+            _compass(big, (520 * unit, 45 * unit), 31 * unit, moment.azimuth)
+        if shown.loudness is not None:
+            _meters(big, shown.loudness, 576 * unit, unit)
+        return halved(big, (self.caption, self.width, 3))
+
+
+def _whereabouts(moment: Moment) -> list[tuple[str, Colour]]:
+    """What is known of where the sound comes from."""
+    out: list[tuple[str, Colour]] = []
+    if moment.azimuth is not None:
+        degrees = round(moment.azimuth)
+        side = "right" if degrees > 0 else "left" if degrees < 0 else "ahead"
+        out.append((f"azimuth {degrees:+d}° {side}" if degrees else "azimuth 0° ahead", _INK))
+    if moment.distance is not None:
+        out.append((f"{moment.distance:.2f} m", _INK))
+    if moment.line_of_sight is False:
+        out.append(("hidden", _DIM))
+    elif moment.visible == 0:
+        out.append(("out of view", _DIM))
+    return out
+
+
+def _compass(big: U8, centre: tuple[float, float], radius: float, azimuth: float) -> None:
+    """Where the sound comes from, seen from above: up is ahead."""
+    thin = max(1, round(radius / 24))
+    cv2.circle(big, at_pixel(*centre), round(radius), _TRACK, 2 * thin, cv2.LINE_AA)
+    wedge = np.array([_polar(centre, radius * 0.92, a) for a in np.linspace(-45, 45, 19)] + [centre])
+    cv2.fillPoly(big, [np.rint(wedge).astype(np.int32)], (38, 41, 47), cv2.LINE_AA)
+    tip = _polar(centre, radius, azimuth)
+    cv2.line(big, at_pixel(*centre), at_pixel(*tip), TRUTH, 2 * thin, cv2.LINE_AA)
+    cv2.circle(big, at_pixel(*tip), round(radius * 0.17), TRUTH, -1, cv2.LINE_AA)
+    cv2.circle(big, at_pixel(*centre), round(radius * 0.1), _INK, -1, cv2.LINE_AA)
+
+
+def _polar(centre: tuple[float, float], radius: float, degrees: float) -> tuple[float, float]:
+    angle = math.radians(degrees)
+    return centre[0] + radius * math.sin(angle), centre[1] - radius * math.cos(angle)
+
+
+def _meters(big: U8, loudness: Loudness, left: float, unit: float) -> None:
+    """A bar for each ear, from `_QUIET_DB` to full scale."""
+    length = 720 * unit - left - 40 * unit
+    for number, (name, level) in enumerate((("L", loudness.left), ("R", loudness.right))):
+        y = (16 + 20 * number) * unit
+        _text(big, name, (left, y + 12 * unit), 14 * unit, _DIM)
+        start, share = left + 20 * unit, float(np.clip(1 - level / _QUIET_DB, 0, 1))
+        cv2.rectangle(big, at_pixel(start, y), at_pixel(start + length, y + 12 * unit), _TRACK, -1)
+        if share > 0:
+            cv2.rectangle(big, at_pixel(start, y), at_pixel(start + share * length, y + 12 * unit), (0, 158, 115), -1)
+    _text(big, f"sound {loudness.gain_db:+d} dB", (left, 72 * unit), 14 * unit, _DIM)
+
+
+def at_pixel(x: float, y: float) -> tuple[int, int]:
+    """Whole pixels, as OpenCV wants them."""
+    return round(x), round(y)
+
+
+def _twice(picture: U8) -> U8:
+    return np.asarray(cv2.resize(picture, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR), np.uint8)
+
+
+def halved(picture: U8, shape: tuple[int, ...]) -> U8:
+    """A picture that was drawn at twice the size (H, W, …), averaged."""
+    return np.asarray(cv2.resize(picture, (shape[1], shape[0]), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _plain(text: str) -> str:
+    """What OpenCV's font has: other letters become question marks."""
+    return text.encode("ascii", "replace").decode()
+
+
+def _scale(height: float) -> float:
+    """Of the font, for capitals of about 0.7 of this height in pixels."""
+    return height / 30
+
+
+def _text_width(text: str, height: float) -> float:
+    pieces = text.split("°")
+    width = sum(cv2.getTextSize(_plain(piece), _FONT, _scale(height), 1)[0][0] for piece in pieces if piece)
+    return float(width + (len(pieces) - 1) * 0.4 * height)
+
+
+def _fitting(text: str, height: float, room: float) -> str:
+    """The text, cut in its middle where it is too long."""
+    if _text_width(text, height) <= room:
+        return text
+    for kept in range(len(text) - 1, 4, -1):
+        short = f"{text[: kept // 2]}...{text[len(text) - (kept - kept // 2) :]}"
+        if _text_width(short, height) <= room:
+            return short
+    return ""
+
+
+def _text(picture: U8, text: str, at: tuple[float, float], height: float, colour: Colour) -> float:
+    """Write a line whose base starts at ``at``; OpenCV's font has no degree sign, which is drawn. Returns its end."""
+    x, thick = at[0], max(1, round(height / 22))
+    for number, piece in enumerate(text.split("°")):
+        if number:
+            centre = at_pixel(x + 0.16 * height, at[1] - 0.58 * height)
+            cv2.circle(picture, centre, max(1, round(0.11 * height)), colour, thick, cv2.LINE_AA)
+            x += 0.4 * height
+        if piece:
+            cv2.putText(picture, _plain(piece), at_pixel(x, at[1]), _FONT, _scale(height), colour, thick, cv2.LINE_AA)
+            x += cv2.getTextSize(_plain(piece), _FONT, _scale(height), thick)[0][0]
+    return x

@@ -1,0 +1,216 @@
+"""The scene of `avs3d view-3d` as nodes of a viser server; viser itself is handed in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from avs3d_bench.geometry import Pose
+from avs3d_bench.inspector.view3d_data import Cloud, Scene3D
+from avs3d_bench.schema import InstanceRecord
+
+#: Pictures on the frusta, pixels a side: in the scene, and of the frame that is shown now.
+THUMB_SIDE, CURRENT_SIDE = 96, 320
+#: Distance of a frustum's picture plane from its camera, metres: 105 of the 120 frames are train frames.
+_TRAIN_DEPTH, _TEST_DEPTH, _NOW_DEPTH = 0.05, 0.1, 0.3
+_TRAIN, _TEST, _NOW = (70, 110, 160), (0, 158, 115), (0, 114, 178)
+_TRUTH, _SILENT = (228, 87, 46), (120, 126, 134)
+#: Of submissions, in their order (Okabe & Ito 2008).
+PREDICTED = ((86, 180, 233), (204, 121, 167), (240, 228, 66), (0, 158, 115))
+
+
+class Stage:
+    """The scene in a viser server.
+
+    Attributes:
+        server: viser's.
+        scene: what is shown.
+        layers: what can be switched on and off: name → viser's handles.
+    """
+
+    def __init__(self, server: Any, scene: Scene3D) -> None:
+        """Nothing is drawn yet."""
+        self.server, self.scene = server, scene
+        self.layers: dict[str, list[Any]] = {}
+        self._now: dict[str, Any] = {}
+        self._pictures: dict[int, NDArray[np.uint8]] = {}
+
+    def build(self) -> None:
+        """Draw everything that stands still, and the first frame."""
+        self.server.scene.set_up_direction("+y")
+        self._look()
+        self._points()
+        self._objects()
+        self._path()
+        for number, prediction in enumerate(self.scene.predictions):
+            colour = PREDICTED[number % len(PREDICTED)]
+            colours = np.tile(np.array(colour, dtype=np.uint8), (len(prediction.points), 1))
+            cloud = Cloud(prediction.points, colours)
+            # Methods of one name stay two: the node is named after its place.
+            self._cloud(f"predicted: {prediction.method}", f"/predicted/{number}", cloud, size=0.014)
+        self.show(0)
+
+    def show(self, number: int) -> None:
+        """Move the camera, the source and the sounding object to frame ``number`` of those with a pose."""
+        moment = self.scene.frames[number]
+        picture = self._picture(number)
+        camera = self._now.get("camera")
+        if camera is None:
+            self._now["camera"] = self._frustum("/now/camera", moment.pose, _NOW, _NOW_DEPTH, picture)
+            self._add("camera now", self._now["camera"])
+        else:
+            camera.image, camera.position, camera.wxyz = picture, moment.pose.position, opencv_rotation(moment.pose)
+        for name, handle in self._now.items():
+            if name == "source" and moment.source is not None:
+                handle.position = moment.source
+            if name == "object":
+                handle.position, handle.wxyz = moment.moved.position, moment.moved.rotation
+
+    def _picture(self, number: int) -> NDArray[np.uint8]:
+        """The frame, small; decoded once."""
+        if number not in self._pictures:
+            self._pictures[number] = small(self.scene.frames[number].frame.rgb(), CURRENT_SIDE)
+        return self._pictures[number]
+
+    def _add(self, layer: str, *handles: Any) -> None:
+        self.layers.setdefault(layer, []).extend(handles)
+
+    def _look(self) -> None:
+        """The first view: from above, across the path onto the source (onto the path where it is unknown)."""
+        path = np.array([moment.pose.position for moment in self.scene.frames])
+        middle = path.mean(axis=0)
+        source = self.scene.frames[0].source
+        away = (middle - np.array(source)) * (1, 0, 1) if source is not None else np.array([1.0, 0.0, 1.0])
+        length = float(np.linalg.norm(away))
+        away = away / length if length > 1e-3 else np.array([0.0, 0.0, 1.0])
+        reach = max(2.0, float(np.ptp(path, axis=0).max()) + length)
+        where = self.server.initial_camera
+        where.up = (0.0, 1.0, 0.0)
+        where.look_at = tuple(float(c) for c in middle - 0.4 * length * away - (0.0, 0.9, 0.0))
+        where.position = tuple(float(c) for c in middle + 0.7 * reach * away + (0.0, 0.8 * reach, 0.0))
+
+    def _points(self) -> None:
+        scene = self.scene
+        if scene.dense is not None:
+            self._cloud("points of depth", "/room/dense", scene.dense, size=0.012)
+        self._cloud("sparse points", "/room/sparse", scene.room, size=0.025, visible=scene.dense is None)
+        self._cloud("ceiling", "/room/ceiling", scene.ceiling, size=0.025, visible=False)
+
+    def _cloud(self, layer: str, node: str, cloud: Cloud, *, size: float, visible: bool = True) -> None:
+        if not len(cloud.points):
+            return
+        handle = self.server.scene.add_point_cloud(
+            node,
+            cloud.points,
+            cloud.colours,
+            point_size=size,
+            point_shape="circle",
+            precision="float32",
+            point_shading="flat",
+            visible=visible,
+        )
+        self._add(layer, handle)
+
+    def _objects(self) -> None:
+        add = self.server.scene
+        if self.scene.mesh is not None:
+            mesh = self.scene.mesh
+            handle = add.add_mesh_simple(
+                "/object/mesh", mesh.vertices, mesh.faces, color=_TRUTH, flat_shading=True, side="double", opacity=0.85
+            )
+            self._add("sounding object", handle)
+            if self.scene.moves:
+                self._now["object"] = handle
+        for instance in self.scene.instances:
+            if not (instance.sounding and self.scene.moves):
+                self._box(instance)
+        spots = [moment.source for moment in self.scene.frames if moment.source is not None]
+        if spots:
+            ball = add.add_icosphere("/source", radius=0.06, color=_TRUTH, position=spots[0])
+            self._now["source"] = ball
+            self._add("source", ball)
+        if self.scene.moves:
+            # A source that stands is named by its box.
+            what = f"{(self.scene.category or 'object').replace('_', ' ')} (sounding)"
+            self._add("source", add.add_label("/source/name", what, anchor="bottom-center", position=(0.0, 0.1, 0.0)))
+            self._add("source", self._polyline("/source_path", spots, _TRUTH))
+
+    def _box(self, instance: InstanceRecord) -> None:
+        low, high = (np.array(corner, dtype=np.float32) for corner in instance.bounds)
+        colour = _TRUTH if instance.sounding else _SILENT
+        node = f"/instances/{instance.id}"
+        lines = self.server.scene.add_line_segments(
+            f"{node}/box", box_edges(low, high), np.full((12, 2, 3), colour, np.uint8), thickness=0.012
+        )
+        text = instance.category.replace("_", " ") + (" (sounding)" if instance.sounding else "")
+        top = ((low + high) / 2 * (1, 0, 1) + high * (0, 1, 0)).astype(float)
+        label = self.server.scene.add_label(f"{node}/name", text, position=tuple(top), anchor="bottom-center")
+        self._add("objects", lines, label)
+
+    def _path(self) -> None:
+        frames = self.scene.frames
+        self._add("path", self._polyline("/path/line", [moment.pose.position for moment in frames], _TRAIN))
+        for number, moment in enumerate(frames):
+            test = moment.frame.split == "test"
+            handle = self._frustum(
+                f"/path/{moment.frame.name}",
+                moment.pose,
+                _TEST if test else _TRAIN,
+                _TEST_DEPTH if test else _TRAIN_DEPTH,
+                small(self._picture(number), THUMB_SIDE),
+            )
+            self._add("test cameras" if test else "train cameras", handle)
+
+    def _polyline(self, node: str, spots: Sequence[Any], colour: tuple[int, int, int]) -> Any:
+        line = np.asarray(spots, dtype=np.float32)
+        segments = np.stack([line[:-1], line[1:]], axis=1) if len(line) > 1 else np.stack([line, line], axis=1)
+        colours = np.full((len(segments), 2, 3), colour, dtype=np.uint8)
+        return self.server.scene.add_line_segments(node, segments, colours, thickness=0.02)
+
+    def _frustum(
+        self, node: str, pose: Pose, colour: tuple[int, int, int], scale: float, picture: NDArray[np.uint8]
+    ) -> Any:
+        camera = self.scene.camera
+        return self.server.scene.add_camera_frustum(
+            node,
+            fov=self.scene.vertical_fov,
+            aspect=camera.width / camera.height,
+            scale=scale,
+            thickness=0.004,
+            color=colour,
+            image=picture,
+            format="jpeg",
+            jpeg_quality=75,
+            wxyz=opencv_rotation(pose),
+            position=pose.position,
+            cast_shadow=False,
+        )
+
+
+def opencv_rotation(pose: Pose) -> tuple[float, float, float, float]:
+    """(w, x, y, z) of a camera whose axes are OpenCV's: half a turn about our camera's X axis."""
+    w, x, y, z = pose.rotation
+    turned = Rotation.from_quat([x, y, z, w]) * Rotation.from_quat([1.0, 0.0, 0.0, 0.0])
+    x, y, z, w = (float(c) for c in turned.as_quat())
+    return w, x, y, z
+
+
+def box_edges(low: NDArray[np.float32], high: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The twelve edges (12, 2, 3) of an upright box."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=np.float32)
+    pairs = [(a, a | bit) for a in range(8) for bit in (1, 2, 4) if not a & bit]
+    return np.asarray((corners * (high - low) + low)[np.array(pairs)], dtype=np.float32)
+
+
+def small(rgb: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
+    """A picture of at most ``side`` pixels a side."""
+    scale = side / max(rgb.shape[:2])
+    if scale >= 1:
+        return rgb
+    size = (max(1, round(rgb.shape[1] * scale)), max(1, round(rgb.shape[0] * scale)))
+    return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)

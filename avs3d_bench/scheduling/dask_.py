@@ -1,0 +1,334 @@
+"""Tasks on a Dask cluster: one of this machine, one that runs already, or one that a job queue starts.
+
+Tasks are submitted in a bounded window, so that neither this process nor Dask's scheduler ever knows more than a few
+per worker of a run of many thousands. When this process ends, however it ends, Dask forgets what it had submitted and
+the workers stop.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import secrets
+import signal
+import threading
+import time
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import Any, Self
+
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.scheduling.jobqueue import start_cluster
+from avs3d_bench.scheduling.ledger import Ledger, Next
+from avs3d_bench.scheduling.on_worker import TOPIC, AttemptError, Terms, attempt, busy
+from avs3d_bench.scheduling.tasks import Attempt, Event, Failure, Listener, Policy, Success, Task
+
+#: Of what Dask logs, this and worse is shown.
+_LEVEL = logging.INFO if os.environ.get("AVS3D_DEBUG") else logging.CRITICAL
+#: Submitted tasks per slot of the cluster, and the least of them.
+_WINDOW, _LEAST = 2, 16
+#: How many other workers a task may choose from when it is tried again.
+_ELSEWHERE = 32
+#: Between two looks at how many workers there are, seconds.
+_REFRESH = 3.0
+#: Events a second that all workers together may send, about.
+_EVENTS = 100.0
+#: How long workers may take to stop what is no longer wanted, seconds.
+_STOP = 10.0
+#: What the client's connection is given, seconds.
+_CONNECT = 20.0
+
+
+class DaskScheduler:
+    """A Dask cluster, started or joined on entering the context.
+
+    Args:
+        workers: worker processes of a cluster that is started here.
+        address: of the scheduler of a cluster that runs.
+        jobqueue, jobqueue_options: see `jobqueue.start_cluster`.
+        gpus: each task takes one GPU: the resource ``GPU`` of Dask's workers.
+    """
+
+    def __init__(
+        self,
+        workers: int,
+        *,
+        address: str | None = None,
+        jobqueue: str | None = None,
+        jobqueue_options: Path | None = None,
+        gpus: bool = False,
+    ) -> None:
+        self.slots = workers
+        self._workers = workers
+        self._address = address
+        self._jobqueue = jobqueue
+        self._jobqueue_options = jobqueue_options
+        self._gpus = gpus
+        self._stack = ExitStack()
+        self._where = address or "the local Dask cluster"
+
+    def __enter__(self) -> Self:
+        try:
+            import dask
+            import distributed
+        except ModuleNotFoundError as error:
+            if error.name not in ("dask", "distributed"):
+                raise
+            raise Avs3dError("--scheduler dask needs distributed: pip install 'avs3d-bench[cluster]'") from None
+        _hush()
+        with ExitStack() as stack:
+            # A task that is tried again elsewhere must not be drawn back to where it failed.
+            stack.enter_context(dask.config.set({"distributed.scheduler.work-stealing": False}))
+            if self._address is None:
+                with _deaf():
+                    cluster = self._start(distributed)
+                stack.callback(_close, cluster)
+                target: Any = cluster
+            else:
+                target = self._address
+            try:
+                client: Any = distributed.Client
+                self._client = stack.enter_context(client(target, timeout=_CONNECT, set_as_default=False))
+            except (OSError, ValueError) as error:  # ValueError: not an address
+                text = " ".join(str(error).split())
+                raise Avs3dError(
+                    f"--scheduler-address {self._address}: no Dask scheduler answers there ({text})"
+                ) from None
+            self._stack = stack.pop_all()
+        self.dashboard = str(self._client.dashboard_link or "")
+        return self
+
+    def _start(self, distributed: Any) -> Any:
+        if self._jobqueue is not None:
+            assert self._jobqueue_options is not None
+            self._where = f"the cluster of --jobqueue {self._jobqueue}"
+            return start_cluster(self._jobqueue, self._jobqueue_options, self._workers)
+        # Threads of one process, where each takes a device; else processes. Memory is used in the supervised processes,
+        # which Dask does not watch.
+        shape = (
+            {"n_workers": 1, "threads_per_worker": self._workers, "resources": {"GPU": self._workers}}
+            if self._gpus
+            else {"n_workers": self._workers, "threads_per_worker": 1}
+        )
+        return distributed.LocalCluster(
+            processes=True,
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",
+            memory_limit=0,
+            silence_logs=_LEVEL,
+            preload=["avs3d_bench.scheduling.on_worker"],
+            **shape,
+        )
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def run(self, tasks: Sequence[Task], policy: Policy, listen: Listener) -> Generator[Success | Failure, None, None]:
+        """See `tasks.Scheduler`.
+
+        Raises:
+            UsageError: if tasks need GPUs and no worker offers any.
+            Avs3dError: if the scheduler of the cluster is lost.
+        """
+        run = _Run(self._client, tasks, policy, listen, gpus=self._gpus, where=self._where)
+        if self.dashboard:
+            listen(Event("note", "", f"Dask's dashboard: {self.dashboard}"))
+        try:
+            yield from run.results()
+        finally:
+            run.stop()
+
+
+class _Run:
+    """One call of `DaskScheduler.run`."""
+
+    def __init__(
+        self, client: Any, tasks: Sequence[Task], policy: Policy, listen: Listener, *, gpus: bool, where: str
+    ) -> None:
+        self._client = client
+        self._listen = listen
+        self._where = where
+        self._resources = {"GPU": 1} if gpus else None
+        self._name = secrets.token_hex(6)
+        self._policy = policy
+        self._ledger = Ledger(tasks, retries=policy.retries, ahead=_LEAST)
+        self._open: dict[Any, Next] = {}
+        self._bound: dict[Any, list[str]] = {}
+        self._submitted = 0
+        self._news: SimpleQueue[Any] = SimpleQueue()
+        self._threads: dict[str, int] = {}
+        self._looked = 0.0
+        self._waiting = False
+        client.subscribe_topic(TOPIC, self._news.put)
+        client.subscribe_topic("all", self._news.put)
+
+    def results(self) -> Generator[Success | Failure, None, None]:
+        while not self._ledger.finished:
+            self._look()
+            self._submit()
+            news = [self._wait()]
+            with suppress(Empty):
+                while True:
+                    news.append(self._news.get_nowait())
+            ended = []
+            for item in news:
+                if isinstance(item, tuple):
+                    self._tell(item[1])
+                elif item is not None and item in self._open:
+                    ended.append(item)
+            yield from self._collect(ended)
+
+    def _wait(self) -> Any:
+        try:
+            return self._news.get(timeout=0.5)
+        except Empty:
+            return None
+
+    def _look(self) -> None:
+        """See who is there, now and then."""
+        if time.monotonic() - self._looked < (_REFRESH if self._threads else 0.5):
+            return
+        self._looked = time.monotonic()
+        if self._client.status not in ("running", "newly-created", "connecting"):
+            raise self._lost()
+        with suppress(OSError, TimeoutError):
+            self._threads = dict(self._client.nthreads())
+            if self._resources and self._threads:
+                workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
+                if not any(worker.get("resources", {}).get("GPU") for worker in workers):
+                    raise UsageError(
+                        f"{self._where}: no worker offers a GPU; start them with --resources 'GPU=1' (docs/cluster.md)"
+                    )
+        self._unbind()
+        slots = sum(self._threads.values())
+        self._ledger.ahead = max(_LEAST, _WINDOW * slots)
+        if not slots and not self._waiting:
+            self._listen(Event("note", "", f"{self._where} has no workers yet; waiting for the first"))
+        self._waiting = not slots
+
+    def _submit(self) -> None:
+        slots = sum(self._threads.values())
+        window = max(_LEAST, _WINDOW * slots)
+        terms = Terms(self._name, self._policy.environment, max(1.0, slots / _EVENTS))
+        while len(self._open) < window and (item := self._ledger.take()):
+            task = item.task
+            elsewhere = self._elsewhere(item)
+            self._submitted += 1
+            future = self._client.submit(
+                attempt,
+                task,
+                terms,
+                key=(f"{task.call.__name__}-{self._name}", task.name, self._submitted),
+                pure=False,
+                workers=elsewhere,
+                resources=self._resources,
+            )
+            self._open[future] = item
+            if elsewhere:
+                self._bound[future] = elsewhere
+            future.add_done_callback(self._news.put)
+
+    def _elsewhere(self, item: Next) -> list[str] | None:
+        """A few workers besides the one that the task failed on, if there are any; None: wherever it may be."""
+        if not item.failed:
+            return None
+        failed = item.failed[-1].worker.partition(" ")[0]
+        others = [address for address in self._threads if address != failed]
+        first = self._submitted % max(1, len(others))
+        return (others[first:] + others[:first])[:_ELSEWHERE] or None
+
+    def _unbind(self) -> None:
+        """Submit again what is bound to workers of which none is left."""
+        for future, workers in list(self._bound.items()):
+            if future not in self._open:
+                del self._bound[future]
+            elif not any(address in self._threads for address in workers):
+                del self._bound[future]
+                self._ledger.give_back(self._open.pop(future))
+                future.cancel()
+
+    def _collect(self, ended: list[Any]) -> Generator[Success | Failure, None, None]:
+        """Take what has ended off the cluster, all at once."""
+        done = [future for future in ended if future.status == "finished"]
+        values = dict(zip(done, self._client.gather(done), strict=True)) if done else {}
+        for future in ended:
+            item = self._open.pop(future)
+            if future in values:
+                self._ledger.done(item.task)
+                yield Success(item.task, values[future])
+            elif future.status == "error":
+                failed = _attempt_of(future.exception())
+                given_up = list(self._ledger.failed(item, failed))
+                if not given_up:
+                    self._listen(Event("retry", item.task.name, failed.message))
+                yield from given_up
+            else:
+                raise self._lost()
+            future.release()
+
+    def _tell(self, content: dict[str, Any]) -> None:
+        if content.get("run") == self._name:
+            self._listen(Event(content["kind"], content["name"], content["text"]))
+        elif content.get("action") == "remove-worker" and not content.get("expected"):
+            self._listen(Event("worker", "", f"{content.get('worker')} is lost; what it was at is made elsewhere"))
+
+    def _lost(self) -> Avs3dError:
+        return Avs3dError(f"{self._where}: its scheduler is gone; run the same command again to go on")
+
+    def stop(self) -> None:
+        """Have the cluster forget what is still open, and wait until its workers have ended it."""
+        with suppress(Exception):
+            self._client.unsubscribe_topic(TOPIC)
+            self._client.unsubscribe_topic("all")
+        if not self._open or self._client.status != "running":
+            return
+        with suppress(Exception):  # the cluster may be going down as well
+            self._client.cancel(list(self._open), force=True)
+            self._open.clear()
+            deadline = time.monotonic() + _STOP
+            while time.monotonic() < deadline and any(self._client.run(busy, self._name).values()):
+                time.sleep(0.2)
+
+
+def _attempt_of(error: BaseException) -> Attempt:
+    """Whatever a Dask task ended with, as a failed attempt."""
+    if isinstance(error, AttemptError):
+        return error.attempt
+    line = " ".join(str(error).split())
+    last = getattr(error, "last_worker", None)
+    if last is not None:  # KilledWorker
+        return Attempt(
+            str(getattr(last, "address", last)), "crash", "the workers it ran on were lost, one after another"
+        )
+    return Attempt("", "unfit", f"a worker could not start it: {type(error).__name__}: {line}")
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Ignore Ctrl-C, and with this process all that are started meanwhile, for good.
+
+    It reaches every process of a terminal, but only the first one decides what it means. (Dask's workers that take the
+    place of lost ones are made deaf by `on_worker.dask_setup`.)
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _hush() -> None:
+    """What Dask logs about lost connections, with tracebacks, this module says in a line."""
+    for name in list(logging.root.manager.loggerDict):
+        if name.partition(".")[0] == "distributed":
+            logging.getLogger(name).setLevel(_LEVEL)
+
+
+def _close(cluster: Any) -> None:
+    with suppress(Exception):  # what cannot be reached any more has ended
+        cluster.close(timeout=10)

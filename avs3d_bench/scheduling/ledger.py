@@ -1,0 +1,76 @@
+"""The book of a run: what is next, what is tried again, what has failed for good. Pure; knows no processes."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from avs3d_bench.scheduling.tasks import Attempt, Failure, Task
+
+
+@dataclass(frozen=True)
+class Next:
+    """A task to start, with its failed attempts so far (the newest names the worker to avoid)."""
+
+    task: Task
+    failed: tuple[Attempt, ...] = ()
+
+
+class Ledger:
+    """Hands out tasks.
+
+    Tasks that others wait for come first, but only while fewer than ``ahead`` other tasks are ready: so every worker
+    has something to do, and a run of many thousands does not prepare everything before it shows a first result.
+
+    Args:
+        tasks: all of the run; one that names another in ``after`` follows it in this sequence or precedes it.
+        retries: how often a task is tried again.
+        ahead: how many ready tasks are enough.
+    """
+
+    def __init__(self, tasks: Sequence[Task], *, retries: int, ahead: int) -> None:
+        self._retries = retries
+        self.ahead = ahead
+        self._waiting: dict[str, list[Task]] = {}
+        for task in tasks:
+            if task.after is not None:
+                self._waiting.setdefault(task.after, []).append(task)
+        names = {task.name for task in tasks if task.after is None}
+        if not names >= self._waiting.keys():
+            raise ValueError(f"tasks wait for what is no task, or waits itself: {sorted(self._waiting.keys() - names)}")
+        self._leaders = deque(task for task in tasks if task.name in self._waiting)
+        self._ready = deque(Next(task) for task in tasks if task.name not in self._waiting and task.after is None)
+        self._open = len(tasks)
+
+    @property
+    def finished(self) -> bool:
+        """Whether every task is done or given up."""
+        return self._open == 0
+
+    def take(self) -> Next | None:
+        """The next task to start; None if there is none now."""
+        if self._leaders and len(self._ready) < self.ahead:
+            return Next(self._leaders.popleft())
+        return self._ready.popleft() if self._ready else None
+
+    def give_back(self, item: Next) -> None:
+        """Put a task that was taken but not tried back at the head."""
+        self._ready.appendleft(item)
+
+    def done(self, task: Task) -> None:
+        """Note that ``task`` is done; what waited for it is ready."""
+        self._open -= 1
+        self._ready.extend(Next(follower) for follower in self._waiting.pop(task.name, ()))
+
+    def failed(self, item: Next, attempt: Attempt) -> Iterator[Failure]:
+        """Note a failed attempt: the task is put at the head of the queue, or given up with all that wait for it."""
+        attempts = (*item.failed, attempt)
+        if attempt.cause != "refused" and len(attempts) <= self._retries:
+            self._ready.appendleft(Next(item.task, attempts))
+            return
+        self._open -= 1
+        yield Failure(item.task, attempts)
+        for follower in self._waiting.pop(item.task.name, ()):
+            self._open -= 1
+            yield Failure(follower, attempts)

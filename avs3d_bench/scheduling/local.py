@@ -1,0 +1,76 @@
+"""Tasks on supervised processes of this machine."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from multiprocessing.connection import wait
+from typing import Self
+
+from avs3d_bench.scheduling.ledger import Ledger, Next
+from avs3d_bench.scheduling.supervised import Done, Report, Supervised
+from avs3d_bench.scheduling.tasks import Event, Failure, Listener, Policy, Success, Task
+
+#: How often time limits are looked at while nothing else happens, seconds.
+_TICK = 1.0
+
+
+class LocalScheduler:
+    """``workers`` processes, each with a `Supervised` of its own slot.
+
+    One loop in the calling thread serves them all: there are no threads and no locks that a dying process could hold.
+    """
+
+    def __init__(self, workers: int) -> None:
+        self.slots = workers
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def run(self, tasks: Sequence[Task], policy: Policy, listen: Listener) -> Generator[Success | Failure, None, None]:
+        """See `tasks.Scheduler`."""
+        slots = max(1, min(self.slots, len(tasks)))
+        ledger = Ledger(tasks, retries=policy.retries, ahead=2 * slots)
+        everyone = [Supervised(dict(policy.environment), slot=slot, name=f"worker {slot}") for slot in range(slots)]
+        free, busy = list(reversed(everyone)), dict[Supervised, Next]()
+        try:
+            while not ledger.finished:
+                while free and (item := ledger.take()):
+                    worker = _choose(free, item)
+                    worker.start(item.task)
+                    busy[worker] = item
+                limits = [left for worker in busy if (left := worker.remaining) is not None]
+                wait([worker.connection for worker in busy], min(_TICK, *limits, _TICK))
+                for worker, item in list(busy.items()):
+                    while (found := worker.read()) is not None:
+                        name = item.task.name
+                        if isinstance(found, Report):
+                            listen(Event(found.kind, name, found.text))
+                            continue
+                        del busy[worker]
+                        free.append(worker)
+                        if isinstance(found, Done):
+                            ledger.done(item.task)
+                            yield Success(item.task, found.value)
+                        else:
+                            given_up = list(ledger.failed(item, found))
+                            if not given_up:
+                                listen(Event("retry", name, found.message))
+                            yield from given_up
+                        break
+        finally:
+            for worker in everyone:
+                worker.kill()
+
+
+def _choose(free: list[Supervised], item: Next) -> Supervised:
+    """Take a free worker: another than the one that the task failed on, else that one with a new process."""
+    avoid = item.failed[-1].worker.partition(" (")[0] if item.failed else None
+    for at in reversed(range(len(free))):
+        if free[at].worker.partition(" (")[0] != avoid:
+            return free.pop(at)
+    worker = free.pop()
+    worker.kill()
+    return worker

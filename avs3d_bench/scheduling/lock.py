@@ -1,0 +1,153 @@
+"""Who holds a folder: one run at a time, on whatever machine it is.
+
+The holder locks the file ``.avs3d-lock`` in the folder (flock, which Linux carries over NFS since 2.6.12) and writes
+into it who it is. The system drops the lock when the process ends, however it ends; the file is removed by its holder,
+and taken over where a killed one has left it. Where a file system has no such locks, the file alone keeps others out.
+"""
+
+from __future__ import annotations
+
+import errno
+import getpass
+import json
+import os
+import secrets
+import shlex
+import socket
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from avs3d_bench import layout
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.files import os_error_line
+
+#: What file systems without locks answer.
+_NO_LOCKS = (errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK)
+#: How often to try again when a holder removes the file that we are about to lock.
+_TRIES = 50
+
+
+@dataclass(frozen=True)
+class Holder:
+    """Who holds a folder; ``token`` is new for every run, so that machines can tell that they see the same folder."""
+
+    host: str
+    pid: int
+    user: str
+    command: str
+    started: str
+    token: str
+
+    @classmethod
+    def me(cls) -> Holder:
+        """This process."""
+        try:
+            user = getpass.getuser()
+        except (KeyError, OSError):  # a container without a passwd entry
+            user = str(os.getuid())
+        command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
+        started = datetime.now().astimezone().isoformat(" ", timespec="seconds")
+        return cls(socket.gethostname(), os.getpid(), user, command, started, secrets.token_hex(8))
+
+
+@contextmanager
+def held(root: Path, what: str = "avs3d generate") -> Iterator[Holder]:
+    """Make ``root`` and hold it against others.
+
+    Args:
+        root: the folder.
+        what: the command that holds folders so, for the message.
+
+    Raises:
+        Avs3dError: if another run holds it (who, where and since when), or it cannot be written.
+    """
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        handle = _hold(root, what)
+    except OSError as error:
+        raise Avs3dError(f"{root}: cannot write there ({error.strerror}); choose another folder with -o") from error
+    path = root / layout.LOCK
+    try:
+        me = Holder.me()
+        try:
+            os.ftruncate(handle, 0)
+            os.pwrite(handle, (json.dumps(asdict(me)) + "\n").encode(), 0)
+        except OSError as error:
+            raise Avs3dError(os_error_line(error, root, "write")) from error
+        yield me
+    finally:
+        with suppress(OSError):  # while we still hold the lock: nobody else's file is removed
+            path.unlink()
+        os.close(handle)
+
+
+def holder_of(root: Path) -> Holder | None:
+    """What the lock file in ``root`` says; None if there is none that can be read. It may be of a dead process."""
+    try:
+        found: Any = json.loads((root / layout.LOCK).read_bytes())
+        return Holder(**found)
+    except (OSError, ValueError, TypeError):
+        return None
+
+
+def _hold(root: Path, what: str) -> int:
+    """Open and lock the lock file; the descriptor."""
+    path = root / layout.LOCK
+    for _ in range(_TRIES):
+        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            if not _lock(handle, root):
+                raise Avs3dError(f"{root}: another {what} is at work in this folder{_who(root)}; wait for it")
+            # Its holder may have removed the file between our opening and locking it.
+            with suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(handle), path.stat()):
+                    return handle
+        except BaseException:
+            os.close(handle)
+            raise
+        os.close(handle)
+    raise Avs3dError(f"{root}: others keep working in this folder; choose another with -o")
+
+
+def _lock(handle: int, root: Path) -> bool:
+    if sys.platform == "win32":
+        return not _said_to_be_held(root)
+    import fcntl
+
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            raise
+        return not _said_to_be_held(root)
+    return True
+
+
+def _said_to_be_held(root: Path) -> bool:
+    """Where nothing can be locked: the file counts, unless it is of a process of this machine that has ended."""
+    holder = holder_of(root)
+    if holder is None:
+        return False
+    if holder.host != socket.gethostname():
+        return True
+    try:
+        os.kill(holder.pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+def _who(root: Path) -> str:
+    holder = holder_of(root)
+    if holder is None:
+        return ""
+    return f" since {holder.started} (host {holder.host}, pid {holder.pid}, user {holder.user}: {holder.command})"

@@ -1,0 +1,141 @@
+"""The command line's options for where the work is done, and `scheduler_of`, which starts what they ask for."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from avs3d_bench.errors import UsageError
+from avs3d_bench.scheduling.jobqueue import KINDS
+from avs3d_bench.scheduling.tasks import Policy, Scheduler
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+
+#: Variables that workers on other machines get as they are here.
+_PREFIX = "AVS3D_"
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+@dataclass(frozen=True)
+class Options:
+    """Where the work is done.
+
+    Attributes:
+        scheduler: ``local``: processes of this machine; ``dask``: a Dask cluster.
+        address: of a Dask scheduler that runs already.
+        jobqueue: what starts a cluster: one of `jobqueue.KINDS`.
+        jobqueue_options: YAML file for that.
+        retries: how often a failed task is tried again.
+        max_failures: how many may fail before the run is ended; None: all.
+        time_limit: seconds for one task; None: the caller's default; 0: none.
+    """
+
+    scheduler: str = "local"
+    address: str | None = None
+    jobqueue: str | None = None
+    jobqueue_options: Path | None = None
+    retries: int = 1
+    max_failures: int | None = None
+    time_limit: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what contradicts itself.
+
+        Raises:
+            UsageError: one line.
+        """
+        dask_only = {
+            "--scheduler-address": self.address,
+            "--jobqueue": self.jobqueue,
+            "--jobqueue-options": self.jobqueue_options,
+        }
+        given = [name for name, value in dask_only.items() if value is not None]
+        if self.scheduler == "local" and given:
+            raise UsageError(f"{given[0]} needs --scheduler dask; the local scheduler uses this machine alone")
+        if self.address is not None and self.jobqueue is not None:
+            raise UsageError(
+                "--scheduler-address joins a cluster that runs, --jobqueue starts one: give one of the two"
+            )
+        if self.jobqueue is not None and self.jobqueue_options is None:
+            raise UsageError(
+                f"--jobqueue {self.jobqueue} needs --jobqueue-options FILE.yaml (cores, memory, queue, walltime, …); "
+                "docs/cluster.md shows one"
+            )
+        if self.jobqueue_options is not None and self.jobqueue is None:
+            raise UsageError(f"--jobqueue-options needs --jobqueue {'|'.join(KINDS)}")
+
+    @property
+    def remote(self) -> bool:
+        """Whether workers may be on other machines."""
+        return self.scheduler != "local"
+
+    def policy(self, *, one_thread: bool) -> Policy:
+        """Retries, and what workers get of this process's environment: all that configures this project.
+
+        Args:
+            one_thread: numerical libraries use one thread a process, unless the environment says otherwise.
+        """
+        own = {name: value for name, value in os.environ.items() if name.startswith(_PREFIX)}
+        if one_thread:
+            own |= {name: os.environ.get(name, "1") for name in _THREADS}
+        return Policy(retries=self.retries, environment=tuple(sorted(own.items())))
+
+    def limit(self, default: float) -> float | None:
+        """Seconds for one task, where the caller would choose ``default``."""
+        chosen = default if self.time_limit is None else self.time_limit
+        return chosen or None
+
+
+def scheduling_options(command: _F) -> _F:
+    """Add the options; they are the fields of `Options`."""
+    for option in (
+        click.option(
+            "--time-limit", type=click.FloatRange(min=0), default=None, metavar="SECONDS",
+            help="End an observation that takes longer, and try it again; 0: never [an hour or more].",
+        ),
+        click.option("--retries", type=click.IntRange(0, 100), default=1, show_default=True, metavar="N",
+                     help="Try what crashed, hung or failed unexpectedly again, on another worker."),
+        click.option("--max-failures", type=click.IntRange(0), default=None, metavar="N",
+                     help="Stop when more than N observations have failed [never]."),
+        click.option("--jobqueue-options", type=click.Path(path_type=Path), default=None, metavar="FILE",
+                     help="YAML: how to start a job (cores, memory, queue, walltime, …)."),
+        click.option("--jobqueue", type=click.Choice(list(KINDS)), default=None, help="Start a Dask cluster there."),
+        click.option("--scheduler-address", "address", default=None, metavar="tcp://HOST:PORT",
+                     help="Join a Dask cluster that runs."),
+        click.option("--scheduler", type=click.Choice(["local", "dask"]), default="local", show_default=True,
+                     help="Processes of this machine, or a Dask cluster (docs/cluster.md)."),
+    ):  # fmt: skip
+        command = option(command)
+    return command
+
+
+def scheduler_of(options: Options, workers: int, *, gpus: bool = False) -> Scheduler:
+    """The scheduler that ``options`` ask for, to be entered with ``with``.
+
+    Args:
+        options: of the command line.
+        workers: how many processes; of a cluster that runs already, whatever it has.
+        gpus: each task takes a GPU.
+
+    Raises:
+        UsageError: if the file of options is wrong.
+        Avs3dError: if a package is missing or the cluster does not answer.
+    """
+    if not options.remote:
+        from avs3d_bench.scheduling.local import LocalScheduler
+
+        return LocalScheduler(workers)
+    from avs3d_bench.scheduling.dask_ import DaskScheduler
+
+    return DaskScheduler(
+        workers,
+        address=options.address,
+        jobqueue=options.jobqueue,
+        jobqueue_options=options.jobqueue_options,
+        gpus=gpus,
+    )

@@ -1,0 +1,135 @@
+"""What is run and what comes back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, Protocol, Self
+
+#: Why an attempt failed. ``refused``: an `Avs3dError`, which another attempt would meet again; ``unfit``: this worker
+#: cannot do it, another may; ``error``: an exception nobody expected; ``crash``: the process died; ``hang``: the time
+#: limit passed.
+Cause = Literal["refused", "unfit", "error", "crash", "hang"]
+
+
+@dataclass(frozen=True)
+class Context:
+    """What a task is given as its first argument.
+
+    Attributes:
+        slot: number of the place it runs in, from 0, unique among what runs on the same machine for this run; picks
+            a device.
+        report: ``report(kind, text)`` sends an event to the one who started the run. Of several of one kind in short
+            order, only the last may arrive.
+    """
+
+    slot: int
+    report: Callable[[str, str], None]
+
+
+@dataclass(frozen=True)
+class Task:
+    """One piece of work: ``call(context, *arguments)`` in some process.
+
+    Attributes:
+        name: unique in its run.
+        call: a function of a module that every worker can import.
+        arguments: whatever can be pickled.
+        after: name of the task that must be done first; if that fails, so does this one, untried.
+        limit: seconds after which an attempt is ended; None: never.
+    """
+
+    name: str
+    call: Callable[..., Any]
+    arguments: tuple[Any, ...]
+    after: str | None = None
+    limit: float | None = None
+
+
+@dataclass(frozen=True)
+class Policy:
+    """How a run deals with what goes wrong.
+
+    Attributes:
+        retries: how often a task is tried again after anything but a refusal.
+        environment: variables that every worker process gets before it imports anything.
+    """
+
+    retries: int = 1
+    environment: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something happened to the task ``name``: its own reports, and ``retry``, ``worker`` (one was lost), ``note``."""
+
+    kind: str
+    name: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """A failed attempt.
+
+    Attributes:
+        worker: the process, machine or address that it ran on.
+        cause: what kind of failure.
+        message: one line.
+        traceback: where it happened, as far as that could be found out.
+    """
+
+    worker: str
+    cause: Cause
+    message: str
+    traceback: str = ""
+
+
+@dataclass(frozen=True)
+class Success:
+    """A task that is done, with what its call returned."""
+
+    task: Task
+    value: Any
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A task that is given up.
+
+    Attributes:
+        task: which.
+        attempts: of itself, or of the task that it was to follow.
+    """
+
+    task: Task
+    attempts: tuple[Attempt, ...] = field(default=())
+
+    @property
+    def message(self) -> str:
+        """What the last attempt said, in one line."""
+        last = self.attempts[-1]
+        if len(self.attempts) == 1:
+            return last.message
+        return f"{last.message} (tried {len(self.attempts)} times)"
+
+
+Listener = Callable[[Event], None]
+
+
+class Scheduler(Protocol):
+    """Runs tasks somewhere. To be used as a context manager: on leaving it every process is ended."""
+
+    #: How many tasks run at once, as far as is known.
+    slots: int
+
+    def run(self, tasks: Sequence[Task], policy: Policy, listen: Listener) -> Generator[Success | Failure, None, None]:
+        """Yield every task as it is done or given up, in any order.
+
+        Closing the iterator (or an exception in it, such as Ctrl-C) ends whatever still runs.
+        """
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *_: object) -> None: ...

@@ -1,0 +1,105 @@
+"""A DataLoader with two workers against merely decoding the same files in two processes."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import tempfile
+import time
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from avs3d_bench.exports import AVS3DDataset
+from avs3d_bench.exports.samples import KINDS
+
+WORKERS = 2
+BATCH = 8
+#: Items of a measurement at most: enough that filling and draining the queue does not count for much.
+ITEMS = 192
+_KINDS = ("rgb", "binaural", "mask")
+
+Triple = tuple[str, str, str]
+
+
+def make_example(root: Path, frames: int = 48) -> None:
+    """The demo's observations at full size, for machines that have no dataset at hand."""
+    from generators.homes import default_cache
+    from generators.plan import make_plans, read_manifest
+    from generators.runner import run
+
+    source = read_manifest(Path(__file__).parent.parent / "scenes_manifest" / "demo.yaml")
+    plans = make_plans(source, frames=frames, audio="analytic")
+    run(source, plans, root, workers=WORKERS, cache=default_cache(), listen=lambda _: None)
+
+
+def files_of(dataset: AVS3DDataset) -> list[Triple]:
+    """The three files of every item."""
+    out = []
+    for item in range(len(dataset)):
+        key, frame, index = dataset.locate(item)[0]
+        rgb, clip, mask = (str(KINDS[kind].file(dataset.root / key, frame, index)) for kind in _KINDS)
+        out.append((rgb, clip, mask))
+    return out
+
+
+def _decode(files: list[Triple]) -> int:
+    """What nobody can do without: open and decode, with OpenCV and libsndfile, and throw it away."""
+    import soundfile
+
+    cv2.setNumThreads(1)
+    total = 0
+    for rgb, clip, mask in files:
+        total += cv2.imread(rgb, cv2.IMREAD_COLOR).size + cv2.imread(mask, cv2.IMREAD_UNCHANGED).size
+        total += soundfile.read(clip, dtype="float32")[0].size
+    return total
+
+
+def bare_rate(files: list[Triple], pool: ProcessPoolExecutor) -> float:
+    """Items per second of decoding alone, in running processes, in portions of a batch."""
+    start = time.perf_counter()
+    list(pool.map(_decode, [files[at : at + BATCH] for at in range(0, len(files), BATCH)]))
+    return len(files) / (time.perf_counter() - start)
+
+
+def loader_rate(loader: object, items: int) -> float:
+    """Items per second of an epoch of a loader whose workers already run."""
+    start = time.perf_counter()
+    seen = sum(len(batch["rgb"]) for batch in loader)  # type: ignore[attr-defined]
+    assert seen == items
+    return items / (time.perf_counter() - start)
+
+
+def measure(root: Path, repeats: int) -> dict[str, float]:
+    """Alternate both, so that whatever else the machine does falls on both."""
+    from torch.utils.data import DataLoader, Subset
+
+    dataset = AVS3DDataset(root, "all")
+    chosen = list(range(min(ITEMS, len(dataset)) // BATCH * BATCH))
+    files = [files_of(dataset)[item] for item in chosen]
+    loader = DataLoader(
+        Subset(dataset, chosen), batch_size=BATCH, num_workers=WORKERS, persistent_workers=True, prefetch_factor=4
+    )
+    with ProcessPoolExecutor(WORKERS, mp_context=multiprocessing.get_context("spawn")) as pool:
+        bare_rate(files, pool)
+        loader_rate(loader, len(chosen))
+        pairs = [(bare_rate(files, pool), loader_rate(loader, len(chosen))) for _ in range(repeats)]
+    bare, loaded = (float(np.median(column)) for column in zip(*pairs, strict=True))
+    return {
+        f"bare decoding, {WORKERS} processes (frames/s)": bare,
+        f"DataLoader, {WORKERS} workers (frames/s)": loaded,
+        f"DataLoader over bare decoding, {WORKERS} workers": float(np.median([b / a for a, b in pairs])),
+    }
+
+
+def run_all(repeats: int = 5) -> dict[str, float]:
+    """Figures for `make bench`: on the dataset that AVS3D_BENCH_DATASET names, else on frames made for it."""
+    given = os.environ.get("AVS3D_BENCH_DATASET")
+    if given:
+        return measure(Path(given), repeats)
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder) / "data"
+        make_example(root)
+        return measure(root, repeats)

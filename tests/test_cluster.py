@@ -1,0 +1,315 @@
+"""`--scheduler dask` from end to end: the same bytes as one machine, whatever dies on the way; and job queues."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.scheduling import jobqueue
+from avs3d_bench.scheduling.dask_ import DaskScheduler
+from avs3d_bench.scheduling.failures import read_failures
+from avs3d_bench.scheduling.tasks import Event, Policy, Success, Task
+from avs3d_bench.validate import validate
+from tests import scheduling_tasks as work
+from tests.homes import tree_digest, write_manifest
+
+pytest.importorskip("distributed", reason="distributed is not installed; it is in the cluster extra")
+
+ROOT = Path(__file__).parent.parent
+COMMAND = [sys.executable, "-m", "avs3d_bench", "generate"]
+DASK = ["--scheduler", "dask", "--workers", "2"]
+
+
+@pytest.fixture(scope="module")
+def manifest(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_manifest(tmp_path_factory.mktemp("manifest"))
+
+
+def call(manifest: Path, root: Path, *more: object) -> tuple[int, str]:
+    args = [manifest, "-o", root, "--audio", "analytic", *more]
+    done = subprocess.run([*COMMAND, *map(str, args)], capture_output=True, text=True, check=False, timeout=120)
+    return done.returncode, done.stdout + done.stderr
+
+
+@pytest.fixture(scope="module")
+def plain(manifest: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """The tree as the local scheduler makes it."""
+    root = tmp_path_factory.mktemp("plain") / "data"
+    code, output = call(manifest, root, "--workers", "2")
+    assert code == 0, output
+    return tree_digest(root)
+
+
+def waited(what: Any, seconds: float = 60.0) -> Any:
+    """The first true answer of ``what()``."""
+    deadline = time.monotonic() + seconds
+    while not (found := what()):
+        assert time.monotonic() < deadline, "it did not happen"
+        time.sleep(0.02)
+    return found
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """A scheduler and two workers that somebody else has started."""
+    folder = tmp_path_factory.mktemp("cluster")
+    file = folder / "scheduler.json"
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    start = [sys.executable, "-m"]
+    programs = [
+        [*start, "distributed.cli.dask_scheduler", "--port", "0", "--host", "127.0.0.1", "--no-dashboard"],
+        *([*start, "distributed.cli.dask_worker", "--nthreads", "1", "--no-dashboard", "--name", n] for n in "ab"),
+    ]
+    log = (folder / "log").open("w")
+    running = [
+        subprocess.Popen([*program, "--scheduler-file", file], stdout=log, stderr=log, env=environment, cwd=folder)
+        for program in programs
+    ]
+    waited(file.exists)
+    yield waited(lambda: json.loads(file.read_text() or "{}").get("address"))
+    for program in reversed(running):
+        program.terminate()
+    for program in running:
+        program.wait(timeout=20)
+    log.close()
+
+
+def test_two_dask_workers_write_the_same_bytes_and_a_rerun_keeps_them(
+    manifest: Path, plain: dict[str, str], tmp_path: Path
+) -> None:
+    root = tmp_path / "data"
+    code, output = call(manifest, root, *DASK)
+    assert code == 0, output
+    assert "2 made, 0 kept, 0 failed" in output
+    assert "dashboard" in output
+    assert tree_digest(root) == plain
+    code, output = call(manifest, root, *DASK)
+    assert "0 made, 2 kept" in output
+    assert "dashboard" not in output  # nothing to do: nothing is started
+
+
+def test_a_worker_killed_in_the_middle_is_made_up_for(manifest: Path, plain: dict[str, str], tmp_path: Path) -> None:
+    root = tmp_path / "data"
+    run = subprocess.Popen(
+        [*COMMAND, manifest, "-o", root, "--audio", "analytic", *DASK],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    picture = waited(lambda: next(root.glob("part_*/*/*/.*.partial/input/frame_002.png"), None))
+    child = int(picture.parents[1].name.split("-")[-2])  # the partial folder is named after the process that writes it
+    worker = int(Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()[1])
+    os.kill(worker, signal.SIGKILL)
+    output = run.communicate(timeout=120)[0]
+    assert run.returncode == 0, output
+    assert "is lost" in output
+    assert tree_digest(root) == plain
+
+
+def test_ctrl_c_stops_the_cluster_and_leaves_nothing_half_written(
+    manifest: Path, plain: dict[str, str], tmp_path: Path
+) -> None:
+    root = tmp_path / "data"
+    run = subprocess.Popen(
+        [*COMMAND, manifest, "-o", root, "--audio", "analytic", *DASK],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+    waited(lambda: next(root.glob("part_*/*/*/.*.partial/input/frame_001.png"), None))
+    os.killpg(run.pid, signal.SIGINT)
+    output = run.communicate(timeout=60)[0]
+    assert run.returncode == 130, output
+    assert "Traceback" not in output
+    assert not list(root.rglob(".*"))
+
+
+def test_a_cluster_that_runs_is_joined_and_left_as_it_was(
+    address: str, manifest: Path, plain: dict[str, str], tmp_path: Path
+) -> None:
+    root = tmp_path / "data"
+    code, output = call(manifest, root, "--scheduler", "dask", "--scheduler-address", address)
+    assert code == 0, output
+    assert tree_digest(root) == plain
+    # Killed, not asked: its workers stop by themselves, and the next run finds the folder free.
+    other = tmp_path / "other"
+    run = subprocess.Popen(
+        [*COMMAND, manifest, "-o", other, "--audio", "analytic", "--scheduler", "dask", "--scheduler-address", address],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    waited(lambda: next(other.glob("part_*/*/*/.*.partial/input/frame_000.png"), None))
+    run.kill()
+    run.wait()
+    code, output = call(manifest, other, "--scheduler", "dask", "--scheduler-address", address)
+    assert code == 0, output
+    assert tree_digest(other) == plain
+
+
+def tasks_on(address: str, tasks: list[Task], retries: int = 1) -> tuple[dict[str, Any], list[Event]]:
+    events: list[Event] = []
+    with DaskScheduler(1, address=address) as cluster:
+        results = {r.task.name: r for r in cluster.run(tasks, Policy(retries=retries), events.append)}
+    return results, events
+
+
+def test_crashes_and_hangs_are_tried_again_on_the_other_worker(address: str, tmp_path: Path) -> None:
+    tasks = [
+        Task("crash", work.die, (signal.SIGKILL, tmp_path / "crash", 1)),
+        Task("hang", work.hang, (tmp_path / "hang", 1), limit=1.5),
+        Task("bug", work.bug, (tmp_path / "bug",)),
+        Task("refused", work.refuse, (tmp_path / "refused",)),
+        Task("home", work.double, (1,)),
+        Task("room", work.double, (2,), after="home"),
+    ]
+    results, events = tasks_on(address, tasks)
+    assert {name for name, r in results.items() if isinstance(r, Success)} == {"crash", "hang", "home", "room"}
+    assert [len(results[name].attempts) for name in ("bug", "refused")] == [2, 1]
+    first, second = (attempt.worker.partition(" ")[0] for attempt in results["bug"].attempts)
+    assert first.startswith("tcp://")
+    assert first != second
+    assert "a thing that cannot be" in results["bug"].attempts[0].traceback
+    assert {event.name for event in events if event.kind == "retry"} == {"crash", "hang", "bug"}
+    assert {(event.name, event.text) for event in events if event.kind == "half"} == {("home", "1"), ("room", "2")}
+
+
+def test_what_is_closed_stops_on_the_workers(address: str, tmp_path: Path) -> None:
+    marks = tmp_path / "marks"
+    with DaskScheduler(1, address=address) as cluster:
+        run = cluster.run(
+            [Task("quick", work.double, (1,)), Task("long", work.wait, (600, marks))], Policy(), lambda _: None
+        )
+        next(run)
+        waited(lambda: marks.is_dir() and list(marks.iterdir()))
+        run.close()
+        (pid,) = (int(path.name.partition("-")[0]) for path in marks.iterdir())
+        assert not Path(f"/proc/{pid}").exists()
+
+
+def test_a_gpu_that_nobody_offers_is_one_line(address: str) -> None:
+    with DaskScheduler(1, address=address, gpus=True) as cluster, pytest.raises(UsageError, match="GPU=1"):
+        list(cluster.run([Task("a", work.nothing, ())], Policy(), lambda _: None))
+
+
+def test_a_scheduler_that_is_not_there_is_one_line() -> None:
+    from avs3d_bench.scheduling import dask_
+
+    for wrong in ("tcp://127.0.0.1:9", "nonsense"):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(dask_, "_CONNECT", 1.0)
+            with (
+                pytest.raises(Avs3dError, match="no Dask scheduler answers") as refused,
+                DaskScheduler(1, address=wrong),
+            ):
+                pass
+            assert "\n" not in str(refused.value)
+
+
+def test_failures_reach_the_terminal_and_the_file_and_go_when_mended(
+    address: str, manifest: Path, plain: dict[str, str], tmp_path: Path
+) -> None:
+    root = tmp_path / "data"
+    there = ["--scheduler", "dask", "--scheduler-address", address]
+    code, output = call(manifest, root, *there, "--time-limit", "0.05", "--retries", "1")
+    assert code == 1, output
+    assert output.count("avs3d: error: part_") == 2
+    lines = read_failures(root / "failures.jsonl")
+    assert [len(line["attempts"]) for line in lines] == [2, 2]
+    assert {(line["seed"], attempt["cause"]) for line in lines for attempt in line["attempts"]} == {(5, "hang")}
+    code, output = call(manifest, root, *there, "--time-limit", "0.05", "--max-failures", "0", "--retries", "0")
+    assert code == 1
+    assert "stopped by --max-failures 0" in output
+    code, output = call(manifest, root, *there)
+    assert code == 0, output
+    assert tree_digest(root) == plain
+    assert validate(root).valid
+
+
+# Job queues: what would be submitted, without a queue
+
+SLURM = """
+queue: long
+account: my-project
+cores: 16
+processes: 16
+memory: 64GB
+walltime: "08:00:00"
+job_extra_directives: ["--exclusive"]
+worker_extra_args: ["--lifetime", "7h30m"]
+"""
+
+
+def test_the_job_of_a_slurm_cluster_is_what_the_file_says(tmp_path: Path) -> None:
+    pytest.importorskip("dask_jobqueue", reason="dask-jobqueue is not installed; it is in the cluster extra")
+    path = tmp_path / "slurm.yaml"
+    path.write_text(SLURM + "adapt: {minimum: 0, maximum: 64}\n")
+    options = jobqueue.read_options(path) | {"scheduler_options": {"host": "127.0.0.1", "dashboard_address": ":0"}}
+    cluster = jobqueue.make_cluster("slurm", options, path)
+    try:
+        script = cluster.job_script()
+    finally:
+        cluster.close()
+    for line in ("#SBATCH -p long", "#SBATCH -A my-project", "#SBATCH -t 08:00:00", "#SBATCH --exclusive"):
+        assert line in script
+    assert "#SBATCH --cpus-per-task=16" in script
+    assert "--nworkers 16" in script
+    assert "--nthreads 1" in script
+    assert "--lifetime 7h30m" in script
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "words"),
+    [
+        ("slurm", "cores: 4\nmemory: 8GB\nwaltime: 1h\n", ["'waltime'", "'walltime'", "SLURMCluster"]),
+        ("pbs", "cores: 4\n", ["memory", "PBSCluster"]),
+        ("slurm", "- cores\n", ["expected a mapping"]),
+        ("slurm", "cores: [\n", ["not valid YAML"]),
+        ("slurm", "cores: 1\nmemory: 1GB\nadapt: yes\n", ["adapt", "minimum"]),
+    ],
+)
+def test_a_wrong_option_is_one_line(tmp_path: Path, kind: str, text: str, words: list[str]) -> None:
+    pytest.importorskip("dask_jobqueue", reason="dask-jobqueue is not installed; it is in the cluster extra")
+    path = tmp_path / "options.yaml"
+    path.write_text(text)
+    with pytest.raises(UsageError) as refused:
+        jobqueue.start_cluster(kind, path, 4)
+    assert str(path) in str(refused.value)
+    assert all(word in str(refused.value) for word in words)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("modules", "arguments", "words"),
+    [
+        (["distributed", "dask"], [], ["pip install 'avs3d-bench[cluster]'"]),
+        (["dask_jobqueue"], ["--jobqueue", "slurm"], ["dask-jobqueue", "pip install 'avs3d-bench[cluster]'"]),
+        (["dask_kubernetes"], ["--jobqueue", "kubernetes"], ["pip install dask-kubernetes"]),
+    ],
+)
+def test_a_missing_package_is_one_line_with_the_way_out(
+    manifest: Path, tmp_path: Path, modules: list[str], arguments: list[str], words: list[str]
+) -> None:
+    (tmp_path / "options.yaml").write_text("cores: 1\nmemory: 1GB\n")
+    code = (
+        f"import sys; sys.modules.update(dict.fromkeys({modules!r}))\n"
+        "from avs3d_bench.cli import main\n"
+        "main(sys.argv[1:])"
+    )
+    options = [*arguments, "--jobqueue-options", tmp_path / "options.yaml"] if arguments else []
+    args = ["generate", manifest, "-o", tmp_path / "data", "--audio", "analytic", "--scheduler", "dask", *options]
+    done = subprocess.run([sys.executable, "-c", code, *map(str, args)], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    (line,) = (line for line in done.stderr.splitlines() if "error" in line)
+    assert all(word in line for word in words), line
+    assert not list((tmp_path / "data").rglob("*"))
