@@ -92,13 +92,14 @@ def command(bench: Bench, root: Path, *more: str) -> list[str]:
 
 def start(arguments: list[str], log: Path, **environment: str) -> subprocess.Popen[bytes]:
     """Start a program whose output goes to ``log``."""
+    path = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
     with log.open("ab") as stream:
         return subprocess.Popen(
             arguments,
             stdin=subprocess.DEVNULL,
             stdout=stream,
             stderr=stream,
-            env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(path), **environment},
         )
 
 

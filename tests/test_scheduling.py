@@ -24,7 +24,9 @@ from avs3d_bench.scheduling.lock import held, holder_of
 from avs3d_bench.scheduling.options import Options
 from avs3d_bench.scheduling.supervised import Done, Supervised
 from avs3d_bench.scheduling.tasks import Attempt, Event, Failure, Policy, Success, Task
+from avs3d_bench.validate import validate
 from tests import scheduling_tasks as work
+from tests.tiny import write_dataset
 
 ROOT = Path(__file__).parent.parent
 
@@ -155,7 +157,9 @@ import sys, time
 from pathlib import Path
 from avs3d_bench.scheduling.supervised import Supervised
 from avs3d_bench.scheduling.tasks import Task
+from avs3d_bench.validate import validate
 from tests import scheduling_tasks as work
+from tests.tiny import write_dataset
 child = Supervised()
 child.start(Task("a", getattr(work, sys.argv[1]), (Path(sys.argv[2]),)))
 print(child.pid, flush=True)
@@ -407,6 +411,16 @@ def test_failures_are_told_at_once_and_forgotten_when_mended(tmp_path: Path) -> 
     assert line["attempts"][0]["message"] == "again"
     log.tidy({"a", "b"})
     assert list(tmp_path.iterdir()) == []
+
+
+def test_validate_minds_neither_the_lock_of_a_run_nor_its_failures(tmp_path: Path) -> None:
+    root = tmp_path / "data"
+    write_dataset(root)
+    before = validate(root).as_dict()
+    with held(root):
+        FailureLog(root, {"a": 1}).add("a", [Attempt("w0", "crash", "died")])
+        assert sorted(path.name for path in root.iterdir())[:1] == [".avs3d-lock"]
+        assert validate(root).as_dict() == before
 
 
 # The options

@@ -3,8 +3,9 @@
 The impulse response changes with every frame, so that clips of successive seconds do not join smoothly. In the first
 5 ms of a clip the end of the one before, mirrored, is faded out while the clip fades in: no click, and all other
 samples are those of the dataset. The track is FLAC, which changes no sample: samples are rounded as a 16-bit file would
-hold them (noise 98 dB below full scale), to fewer bits (12 at least) where the track would be larger than `MOST_BYTES`, and
-shifted up by whole bits (6 dB each, the same for the whole observation) so that quiet sources can be heard.
+hold them (noise 98 dB below full scale), to fewer bits (12 at least) where the track would be larger than
+`MOST_BYTES`, and shifted up by whole bits (6 dB each, the same for the whole observation) so that quiet sources can be
+heard.
 """
 
 from __future__ import annotations
