@@ -46,9 +46,11 @@ from avs3d_bench.validate import validate
 from tests.homes import tree_digest, write_manifest
 
 ROOT = Path(__file__).resolve().parent.parent
-#: A run has this long to end, seconds; one that was stopped by a signal has the time limit below to notice.
+#: A run has this long to end, seconds.
 PATIENCE = 300.0
-TIME_LIMIT = 15.0
+#: Of an observation, in runs with a worker that is stopped: this many times an undisturbed run's time, at least so many
+#: seconds. (A home has ten times as long.)
+TIME_LIMIT, LEAST_LIMIT = 2.0, 5.0
 #: The same command is given this often again.
 RERUNS = 3
 KILLS = ("worker", "client", "dask-worker", "dask-client", "dask-scheduler")
@@ -214,7 +216,8 @@ def kill_scheduler(bench: Bench, root: Path, log: Path, rng: random.Random, mome
 
 
 def hang(bench: Bench, root: Path, log: Path, rng: random.Random, moment: float) -> int:
-    run = start(command(bench, root, "--time-limit", str(TIME_LIMIT)), log)
+    limit = max(LEAST_LIMIT, TIME_LIMIT * bench.seconds)
+    run = start(command(bench, root, "--time-limit", f"{limit:.0f}"), log)
     wait_until(time.monotonic() + moment * bench.seconds, run)
     process = victim(run, rng)
     if process is not None:
@@ -364,6 +367,12 @@ def prepare(folder: Path) -> Bench:
     return Bench(bench.manifest, tree_digest(root), seconds, size, folder)
 
 
+def _mark(trial: Trial) -> str:
+    if not trial.recovered:
+        return f"NOT RECOVERED: {trial.problem}"
+    return "ok by itself" if trial.healed else f"ok after {trial.reruns} more run{'s' * (trial.reruns != 1)}"
+
+
 def print_table(trials: list[Trial], skipped: dict[str, str]) -> None:
     """The table: kind × times tried × times recovered."""
     click.echo(f"{'kind':<16}{'tried':>7}{'healed':>8}{'recovered':>11}")
@@ -400,8 +409,7 @@ def main(moments: int, kinds: str, seed: int, jobs: int, json_file: Path | None)
             trials = []
             for trial in pool.map(lambda job: try_once(bench, *job), jobs_of):
                 trials.append(trial)
-                mark = "ok" if trial.recovered else f"NOT RECOVERED: {trial.problem}"
-                click.echo(f"{trial.kind} {trial.seed} at {trial.moment:.3f}: {mark}", err=True)
+                click.echo(f"{trial.kind} {trial.seed} at {trial.moment:.3f}: {_mark(trial)}", err=True)
     print_table(trials, skipped)
     if json_file is not None:
         write_json(json_file, {"trials": [asdict(trial) for trial in trials], "skipped": skipped})

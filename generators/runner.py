@@ -37,8 +37,9 @@ from generators.writer import sweep
 #: "retry", "worker" (one was lost) and "note"; the text of "frame" is the number of the newest one.
 Listener = Callable[[tuple[str, str, str]], None]
 
-#: A home is built and lit in minutes; one that takes longer than this hangs, seconds.
-HOME_LIMIT = 4 * 3600.0
+#: A home is built and lit once for all its observations and has this many times their time limit, but at most so many
+#: seconds.
+HOME_FACTOR, HOME_LIMIT = 10.0, 4 * 3600.0
 #: A network file system shows a new folder to other machines after a while: seconds that are waited for it.
 VISIBLE_WITHIN = 90.0
 
@@ -95,7 +96,7 @@ def run(
         shared: the scheduler's workers are on other machines: they check that they see the same folder and have the
             same versions.
         policy: retries and environment.
-        limit: seconds for an observation; None: no limit.
+        limit: seconds for an observation, of which a home has `HOME_FACTOR` times as many; None: no limit.
         max_failures: end the run when more than so many have failed; None: go on whatever fails.
 
     Raises:
@@ -156,9 +157,10 @@ def _tasks(todo: Sequence[ObservationPlan], place: Place, *, threads: int, limit
     for plan in todo:
         homes.setdefault(plan.home_digest, []).append(plan)
     each = max(1, threads // len(homes))
+    home_limit = None if limit is None else min(HOME_FACTOR * limit, HOME_LIMIT)
     tasks = []
     for digest, group in homes.items():
-        home = Task(f"home {digest[:16]}", prepare, (group[0], place, each), limit=HOME_LIMIT)
+        home = Task(f"home {digest[:16]}", prepare, (group[0], place, each), limit=home_limit)
         tasks.append(home)
         tasks += [Task(plan.key, make_observation, (plan, place), after=home.name, limit=limit) for plan in group]
     return tasks

@@ -16,7 +16,6 @@ from typing import Any
 import yaml
 
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.files import read_bytes
 
 #: Name → (module, class, package to install).
 KINDS = {
@@ -34,6 +33,8 @@ def read_options(path: Path) -> dict[str, Any]:
         UsageError: if it is no YAML file with a mapping.
         Avs3dError: if it cannot be read.
     """
+    from avs3d_bench.files import read_bytes  # brings the schema, which `--help` can do without
+
     try:
         document = yaml.safe_load(read_bytes(path).decode())
     except (yaml.YAMLError, UnicodeDecodeError) as error:
