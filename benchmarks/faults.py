@@ -130,18 +130,21 @@ def below(process: int) -> list[int]:
     return found
 
 
-def is_tracker(process: int) -> bool:
-    """Whether a process only keeps count of its parent's semaphores: it has no part in the work."""
+def runs(process: int, program: bytes) -> bool:
+    """Whether a process was started with ``program`` in its command line."""
     try:
-        return b"resource_tracker" in Path(f"/proc/{process}/cmdline").read_bytes()
+        return program in Path(f"/proc/{process}/cmdline").read_bytes()
     except OSError:
-        return True
+        return False
 
 
-def victim(run: subprocess.Popen[bytes], rng: random.Random) -> int | None:
-    """A random process below a run; None if there is none any more."""
+def victim(run: subprocess.Popen[bytes], rng: random.Random, program: bytes = b"") -> int | None:
+    """A random process below a run that runs ``program``; None if there is none any more.
+
+    Not one that only keeps count of its parent's semaphores: it has no part in the work.
+    """
     while run.poll() is None:
-        alive = [process for process in below(run.pid) if not is_tracker(process)]
+        alive = [each for each in below(run.pid) if runs(each, program) and not runs(each, b"resource_tracker")]
         if alive:
             return rng.choice(alive)
         time.sleep(0.02)
@@ -219,7 +222,8 @@ def hang(bench: Bench, root: Path, log: Path, rng: random.Random, moment: float)
     limit = max(LEAST_LIMIT, TIME_LIMIT * bench.seconds)
     run = start(command(bench, root, "--time-limit", f"{limit:.0f}"), log)
     wait_until(time.monotonic() + moment * bench.seconds, run)
-    process = victim(run, rng)
+    # A worker that has begun, not one that its parent has only forked and must wait for: what hangs are engines.
+    process = victim(run, rng, b"scheduling.child")
     if process is not None:
         with suppress(ProcessLookupError):
             os.kill(process, signal.SIGSTOP)

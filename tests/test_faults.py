@@ -1,0 +1,77 @@
+"""One moment of every kind of fault, at full depth; `python -m benchmarks.faults` tries fifty of each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from benchmarks import faults
+from benchmarks.faults import KINDS, Bench, Trial, prepare, print_table, reason_against, try_once
+
+#: A trial whose moment falls into the observations, not into the start of the program.
+SEEDS = {"hang": 1}
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    folder = tmp_path_factory.mktemp("faults")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("OMP_NUM_THREADS", "1")
+        patch.setenv("AVS3D_CACHE", str(folder / "cache"))
+        yield prepare(folder)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_tree_is_that_of_an_undisturbed_run(bench: Bench, kind: str) -> None:
+    if why := reason_against(kind):
+        pytest.skip(f"{kind}: {why}")
+    trial = try_once(bench, kind, SEEDS.get(kind, 0))
+    assert trial.recovered, trial.problem
+    assert trial.healed or trial.reruns, "a run that was disturbed either heals by itself or is given again"
+
+
+def test_a_tree_that_differs_is_not_recovered(bench: Bench) -> None:
+    name = next(name for name in bench.truth if name.endswith("observation.json"))
+    trial = try_once(replace(bench, truth=bench.truth | {name: "0" * 64}), "client", 0)
+    assert not trial.recovered
+    assert trial.problem == f"1 files differ, e.g. {name}"
+
+
+def test_what_is_left_behind_is_not_recovered(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    def litter(bench: Bench, root: Path, log: Path, *_: object) -> int:
+        code = faults.end(faults.start(faults.command(bench, root), log))
+        (root / ".left").touch()
+        return code
+
+    monkeypatch.setitem(faults._DISTURB, "worker", litter)
+    trial = try_once(bench, "worker", 0)
+    assert (trial.healed, trial.recovered, trial.problem) == (True, False, "1 files differ, e.g. .left")
+
+
+def test_a_trial_that_cannot_be_made_is_not_recovered(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> int:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setitem(faults._DISTURB, "worker", broken)
+    trial = try_once(bench, "worker", 0)
+    assert not trial.recovered
+    assert trial.problem == "OSError: [Errno 28] No space left on device"
+
+
+def test_the_table_counts_kinds_and_names_what_was_lost(capsys: pytest.CaptureFixture[str]) -> None:
+    trials = [
+        Trial("worker", 0, 0.25, True, True, 0),
+        Trial("worker", 1, 0.5, False, True, 1),
+        Trial("client", 0, 0.75, False, False, 3, "still exit code 1"),
+    ]
+    print_table(trials, {"clock": "libfaketime is missing"})
+    assert capsys.readouterr().out.splitlines() == [
+        "kind              tried  healed  recovered",
+        "worker                2       1          2",
+        "client                1       0          0",
+        "clock             not tried: libfaketime is missing",
+        "NOT RECOVERED client seed 0 at 0.750: still exit code 1",
+    ]
