@@ -6,12 +6,14 @@ import hashlib
 import http.client
 import io
 import json
+import math
 import os
 import re
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +37,7 @@ from avs3d_bench.inspector.cli import view
 from avs3d_bench.inspector.facts import read_facts
 from avs3d_bench.inspector.floorplan import Bounds, rasterise
 from avs3d_bench.inspector.server import ViewServer
+from avs3d_bench.inspector.site import ObservationSite
 from avs3d_bench.inspector.submissions import ShownSubmission, open_submissions
 from avs3d_bench.submission import SubmissionWriter
 
@@ -298,6 +301,51 @@ def test_what_cannot_be_read_is_one_line_each_and_the_rest_is_shown(root: Path, 
     assert str(tmp_path) not in page
 
 
+def test_a_damaged_file_that_no_card_shows_does_not_keep_the_others_from_the_site(root: Path, tmp_path: Path) -> None:
+    copy = tiny.clone(root, tmp_path / "copy")
+    tiny.replace(copy / tiny.SINGLE / "camera_splits.json", b"[]")
+    status, _, errors = run(copy, "-o", tmp_path / "site", "--workers", 1)
+    assert status == 1
+    assert "camera_splits.json: no list of frame names" in errors
+    assert (tmp_path / "site" / tiny.MULTI / "index.html").is_file()
+
+
+@pytest.mark.parametrize("channels", [(1, layout.SAMPLE_RATE), (2, 0), (4, layout.SAMPLE_RATE)])
+def test_a_clip_of_another_shape_is_named_once_and_the_rest_of_the_release_is_shown(
+    channels: tuple[int, int], tmp_path: Path
+) -> None:
+    release = tiny.write_release(tmp_path / "release")
+    clip = release / KEY / layout.audio_path(layout.BINAURAL, 3)
+    clip.unlink()
+    soundfile.write(clip, np.full(channels, 0.1).T, layout.SAMPLE_RATE)
+    status, _, errors = run(release, "-o", tmp_path / "site", "--workers", 1, "--only", KEY)
+    assert (status, len(errors.splitlines())) == (1, 1)
+    assert errors.startswith(f"{clip}: {channels[0]} channel(s) of {channels[1]} samples")
+    page = (tmp_path / "site" / KEY / "index.html").read_bytes()
+    assert page.count(f"{layout.audio_path(layout.BINAURAL, 3)}: {channels[0]} channel(s)".encode()) == 1
+    assert "ild" in data_of(page)["frames"][2]
+    assert "ild" not in data_of(page)["frames"][3]
+
+
+def test_a_damaged_sparse_model_of_the_release_is_said_on_the_terminal_too(tmp_path: Path) -> None:
+    release = tiny.write_release(tmp_path / "release")
+    tiny.replace(release / KEY / "sparse/0/cameras.bin", b"")
+    status, _, errors = run(release, "-o", tmp_path / "site", "--workers", 1, "--only", KEY)
+    assert status == 1
+    assert re.fullmatch(r".*/sparse/0/cameras\.bin: truncated.*\n", errors)
+    assert b"sparse/0/cameras.bin: truncated" in (tmp_path / "site" / KEY / "index.html").read_bytes()
+
+
+def test_the_release_s_camera_is_that_of_its_sparse_model(root: Path, tmp_path: Path) -> None:
+    dataset = Dataset(tiny.write_release(tmp_path / "release"))
+    observation = dataset[KEY]
+    expected = 2 * math.degrees(math.atan(observation.intrinsics.width / 2 / observation.intrinsics.fx))
+    assert read_facts(dataset, observation).hfov == pytest.approx(expected)
+    narrow = dataset[KEY]
+    narrow.intrinsics = replace(narrow.intrinsics, fx=narrow.intrinsics.width)
+    assert read_facts(dataset, narrow).hfov == pytest.approx(53.13, abs=0.01)
+
+
 @pytest.mark.parametrize(
     ("spoil", "arguments", "status", "line"),
     [
@@ -333,7 +381,14 @@ def test_many_unreadable_files_of_an_observation_are_counted(root: Path, tmp_pat
 def test_text_of_the_data_is_text_on_the_page(root: Path, tmp_path: Path) -> None:
     copy = tiny.clone(root, tmp_path / "copy")
     nasty = '</script><img src=x onerror="alert(1)">'
-    tiny.edit_record(copy, KEY, lambda record: record.update(notes=[nasty]), rehash=False)
+
+    def spoil(record: dict[str, Any]) -> None:
+        record["notes"] = [nasty]
+        for thing in (*record["instances"], record["sound"]):
+            thing["asset"] = nasty
+            thing["licence"].update(name=nasty, author=nasty, source=nasty)
+
+    tiny.edit_record(copy, KEY, spoil, rehash=False)
     dataset = Dataset(copy)
     folder = tmp_path / nasty.split("/")[0].replace("<", "s")
     with SubmissionWriter(folder, dataset, method=nasty) as writer:
@@ -388,6 +443,16 @@ def ask(server: ViewServer, path: str, *, method: str = "GET", **headers: str) -
         return answer.status, dict(answer.getheaders()), answer.read()
     finally:
         connection.close()
+
+
+def suppressed(call: Callable[..., Any]) -> Callable[..., None]:
+    """The call, whose connection may be cut."""
+
+    def quiet(*arguments: Any) -> None:
+        with suppress(OSError, http.client.HTTPException):
+            call(*arguments)
+
+    return quiet
 
 
 def test_the_server_makes_the_files_of_the_site_on_disk_and_writes_nothing(
@@ -471,6 +536,67 @@ def test_the_server_only_answers_questions_and_forbids_what_pages_do_not_need(ro
         assert headers["Cross-Origin-Resource-Policy"] == "same-origin"
 
 
+def test_a_request_that_is_none_is_answered_without_a_word_on_the_terminal(
+    root: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with served(root) as server:
+        assert ask(server, "http://[/")[0] == 400
+        assert ask(server, "/index.html", Range=f"bytes={'9' * 5000}-")[0] == 200
+        time.sleep(0.05)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_the_server_ends_after_answers_in_the_making_and_waits_for_no_idle_browser(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun, done = threading.Event(), threading.Event()
+
+    def slow(self: ObservationSite, name: str) -> bytes:
+        begun.set()
+        time.sleep(0.4)
+        done.set()
+        return b""
+
+    monkeypatch.setattr(ObservationSite, "make", slow)
+    with served(root) as server:
+        idle = http.client.HTTPConnection("127.0.0.1", int(server.server.server_address[1]), timeout=10)
+        idle.request("GET", "/assets/style.css")
+        idle.getresponse().read()
+        threading.Thread(target=suppressed(ask), args=[server, f"/{KEY}/frames/frame_000.webp"]).start()
+        assert begun.wait(5)
+        start = time.monotonic()
+    assert done.is_set()
+    assert time.monotonic() - start < 5
+    idle.close()
+
+
+def test_a_browser_that_does_not_return_is_answered(root: Path, tmp_path: Path) -> None:
+    """As those of a terminal do, and a first start of any other."""
+    import signal
+    import subprocess
+    import sys
+
+    script, got = tmp_path / "browser.py", tmp_path / "got"
+    script.write_text(
+        "import sys\nfrom urllib.request import ProxyHandler, build_opener\n"
+        "page = build_opener(ProxyHandler({})).open(sys.argv[1], timeout=15).read()\n"
+        f"open({str(got)!r}, 'wb').write(page)\n"
+    )
+    command = "from avs3d_bench.inspector.cli import view; view()"
+    process = subprocess.Popen(
+        [sys.executable, "-c", command, str(root), "--port", "0"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        env={**os.environ, "BROWSER": f"{sys.executable} {script} %s"},
+    )  # fmt: skip
+    try:
+        end = time.monotonic() + 20
+        while not (got.exists() and b"2 of 2" in got.read_bytes()):
+            assert time.monotonic() < end
+            time.sleep(0.05)
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(timeout=20)
+
+
 def test_a_port_that_is_taken_is_one_line(root: Path) -> None:
     with served(root) as server:
         second = ViewServer(Dataset(root), [KEY], port=server.server.server_address[1])
@@ -542,6 +668,9 @@ def test_filters_narrow_the_gallery_and_live_in_the_address(many: Path, browser:
         assert page.is_visible("#none")
         page.evaluate("location.hash = 'part=part_1&room=living_room'")
         until(page, "document.querySelector('#count').textContent === '8 of 34'")
+        page.evaluate("document.querySelector('.skip').click()")
+        page.wait_for_timeout(100)
+        assert len(shown(page)) == 8
         assert page.is_checked("input[value=part_1]")
         assert not opened.said
 
@@ -649,6 +778,45 @@ def test_the_keyboard(site: Path, browser: Any) -> None:
         assert not said
 
 
+def test_quick_fingers_leave_one_loop_and_the_sound_running(site: Path, browser: Any) -> None:
+    with player(browser, (site / KEY / "index.html").as_uri()) as (page, said, _):
+        page.click("#play")
+        until(page, "document.getElementById('sound').currentTime > 0.3")
+        page.evaluate(  # the event of the first pause comes when it plays again
+            "[1, 2, 3, 4].forEach(() => document.getElementById('play').click())"
+        )
+        until(page, "document.getElementById('sound').currentTime > 1.2")
+        assert page.evaluate("document.getElementById('stage').classList.contains('playing')")
+        frames, calls = page.evaluate(
+            """new Promise((done) => {
+              const ask = window.requestAnimationFrame;
+              let calls = 0, frames = 0;
+              window.requestAnimationFrame = (f) => { calls += 1; return ask(f); };
+              const count = () => {
+                frames += 1;
+                if (frames < 20) { ask(count); return; }
+                window.requestAnimationFrame = ask;
+                done([frames, calls]);
+              };
+              ask(count);
+            })"""
+        )
+        assert calls <= frames + 1
+        assert not said
+
+
+def test_arrows_belong_to_what_they_scroll(site: Path, browser: Any) -> None:
+    with player(browser, (site / KEY / "index.html").as_uri() + "#frame_004") as (page, _, _):
+        drawn(page, 4)
+        page.focus(".scroll")
+        page.keyboard.press("ArrowRight")
+        page.focus("#volume")
+        page.keyboard.press("Home")
+        assert page.input_value("#volume") == "0"
+        page.wait_for_timeout(100)
+        assert page.get_attribute("#stage", "data-index") == "4"
+
+
 def test_submissions_are_switched_and_their_errors_coloured(
     root: Path, submissions: tuple[ShownSubmission, ...], browser: Any
 ) -> None:
@@ -726,6 +894,20 @@ def test_pages_fit_a_phone_and_follow_the_system_s_theme(site: Path, browser: An
             opened.page.click("[data-theme-toggle]")
             assert opened.page.evaluate("getComputedStyle(document.body).backgroundColor") != paper
             assert not opened.said
+
+
+def test_a_name_without_spaces_does_not_widen_the_page(root: Path, tmp_path: Path, browser: Any) -> None:
+    dataset = Dataset(root)
+    with SubmissionWriter(tmp_path / "long", dataset, method="x" * 300) as writer:
+        for observation in writer.observations:
+            for frame in observation.test:
+                writer.write_mask(frame, frame.mask())
+    shown = open_submissions(dataset, [tmp_path / "long"])
+    site = build_site(dataset, [KEY], shown, tmp_path / "site", workers=1).folder
+    for name in ("index.html", f"{KEY}/index.html"):
+        with visit(browser, site / name, width=360) as opened:
+            opened.page.keyboard.press("1")  # its name stands in the legend, too
+            assert opened.overflow <= 0
 
 
 def test_everything_that_can_be_pressed_has_a_name(site: Path, browser: Any) -> None:

@@ -15,6 +15,7 @@ from pathlib import Path
 import click
 import numpy as np
 import pytest
+from tiny import MULTI, SINGLE, edit_record, replace, write_dataset, write_release
 
 from avs3d_bench import layout, media
 from avs3d_bench.dataset import Dataset
@@ -24,7 +25,6 @@ from avs3d_bench.inspector.video import RATE, film_sound, gain_for, write_video
 from avs3d_bench.inspector.video_drawing import PREDICTED, TRUTH, Canvas, Shown
 from avs3d_bench.inspector.video_map import MapInset
 from avs3d_bench.schema import SubmissionRecord
-from tests.tiny import MULTI, SINGLE, edit_record, replace, write_dataset, write_release
 
 av = pytest.importorskip("av", reason="the package av is not installed: pip install 'avs3d-bench[inspect]'")
 FRAMES = 9
@@ -186,6 +186,18 @@ def test_a_prediction_is_outlined_in_its_own_colour(root: Path) -> None:
     assert (columns.min(), columns.max()) == (pytest.approx(105, abs=4), pytest.approx(295, abs=4))
 
 
+@pytest.mark.parametrize("size", [301, 481, 720])
+def test_what_is_said_of_a_long_name_is_not_cut_off(root: Path, size: int) -> None:
+    nothing = np.zeros((96, 96), dtype=bool)
+    _, what = shown(
+        root, 0, rgb=np.zeros((96, 96, 3), np.uint8), truth=None, predicted=nothing, method="sounding " * 20
+    )
+    picture = Canvas.of((96, 96, 3), size).draw(what, "outline")[: size // 8].astype(int)
+    panel = np.flatnonzero((picture.max(axis=2) > 8).any(axis=0))
+    ink = np.flatnonzero((picture.min(axis=2) > 120).any(axis=0))
+    assert panel.max() - ink.max() >= 4, "the line ends before the panel does"
+
+
 def test_a_mask_of_another_size_is_refused(root: Path) -> None:
     canvas, what = shown(root, 0, truth=np.zeros((95, 96), dtype=bool))
     with pytest.raises(Avs3dError, match=r"a mask of \(95, 96\), expected \(96, 96\)"):
@@ -279,7 +291,7 @@ def test_a_submission(root: Path, tmp_path: Path) -> None:
     test, train = changed
     assert test > 300, "outlined on its test frame"
     assert train < 20, "and not on the train frame before"
-    with pytest.raises(UsageError, match=r"no masks; expected a submission that covers part_2/"):
+    with pytest.raises(UsageError, match=r"part_2/.*: no masks of its test frames"):
         film(root, tmp_path / "g.mp4", key=MULTI, submission=folder)
 
 

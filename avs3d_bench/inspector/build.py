@@ -11,7 +11,7 @@ from avs3d_bench import __version__
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import write_bytes, write_json
-from avs3d_bench.inspector.facts import NAMED, without_path
+from avs3d_bench.inspector.facts import few
 from avs3d_bench.inspector.pages import gallery_page, observation_page
 from avs3d_bench.inspector.site import PAGE, SCRIPTS, SOUND, STYLES, Card, ObservationSite, static_asset
 from avs3d_bench.inspector.submissions import ShownSubmission
@@ -97,7 +97,7 @@ def _build_observation(task: _Task) -> tuple[Card, tuple[str, ...]]:
     if card.problem is not None:
         return card, (f"{task.root / task.key}: {card.problem}",)
     folder = task.folder / task.key
-    problems: list[str] = []
+    problems = [*site.facts.problems]
     for name in site.names():
         try:
             data = site.make(name)
@@ -107,12 +107,9 @@ def _build_observation(task: _Task) -> tuple[Card, tuple[str, ...]]:
         write_bytes(folder / name, data)
         if name == SOUND:
             problems += site.track.problems
-    if len(problems) > NAMED + 1:
-        problems[NAMED:] = [f"{task.root / task.key}: {len(problems) - NAMED} more files cannot be shown"]
-    lines = [without_path(site.observation, line) for line in problems]
-    page = observation_page(site, before=task.before, after=task.after, linked=False, problems=lines)
+    page = observation_page(site, before=task.before, after=task.after, linked=False, problems=problems)
     write_bytes(folder / PAGE, page)
-    return card, tuple(problems)
+    return card, tuple(few(site.observation, problems))
 
 
 def _check_target(final: Path, named: Path, sources: Sequence[Path]) -> None:

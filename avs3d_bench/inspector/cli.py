@@ -77,6 +77,7 @@ def _build(
 def _serve(
     dataset: Dataset, keys: Sequence[str], shown: tuple[ShownSubmission, ...], port: int | None, browse: bool
 ) -> None:
+    import threading
     import webbrowser
 
     from avs3d_bench.inspector.server import ViewServer
@@ -84,7 +85,8 @@ def _serve(
     with ViewServer(dataset, keys, shown, port=port) as server:
         click.echo(f"{dataset.name}: {len(keys)} observations at {server.url} (Ctrl-C ends)")
         if browse:
-            webbrowser.open(server.url)
+            # A browser of the terminal, or a first start of another, keeps whoever opens it: who would answer it then?
+            threading.Thread(target=webbrowser.open, args=[server.url], daemon=True).start()
         try:
             server.serve()
         except KeyboardInterrupt:

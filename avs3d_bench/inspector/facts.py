@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.inspector.sound import read_clip
 from avs3d_bench.schema import AttributionRecord, InstanceRecord, LicenceRecord, unique_attributions
 
 #: Added to amplitudes before a logarithm: digital silence is −240 dB, not −∞.
@@ -77,6 +78,8 @@ class Facts:
         notes: the generator's remarks.
         licences: of every asset that this observation holds.
         missing: one line for each thing that the data does not have.
+        problems: one line, with its path, for each file that cannot be read.
+        hfov: horizontal field of view, degrees; None where no camera can be read.
         has_masks: there are masks of the sounding object.
         has_instances: there are instance masks.
         has_sound: there are binaural clips.
@@ -94,6 +97,8 @@ class Facts:
     notes: tuple[str, ...]
     licences: tuple[AttributionRecord, ...]
     missing: tuple[str, ...]
+    problems: tuple[str, ...]
+    hfov: float | None
     has_masks: bool
     has_instances: bool
     has_sound: bool
@@ -113,6 +118,7 @@ def read_facts(dataset: Dataset, observation: Observation) -> Facts:
     """
     record, folder = observation.record, observation.path
     missing: list[str] = []
+    problems: list[str] = []
     if record is None:
         missing.append(
             "No observation.json (as in the official release): category, source, azimuth, distance, T30 and licences "
@@ -121,8 +127,8 @@ def read_facts(dataset: Dataset, observation: Observation) -> Facts:
     has_masks = _has(folder / layout.SEMANTIC_MASKS, "*.png", "No semantic_masks/: no overlay of the truth.", missing)
     has_instances = _has(folder / layout.INSTANCE_MASKS, "*.png", "No instance_masks/: no overlay of them.", missing)
     has_sound = _has(folder / layout.BINAURAL, "*.wav", "No audio_clips_binaural/: the player is silent.", missing)
-    poses = _has_poses(observation, missing)
-    moments = tuple(_measured(observation, poses, has_sound, has_masks, missing))
+    hfov = _field_of_view(observation, missing, problems)
+    moments = tuple(_measured(observation, hfov is not None, has_sound, has_masks, problems))
     return Facts(
         key=observation.key,
         place=observation.place,
@@ -131,10 +137,12 @@ def read_facts(dataset: Dataset, observation: Observation) -> Facts:
         instances=tuple(sorted(record.instances, key=lambda i: i.id)) if record else (),
         moves=bool(record and record.moves),
         t30=record.acoustics.t30 if record else None,
-        details=_details(dataset, observation, moments),
+        details=_details(dataset, observation, moments, hfov),
         notes=tuple(n for n in (*record.notes, record.acoustics.notes) if n) if record else (),
         licences=_licences(dataset, observation),
         missing=tuple(missing),
+        problems=tuple(problems),
+        hfov=hfov,
         has_masks=has_masks,
         has_instances=has_instances,
         has_sound=has_sound,
@@ -159,15 +167,25 @@ def _has(folder: Path, pattern: str, line: str, missing: list[str]) -> bool:
     return found
 
 
-def _has_poses(observation: Observation, missing: list[str]) -> bool:
-    """Whether poses can be read at all; a damaged or missing sparse model is a line on the page."""
-    if observation.record is not None:
-        return True
+def _field_of_view(observation: Observation, missing: list[str], problems: list[str]) -> float | None:
+    """Horizontal, degrees; None where there is no camera, and hence no pose: no record and no sparse model."""
+    if observation.record is None and not (observation.path / layout.COLMAP).is_dir():
+        missing.append(f"No {layout.COLMAP}/: no poses, hence no map.")
+        return None
     try:
-        return bool(observation.colmap.images)
+        camera = observation.intrinsics
     except Avs3dError as error:
-        missing.append(f"No poses, hence no map: {without_path(observation, str(error))}")
-        return False
+        problems.append(str(error))
+        return None
+    return 2 * math.degrees(math.atan2(camera.width / 2, camera.fx))
+
+
+def few(observation: Observation, problems: Iterable[str]) -> list[str]:
+    """Each problem once; where they are many, the first `NAMED` and how many more."""
+    lines = list(dict.fromkeys(problems))
+    if len(lines) > NAMED + 1:
+        lines[NAMED:] = [f"{observation.path}: {len(lines) - NAMED} more files cannot be shown"]
+    return lines
 
 
 def without_path(observation: Observation, line: str) -> str:
@@ -176,9 +194,8 @@ def without_path(observation: Observation, line: str) -> str:
 
 
 def _measured(
-    observation: Observation, poses: bool, has_sound: bool, has_masks: bool, missing: list[str]
+    observation: Observation, poses: bool, has_sound: bool, has_masks: bool, problems: list[str]
 ) -> Iterable[Moment]:
-    problems: list[str] = []
     for frame in observation.frames:
         record = frame.record
         sound, visible = None, None
@@ -186,13 +203,13 @@ def _measured(
             sound, visible = (record.rms_left, record.rms_right), record.visible_pixels
         else:
             try:
-                sound = _rms(frame.audio()) if has_sound else None
+                sound = _rms(read_clip(frame)) if has_sound else None
             except Avs3dError as error:
-                problems.append(without_path(observation, str(error)))
+                problems.append(str(error))
             try:
                 visible = int(frame.mask().sum()) if has_masks else None
             except Avs3dError as error:
-                problems.append(without_path(observation, str(error)))
+                problems.append(str(error))
         pose = frame.pose if poses and frame.has_pose else None
         ahead = pose.rotation_matrix @ np.array([0.0, 0.0, -1.0]) if pose else None
         yield Moment(
@@ -208,13 +225,10 @@ def _measured(
             level=level_db(*sound) if sound else None,
             visible=visible,
         )
-    missing += problems[:NAMED]
-    if len(problems) > NAMED:
-        missing.append(f"… and {len(problems) - NAMED} more files that cannot be read.")
 
 
 def _rms(clip: NDArray[np.float32]) -> tuple[float, float]:
-    left, right = np.sqrt(np.mean(np.square(clip[:2].astype(np.float64)), axis=1))
+    left, right = np.sqrt(np.mean(np.square(clip.astype(np.float64)), axis=1))
     return float(left), float(right)
 
 
@@ -224,7 +238,9 @@ def _flat(ahead: NDArray[np.float64]) -> tuple[float, float]:
     return (float(ahead[0] / length), float(ahead[2] / length)) if length > 1e-9 else (0.0, -1.0)
 
 
-def _details(dataset: Dataset, observation: Observation, moments: tuple[Moment, ...]) -> tuple[tuple[str, str], ...]:
+def _details(
+    dataset: Dataset, observation: Observation, moments: tuple[Moment, ...], hfov: float | None
+) -> tuple[tuple[str, str], ...]:
     record = observation.record
     test = sum(moment.split == "test" for moment in moments)
     rows = [("Frames", f"{len(moments)}, of which {test} are test frames")]
@@ -237,10 +253,10 @@ def _details(dataset: Dataset, observation: Observation, moments: tuple[Moment, 
     away = [moment.distance for moment in moments if moment.distance is not None]
     if away:
         rows.append(("Distance", f"{min(away):.1f} to {max(away):.1f} m"))
-    if record is not None:
-        camera = record.intrinsics
-        hfov = 2 * math.degrees(math.atan(camera.width / 2 / camera.fx))
+    if hfov is not None:
+        camera = observation.intrinsics
         rows.append(("Camera", f"{camera.width} × {camera.height} pixels, {hfov:.0f}° wide"))
+    if record is not None:
         if record.acoustics.t30:
             rows.append(("Reverberation", f"T30 {record.acoustics.t30:.2f} s"))
         rows.append(("Pictures", f"{record.vision.backend} {record.vision.version}"))

@@ -78,7 +78,7 @@ def video(
 def view_3d(key: str, root: Path, submissions: tuple[Path, ...], port: int, path: Path | None) -> None:
     """Show the room, the path, the sounding object and predicted points of the observation KEY.
 
-    Served on the loopback address until Ctrl-C. Needs viser: pip install 'avs3d-bench[inspect]'.
+    Served on the loopback address until Ctrl-C (exit status 0). Needs viser: pip install 'avs3d-bench[inspect]'.
     """
     from avs3d_bench.dataset import Dataset
     from avs3d_bench.inspector.view3d import save_view, serve_view
@@ -87,4 +87,7 @@ def view_3d(key: str, root: Path, submissions: tuple[Path, ...], port: int, path
     if path is not None:
         click.echo(str(save_view(dataset, key, path, submissions)))
         return
-    serve_view(dataset, key, submissions, port=port, ready=lambda url: click.echo(f"{url}  (Ctrl-C ends)"))
+    try:
+        serve_view(dataset, key, submissions, port=port, ready=lambda url: click.echo(f"{url}  (Ctrl-C ends)"))
+    except KeyboardInterrupt:
+        click.echo("", err=True)

@@ -7,14 +7,13 @@ plain files: opened from disk they work as they do from the server. The same inp
 from __future__ import annotations
 
 import json
-import math
 from collections import Counter
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from avs3d_bench.dataset import Dataset
-from avs3d_bench.inspector.facts import Moment
+from avs3d_bench.inspector.facts import Moment, few, without_path
 from avs3d_bench.inspector.floorplan import map_bounds
 from avs3d_bench.inspector.site import Card, ObservationSite
 from avs3d_bench.taxonomy import PARTS, ROOMS
@@ -94,7 +93,7 @@ def observation_page(
     before: str | None,
     after: str | None,
     linked: bool,
-    problems: Sequence[str] = (),
+    problems: Sequence[str],
 ) -> bytes:
     """The page of an observation.
 
@@ -103,10 +102,10 @@ def observation_page(
         before: key of the observation before it in the gallery.
         after: key of the one after it.
         linked: whether the dataset's own pictures can be had at ``full/``.
-        problems: one line for each file that could not be made.
+        problems: one line for each file that could not be read or made.
     """
     facts = site.facts
-    hidden = [*facts.missing, *problems]
+    hidden = [without_path(site.observation, line) for line in few(site.observation, problems)]
     return _render(
         "observation.html.j2",
         root="../../../../",
@@ -114,7 +113,7 @@ def observation_page(
         before=before,
         after=after,
         linked=linked,
-        missing=hidden,
+        missing=[*facts.missing, *hidden],
         submissions=site.submissions,
         dataset_name=site.dataset.name,
         swatches={number: hexadecimal(colour) for number, colour in site.colours.items()},
@@ -128,7 +127,6 @@ def _player_data(site: ObservationSite, linked: bool) -> dict[str, Any]:
     """What the scripts need; the names are short because every frame has them."""
     facts, bounds = site.facts, map_bounds(site.facts)
     width, height = site.size
-    record = site.observation.record
     return {
         "key": facts.key,
         "size": [width, height],
@@ -157,14 +155,10 @@ def _player_data(site: ObservationSite, linked: bool) -> dict[str, Any]:
         ],
         "map": [bounds.left, bounds.top, bounds.width, bounds.height] if bounds else None,
         "moves": facts.moves,
-        "hfov": _round(_hfov(record.intrinsics.width, record.intrinsics.fx), 2) if record else 90.0,
+        "hfov": _round(facts.hfov, 2),
         "has": {"masks": facts.has_masks, "instances": facts.has_instances and bool(site.colours),
                 "sound": facts.has_sound, "full": linked},
     }  # fmt: skip
-
-
-def _hfov(width: float, fx: float) -> float:
-    return 2 * math.degrees(math.atan(width / 2 / fx))
 
 
 def _frame_data(moment: Moment) -> dict[str, Any]:

@@ -8,10 +8,12 @@ kept in a temporary folder that goes with the server.
 from __future__ import annotations
 
 import re
+import socket
 import sys
 import tempfile
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -36,7 +38,8 @@ POLICY = (
 )
 #: Slow to make, or asked for all at once.
 _KEPT = (THUMBNAIL, FLOOR, SOUND)
-_RANGE = re.compile(r"bytes=(\d*)-(\d*)")
+#: More digits than any file has bytes are no range.
+_RANGE = re.compile(r"bytes=([0-9]{0,18})-([0-9]{0,18})")
 
 
 class LiveSite:
@@ -97,10 +100,12 @@ class LiveSite:
         at = self._keys.index(key)
         before = self._keys[at - 1] if at else None
         after = self._keys[at + 1] if at + 1 < len(self._keys) else None
+        problems = site.facts.problems
         if site.facts.has_sound:
             # The page names the gain of the track, so it has been read: the player's request finds it made.
             self._kept(f"{key}/{SOUND}", site, SOUND)
-        return observation_page(site, before=before, after=after, linked=True)
+            problems += site.track.problems
+        return observation_page(site, before=before, after=after, linked=True, problems=problems)
 
     def _kept(self, address: str, site: ObservationSite, name: str) -> bytes:
         path = self._cache / sha256_bytes(address.encode())
@@ -114,13 +119,32 @@ class LiveSite:
 
 
 class _Server(ThreadingHTTPServer):
-    daemon_threads = True
+    # Joined when the server closes: the interpreter aborts when it ends beneath OpenCV's C++.
+    daemon_threads = False
     # Two servers on one port would share its requests.
     allow_reuse_port = False
 
     def __init__(self, port: int, site: LiveSite) -> None:
         self.site = site
+        self._open: set[socket.socket] = set()
         super().__init__((HOST, port), _Handler)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Remember the connection; browsers keep theirs open."""
+        self._open.add(request)
+        super().process_request(request, client_address)
+
+    def shutdown_request(self, request: Any) -> None:
+        """The connection has ended."""
+        self._open.discard(request)
+        super().shutdown_request(request)
+
+    def server_close(self) -> None:
+        """Hang up, and wait for answers in the making."""
+        for request in list(self._open):
+            with suppress(OSError):
+                request.shutdown(socket.SHUT_RDWR)
+        super().server_close()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A browser that goes away in the middle of an answer is no error."""
@@ -140,7 +164,10 @@ class _Handler(BaseHTTPRequestHandler):
         if self.headers.get_all("Host", []) not in ([f"{HOST}:{port}"], [f"localhost:{port}"]):
             self._refuse(HTTPStatus.FORBIDDEN, f"this server answers to http://{HOST}:{port}/ only")
             return
-        path = unquote(urlsplit(self.path).path)
+        try:
+            path = unquote(urlsplit(self.path).path)
+        except ValueError:  # http://[/
+            path = ""
         if not path.startswith("/"):
             self._refuse(HTTPStatus.BAD_REQUEST, "expected a path")
             return

@@ -228,6 +228,7 @@ class ObservationSite:
         place = self.observation.place
         try:
             frames, record = self.observation.frames, self.observation.record
+            _ = self.observation.splits
             poster = self.poster
         except Avs3dError as error:
             return Card(place, problem=without_path(self.observation, str(error)))

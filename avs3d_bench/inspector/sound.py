@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench.dataset import Observation
+from avs3d_bench.dataset import Frame, Observation
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.layout import BINAURAL_SAMPLES, SAMPLE_RATE
+from avs3d_bench.layout import BINAURAL, BINAURAL_SAMPLES, SAMPLE_RATE, audio_path
 
 #: Length of the cross-fade where clips meet.
 FADE_SECONDS = 0.005
@@ -64,6 +64,25 @@ def joined(clips: list[NDArray[np.float32]]) -> NDArray[np.float32]:
     return np.concatenate(out, axis=1)
 
 
+def read_clip(frame: Frame) -> NDArray[np.float32]:
+    """The clip (2, 44100) of a frame.
+
+    One that is shorter than a second (none of ours is) is followed by silence, a longer one is cut: the next frame
+    starts on its second whatever the one before brought.
+
+    Raises:
+        Avs3dError: if it is missing or damaged, holds nothing, or has other than two channels.
+    """
+    read = frame.audio()
+    if read.shape[0] != 2 or not read.shape[1]:
+        where = frame.observation.path / audio_path(BINAURAL, frame.index)
+        raise Avs3dError(f"{where}: {read.shape[0]} channel(s) of {read.shape[1]} samples, expected 2 of a second")
+    clip = np.zeros((2, BINAURAL_SAMPLES), dtype=np.float32)
+    count = min(BINAURAL_SAMPLES, read.shape[1])
+    clip[:, :count] = read[:, :count]
+    return clip
+
+
 def read_track(observation: Observation) -> Track:
     """Read the clips and make the track; a clip that cannot be read is a second of silence and a line.
 
@@ -72,16 +91,11 @@ def read_track(observation: Observation) -> Track:
     """
     clips, problems = [], []
     for frame in observation.frames:
-        clip = np.zeros((2, BINAURAL_SAMPLES), dtype=np.float32)
         try:
-            read = frame.audio()
-            if read.shape[0] != 2:
-                raise Avs3dError(f"{frame.name}: {read.shape[0]} channels, expected 2")
-            count = min(BINAURAL_SAMPLES, read.shape[1])
-            clip[:, :count] = read[:, :count]
+            clips.append(read_clip(frame))
         except Avs3dError as error:
+            clips.append(np.zeros((2, BINAURAL_SAMPLES), dtype=np.float32))
             problems.append(str(error))
-        clips.append(clip)
     samples = joined(clips)
     shift = shift_for(float(np.abs(samples).max(initial=0.0)))
     for bits in range(BITS, FEWEST_BITS - 1, -1):

@@ -29,11 +29,11 @@ from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import atomic_path
 from avs3d_bench.inspector.facts import read_facts
-from avs3d_bench.inspector.sound import joined
+from avs3d_bench.inspector.sound import joined, read_clip
+from avs3d_bench.inspector.submissions import ShownSubmission, open_submissions
 from avs3d_bench.inspector.video_drawing import Canvas, Loudness, Overlay, Shown
 from avs3d_bench.inspector.video_map import MapInset
-from avs3d_bench.media import read_png_mask, read_record
-from avs3d_bench.schema import SubmissionRecord
+from avs3d_bench.media import read_png_mask
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -121,7 +121,7 @@ def write_video(
         raise UsageError(f"size {size}: expected {SMALLEST} to {LARGEST} pixels")
     av = load_av()
     observation = dataset[key]
-    predicted = Predictions.open(submission, observation) if submission is not None else None
+    predicted = _predicted(dataset, observation, Path(submission)) if submission is not None else None
     facts = read_facts(dataset, observation)
     sound, gain = film_sound(observation)
     canvas = Canvas.of(observation.frames[0].rgb().shape, size)
@@ -136,12 +136,12 @@ def write_video(
                 Shown(
                     rgb=frame.rgb(),
                     truth=frame.mask() if overlay != "none" and facts.has_masks else None,
-                    predicted=predicted.mask(frame) if predicted else None,
+                    predicted=_mask(predicted, frame) if predicted else None,
                     moment=moment,
                     title=key,
                     what=what,
                     loudness=_loudness(sound, number, gain),
-                    method=predicted.method if predicted else None,
+                    method=predicted.name if predicted else None,
                     inset=inset.draw(number) if inset else None,
                 ),
                 overlay,
@@ -159,64 +159,27 @@ def write_video(
     return Film(target, len(observation.frames), canvas.width, canvas.height, gain)
 
 
-@dataclass(frozen=True)
-class Predictions:
-    """The masks of a submission for one observation.
+def _predicted(dataset: Dataset, observation: Observation, folder: Path) -> ShownSubmission:
+    (found,) = open_submissions(dataset, [folder])
+    if not any(found.mask_path(frame) for frame in observation.test):
+        raise UsageError(f"{folder / observation.key}: no masks of its test frames; choose another observation")
+    return found
 
-    Attributes:
-        folder: with ``frame_000.png`` and on.
-        method: its name in the caption.
-    """
 
-    folder: Path
-    method: str
-
-    @classmethod
-    def open(cls, submission: str | Path, observation: Observation) -> Predictions:
-        """Find the observation in a submission.
-
-        Raises:
-            UsageError: if there is no such folder, or it holds no mask of the observation.
-            Avs3dError: if submission.json is damaged.
-        """
-        root = Path(submission)
-        if not root.is_dir():
-            raise UsageError(f"{root}: no such folder; expected a submission")
-        folder = root / observation.key / layout.SUBMISSION_MASKS
-        if not any(folder.glob("frame_*.png")):
-            raise UsageError(f"{folder}: no masks; expected a submission that covers {observation.key}")
-        about = root / layout.SUBMISSION_JSON
-        return cls(folder, read_record(about, SubmissionRecord).method if about.exists() else root.resolve().name)
-
-    def mask(self, frame: Frame) -> NDArray[np.bool_] | None:
-        """The predicted mask (H, W); None where there is none, as on train frames."""
-        path = self.folder / f"{frame.name}.png"
-        return read_png_mask(path) if path.exists() else None
+def _mask(submission: ShownSubmission, frame: Frame) -> NDArray[np.bool_] | None:
+    path = submission.mask_path(frame)
+    return read_png_mask(path) if path else None
 
 
 def film_sound(observation: Observation) -> tuple[NDArray[np.float32] | None, int | None]:
     """The track (2, 44100 · frames) as it will be heard, and the gain in dB; (None, None) without clips.
 
-    A clip that is shorter than a second (none of ours is) is followed by silence, a longer one is cut: the next frame
-    starts on its second whatever the one before brought.
-
     Raises:
         Avs3dError: if a clip is missing or damaged, or has other than two channels.
     """
-    folder = observation.path / layout.BINAURAL
-    if not folder.is_dir():
+    if not (observation.path / layout.BINAURAL).is_dir():
         return None, None
-    clips = []
-    for frame in observation.frames:
-        clip = np.zeros((2, layout.BINAURAL_SAMPLES), dtype=np.float32)
-        read = frame.audio()
-        if read.shape[0] != 2:
-            where = observation.path / layout.audio_path(layout.BINAURAL, frame.index)
-            raise Avs3dError(f"{where}: {read.shape[0]} channel(s), expected 2")
-        count = min(layout.BINAURAL_SAMPLES, read.shape[1])
-        clip[:, :count] = read[:, :count]
-        clips.append(clip)
-    samples = joined(clips)
+    samples = joined([read_clip(frame) for frame in observation.frames])
     gain = gain_for(float(np.abs(samples).max(initial=0.0)))
     return (samples * np.float32(10 ** (gain / 20))).astype(np.float32), gain
 

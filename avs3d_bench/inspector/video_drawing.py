@@ -105,8 +105,10 @@ class Canvas:
             if mask is None:
                 continue
             if mask.shape != shown.rgb.shape[:2]:
+                whose = "the truth" if mask is shown.truth else shown.method
                 raise Avs3dError(
-                    f"{shown.moment.name}: a mask of {mask.shape}, expected {shown.rgb.shape[:2]} as the frame"
+                    f"{shown.title}: {shown.moment.name}: {whose} has a mask of {mask.shape}, "
+                    f"expected {shown.rgb.shape[:2]} as the frame"
                 )
             if overlay == "tint" and mask is shown.truth:
                 self._tint(picture, mask, colour)
@@ -138,13 +140,15 @@ class Canvas:
         rows = [(shown.what, TRUTH)] if shown.truth is not None else []
         if shown.method is not None:
             rows.append((shown.method, PREDICTED))
-        most = self.width * (0.6 if shown.inset is not None else 0.9) - 44 * unit
+        # Measured as it is drawn, at twice the size: small letters are narrower than half of large ones.
+        size, margin = 30 * unit, 88 * unit
+        most = 2 * self.width * (0.6 if shown.inset is not None else 0.9) - margin
         # What follows the method's name is kept, however long that is.
         tail = "" if shown.predicted is None or shown.predicted.any() else ": nothing"
         tail = ": no mask" if shown.predicted is None else tail
-        most -= _text_width(tail, 15 * unit)
-        rows = [(_fitting(text, 15 * unit, most) + tail * (colour == PREDICTED), colour) for text, colour in rows]
-        width = round(max(_text_width(text, 15 * unit) for text, _ in rows) + 44 * unit)
+        most -= _text_width(tail, size)
+        rows = [(_fitting(text, size, most) + tail * (colour == PREDICTED), colour) for text, colour in rows]
+        width = round((max(_text_width(text, size) for text, _ in rows) + margin) / 2)
         height, edge = round((len(rows) * 24 + 10) * unit), round(13 * unit)
         panel = picture[edge : edge + height, edge : edge + min(width, self.width - 2 * edge)]
         panel[:] = np.rint(panel * 0.25 + np.array(GROUND) * 0.75).astype(np.uint8)
@@ -158,7 +162,7 @@ class Canvas:
                 colour,
                 round(6 * unit) or 1,
             )
-            _text(big, text, (64 * unit, y), 30 * unit, _INK)
+            _text(big, text, (64 * unit, y), size, _INK)
         panel[:] = halved(big, panel.shape)
 
     def _caption(self, shown: Shown) -> U8:

@@ -1,6 +1,6 @@
 """An observation in three dimensions, in the browser: `avs3d view-3d`, drawn with viser.
 
-viser and not rerun, after serving and recording with both (viser 1.1, rerun-sdk 0.41; see docs/inspector-media.md):
+viser and not rerun, after serving and recording with both (viser 1.1, rerun-sdk 0.41; see docs/inspector.md):
 
 - viser listens where it is told to, hence on the loopback address alone; rerun's `serve_grpc` and `serve_web_viewer`
   listen on all interfaces, and take no address.

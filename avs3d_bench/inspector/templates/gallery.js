@@ -45,6 +45,7 @@
     return query.toString().replaceAll("%2C", ",");
   };
   const read = () => {
+    if (location.hash === "#main") return; // the link past the head of the page
     const query = new URLSearchParams(location.hash.slice(1));
     for (const box of boxes) box.checked = (query.get(box.name) ?? "\u0000").split(",").includes(box.value);
     text.value = query.get("q") ?? "";

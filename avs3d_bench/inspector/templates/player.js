@@ -48,7 +48,7 @@
       this.silent = true;
       this.base = at;
       if (state.playing) this.since = performance.now();
-      tell("The sound cannot be played here; the pictures run without it.");
+      draw();
     },
   };
 
@@ -58,11 +58,9 @@
     let entry = cache.get(address);
     if (entry) { cache.delete(address); cache.set(address, entry); return entry; }
     const image = new Image();
-    entry = { image, done: new Promise((resolve) => {
-      image.onload = () => resolve(image);
-      image.onerror = () => resolve(null);
-    }) };
     image.src = address;
+    // Decoded ahead as well: drawing must not wait for it.
+    entry = { image, done: image.decode().then(() => image, () => null) };
     cache.set(address, entry);
     while (cache.size > KEPT) cache.delete(cache.keys().next().value);
     return entry;
@@ -114,8 +112,8 @@
   };
   const ring = (mask, width) => {
     wipe(second);
-    for (let i = 0; i < 16; i += 1) {
-      const angle = (i * Math.PI) / 8;
+    for (let i = 0; i < 8; i += 1) {
+      const angle = (i * Math.PI) / 4;
       second.drawImage(mask, width * Math.cos(angle), width * Math.sin(angle), W, H);
     }
     paint(second, "destination-out", mask);
@@ -163,7 +161,8 @@
     }
     const failed = names.filter((name) => addresses[name] && !got[name]);
     tell(failed.length ? `${failed.map((name) => addresses[name]).join(", ")} cannot be shown`
-      : state.submission && !predicted(index) ? (data.frames[index].split === "test" ? "no mask of this frame" : "train frame: submissions mark test frames only (T: next test frame)") : "");
+      : state.submission && !predicted(index) ? (data.frames[index].split === "test" ? "no mask of this frame" : "train frame: submissions mark test frames only (T: next test frame)")
+      : clock.silent && sound ? "The sound cannot be played here; the pictures run without it." : "");
     screen.dataset.frame = data.frames[index].name;
     screen.dataset.layers = names.filter((name) => got[name]).join(" ");
     // Only now, so that what is shown comes first.
@@ -241,8 +240,10 @@
     if (!state.playing) return;
     sync();
     if (clock.silent && clock.now() >= count) { pause(); return; }
-    requestAnimationFrame(tick);
+    next();
   };
+  // One loop, however quickly it was stopped and started again.
+  const next = () => { cancelAnimationFrame(state.loop); state.loop = requestAnimationFrame(tick); };
   const face = () => {
     stage.classList.toggle("playing", state.playing);
     by("play").setAttribute("aria-label", state.playing ? "Pause" : "Play");
@@ -255,7 +256,7 @@
       if (error.name === "NotSupportedError") clock.mute();
       else if (error.name !== "AbortError") { pause(); return; }
     }
-    requestAnimationFrame(tick);
+    next();
   };
   const pause = () => { state.playing = false; clock.stop(); face(); sync(); };
   const toggle = () => (state.playing ? pause() : play());
@@ -338,12 +339,12 @@
     sound.addEventListener("error", () => clock.mute());
     sound.addEventListener("seeked", sync);
     // Another hand (a media key) may have stopped it.
-    sound.addEventListener("pause", () => { if (state.playing && !clock.silent && !sound.ended) pause(); });
+    sound.addEventListener("pause", () => { if (state.playing && sound.paused && !clock.silent && !sound.ended) pause(); });
   }
   window.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const target = event.target, key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-    if (target.matches("input:not([type=range]), select, textarea") || (target === by("volume") && key.startsWith("Arrow"))) return;
+    if (target.matches("input:not([type=range]), select, textarea") || (target === by("volume") && key !== " ") || (target.matches(".scroll") && key.startsWith("Arrow"))) return;
     const far = event.shiftKey ? 10 : 1;
     const actions = {
       " ": () => (target.matches("button, a, summary") ? null : (toggle(), true)),
