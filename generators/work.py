@@ -82,7 +82,8 @@ def _fit(plan: ObservationPlan, place: Place) -> Iterator[None]:
             _check_folder(place)
         yield
     except ModuleNotFoundError as error:
-        raise UnfitError(missing_extra(error, "generators")) from error
+        where = "" if place.token is None else f"{socket.gethostname()}: "
+        raise UnfitError(where + missing_extra(error, "generators")) from error
 
 
 def _check_versions(plan: ObservationPlan) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 import signal
+import sys
 import time
 from pathlib import Path
 
@@ -54,6 +55,17 @@ def unfit(context: Context, marks: Path) -> None:
 def bug(context: Context, marks: Path) -> None:
     _mark(marks)
     raise RuntimeError("a thing that cannot be")
+
+
+def verbose(context: Context) -> None:
+    raise RuntimeError("first\n  second")
+
+
+def half_a_message(context: Context) -> None:
+    """Promise a long message to the parent, and say no more."""
+    socket = int(sys.argv[-3])  # see scheduling/child.py
+    os.write(socket, (1000).to_bytes(4, "big") + b"begin")
+    time.sleep(60)
 
 
 def hang(context: Context, marks: Path, times: int = 10**6) -> str:

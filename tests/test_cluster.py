@@ -5,17 +5,19 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.scheduling import jobqueue
+from avs3d_bench.scheduling import dask_, jobqueue
 from avs3d_bench.scheduling.dask_ import DaskScheduler
 from avs3d_bench.scheduling.failures import read_failures
 from avs3d_bench.scheduling.tasks import Event, Policy, Success, Task
@@ -59,29 +61,49 @@ def waited(what: Any, seconds: float = 60.0) -> Any:
     return found
 
 
-@pytest.fixture(scope="module")
-def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """A scheduler and two workers that somebody else has started."""
-    folder = tmp_path_factory.mktemp("cluster")
+SCHEDULER = ["-m", "distributed.cli.dask_scheduler"]
+WORKER = ["-m", "distributed.cli.dask_worker"]
+#: On a machine where this project is not installed.
+BARE_SCHEDULER, BARE_WORKER = (
+    ["-c", f"import sys; sys.modules['avs3d_bench'] = None; from {program[1]} import main; main()"]
+    for program in (SCHEDULER, WORKER)
+)
+
+
+@contextmanager
+def cluster_of(folder: Path, *workers: list[str], scheduler: list[str] = SCHEDULER) -> Iterator[str]:
+    """The address of a scheduler and workers that somebody else has started."""
     file = folder / "scheduler.json"
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    start = [sys.executable, "-m"]
     programs = [
-        [*start, "distributed.cli.dask_scheduler", "--port", "0", "--host", "127.0.0.1", "--no-dashboard"],
-        *([*start, "distributed.cli.dask_worker", "--nthreads", "1", "--no-dashboard", "--name", n] for n in "ab"),
+        [sys.executable, *scheduler, "--port", "0", "--host", "127.0.0.1", "--no-dashboard"],
+        *([sys.executable, *worker, "--nthreads", "1", "--no-dashboard"] for worker in workers),
     ]
     log = (folder / "log").open("w")
     running = [
         subprocess.Popen([*program, "--scheduler-file", file], stdout=log, stderr=log, env=environment, cwd=folder)
         for program in programs
     ]
-    waited(file.exists)
-    yield waited(lambda: json.loads(file.read_text() or "{}").get("address"))
-    for program in reversed(running):
-        program.terminate()
-    for program in running:
-        program.wait(timeout=20)
-    log.close()
+    try:
+        waited(file.exists)
+        yield waited(lambda: json.loads(file.read_text() or "{}").get("address"))
+    finally:
+        for program in reversed(running):
+            program.terminate()
+        for program in running:
+            program.wait(timeout=20)
+        log.close()
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Of a cluster with two workers."""
+    with cluster_of(tmp_path_factory.mktemp("cluster"), WORKER, WORKER) as found:
+        yield found
+
+
+def parent_of(process: int) -> int:
+    return int(Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[1])
 
 
 def test_two_dask_workers_write_the_same_bytes_and_a_rerun_keeps_them(
@@ -108,8 +130,7 @@ def test_a_worker_killed_in_the_middle_is_made_up_for(manifest: Path, plain: dic
     )
     picture = waited(lambda: next(root.glob("part_*/*/*/.*.partial/input/frame_002.png"), None))
     child = int(picture.parents[1].name.split("-")[-2])  # the partial folder is named after the process that writes it
-    worker = int(Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()[1])
-    os.kill(worker, signal.SIGKILL)
+    os.kill(parent_of(child), signal.SIGKILL)
     output = run.communicate(timeout=120)[0]
     assert run.returncode == 0, output
     assert "is lost" in output
@@ -133,6 +154,29 @@ def test_ctrl_c_stops_the_cluster_and_leaves_nothing_half_written(
     assert run.returncode == 130, output
     assert "Traceback" not in output
     assert not list(root.rglob(".*"))
+
+
+def test_ctrl_c_while_the_cluster_starts_is_heard_once_it_has(manifest: Path, tmp_path: Path) -> None:
+    run = subprocess.Popen(
+        [*COMMAND, manifest, "-o", tmp_path / "data", "--audio", "analytic", *DASK],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+    children = Path(f"/proc/{run.pid}/task/{run.pid}/children")
+    threads = Path(f"/proc/{run.pid}/task")
+
+    def starting() -> bool:
+        """A Dask worker is being started: it is a child of the thread that Dask works in."""
+        return any((thread / "children").read_text() for thread in threads.iterdir() if thread / "children" != children)
+
+    waited(starting)
+    os.killpg(run.pid, signal.SIGINT)
+    output = run.communicate(timeout=60)[0]
+    assert run.returncode == 130, output
+    assert output.strip() == "avs3d: error: interrupted"
+    assert list((tmp_path / "data").iterdir()) == []
 
 
 def test_a_cluster_that_runs_is_joined_and_left_as_it_was(
@@ -197,23 +241,95 @@ def test_what_is_closed_stops_on_the_workers(address: str, tmp_path: Path) -> No
         assert not Path(f"/proc/{pid}").exists()
 
 
+def test_a_worker_that_does_not_answer_cannot_hold_up_the_end(
+    address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(dask_, "_STOP", 1.5)
+    marks = tmp_path / "marks"
+    with DaskScheduler(1, address=address) as cluster:
+        run = cluster.run(
+            [Task("quick", work.double, (1,)), Task("long", work.wait, (600, marks))], Policy(), lambda _: None
+        )
+        next(run)
+        (mark,) = waited(lambda: marks.is_dir() and list(marks.iterdir()))
+        worker = parent_of(int(mark.name.partition("-")[0]))
+        os.kill(worker, signal.SIGSTOP)
+        try:
+            start = time.monotonic()
+            run.close()
+            assert time.monotonic() - start < 5
+        finally:
+            os.kill(worker, signal.SIGCONT)
+
+
+def test_a_result_that_is_lost_with_its_worker_is_made_again(tmp_path: Path) -> None:
+    tasks = [Task(name, work.wait, (seconds, tmp_path / name)) for name, seconds in (("a", 0.1), ("b", 1.0))]
+    with (
+        cluster_of(tmp_path, [*WORKER, "--no-nanny"], [*WORKER, "--no-nanny"]) as address,
+        DaskScheduler(1, address=address) as cluster,
+    ):
+        waited(lambda: len(cluster._client.nthreads()) == 2)
+        run = cluster.run(tasks, Policy(), lambda _: None)
+        assert next(run).task.name == "a"
+        (mark,) = waited(lambda: (tmp_path / "b").is_dir() and list((tmp_path / "b").iterdir()))
+        worker = parent_of(int(mark.name.partition("-")[0]))
+        time.sleep(1.3)  # it is done as well, and nobody has asked for its result
+        os.kill(worker, signal.SIGKILL)
+        time.sleep(0.5)
+        assert [(type(r), r.task.name) for r in run] == [(Success, "b")]
+
+
+def test_what_a_worker_without_the_package_cannot_do_is_done_by_another(tmp_path: Path) -> None:
+    with cluster_of(tmp_path, WORKER, [*BARE_WORKER, "--no-nanny"]) as address:
+        with DaskScheduler(1, address=address) as cluster:
+            waited(lambda: len(cluster._client.nthreads()) == 2)
+        results, events = tasks_on(address, [Task(str(n), work.double, (n,)) for n in range(8)], retries=0)
+    assert all(isinstance(r, Success) for r in results.values()), results
+    assert len([event for event in events if event.kind == "worker"]) == 1
+
+
+def test_a_scheduler_without_the_package_is_one_line_not_one_for_each_task(tmp_path: Path) -> None:
+    with (
+        cluster_of(tmp_path, WORKER, scheduler=BARE_SCHEDULER) as address,
+        pytest.raises(Avs3dError, match=r"install the same avs3d-bench\[cluster\] on the scheduler's machine"),
+    ):
+        tasks_on(address, [Task(str(n), work.double, (n,)) for n in range(8)])
+
+
 def test_a_gpu_that_nobody_offers_is_one_line(address: str) -> None:
     with DaskScheduler(1, address=address, gpus=True) as cluster, pytest.raises(UsageError, match="GPU=1"):
         list(cluster.run([Task("a", work.nothing, ())], Policy(), lambda _: None))
 
 
-def test_a_scheduler_that_is_not_there_is_one_line() -> None:
-    from avs3d_bench.scheduling import dask_
+@pytest.fixture
+def silent() -> Iterator[str]:
+    """An address that accepts connections and says nothing."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        yield f"tcp://127.0.0.1:{server.getsockname()[1]}"
 
-    for wrong in ("tcp://127.0.0.1:9", "nonsense"):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(dask_, "_CONNECT", 1.0)
-            with (
-                pytest.raises(Avs3dError, match="no Dask scheduler answers") as refused,
-                DaskScheduler(1, address=wrong),
-            ):
-                pass
-            assert "\n" not in str(refused.value)
+
+@pytest.mark.parametrize("wrong", ["tcp://127.0.0.1:9", "nonsense", "http://127.0.0.1:9", "tls://127.0.0.1:9", ""])
+def test_a_scheduler_that_is_not_there_is_one_line(wrong: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    refused = refusal_of(wrong, monkeypatch)
+    assert f"--scheduler-address {wrong}: no Dask scheduler answers there" in refused
+    assert "tcp://HOST:8786" in refused
+
+
+def test_who_is_not_a_scheduler_is_one_line_too(silent: str, address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "no Dask scheduler answers there" in refusal_of(silent, monkeypatch)
+    with DaskScheduler(1, address=address) as cluster:
+        worker = next(iter(cluster._client.nthreads()))
+    assert "this is a Dask worker, expected the scheduler" in refusal_of(worker, monkeypatch)
+
+
+def refusal_of(address: str, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.setattr(dask_, "_CONNECT", 1.0)
+    start = time.monotonic()
+    with pytest.raises(Avs3dError) as refused, DaskScheduler(1, address=address):
+        pass
+    assert time.monotonic() - start < 4
+    assert "\n" not in str(refused.value)
+    return str(refused.value)
 
 
 def test_failures_reach_the_terminal_and_the_file_and_go_when_mended(
@@ -276,6 +392,7 @@ def test_the_job_of_a_slurm_cluster_is_what_the_file_says(tmp_path: Path) -> Non
         ("slurm", "- cores\n", ["expected a mapping"]),
         ("slurm", "cores: [\n", ["not valid YAML"]),
         ("slurm", "cores: 1\nmemory: 1GB\nadapt: yes\n", ["adapt", "minimum"]),
+        ("slurm", "cores: 1\nmemory: 1GB\nwalltime: 12:00:00\n", ["walltime", "in quotes", "43200"]),
     ],
 )
 def test_a_wrong_option_is_one_line(tmp_path: Path, kind: str, text: str, words: list[str]) -> None:
@@ -286,6 +403,25 @@ def test_a_wrong_option_is_one_line(tmp_path: Path, kind: str, text: str, words:
         jobqueue.start_cluster(kind, path, 4)
     assert str(path) in str(refused.value)
     assert all(word in str(refused.value) for word in words)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("adapt", ["", "adapt: {maximum: 8}\n"])
+def test_a_queue_that_refuses_or_is_not_here_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, adapt: str
+) -> None:
+    pytest.importorskip("dask_jobqueue", reason="dask-jobqueue is not installed; it is in the cluster extra")
+    programs, path = tmp_path / "bin", tmp_path / "slurm.yaml"
+    programs.mkdir()
+    scheduler = 'scheduler_options: {host: 127.0.0.1, dashboard_address: ":0"}\n'
+    path.write_text("cores: 1\nmemory: 1GB\n" + scheduler + adapt)
+    monkeypatch.setenv("PATH", str(programs))
+    with pytest.raises(Avs3dError, match="sbatch is not installed here; run the command where jobs can be submitted"):
+        jobqueue.start_cluster("slurm", path, 4)
+    (programs / "sbatch").write_text("#!/bin/sh\necho 'sbatch: error: invalid account' >&2\nexit 1\n")
+    (programs / "sbatch").chmod(0o755)
+    with pytest.raises(Avs3dError, match=r"--jobqueue slurm: .*invalid account") as refused:
+        jobqueue.start_cluster("slurm", path, 4)
     assert "\n" not in str(refused.value)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
@@ -17,6 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.scheduling import supervised
 from avs3d_bench.scheduling.failures import FailureLog, read_failures
 from avs3d_bench.scheduling.ledger import Ledger, Next
 from avs3d_bench.scheduling.local import LocalScheduler
@@ -127,6 +129,21 @@ def test_a_hang_ends_at_the_limit_and_says_where_it_hung(child: Supervised, tmp_
     assert "_never_return" in found.traceback
     assert gone(hung)
     assert attempt(child, work.double, 1) == Done(2)
+
+
+def test_a_process_that_stops_in_the_middle_of_a_message_is_given_up(
+    child: Supervised, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(supervised, "_STALL", 1)
+    start = time.monotonic()
+    found = attempt(child, work.half_a_message)
+    assert time.monotonic() - start < 5.0
+    assert (found.cause, "middle of a message" in found.message) == ("crash", True)
+    assert attempt(child, work.double, 1) == Done(2)
+
+
+def test_a_message_of_many_lines_becomes_one(child: Supervised) -> None:
+    assert "first second" in attempt(child, work.verbose).message
 
 
 def test_ctrl_c_is_the_parents_business(child: Supervised) -> None:
@@ -339,6 +356,27 @@ def test_the_file_of_a_killed_process_is_taken_over(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+def test_the_file_of_another_user_is_named_though_it_cannot_be_opened(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(path: Path, *_: object) -> int:
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    with held(tmp_path) as other:
+        monkeypatch.setattr(os, "open", refuse)
+        with pytest.raises(Avs3dError, match=f"Permission denied.*user {other.user}"), held(tmp_path):
+            pass
+        monkeypatch.undo()
+
+
+def test_other_machines_can_read_who_holds_it_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # NFS sends what is written to the server when the file is closed, or with fsync.
+    sent: list[Path] = []
+    monkeypatch.setattr(os, "fsync", lambda handle: sent.append(Path(os.readlink(f"/proc/self/fd/{handle}"))))
+    with held(tmp_path):
+        assert sent == [tmp_path / ".avs3d-lock"]
+
+
 def test_of_many_who_come_at_once_one_at_a_time_holds_it(tmp_path: Path) -> None:
     code = (
         "import os, sys, time; from pathlib import Path\n"
@@ -364,7 +402,6 @@ def test_of_many_who_come_at_once_one_at_a_time_holds_it(tmp_path: Path) -> None
 
 
 def test_without_locks_in_the_file_system_the_file_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import errno
     import fcntl
 
     def none(*_: object) -> None:
@@ -433,6 +470,8 @@ def test_validate_minds_neither_the_lock_of_a_run_nor_its_failures(tmp_path: Pat
         ({"jobqueue": "slurm"}, ["--jobqueue", "--scheduler dask"]),
         ({"scheduler": "dask", "address": "tcp://a:1", "jobqueue": "slurm"}, ["--scheduler-address", "--jobqueue"]),
         ({"scheduler": "dask", "jobqueue": "pbs"}, ["--jobqueue-options"]),
+        ({"time_limit": float("nan")}, ["--time-limit nan", "0 for no limit"]),
+        ({"time_limit": float("inf")}, ["--time-limit inf", "0 for no limit"]),
         ({"scheduler": "dask", "jobqueue_options": Path("x.yaml")}, ["--jobqueue slurm|pbs|kubernetes"]),
     ],
 )

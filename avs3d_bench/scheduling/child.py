@@ -65,7 +65,8 @@ def _attempt(connection: Connection[Any, Any], work: bytes) -> tuple[str, Any]:
     except BaseException as error:
         if os.environ.get("AVS3D_DEBUG"):
             traceback.print_exc()
-        message = f"internal error: {type(error).__name__}: {error} (AVS3D_DEBUG=1 shows where; please report it)"
+        text = " ".join(str(error).split())  # one line, whatever a library says
+        message = f"internal error: {type(error).__name__}: {text} (AVS3D_DEBUG=1 shows where; please report it)"
         return "failed", ("error", message, traceback.format_exc())
 
 

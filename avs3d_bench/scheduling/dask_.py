@@ -7,14 +7,16 @@ the workers stop.
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import os
 import secrets
 import signal
 import threading
 import time
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from multiprocessing import resource_tracker
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, Self
@@ -37,8 +39,8 @@ _REFRESH = 3.0
 _EVENTS = 100.0
 #: How long workers may take to stop what is no longer wanted, seconds.
 _STOP = 10.0
-#: What the client's connection is given, seconds.
-_CONNECT = 20.0
+#: What a scheduler is given to answer: the first time, and later, seconds.
+_CONNECT, _ANSWER = 20.0, 10.0
 
 
 class DaskScheduler:
@@ -84,18 +86,17 @@ class DaskScheduler:
             if self._address is None:
                 with _deaf():
                     cluster = self._start(distributed)
-                stack.callback(_close, cluster)
+                    stack.callback(_close, cluster)
                 target: Any = cluster
             else:
                 target = self._address
+                _expect_scheduler(target)
             try:
                 client: Any = distributed.Client
-                self._client = stack.enter_context(client(target, timeout=_CONNECT, set_as_default=False))
-            except (OSError, ValueError) as error:  # ValueError: not an address
-                text = " ".join(str(error).split())
-                raise Avs3dError(
-                    f"--scheduler-address {self._address}: no Dask scheduler answers there ({text})"
-                ) from None
+                self._client = client(target, timeout=_CONNECT, set_as_default=False)
+            except OSError as error:
+                raise Avs3dError(f"{self._where}: its scheduler does not answer ({_line(error)})") from None
+            stack.callback(_close, self._client)
             self._stack = stack.pop_all()
         self.dashboard = str(self._client.dashboard_link or "")
         return self
@@ -160,7 +161,7 @@ class _Run:
         self._news: SimpleQueue[Any] = SimpleQueue()
         self._threads: dict[str, int] = {}
         self._looked = 0.0
-        self._waiting = False
+        self._waiting = self._silent = False
         client.subscribe_topic(TOPIC, self._news.put)
         client.subscribe_topic("all", self._news.put)
 
@@ -193,8 +194,16 @@ class _Run:
         self._looked = time.monotonic()
         if self._client.status not in ("running", "newly-created", "connecting"):
             raise self._lost()
-        with suppress(OSError, TimeoutError):
-            self._threads = dict(self._client.nthreads())
+        try:
+            self._threads = dict(_bounded(self._client, self._client.nthreads, _ANSWER))
+            self._silent = False
+        except TimeoutError:
+            if not self._silent:
+                self._listen(Event("note", "", f"{self._where}: its scheduler does not answer; waiting for it"))
+            self._silent = True
+        except OSError:  # the client tries to connect again, or gives up: its status tells
+            pass
+        else:
             if self._resources and self._threads:
                 workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
                 if not any(worker.get("resources", {}).get("GPU") for worker in workers):
@@ -251,15 +260,19 @@ class _Run:
 
     def _collect(self, ended: list[Any]) -> Generator[Success | Failure, None, None]:
         """Take what has ended off the cluster, all at once."""
-        done = [future for future in ended if future.status == "finished"]
-        values = dict(zip(done, self._client.gather(done), strict=True)) if done else {}
+        values = self._values([future for future in ended if future.status == "finished"])
         for future in ended:
             item = self._open.pop(future)
             if future in values:
                 self._ledger.done(item.task)
                 yield Success(item.task, values[future])
+            elif future.status in ("lost", "pending"):
+                # The worker was lost before its result was fetched: Dask has it made again.
+                self._open[future] = item
+                future.add_done_callback(self._news.put)
+                continue
             elif future.status == "error":
-                failed = _attempt_of(future.exception())
+                failed = self._attempt_of(future.exception())
                 given_up = list(self._ledger.failed(item, failed))
                 if not given_up:
                     self._listen(Event("retry", item.task.name, failed.message))
@@ -268,11 +281,39 @@ class _Run:
                 raise self._lost()
             future.release()
 
+    def _values(self, done: list[Any]) -> dict[Any, Any]:
+        """What finished tasks have returned; without those whose worker was lost meanwhile and that failed again."""
+        try:
+            return dict(zip(done, self._client.gather(done), strict=True)) if done else {}
+        except Exception:
+            if len(done) == 1:
+                return {}
+        return {future: value for each in done for future, value in self._values([each]).items()}
+
     def _tell(self, content: dict[str, Any]) -> None:
         if content.get("run") == self._name:
             self._listen(Event(content["kind"], content["name"], content["text"]))
         elif content.get("action") == "remove-worker" and not content.get("expected"):
             self._listen(Event("worker", "", f"{content.get('worker')} is lost; what it was at is made elsewhere"))
+
+    def _attempt_of(self, error: BaseException) -> Attempt:
+        """Whatever a Dask task ended with, as a failed attempt.
+
+        Raises:
+            Avs3dError: if the scheduler cannot read any task of this project.
+        """
+        if isinstance(error, AttemptError):
+            return error.attempt
+        last = getattr(error, "last_worker", None)
+        if last is not None:  # KilledWorker
+            message = "the workers it ran on were lost, one after another; is avs3d-bench installed there?"
+            return Attempt(str(getattr(last, "address", last)), "crash", message)
+        if "deserialization of the task graph" in str(error):
+            raise Avs3dError(
+                f"{self._where}: its scheduler cannot read the tasks; install the same avs3d-bench[cluster] on the "
+                "scheduler's machine as here, and start it again"
+            )
+        return Attempt("", "unfit", f"the cluster could not start it: {type(error).__name__}: {_line(error)}")
 
     def _lost(self) -> Avs3dError:
         return Avs3dError(f"{self._where}: its scheduler is gone; run the same command again to go on")
@@ -284,51 +325,101 @@ class _Run:
             self._client.unsubscribe_topic("all")
         if not self._open or self._client.status != "running":
             return
-        with suppress(Exception):  # the cluster may be going down as well
-            self._client.cancel(list(self._open), force=True)
+        deadline = time.monotonic() + _STOP
+        client, name = self._client, self._name
+        with suppress(Exception):  # the cluster may be going down as well, or some worker never answers
+            _bounded(client, lambda: client.cancel(list(self._open), force=True), _STOP)
             self._open.clear()
-            deadline = time.monotonic() + _STOP
-            while time.monotonic() < deadline and any(self._client.run(busy, self._name).values()):
+            while (left := deadline - time.monotonic()) > 0:
+                # A worker without this package says so, and has nothing of ours to end.
+                if not any(_bounded(client, lambda: client.run(busy, name, on_error="ignore"), left).values()):
+                    break
                 time.sleep(0.2)
 
 
-def _attempt_of(error: BaseException) -> Attempt:
-    """Whatever a Dask task ended with, as a failed attempt."""
-    if isinstance(error, AttemptError):
-        return error.attempt
-    line = " ".join(str(error).split())
-    last = getattr(error, "last_worker", None)
-    if last is not None:  # KilledWorker
-        return Attempt(
-            str(getattr(last, "address", last)), "crash", "the workers it ran on were lost, one after another"
+def _expect_scheduler(address: str) -> None:
+    """Ask who is at an address: Dask's own client waits for ever for one that accepts but never answers.
+
+    Raises:
+        Avs3dError: if it is no Dask scheduler.
+    """
+    import distributed
+
+    security: Any = distributed.Security
+    rpc: Any = distributed.core.rpc
+
+    async def ask() -> Any:
+        server = rpc(address, timeout=_CONNECT, connection_args=security().get_connection_args("client"))
+        try:
+            return await server.identity()
+        finally:
+            await server.close_rpc()
+
+    async def ask_in_time() -> Any:
+        return await asyncio.wait_for(ask(), _CONNECT)
+
+    try:
+        kind = asyncio.run(ask_in_time())["type"]
+    except Exception as error:  # no connection, no address, no certificate, another protocol
+        raise Avs3dError(
+            f"--scheduler-address {address}: no Dask scheduler answers there ({_line(error)}); "
+            "expected what `dask scheduler` prints, such as tcp://HOST:8786"
+        ) from None
+    if kind != "Scheduler":
+        raise Avs3dError(
+            f"--scheduler-address {address}: this is a Dask {kind.lower()}, expected the scheduler; "
+            "give the address that `dask scheduler` prints"
         )
-    return Attempt("", "unfit", f"a worker could not start it: {type(error).__name__}: {line}")
+
+
+def _bounded(client: Any, call: Callable[[], Any], seconds: float) -> Any:
+    """``call()``, a method of a client, for at most so many seconds.
+
+    Raises:
+        TimeoutError: if it takes longer.
+    """
+
+    async def ask() -> Any:
+        return await call()
+
+    return client.sync(ask, callback_timeout=seconds)
+
+
+def _line(error: BaseException) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
 
 
 @contextmanager
 def _deaf() -> Iterator[None]:
-    """Ignore Ctrl-C, and with this process all that are started meanwhile, for good.
+    """Put Ctrl-C off until the end; the processes that are started meanwhile never hear of it.
 
-    It reaches every process of a terminal, but only the first one decides what it means. (Dask's workers that take the
-    place of lost ones are made deaf by `on_worker.dask_setup`.)
+    It reaches every process of a terminal, but only the first one decides what it means. A blocked signal stays blocked
+    in the threads and processes that are started meanwhile. (Dask's workers that take the place of lost ones are made
+    deaf by `on_worker.dask_setup`.)
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    resource_tracker.ensure_running()  # starting it would unblock
+    heard: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: heard.append(number))
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
         signal.signal(signal.SIGINT, before)
+        if heard:
+            raise KeyboardInterrupt
 
 
 def _hush() -> None:
     """What Dask logs about lost connections, with tracebacks, this module says in a line."""
-    for name in list(logging.root.manager.loggerDict):
-        if name.partition(".")[0] == "distributed":
+    for name in ["asyncio", "tornado", *logging.root.manager.loggerDict]:
+        if name.partition(".")[0] in ("distributed", "asyncio", "tornado"):
             logging.getLogger(name).setLevel(_LEVEL)
 
 
-def _close(cluster: Any) -> None:
+def _close(what: Any) -> None:
     with suppress(Exception):  # what cannot be reached any more has ended
-        cluster.close(timeout=10)
+        what.close(timeout=_ANSWER)

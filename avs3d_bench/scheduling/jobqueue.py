@@ -8,6 +8,7 @@ maximum}, which lets the number of workers follow the work.
 from __future__ import annotations
 
 import inspect
+from contextlib import suppress
 from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
@@ -48,6 +49,9 @@ def read_options(path: Path) -> dict[str, Any]:
         and all(isinstance(value, int) and value >= 0 for value in adapt.values())
     ):
         raise UsageError(f"{path}: adapt: expected {{minimum: 0, maximum: 64}}, found {adapt!r:.60}")
+    walltime = document.get("walltime")
+    if walltime is not None and not isinstance(walltime, str):  # YAML reads 12:00:00 as the number 43200
+        raise UsageError(f'{path}: walltime: expected a text in quotes such as "12:00:00", found {walltime!r:.60}')
     return document
 
 
@@ -70,14 +74,47 @@ def start_cluster(kind: str, path: Path, workers: int) -> Any:
     cluster = make_cluster(kind, options, path)
     try:
         adapt = options.get(_ADAPT)
-        if adapt is None:
-            cluster.scale(workers)
-        else:
-            cluster.adapt(minimum=adapt.get("minimum", 0), maximum=adapt.get("maximum", workers))
+        # The first worker is asked for at once even where there may be none: so a queue that refuses is noticed.
+        _scale(cluster, workers if adapt is None else max(1, adapt.get("minimum", 0)))
+        if adapt is not None:
+            minimum = adapt.get("minimum", 0)
+            cluster.adapt(minimum=minimum, maximum=adapt.get("maximum", max(minimum, workers)))
+    except FileNotFoundError as error:
+        _close(cluster)
+        raise Avs3dError(
+            f"--jobqueue {kind}: {error.filename} is not installed here; run the command where jobs can be submitted"
+        ) from error
     except Exception as error:
-        cluster.close()
+        _close(cluster)
         raise Avs3dError(f"--jobqueue {kind}: {_line(error)}") from error
     return cluster
+
+
+def _scale(cluster: Any, workers: int) -> None:
+    """Ask for workers, and wait until the queue has taken or refused their jobs."""
+    from distributed import SpecCluster
+
+    spec_cluster: Any = SpecCluster
+    if not isinstance(cluster, spec_cluster):
+        cluster.scale(workers)
+        return
+
+    async def scale() -> None:
+        cluster.scale(workers)
+        await cluster._correct_state()  # what `scale` has only put in line; its errors reach nobody there
+
+    cluster.sync(scale)
+
+
+def _close(cluster: Any) -> None:
+    """Close a cluster, some of whose jobs the queue has refused; left as they are, Dask takes that for a mistake."""
+    from distributed import Status
+
+    for job in getattr(cluster, "workers", {}).values():
+        if job.status == Status.created:
+            job.status = Status.failed
+    with suppress(Exception):
+        cluster.close(timeout=10)
 
 
 def make_cluster(kind: str, options: dict[str, Any], path: Path) -> Any:

@@ -42,7 +42,7 @@ class LocalScheduler:
                     worker.start(item.task)
                     busy[worker] = item
                 limits = [left for worker in busy if (left := worker.remaining) is not None]
-                wait([worker.connection for worker in busy], min(_TICK, *limits, _TICK))
+                wait([worker.connection for worker in busy], min([_TICK, *limits]))
                 for worker, item in list(busy.items()):
                     while (found := worker.read()) is not None:
                         name = item.task.name

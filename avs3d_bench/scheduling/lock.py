@@ -70,13 +70,19 @@ def held(root: Path, what: str = "avs3d generate") -> Iterator[Holder]:
         root.mkdir(parents=True, exist_ok=True)
         handle = _hold(root, what)
     except OSError as error:
-        raise Avs3dError(f"{root}: cannot write there ({error.strerror}); choose another folder with -o") from error
+        held_by = _who(root)  # of another user, whose file we may not open
+        raise Avs3dError(
+            f"{root}: cannot write there ({error.strerror}); "
+            + (f"another {what} is at work in this folder{held_by}, or was killed; " if held_by else "")
+            + "choose another folder with -o"
+        ) from error
     path = root / layout.LOCK
     try:
         me = Holder.me()
         try:
             os.ftruncate(handle, 0)
             os.pwrite(handle, (json.dumps(asdict(me)) + "\n").encode(), 0)
+            os.fsync(handle)  # over NFS, others would see an empty file for half a minute
         except OSError as error:
             raise Avs3dError(os_error_line(error, root, "write")) from error
         yield me

@@ -108,6 +108,9 @@ def attempt(task: Task, terms: Terms) -> Any:
     slot, child = _NURSERY.take(terms)
     try:
         found = child.run(task, _reporter(worker, task.name, terms), wanted=wanted)
+    except OSError as error:  # no memory, or too many processes
+        message = f"{socket.gethostname()} could not start a process for it: {error.strerror or error}"
+        found = Attempt("", "unfit", message)
     finally:
         _NURSERY.give_back(terms, slot, child)
     if isinstance(found, Done):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -68,6 +69,8 @@ class Options:
             )
         if self.jobqueue_options is not None and self.jobqueue is None:
             raise UsageError(f"--jobqueue-options needs --jobqueue {'|'.join(KINDS)}")
+        if self.time_limit is not None and not math.isfinite(self.time_limit):
+            raise UsageError(f"--time-limit {self.time_limit}: expected seconds; 0 for no limit")
 
     @property
     def remote(self) -> bool:

@@ -11,6 +11,7 @@ import os
 import pickle
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import tempfile
@@ -25,6 +26,8 @@ from avs3d_bench.scheduling.tasks import Attempt, Task
 
 #: How long a process may take to write its stack before it is killed, and to end by itself, seconds.
 _GRACE = 0.5
+#: How long one may be stuck in the middle of a message to the other, seconds.
+_STALL = 5
 #: How much of a stack is kept, characters.
 _TRACE = 8000
 #: A task must be found wherever it was found here, the child's own program first of all. (Not by PYTHONPATH, which
@@ -161,23 +164,30 @@ class Supervised:
 
     def _spawn(self) -> None:
         self.kill()
+        trace = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
         ours, theirs = socket.socketpair()
+        for timeout in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):
+            ours.setsockopt(socket.SOL_SOCKET, timeout, struct.pack("ll", _STALL, 0))
+        connection: Connection[Any, Any] = Connection(ours.detach())
         end, lifeline = os.pipe()
-        self._trace = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
-        inherited = (theirs.fileno(), end, self._trace.fileno())
+        inherited = (theirs.fileno(), end, trace.fileno())
         try:
-            self._process = subprocess.Popen(
+            process = subprocess.Popen(
                 [sys.executable, "-c", _BOOT, json.dumps(sys.path), *map(str, inherited)],
                 stdin=subprocess.DEVNULL,
                 pass_fds=inherited,
                 start_new_session=True,
                 env=os.environ | self._environment,
             )
+        except BaseException:
+            trace.close()
+            connection.close()
+            os.close(lifeline)
+            raise
         finally:
             theirs.close()
             os.close(end)
-        self._lifeline = lifeline
-        self._connection: Connection[Any, Any] = Connection(ours.detach())
+        self._process, self._connection, self._lifeline, self._trace = process, connection, lifeline, trace
 
     def _died(self) -> Attempt | None:
         """The process is gone: a failed attempt, unless it had ended before it saw the task."""
@@ -193,7 +203,7 @@ class Supervised:
             self._send()
             return None
         if code is None:
-            message = "the worker process closed its connection"
+            message = "the worker process closed its connection, or stopped in the middle of a message"
         elif code < 0:
             number = signal.Signals(-code) if -code in set(signal.Signals) else None
             name = number.name if number else "unknown"
