@@ -34,6 +34,7 @@ def reporting(plans: tuple[ObservationPlan, ...]) -> Iterator[Callable[[tuple[st
     drawn: dict[str, int] = {}
     began = said = time.monotonic()
     ended = made = 0
+    to_make = sum(frames.values())
     with Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -44,7 +45,7 @@ def reporting(plans: tuple[ObservationPlan, ...]) -> Iterator[Callable[[tuple[st
         console=console,
         disable=not console.is_terminal,
     ) as bar:
-        task = bar.add_task("generating", total=sum(frames.values()))
+        task = bar.add_task("generating", total=to_make)
 
         def say(line: str) -> None:
             (bar.console if console.is_terminal else console).print(line, soft_wrap=True, markup=False)
@@ -63,7 +64,7 @@ def reporting(plans: tuple[ObservationPlan, ...]) -> Iterator[Callable[[tuple[st
             say(f"{ended} of {len(frames)} observations, {rate:.1f} frames/s, {left} left")
 
         def listen(event: tuple[str, str, str]) -> None:
-            nonlocal ended, made
+            nonlocal ended, made, to_make
             kind, key, text = event
             with lock:
                 if kind == "home":
@@ -79,8 +80,13 @@ def reporting(plans: tuple[ObservationPlan, ...]) -> Iterator[Callable[[tuple[st
                     drawn[key] = newest
                 elif kind in ("kept", "done", "failed"):
                     ended += 1
-                    made += frames[key] - drawn.get(key, 0) if kind == "done" else 0
-                    bar.advance(task, frames[key] - drawn.get(key, 0))
+                    rest = frames[key] - drawn.get(key, 0)
+                    if kind == "done":
+                        made += rest
+                        bar.advance(task, rest)
+                    else:  # nobody makes these frames now: counted as progress, they would spoil rate and time left
+                        to_make -= rest
+                        bar.update(task, total=to_make)
                     drawn[key] = frames[key]
                     mark = {"kept": "kept  ", "done": "done  ", "failed": "failed"}[kind]
                     say(f"{mark} {key}" + (f"  {text}" if text else ""))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import io
 import json
@@ -25,12 +26,14 @@ from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports import (
     decode_sample,
+    shards,
     waveform,
     write_card,
     write_croissant,
     write_huggingface,
     write_webdataset,
 )
+from avs3d_bench.exports.card import CardFacts, card_text, gather, hub_licence
 from avs3d_bench.exports.cli import export
 from avs3d_bench.exports.samples import Sample, samples_of
 from avs3d_bench.exports.shards import SHARDS_JSON, ShardIndex
@@ -226,6 +229,47 @@ def test_a_damaged_file_is_named(tmp_path: Path):
         write_webdataset(root, tmp_path / "out", workers=1)
 
 
+@pytest.mark.parametrize("kind", ["ours", "release"])
+def test_a_listed_frame_without_its_picture_is_no_export(tmp_path: Path, kind: str):
+    """It would come out one frame short, and nobody would know."""
+    write = tiny.write_dataset if kind == "ours" else tiny.write_release
+    root = write(tmp_path / "data")
+    (root / tiny.SINGLE / "input/frame_003.png").unlink()
+    with pytest.raises(Avs3dError, match=r"camera_splits\.json: lists frame_003, whose picture is missing"):
+        write_webdataset(root, tmp_path / "out", workers=1)
+    assert not (tmp_path / "out").exists()
+
+
+def test_halves_of_killed_runs_do_not_pile_up(ours: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    out, seen = tmp_path / "out", []
+    (out / ".partial").mkdir(parents=True)
+    half = out / ".partial/train-000000.tar.1"
+    half.write_bytes(b"half")
+    write = shards.write_shard
+
+    def watched(*given: Any) -> shards.ShardRecord:
+        seen.append(half.exists())
+        return write(*given)
+
+    monkeypatch.setattr(shards, "write_shard", watched)
+    write_webdataset(ours, out, workers=1)
+    assert seen == [False, False], "they are gone before anything is written"
+
+
+def test_an_index_names_nothing_outside_of_its_folder(ours: Path, tmp_path: Path):
+    """What an index lists and the plan does not is removed: only ever shards."""
+    write_webdataset(ours, tmp_path / "out", workers=1)
+    (tmp_path / "diary.txt").write_text("dear")
+    path = tmp_path / "out" / SHARDS_JSON
+    for name in ("../diary.txt", str(tmp_path / "diary.txt")):
+        data = media.read_json(path)
+        data["shards"][0]["file"] = name
+        path.write_text(json.dumps(data))
+        with pytest.raises(Avs3dError, match=r"shards\.json: .*file"):
+            write_webdataset(ours, tmp_path / "out", workers=1)
+    assert (tmp_path / "diary.txt").read_text() == "dear"
+
+
 def test_foreign_folders_are_left_alone(ours: Path, tmp_path: Path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine/diary.txt").write_text("dear")
@@ -407,6 +451,9 @@ def test_parquet_files_have_the_same_bytes_for_any_number_of_workers(ours: Path,
     write_huggingface(ours, tmp_path / "two", shard_mb=3, workers=2)
     assert tree(tmp_path / "one") == tree(tmp_path / "two")
     assert {"README.md", "observations.parquet", "data/train-00001-of-00002.parquet"} <= tree(tmp_path / "one").keys()
+    card = (tmp_path / "one/README.md").read_text(encoding="utf-8")
+    assert "`audio_clips_binaural/`" in card
+    assert "`audio_clips_mono/`" not in card, "the dataset has it, this export has not"
     (tmp_path / "one/data/train-00001-of-00002.parquet").write_bytes(b"")
     write_huggingface(ours, tmp_path / "one", shard_mb=3, workers=1)
     assert tree(tmp_path / "one") == tree(tmp_path / "two")
@@ -470,12 +517,12 @@ def test_records_of_the_release(release: Path, tmp_path: Path, mlc: Any):
     }  # fmt: skip
 
 
-def test_a_changed_dataset_json_is_noticed(ours: Path, tmp_path: Path, mlc: Any):
+def test_mlcroissant_notices_a_changed_dataset_json(ours: Path, tmp_path: Path, mlc: Any):
     path = croissant(ours, tmp_path / "data")
     file = path.parent / "dataset.json"
     tiny.replace(file, file.read_bytes() + b" ")
-    recorded = json.loads(path.read_text())["distribution"][0]
-    assert recorded["sha256"] != media.sha256_file(file)
+    with pytest.raises(mlc.GenerationError, match=r"dataset\.json"):
+        list(mlc.Dataset(str(path)).records("observations"))
 
 
 def test_the_description_names_licence_authors_and_paper(ours: Path, tmp_path: Path):
@@ -536,6 +583,35 @@ def test_the_card_counts_what_is_there(ours: Path, tmp_path: Path):
     assert f"| `input/`: RGB picture, 8 bit | 20 | {pictures / 1e6:,.1f} |" in body
 
 
+@pytest.mark.parametrize(
+    ("licence", "identifier"),
+    [
+        ("CC0-1.0", "cc0-1.0"),
+        ("CC-BY-NC-4.0 (the sound was computed with an engine for research)", "cc-by-nc-4.0"),
+        ("CC-BY-NC-4.0 (the sound); CC-BY-SA-4.0 asks for the same licence", "other"),
+        ("Apache-2.0; CC-BY-NC-4.0 forbids commercial use", "other"),
+        ("CC0-1.0 AND CC-BY-NC-4.0", "other"),
+        ("Apache-2.0 (homes) and CC-BY-NC-4.0 (sound)", "other"),
+        ("unknown", "other"),
+        ("", "other"),
+        (None, "other"),
+    ],
+)
+def test_a_licence_with_more_terms_is_not_shortened_to_its_first(licence: str | None, identifier: str):
+    assert hub_licence(licence) == identifier
+
+
+@pytest.mark.parametrize(
+    ("frames", "name"),
+    [(999, "n<1K"), (1000, "1K<n<10K"), (4080, "1K<n<10K"), (999_999, "100K<n<1M"), (12_000_000, "10M<n<100M")],
+)
+def test_sizes_are_those_the_hub_knows(ours: Path, frames: int, name: str):
+    facts = gather(Dataset(ours), [tiny.SINGLE])
+    one = dataclasses.replace(facts.observations[0], frames=frames)
+    head, _ = split_card(card_text(CardFacts(facts.name, facts.record, (one,), facts.sizes)))
+    assert head["size_categories"] == [name]
+
+
 def test_the_card_of_the_release_claims_no_licence(release: Path, tmp_path: Path):
     write_card(release, tmp_path / "README.md")
     head, body = split_card((tmp_path / "README.md").read_text(encoding="utf-8"))
@@ -563,7 +639,7 @@ def test_the_four_commands(ours: Path, tmp_path: Path, hub: Any):
     )
 
 
-def test_the_package_loads_without_its_extras():
+def test_the_package_loads_without_its_extras(ours: Path):
     code = """
 import sys
 class Block:
@@ -580,10 +656,11 @@ for use in (lambda: avs3d_bench.exports.AVS3DDataset, lambda: write_huggingface(
     except Avs3dError as error:
         print(error)
 """
-    root = ROOT / "tests"  # any folder: what is missing is said before it is looked at
     done = subprocess.run(
-        [sys.executable, "-c", code, str(root), "unused"], capture_output=True, text=True, cwd=ROOT, check=False
+        [sys.executable, "-c", code, str(ours), "unused"], capture_output=True, text=True, cwd=ROOT, check=False
     )
     assert done.returncode == 0, done.stderr
-    first = done.stdout.splitlines()[0]
-    assert first == "torch is not installed; this export needs it: pip install torch"
+    assert done.stdout.splitlines() == [
+        "torch is not installed; this export needs it: pip install torch",
+        "pyarrow is not installed; this export needs it: pip install 'avs3d-bench[exports]'",
+    ]

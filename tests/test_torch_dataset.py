@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import pickle
+import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from avs3d_bench.colmap import ColmapModel, read_model, write_model
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.taxonomy import CATEGORIES
@@ -76,6 +78,32 @@ def test_the_release_lacks_what_it_lacks(tmp_path: Path, style: str):
     np.testing.assert_allclose(item["camera_to_world"].numpy(), tiny.path_of()[8].matrix, atol=1e-6)
     with pytest.raises(Avs3dError, match=r"instance_masks: missing; load with instances=False"):
         AVS3DDataset(root, instances=True)
+
+
+def test_frames_that_colmap_did_not_register_collate_with_the_others(tmp_path: Path):
+    root = tiny.write_release(tmp_path / "release")
+    sparse = root / tiny.SINGLE / "sparse/0"
+    camera, poses = next(iter(read_model(sparse).cameras.values())), dict(enumerate(tiny.path_of()))
+    del poses[2]
+    names = [f"frame_{number:03d}.png" for number in poses]
+    none = np.empty(0, dtype=np.int64)
+    shutil.rmtree(sparse)
+    write_model(
+        sparse,
+        ColmapModel.from_poses(
+            camera, names, list(poses.values()), np.empty((0, 3)), np.empty((0, 3)), none, none, np.empty((0, 2))
+        ),
+    )
+    batch = next(iter(DataLoader(AVS3DDataset(root, "all"), batch_size=2 * tiny.FRAMES)))
+    unknown = batch["camera_to_world"].isnan().flatten(1).any(dim=1)
+    assert unknown.nonzero().flatten().tolist() == [2]
+
+
+def test_a_picture_that_is_listed_but_gone_is_named(tmp_path: Path):
+    root = tiny.write_dataset(tmp_path / "data")
+    (root / tiny.SINGLE / "input/frame_003.png").unlink()
+    with pytest.raises(Avs3dError, match=r"camera_splits\.json: lists frame_003, whose picture is missing"):
+        AVS3DDataset(root)
 
 
 def test_a_moving_source_is_where_it_is_at_the_frames_time(tmp_path: Path):
@@ -217,6 +245,7 @@ def test_a_clip_of_another_length_is_refused(tmp_path: Path):
         ({"split": "val"}, "expected one of train, test, all"),
         ({"only": ["part_7/*"]}, "none of 2 observations matches part_7"),
         ({"stack": 0}, "stack=0: expected a number of frames"),
+        ({"stack": 9}, "no stack of 9 frames in split train; expected at least one"),
     ],
 )
 def test_arguments_that_mean_nothing(ours: Path, options: dict[str, Any], message: str):

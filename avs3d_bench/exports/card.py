@@ -6,6 +6,7 @@ export. All numbers come from the observations' records; nothing is decoded.
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -32,6 +33,12 @@ _HUB_LICENCES = {
     "CC-BY-NC-4.0": "cc-by-nc-4.0",
     "CC-BY-NC-SA-4.0": "cc-by-nc-sa-4.0",
 }
+_ONE_LICENCE = re.compile(r"(\S+)( \([^()]*\))?")
+#: The Hub's classes of size: most frames, name.
+_SIZES = (
+    (10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M"), (10**7, "1M<n<10M"),
+    (10**8, "10M<n<100M"), (10**9, "100M<n<1B"),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -136,20 +143,24 @@ def card_text(facts: CardFacts, *, configs: Mapping[str, Mapping[str, str]] | No
 
 
 def hub_licence(licence: str | None) -> str:
-    """The Hub's identifier of a licence that starts with an SPDX name; ``other`` where it has none."""
-    return _HUB_LICENCES.get((licence or "").split(" ")[0], "other")
+    """The Hub's identifier of a licence; ``other`` where it has none, and where several sets of terms hold.
+
+    Args:
+        licence: an SPDX name, a remark in parentheses behind it or not; several are joined by ``;``, ``AND``, ….
+    """
+    single = _ONE_LICENCE.fullmatch(licence or "")
+    return _HUB_LICENCES.get(single[1], "other") if single else "other"
 
 
 def _front_matter(facts: CardFacts, configs: Mapping[str, Mapping[str, str]] | None) -> str:
     frames = sum(o.frames for o in facts.observations)
-    sizes = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))
     licence = facts.record.licence if facts.record else None
     head: dict[str, Any] = {
         "pretty_name": facts.name,
         "license": hub_licence(licence),
         "task_categories": ["image-segmentation"],
         "tags": ["audio-visual-segmentation", "3d", "binaural", "spatial-audio", "synthetic", "multi-view"],
-        "size_categories": [next((name for most, name in sizes if frames < most), "n>1M")],
+        "size_categories": [next((name for most, name in _SIZES if frames < most), "1B<n<10B")],
     }
     if head["license"] == "other":
         head |= {"license_name": "other", "license_details": licence or "see the publisher of the release"}
@@ -184,8 +195,8 @@ def _opening(facts: CardFacts) -> str:
         engines = ", ".join(f"{name} {version}" for name, version in sorted(facts.record.backends.items()))
         made = (
             f"\nRendered with {engines} by avs3d-bench {facts.record.toolkit_version}; the manifest "
-            f"(sha256 `{facts.record.manifest_sha256[:16]}…`) stands verbatim in `dataset.json`, and the same manifest "
-            "and engines give the same bytes."
+            f"(sha256 `{facts.record.manifest_sha256[:16]}…`) stands verbatim in the dataset's `dataset.json`, "
+            "and the same manifest and engines give the same bytes."
         )
     return (
         f"# {facts.name}{version}\n\n"

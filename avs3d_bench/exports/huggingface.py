@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -175,6 +176,7 @@ def write_huggingface(
     revision = f"huggingface 1, {versions}, {' '.join(wanted)}"
     style = Layout("huggingface", revision, _room, partial(write_parquet, wanted), _name)
     facts = gather(dataset, keys)
+    facts = replace(facts, sizes={name: size for name, size in facts.sizes.items() if name in (*KINDS, *wanted)})
     schema = _observation_features().arrow_schema
 
     def finish(target: Path, index: ShardIndex) -> None:

@@ -8,7 +8,8 @@ from typing import Any
 from avs3d_bench.errors import Avs3dError
 
 #: Package → what installs it.
-_WAYS = {"torch": "pip install torch", "datasets": "pip install 'avs3d-bench[exports]'"}
+_EXTRA = "pip install 'avs3d-bench[exports]'"
+_WAYS = {"torch": "pip install torch", "datasets": _EXTRA, "pyarrow": _EXTRA}
 
 
 def need(module: str) -> Any:

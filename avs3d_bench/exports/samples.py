@@ -163,7 +163,16 @@ def check_output(dataset: Dataset, output: str | Path) -> None:
 
 
 def frames_of(observation: Observation, split: SplitChoice) -> tuple[Frame, ...]:
-    """The observation's frames in a split, in the order of time."""
+    """The observation's frames in a split, in the order of time.
+
+    Raises:
+        Avs3dError: if the picture of a frame that camera_splits.json lists is missing.
+    """
+    lost = sorted(observation.splits.keys() - set(observation.frame_names))
+    if lost:
+        listed = f"{observation.path / layout.SPLITS_JSON}: lists {lost[0]}"
+        more = f" (and {len(lost) - 1} more)" if len(lost) > 1 else ""
+        raise Avs3dError(f"{listed}{more}, whose picture is missing; the dataset is not whole: see `avs3d validate`")
     return tuple(frame for frame in observation.frames if split in ("all", frame.split))
 
 

@@ -39,7 +39,7 @@ Count = Annotated[int, Field(ge=0)]
 class ShardRecord(Record):
     """One file of an export; ``plan`` is the sha256 of all that decides its contents."""
 
-    file: Text
+    file: Annotated[str, Field(pattern=r"^(data/)?[a-z]+-[0-9][0-9a-z.-]*$", description="below the folder")]
     split: Text
     samples: Count
     bytes: Count
@@ -251,6 +251,10 @@ def _under_way(folder: Path) -> Iterator[None]:
     except OSError as error:
         raise Avs3dError(os_error_line(error, folder, "write")) from error
     try:
+        for rest in partial_folder.iterdir():
+            # Halves that killed runs left: they would fill the disk, kill by kill.
+            if rest.name != "lock" and rest.suffix != ".json":
+                _remove(rest)
         yield
         shutil.rmtree(partial_folder, ignore_errors=True)
     finally:

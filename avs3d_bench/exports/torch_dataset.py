@@ -13,12 +13,12 @@ An item is a dictionary of tensors and texts that `default_collate` stacks:
 | `instance_ids`     | (H, W) int32, 0 = the home; asked for with ``instances=True``                       |
 | `depth`            | (H, W) float32 metres along the optical axis, 0 = nothing; with ``depth=True``      |
 | `intrinsics`       | (3, 3) float32, pixels                                                              |
-| `camera_to_world`  | (4, 4) float32, metres; the camera looks down −Z, Y up                              |
+| `camera_to_world`  | (4, 4) float32, metres; the camera looks down −Z, Y up; NaN if not registered       |
 | `source_position`  | (3,) float32, world, metres, at the frame's time                                    |
 | `azimuth`, `elevation`, `distance` | () float32, of the source: degrees (azimuth positive right), metres |
 | `visible_pixels`, `sounding_instance`, `category_index` | () int64; the category is one of `CATEGORIES`  |
 | `category`, `key`, `frame`, `split` | text                                                               |
-| `frame_index`, `item` | () int64: the frame's number; the item's place in this dataset                   |
+| `frame_index`, `item` | int, collated int64: the frame's number; the item's place in this dataset        |
 
 What the dataset does not know is absent: the official release has neither category, source nor instance ids. With
 ``stack=k`` an item is k consecutive frames of one observation and every value gains a leading dimension (texts become
@@ -65,6 +65,7 @@ _NUMBERS = {
     "visible_pixels": np.int64,
     "sounding_instance": np.int64,
 }
+_NO_POSE = [[float("nan")] * 4] * 4
 _TEXTS = ("category", "key", "frame", "split")
 
 
@@ -166,7 +167,7 @@ class AVS3DDataset(_TorchDataset[Item]):
                 at the end of an observation is dropped.
 
         Raises:
-            UsageError: if an argument asks for something that does not exist.
+            UsageError: if an argument asks for something that does not exist, or no item is left.
             Avs3dError: if the dataset lacks what was asked for.
         """
         self.split, self.transform, self.stack = check_split(split), transform, stack
@@ -190,6 +191,9 @@ class AVS3DDataset(_TorchDataset[Item]):
             self._places.append(places)
             size = stack or 1
             self._windows += [places[at : at + size] for at in range(0, len(places) - size + 1, size)]
+        if not self._windows:
+            what = "frame" if stack is None else f"stack of {stack} frames"
+            raise UsageError(f"{root}: no {what} in split {split}; expected at least one")
 
     def __len__(self) -> int:
         """Number of items."""
@@ -257,6 +261,9 @@ def _facts(observation: Observation, places: Sequence[_Place]) -> _Facts:
     # Not the frames that lie there now: a file that has vanished since is named when it is read.
     frames = [Frame(observation, place.name, place.index) for place in places]
     table = [frame_facts(frame) for frame in frames]
+    for facts in table:
+        # An observation with a frame that COLMAP did not register has the same keys as the others in its batch.
+        facts["camera_to_world"] = facts["camera_to_world"] or _NO_POSE
     numbers = {
         name: np.array([facts[name] for facts in table], dtype=kind)
         for name, kind in _NUMBERS.items()

@@ -9,7 +9,7 @@
 
     import webdataset
     from avs3d_bench.exports import decode_sample
-    frames = webdataset.WebDataset("shards/train-{000000..000011}.tar", shardshuffle=12).map(decode_sample)
+    frames = webdataset.WebDataset("shards/train-{000000..000011}.tar", shardshuffle=12).shuffle(500).map(decode_sample)
 
 Files are stored as they are. Owner, group and times are 0, so that the same frames give the same bytes; names that
 USTAR cannot hold get a PAX header.
