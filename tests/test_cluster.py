@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -369,7 +370,7 @@ worker_extra_args: ["--lifetime", "7h30m"]
 def test_the_job_of_a_slurm_cluster_is_what_the_file_says(tmp_path: Path) -> None:
     pytest.importorskip("dask_jobqueue", reason="dask-jobqueue is not installed; it is in the cluster extra")
     path = tmp_path / "slurm.yaml"
-    path.write_text(SLURM + "adapt: {minimum: 0, maximum: 64}\n")
+    path.write_text(SLURM)
     options = jobqueue.read_options(path) | {"scheduler_options": {"host": "127.0.0.1", "dashboard_address": ":0"}}
     cluster = jobqueue.make_cluster("slurm", options, path)
     try:
@@ -391,7 +392,7 @@ def test_the_job_of_a_slurm_cluster_is_what_the_file_says(tmp_path: Path) -> Non
         ("pbs", "cores: 4\n", ["memory", "PBSCluster"]),
         ("slurm", "- cores\n", ["expected a mapping"]),
         ("slurm", "cores: [\n", ["not valid YAML"]),
-        ("slurm", "cores: 1\nmemory: 1GB\nadapt: yes\n", ["adapt", "minimum"]),
+        ("slurm", "cores: 1\nmemory: 1GB\nadapt: {maximum: 8}\n", ["unknown option 'adapt'", "expected one of"]),
         ("slurm", "cores: 1\nmemory: 1GB\nwalltime: 12:00:00\n", ["walltime", "in quotes", "43200"]),
     ],
 )
@@ -406,15 +407,12 @@ def test_a_wrong_option_is_one_line(tmp_path: Path, kind: str, text: str, words:
     assert "\n" not in str(refused.value)
 
 
-@pytest.mark.parametrize("adapt", ["", "adapt: {maximum: 8}\n"])
-def test_a_queue_that_refuses_or_is_not_here_is_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, adapt: str
-) -> None:
+def test_a_queue_that_refuses_or_is_not_here_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("dask_jobqueue", reason="dask-jobqueue is not installed; it is in the cluster extra")
     programs, path = tmp_path / "bin", tmp_path / "slurm.yaml"
     programs.mkdir()
     scheduler = 'scheduler_options: {host: 127.0.0.1, dashboard_address: ":0"}\n'
-    path.write_text("cores: 1\nmemory: 1GB\n" + scheduler + adapt)
+    path.write_text("cores: 1\nmemory: 1GB\n" + scheduler)
     monkeypatch.setenv("PATH", str(programs))
     with pytest.raises(Avs3dError, match="sbatch is not installed here; run the command where jobs can be submitted"):
         jobqueue.start_cluster("slurm", path, 4)
@@ -423,6 +421,70 @@ def test_a_queue_that_refuses_or_is_not_here_is_one_line(
     with pytest.raises(Avs3dError, match=r"--jobqueue slurm: .*invalid account") as refused:
         jobqueue.start_cluster("slurm", path, 4)
     assert "\n" not in str(refused.value)
+
+
+#: A queue for one machine: a job is a process group, its number that of its leader.
+QUEUE = {
+    "sbatch": (
+        'cp "$1" "$0.$$"; setsid sh "$0.$$" >"$0.$$.log" 2>&1 & echo Submitted batch job $!; echo $! >> "$0.jobs"'
+    ),
+    "squeue": 'for job in $(echo "$4" | tr , " "); do kill -0 "$job" 2>/dev/null && echo "$job"; done; true',
+    "scancel": 'for job in "$@"; do kill -KILL "-$job" 2>/dev/null; done; true',
+}
+
+
+@pytest.fixture
+def queue(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The file of the jobs that were submitted to a queue of our own, whose programs have Slurm's names."""
+    pytest.importorskip("dask_jobqueue", reason="dask-jobqueue is not installed; it is in the cluster extra")
+    programs = tmp_path / "queue"
+    programs.mkdir()
+    for name, script in QUEUE.items():
+        (programs / name).write_text(f"#!/bin/sh\n{script}\n")
+        (programs / name).chmod(0o755)
+    monkeypatch.setenv("PATH", str(programs), prepend=os.pathsep)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setattr(dask_, "_ASK", 0.5)
+    jobs = programs / "sbatch.jobs"
+    yield jobs
+    for job in jobs.read_text().split() if jobs.exists() else []:
+        subprocess.run([programs / "scancel", job], check=False)
+
+
+def queue_options(folder: Path, *lines: str) -> Path:
+    path = folder / "slurm.yaml"
+    scheduler = 'scheduler_options: {host: 127.0.0.1, dashboard_address: ":0"}'
+    path.write_text("\n".join(["cores: 2", "processes: 2", "memory: 2GB", "interface: lo", scheduler, *lines, ""]))
+    return path
+
+
+def test_a_job_that_the_queue_ends_is_submitted_again(queue: Path, tmp_path: Path) -> None:
+    events = list[Event]()
+    tasks = [Task(name, work.hang, (tmp_path / name, 1)) for name in "ab"]  # the first attempt of each never ends
+    with DaskScheduler(2, jobqueue="slurm", jobqueue_options=queue_options(tmp_path)) as cluster:
+        run = cluster.run(tasks, Policy(), events.append)
+
+        def end_the_job() -> None:
+            waited(lambda: all((tmp_path / name).is_dir() and list((tmp_path / name).iterdir()) for name in "ab"))
+            subprocess.run(["scancel", queue.read_text().strip()], check=True)
+
+        threading.Thread(target=end_the_job, daemon=True).start()
+        assert [type(result) for result in run] == [Success, Success]
+    assert len(queue.read_text().split()) == 2
+    assert "1 job has ended before the work; submitted again" in [event.text for event in events]
+    waited(
+        lambda: subprocess.run(["squeue", "-", "-", "-", queue.read_text().strip()], capture_output=True).stdout == b""
+    )
+
+
+def test_jobs_that_never_bring_a_worker_end_the_run(queue: Path, tmp_path: Path) -> None:
+    options = queue_options(tmp_path, 'job_script_prologue: ["exit 1"]')
+    with (
+        DaskScheduler(4, jobqueue="slurm", jobqueue_options=options) as cluster,
+        pytest.raises(Avs3dError, match="its jobs have ended, and no worker is left; their logs"),
+    ):
+        list(cluster.run([Task("a", work.nothing, ())], Policy(), lambda _: None))
+    assert len(queue.read_text().split()) == 2
 
 
 @pytest.mark.parametrize(

@@ -22,19 +22,22 @@ from queue import Empty, SimpleQueue
 from typing import Any, Self
 
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.scheduling.jobqueue import start_cluster
+from avs3d_bench.scheduling.jobqueue import Jobs, start_cluster
 from avs3d_bench.scheduling.ledger import Ledger, Next
 from avs3d_bench.scheduling.on_worker import TOPIC, AttemptError, Terms, attempt, busy
 from avs3d_bench.scheduling.tasks import Attempt, Event, Failure, Listener, Policy, Success, Task
 
 #: Of what Dask logs, this and worse is shown.
 _LEVEL = logging.INFO if os.environ.get("AVS3D_DEBUG") else logging.CRITICAL
-#: Submitted tasks per slot of the cluster, and the least of them.
-_WINDOW, _LEAST = 2, 16
+#: Submitted tasks per slot of the cluster: a worker that is done has the next one at hand. Not where fewer tasks are
+#: left than this leaves for workers that are still to come: what Dask has given to a worker stays there.
+_WINDOW = 2
 #: How many other workers a task may choose from when it is tried again.
 _ELSEWHERE = 32
 #: Between two looks at how many workers there are, seconds.
 _REFRESH = 3.0
+#: Between two questions to a job queue about its jobs, seconds.
+_ASK = 10.0
 #: Events a second that all workers together may send, about.
 _EVENTS = 100.0
 #: How long workers may take to stop what is no longer wanted, seconds.
@@ -70,6 +73,7 @@ class DaskScheduler:
         self._gpus = gpus
         self._stack = ExitStack()
         self._where = address or "the local Dask cluster"
+        self._jobs: Jobs | None = None
 
     def __enter__(self) -> Self:
         try:
@@ -105,7 +109,9 @@ class DaskScheduler:
         if self._jobqueue is not None:
             assert self._jobqueue_options is not None
             self._where = f"the cluster of --jobqueue {self._jobqueue}"
-            return start_cluster(self._jobqueue, self._jobqueue_options, self._workers)
+            cluster = start_cluster(self._jobqueue, self._jobqueue_options, self._workers)
+            self._jobs = Jobs(self._jobqueue, cluster)
+            return cluster
         # Threads of one process, where each takes a device; else processes. Memory is used in the supervised processes,
         # which Dask does not watch.
         shape = (
@@ -131,9 +137,13 @@ class DaskScheduler:
 
         Raises:
             UsageError: if tasks need GPUs and no worker offers any.
-            Avs3dError: if the scheduler of the cluster is lost.
+            Avs3dError: if the scheduler of the cluster is lost, or all its jobs have ended.
         """
-        run = _Run(self._client, tasks, policy, listen, gpus=self._gpus, where=self._where)
+        # Of a cluster that runs, all are there; one that is started here has its workers come one by one.
+        wanted = self._workers if self._address is None else 0
+        run = _Run(
+            self._client, tasks, policy, listen, gpus=self._gpus, where=self._where, wanted=wanted, jobs=self._jobs
+        )
         if self.dashboard:
             listen(Event("note", "", f"Dask's dashboard: {self.dashboard}"))
         try:
@@ -146,15 +156,27 @@ class _Run:
     """One call of `DaskScheduler.run`."""
 
     def __init__(
-        self, client: Any, tasks: Sequence[Task], policy: Policy, listen: Listener, *, gpus: bool, where: str
+        self,
+        client: Any,
+        tasks: Sequence[Task],
+        policy: Policy,
+        listen: Listener,
+        *,
+        gpus: bool,
+        where: str,
+        wanted: int,
+        jobs: Jobs | None,
     ) -> None:
         self._client = client
         self._listen = listen
         self._where = where
+        self._wanted = wanted
+        self._jobs = jobs
+        self._asked = time.monotonic()
         self._resources = {"GPU": 1} if gpus else None
         self._name = secrets.token_hex(6)
         self._policy = policy
-        self._ledger = Ledger(tasks, retries=policy.retries, ahead=_LEAST)
+        self._ledger = Ledger(tasks, retries=policy.retries, ahead=1)
         self._open: dict[Any, Next] = {}
         self._bound: dict[Any, list[str]] = {}
         self._submitted = 0
@@ -212,14 +234,37 @@ class _Run:
                     )
         self._unbind()
         slots = sum(self._threads.values())
-        self._ledger.ahead = max(_LEAST, _WINDOW * slots)
+        self._ledger.ahead = max(1, _WINDOW * slots)
         if not slots and not self._waiting:
             self._listen(Event("note", "", f"{self._where} has no workers yet; waiting for the first"))
         self._waiting = not slots
+        self._look_at_jobs(slots)
+
+    def _look_at_jobs(self, slots: int) -> None:
+        """Have jobs that the queue has ended replaced, now and then.
+
+        Raises:
+            Avs3dError: if there is nothing left to wait for.
+        """
+        if self._jobs is None:
+            return
+        self._jobs.see()
+        if time.monotonic() - self._asked < _ASK:
+            return
+        self._asked = time.monotonic()
+        replaced, hopeless = self._jobs.mend()
+        if replaced:
+            plural = "job has" if replaced == 1 else "jobs have"
+            self._listen(Event("note", "", f"{replaced} {plural} ended before the work; submitted again"))
+        if hopeless and not slots:
+            raise Avs3dError(
+                f"{self._where}: its jobs have ended, and no worker is left; their logs (log_directory) say why; "
+                "run the same command again to go on"
+            )
 
     def _submit(self) -> None:
         slots = sum(self._threads.values())
-        window = max(_LEAST, _WINDOW * slots)
+        window = (_WINDOW if self._ledger.left > _WINDOW * max(slots, self._wanted) else 1) * slots
         terms = Terms(self._name, self._policy.environment, max(1.0, slots / _EVENTS))
         while len(self._open) < window and (item := self._ledger.take()):
             task = item.task

@@ -1,13 +1,17 @@
 """A Dask cluster started through a job queue, from options in a YAML file.
 
 The options are the arguments of the cluster's own class (`dask_jobqueue.SLURMCluster`, `dask_jobqueue.PBSCluster`,
-`dask_kubernetes.operator.KubeCluster`), by the names that its documentation gives them, and ``adapt``: {minimum,
-maximum}, which lets the number of workers follow the work.
+`dask_kubernetes.operator.KubeCluster`), by the names that its documentation gives them.
+
+Dask's own adaptive scaling is not offered: it guesses the work from durations that it has not seen yet, closes workers
+that are busy with long tasks, and starts and cancels jobs of several processes in turn for ever when there is work for
+one process only. `Jobs` replaces jobs that the queue has ended instead.
 """
 
 from __future__ import annotations
 
 import inspect
+import subprocess
 from contextlib import suppress
 from difflib import get_close_matches
 from importlib import import_module
@@ -24,7 +28,8 @@ KINDS = {
     "pbs": ("dask_jobqueue", "PBSCluster", "dask-jobqueue"),
     "kubernetes": ("dask_kubernetes.operator", "KubeCluster", "dask-kubernetes"),
 }
-_ADAPT = "adapt"
+#: What prints those of some jobs that have not ended; their numbers, joined by commas, are appended.
+_LIST = {"slurm": ("squeue", "--noheader", "--format=%i", "--jobs")}
 
 
 def read_options(path: Path) -> dict[str, Any]:
@@ -42,13 +47,6 @@ def read_options(path: Path) -> dict[str, Any]:
         raise UsageError(f"{path}: not valid YAML: {getattr(error, 'problem', None) or error}") from None
     if not isinstance(document, dict) or not all(isinstance(name, str) for name in document):
         raise UsageError(f"{path}: expected a mapping such as {{cores: 16, memory: 64GB}}, found {document!r:.60}")
-    adapt = document.get(_ADAPT)
-    if adapt is not None and not (
-        isinstance(adapt, dict)
-        and set(adapt) <= {"minimum", "maximum"}
-        and all(isinstance(value, int) and value >= 0 for value in adapt.values())
-    ):
-        raise UsageError(f"{path}: adapt: expected {{minimum: 0, maximum: 64}}, found {adapt!r:.60}")
     walltime = document.get("walltime")
     if walltime is not None and not isinstance(walltime, str):  # YAML reads 12:00:00 as the number 43200
         raise UsageError(f'{path}: walltime: expected a text in quotes such as "12:00:00", found {walltime!r:.60}')
@@ -61,7 +59,7 @@ def start_cluster(kind: str, path: Path, workers: int) -> Any:
     Args:
         kind: one of `KINDS`.
         path: the YAML file.
-        workers: worker processes to ask for, unless the file has ``adapt``.
+        workers: worker processes to ask for.
 
     Returns:
         the cluster; it has ``scheduler_address`` and ``close()``.
@@ -70,15 +68,9 @@ def start_cluster(kind: str, path: Path, workers: int) -> Any:
         UsageError: if an option is unknown or one is missing.
         Avs3dError: if the package is not installed, or the queue refuses.
     """
-    options = read_options(path)
-    cluster = make_cluster(kind, options, path)
+    cluster = make_cluster(kind, read_options(path), path)
     try:
-        adapt = options.get(_ADAPT)
-        # The first worker is asked for at once even where there may be none: so a queue that refuses is noticed.
-        _scale(cluster, workers if adapt is None else max(1, adapt.get("minimum", 0)))
-        if adapt is not None:
-            minimum = adapt.get("minimum", 0)
-            cluster.adapt(minimum=minimum, maximum=adapt.get("maximum", max(minimum, workers)))
+        _scale(cluster, workers)
     except FileNotFoundError as error:
         _close(cluster)
         raise Avs3dError(
@@ -88,6 +80,67 @@ def start_cluster(kind: str, path: Path, workers: int) -> Any:
         _close(cluster)
         raise Avs3dError(f"--jobqueue {kind}: {_line(error)}") from error
     return cluster
+
+
+class Jobs:
+    """The jobs of a cluster as the queue knows them.
+
+    A job whose workers cannot start, or whose time is over, is gone without a word to Dask. Queues that cannot be asked
+    (`_LIST`) are taken to keep their jobs.
+    """
+
+    def __init__(self, kind: str, cluster: Any) -> None:
+        self._cluster = cluster
+        self._list = _LIST.get(kind)
+        self._worked: set[str] = set()
+
+    def see(self) -> None:
+        """Note which jobs have workers. To be called often: what is never seen to work is not replaced."""
+        # The workers of a job are called like the job, with a number where there are several.
+        named = {str(worker["name"]) for worker in dict(self._cluster.scheduler_info["workers"]).values()}
+        self._worked |= named | {name.rpartition("-")[0] for name in named}
+
+    def mend(self) -> tuple[int, bool]:
+        """Submit another job for every one that has ended after its workers had come.
+
+        Returns:
+            how many were replaced, and whether neither a job nor hope is left.
+        """
+        if self._list is None:
+            return 0, False
+        jobs = {name: str(job.job_id) for name, job in dict(self._cluster.workers).items()}
+        standing = self._standing(list(jobs.values()))
+        if standing is None:
+            return 0, False
+        ended = [name for name, job in jobs.items() if job not in standing]
+        again = [name for name in ended if name in self._worked]
+        if again:
+            try:
+                self._cluster.sync(self._replace, again)
+            except Exception:  # the queue takes no more now: asked again later, as long as any job stands
+                again = []
+        return len(again), len(ended) == len(jobs) and not again
+
+    def _standing(self, jobs: list[str]) -> set[str] | None:
+        """Those of ``jobs`` that wait or run; None if the queue does not say."""
+        assert self._list is not None
+        command = [*self._list, ",".join(jobs)]
+        try:
+            listed = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+        except (OSError, subprocess.TimeoutExpired):
+            return None
+        # Slurm forgets jobs some minutes after their end; a number that it does not know any more is no mistake then.
+        if listed.returncode != 0 and "Invalid job id" not in listed.stderr:
+            return None
+        return set(listed.stdout.split())
+
+    async def _replace(self, names: list[str]) -> None:
+        cluster = self._cluster
+        for name in names:
+            cluster.worker_spec.update(cluster.new_worker_spec())  # before the old name is free, to get another
+            cluster.worker_spec.pop(name, None)
+            cluster.workers.pop(name, None)
+        await cluster._correct_state()
 
 
 def _scale(cluster: Any, workers: int) -> None:
@@ -127,15 +180,14 @@ def make_cluster(kind: str, options: dict[str, Any], path: Path) -> Any:
             raise
         extra = "'avs3d-bench[cluster]'" if package == "dask-jobqueue" else package
         raise Avs3dError(f"--jobqueue {kind} needs {package}: pip install {extra}") from None
-    given = {name: value for name, value in options.items() if name != _ADAPT}
     known = _parameters(found)
-    for option in given:
+    for option in options:
         if option not in known:
             near = get_close_matches(option, known, n=1)
             hint = f"; did you mean {near[0]!r}?" if near else f"; expected one of {', '.join(sorted(known))}"
             raise UsageError(f"{path}: unknown option {option!r} of {name}{hint}")
     try:
-        return found(**given)
+        return found(**options)
     except (ValueError, TypeError) as error:
         raise UsageError(f"{path}: {_line(error)}") from error
     except Exception as error:

@@ -44,6 +44,11 @@ class Ledger:
         self._open = len(tasks)
 
     @property
+    def left(self) -> int:
+        """How many tasks are neither done nor given up."""
+        return self._open
+
+    @property
     def finished(self) -> bool:
         """Whether every task is done or given up."""
         return self._open == 0
