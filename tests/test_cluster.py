@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +82,14 @@ def cluster_of(folder: Path, *workers: list[str], scheduler: list[str] = SCHEDUL
     ]
     log = (folder / "log").open("w")
     running = [
-        subprocess.Popen([*program, "--scheduler-file", file], stdout=log, stderr=log, env=environment, cwd=folder)
+        subprocess.Popen(
+            [*program, "--scheduler-file", file],
+            stdout=log,
+            stderr=log,
+            env=environment,
+            cwd=folder,
+            start_new_session=True,
+        )
         for program in programs
     ]
     try:
@@ -92,7 +99,11 @@ def cluster_of(folder: Path, *workers: list[str], scheduler: list[str] = SCHEDUL
         for program in reversed(running):
             program.terminate()
         for program in running:
-            program.wait(timeout=20)
+            with suppress(subprocess.TimeoutExpired):  # Dask's nannies may wait long for a scheduler that is gone
+                program.wait(timeout=10)
+            with suppress(ProcessLookupError):
+                os.killpg(program.pid, signal.SIGKILL)
+            program.wait()
         log.close()
 
 
@@ -138,6 +149,11 @@ def test_a_worker_killed_in_the_middle_is_made_up_for(manifest: Path, plain: dic
     assert tree_digest(root) == plain
 
 
+def hearing() -> None:
+    """A shell's background jobs, and all that they start, ignore Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def test_ctrl_c_stops_the_cluster_and_leaves_nothing_half_written(
     manifest: Path, plain: dict[str, str], tmp_path: Path
 ) -> None:
@@ -148,6 +164,7 @@ def test_ctrl_c_stops_the_cluster_and_leaves_nothing_half_written(
         stderr=subprocess.STDOUT,
         text=True,
         start_new_session=True,
+        preexec_fn=hearing,
     )
     waited(lambda: next(root.glob("part_*/*/*/.*.partial/input/frame_001.png"), None))
     os.killpg(run.pid, signal.SIGINT)
