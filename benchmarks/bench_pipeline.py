@@ -49,9 +49,9 @@ def timed_engines(spent: dict[str, float]) -> Iterator[None]:
 
         return opened
 
-    def backend(make: Callable[[str], Any], method: str, name: str) -> Callable[[str], Any]:
-        def made(which: str) -> Any:
-            engine = make(which)
+    def backend(make: Callable[..., Any], method: str, name: str) -> Callable[..., Any]:
+        def made(*args: Any, **kwargs: Any) -> Any:
+            engine = make(*args, **kwargs)
             engine_open = session(engine.open, method, name)
             return _Proxy(engine, engine_open)
 
