@@ -29,9 +29,9 @@ from avs3d_bench.scheduling.tasks import Attempt, Event, Failure, Listener, Poli
 
 #: Of what Dask logs, this and worse is shown.
 _LEVEL = logging.INFO if os.environ.get("AVS3D_DEBUG") else logging.CRITICAL
-#: Submitted tasks per slot of the cluster: a worker that is done has the next one at hand. Not where fewer tasks are
-#: left than this leaves for workers that are still to come: what Dask has given to a worker stays there.
-_WINDOW = 2
+#: Submitted tasks per slot of the cluster, and the least of them: a worker that is done has the next one at hand. Not
+#: where fewer tasks are left than workers may still come: what Dask has given to a worker stays there.
+_WINDOW, _LEAST = 2, 16
 #: How many other workers a task may choose from when it is tried again.
 _ELSEWHERE = 32
 #: Between two looks at how many workers there are, seconds.
@@ -264,7 +264,9 @@ class _Run:
 
     def _submit(self) -> None:
         slots = sum(self._threads.values())
-        window = (_WINDOW if self._ledger.left > _WINDOW * max(slots, self._wanted) else 1) * slots
+        window = slots
+        if slots and self._ledger.left > max(_LEAST, _WINDOW * max(slots, self._wanted)):
+            window = max(_LEAST, _WINDOW * slots)
         terms = Terms(self._name, self._policy.environment, max(1.0, slots / _EVENTS))
         while len(self._open) < window and (item := self._ledger.take()):
             task = item.task
