@@ -19,7 +19,7 @@ from pathlib import Path
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import os_error_line
 
-#: What file systems without locks answer (some of clusters and networks); there, nobody is kept out.
+#: What file systems without locks answer (some of clusters and networks).
 _NO_LOCKS = (errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK)
 #: How often to try again when the last holder clears away what we are about to lock.
 _TRIES = 20
@@ -84,7 +84,7 @@ def hold(partial: Path, path: str | Path) -> int:
         except FileNotFoundError:
             continue
         try:
-            if not _locked(handle):
+            if try_lock(handle) is False:  # without locks, two writers of one folder are not kept apart
                 holder = os.read(handle, 200).decode(errors="replace").strip() or "another process"
                 raise Avs3dError(f"{path}: {holder} is writing it; wait for that to end or choose another folder")
             # The last holder may have removed the file between our opening and locking it.
@@ -99,11 +99,17 @@ def hold(partial: Path, path: str | Path) -> int:
     raise Avs3dError(f"{path}: others keep writing it; choose another folder")
 
 
-def _locked(handle: int) -> bool:
-    """Lock an open file for this process alone, without waiting; False if another holds it."""
+def try_lock(handle: int) -> bool | None:
+    """Lock an open file for this process alone (flock), without waiting.
+
+    Returns:
+        True: locked until it is closed or the process ends; False: another holds it; None: there are no locks here.
+
+    Raises:
+        OSError: if the system refuses for another reason.
+    """
     if sys.platform == "win32":
-        # No such locks: two writers of one folder are not kept apart there.
-        return True
+        return None
     import fcntl
 
     try:
@@ -113,4 +119,5 @@ def _locked(handle: int) -> bool:
     except OSError as error:
         if error.errno not in _NO_LOCKS:
             raise
+        return None
     return True

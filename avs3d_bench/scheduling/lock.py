@@ -7,7 +7,6 @@ and taken over where a killed one has left it. Where a file system has no such l
 
 from __future__ import annotations
 
-import errno
 import getpass
 import json
 import os
@@ -25,9 +24,8 @@ from typing import Any
 from avs3d_bench import layout
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import os_error_line
+from avs3d_bench.staging import try_lock
 
-#: What file systems without locks answer.
-_NO_LOCKS = (errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK)
 #: How often to try again when a holder removes the file that we are about to lock.
 _TRIES = 50
 
@@ -121,19 +119,8 @@ def _hold(root: Path, what: str) -> int:
 
 
 def _lock(handle: int, root: Path) -> bool:
-    if sys.platform == "win32":
-        return not _said_to_be_held(root)
-    import fcntl
-
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError as error:
-        if error.errno not in _NO_LOCKS:
-            raise
-        return not _said_to_be_held(root)
-    return True
+    locked = try_lock(handle)
+    return not _said_to_be_held(root) if locked is None else locked
 
 
 def _said_to_be_held(root: Path) -> bool:
