@@ -10,9 +10,11 @@ from __future__ import annotations
 import contextlib
 import errno
 import hashlib
+import io
 import json
 import math
 import os
+import stat
 import threading
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -87,18 +89,56 @@ def write_bytes(path: str | Path, data: bytes | bytearray | memoryview) -> None:
             view = view[stream.write(view) :]
 
 
-def read_bytes(path: str | Path) -> bytes:
-    """All bytes of a file.
+_KINDS = {
+    stat.S_IFIFO: "a FIFO",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFDIR: "a folder",
+}
+
+
+@contextlib.contextmanager
+def open_regular(path: str | Path) -> Iterator[io.BufferedReader]:
+    """Open a regular file for reading in binary.
+
+    Opening a FIFO would wait for a writer, and reading a device may never end: both are refused. Errors of the system
+    inside the block are reported in the same way.
 
     Raises:
-        Avs3dError: if it is missing or cannot be read.
+        Avs3dError: if it is missing, is no regular file or cannot be read.
     """
     try:
-        return Path(path).read_bytes()
+        # O_NONBLOCK: opening a FIFO returns at once. It means nothing for a regular file.
+        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     except FileNotFoundError:
         raise Avs3dError(f"{path}: missing; expected a file") from None
+    except ValueError as error:  # a NUL in the name
+        raise Avs3dError(f"{str(path)!r}: cannot read: {error}; expected the path of a file") from None
+    except OSError as error:
+        if error.errno == errno.ENXIO:
+            raise Avs3dError(f"{path}: {_KINDS[stat.S_IFSOCK]}; expected a regular file") from None
+        raise Avs3dError(os_error_line(error, path, "read")) from error
+    try:
+        kind = stat.S_IFMT(os.fstat(descriptor).st_mode)
+        if kind != stat.S_IFREG:
+            raise Avs3dError(f"{path}: {_KINDS.get(kind, 'no regular file')}; expected a regular file")
+        with open(descriptor, "rb", closefd=False) as stream:
+            yield stream
     except OSError as error:
         raise Avs3dError(os_error_line(error, path, "read")) from error
+    finally:
+        os.close(descriptor)
+
+
+def read_bytes(path: str | Path) -> bytes:
+    """All bytes of a regular file.
+
+    Raises:
+        Avs3dError: if it is missing, is no regular file or cannot be read.
+    """
+    with open_regular(path) as stream:
+        return stream.read()
 
 
 def sha256_bytes(data: bytes) -> str:
@@ -110,15 +150,10 @@ def sha256_file(path: str | Path) -> str:
     """Hexadecimal sha256 of a file.
 
     Raises:
-        Avs3dError: if it is missing or cannot be read.
+        Avs3dError: if it is missing, is no regular file or cannot be read.
     """
-    try:
-        with open(path, "rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
-    except FileNotFoundError:
-        raise Avs3dError(f"{path}: missing; expected a file") from None
-    except OSError as error:
-        raise Avs3dError(os_error_line(error, path, "read")) from error
+    with open_regular(path) as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def link_or_copy(source: str | Path, target: str | Path) -> None:

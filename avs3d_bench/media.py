@@ -27,6 +27,7 @@ from avs3d_bench.files import (
     atomic_path,
     dump_json,
     link_or_copy,
+    open_regular,
     read_bytes,
     read_json,
     read_record,
@@ -197,13 +198,8 @@ def png_header(path: str | Path) -> PngHeader:
 
 
 def _head(path: str | Path, count: int) -> bytes:
-    try:
-        with open(path, "rb") as stream:
-            return stream.read(count)
-    except FileNotFoundError:
-        raise Avs3dError(f"{path}: missing; expected a file") from None
-    except OSError:
-        return read_bytes(path)[:count]  # raises with the system's reason
+    with open_regular(path) as stream:
+        return stream.read(count)
 
 
 def _check_chunks(data: bytes, path: str | Path, *, plain: bool) -> None:

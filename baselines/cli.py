@@ -272,13 +272,7 @@ def echosegnet(
     sweep: str | None,
     work: Path | None,
     devices: tuple[str, ...],
-    scheduler: str,
-    address: str | None,
-    jobqueue: str | None,
-    jobqueue_options: Path | None,
-    retries: int,
-    max_failures: int | None,
-    time_limit: float | None,
+    scheduling: Options,
     **networks: Any,
 ) -> None:
     """Run EchoSegnet (Sokolov, Bhosale, Zhu, 2024).
@@ -287,7 +281,6 @@ def echosegnet(
     oracle the truth of TRAIN frames is used, which submission.json says. With --scheduler dask every observation takes
     one GPU of a worker that offers it (docs/cluster.md).
     """
-    scheduling = Options(scheduler, address, jobqueue, jobqueue_options, retries, max_failures, time_limit)
     from avs3d_bench.dataset import Dataset
     from baselines.echosegnet.pipeline import Settings
     from baselines.echosegnet.run import all_devices, write_echosegnet, write_sweep

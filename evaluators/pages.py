@@ -18,6 +18,7 @@ from urllib.parse import urlsplit
 
 from avs3d_bench.files import write_bytes
 from avs3d_bench.scores import GroupScores, Metric
+from avs3d_bench.templates import MISSING, template_environment, words
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 #: Decimals of every figure, so that a column of them lines up.
 DECIMALS = 3
 #: What stands where there is no figure.
-MISSING = "–"
 PART_TITLES = {"overall": "Overall", "part_1": "Part 1", "part_2": "Part 2"}
 PART_NOTES = {"overall": "all observations", "part_1": "single-instance", "part_2": "multi-instance"}
 REFERENCE_TITLES = {"all_black": "all black", "all_white": "all white", "centre_box": "centre box"}
@@ -40,11 +40,6 @@ def number(value: float | None) -> str:
 def span(pair: tuple[float, float] | None) -> str:
     """``0.790–0.830``; nothing where there is none."""
     return "" if pair is None else f"{pair[0]:.{DECIMALS}f}–{pair[1]:.{DECIMALS}f}"
-
-
-def words(name: str | None) -> str:
-    """``washing machine`` of ``washing_machine``; a dash of nothing."""
-    return name.replace("_", " ") if name else MISSING
 
 
 def clean(text: object) -> str:
@@ -86,16 +81,7 @@ def interval(group: GroupScores | None, metric: Metric) -> tuple[float, float] |
 
 @lru_cache(maxsize=1)
 def _environment() -> Environment:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    # Escaping is on for every template: the usual choice by file name does not know .html.j2.
-    environment = Environment(
-        loader=PackageLoader("evaluators", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = template_environment("evaluators")
     environment.filters |= {
         "number": number, "span": span, "words": words, "clean": clean, "shorten": shorten,
         "web_address": web_address, "figure": figure, "interval": interval,

@@ -16,7 +16,8 @@ from typing import Any
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.scores import METRICS, REFERENCES, GroupScores, Metric, ObservationScores, Scores
 from avs3d_bench.taxonomy import CATEGORIES, PARTS, ROOMS
-from evaluators.pages import PART_NOTES, PART_TITLES, REFERENCE_TITLES, figure, interval, words, write_page
+from avs3d_bench.templates import words
+from evaluators.pages import PART_NOTES, PART_TITLES, REFERENCE_TITLES, figure, interval, write_page
 from evaluators.pictures import Triple, draw_triple
 from evaluators.records import Evaluation, FrameScore, Submission
 

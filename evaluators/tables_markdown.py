@@ -6,8 +6,9 @@ import re
 from collections.abc import Iterable, Sequence
 
 from avs3d_bench.scores import Metric, metrics_of
+from avs3d_bench.templates import MISSING
 from evaluators import paper
-from evaluators.pages import MISSING, PART_NOTES, PART_TITLES, clean, figure, interval, number, span
+from evaluators.pages import PART_NOTES, PART_TITLES, clean, figure, interval, number, span
 from evaluators.tables import Row, Section, Table
 
 _TITLES = {"table2": "Table 2: methods and parts", "table3": "Table 3: voting thresholds"}

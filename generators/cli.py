@@ -50,13 +50,7 @@ def generate(
     extras: tuple[str, ...],
     scans: Path | None,
     cache: Path | None,
-    scheduler: str,
-    address: str | None,
-    jobqueue: str | None,
-    jobqueue_options: Path | None,
-    retries: int,
-    max_failures: int | None,
-    time_limit: float | None,
+    scheduling: Options,
 ) -> None:
     """Generate the dataset that MANIFEST describes into a folder; run it again to go on after an interruption.
 
@@ -70,7 +64,6 @@ def generate(
     for variable, named in (("AVS3D_HABITAT_PYTHON", habitat_python), ("AVS3D_SCANS", scans)):
         if named is not None:
             os.environ[variable] = str(named.expanduser().absolute())
-    scheduling = Options(scheduler, address, jobqueue, jobqueue_options, retries, max_failures, time_limit)
     from avs3d_bench.parallel import available_cores
     from generators.homes import default_cache
     from generators.plan import make_plans, read_manifest
@@ -101,14 +94,16 @@ def generate(
             shared=scheduling.remote,
             policy=scheduling.policy(one_thread=True),
             limit=scheduling.limit(default_limit(plans[0].camera)),
-            max_failures=max_failures,
+            max_failures=scheduling.max_failures,
         )
     click.echo(f"{root}: {len(outcome.made)} made, {len(outcome.kept)} kept, {len(outcome.failed)} failed")
     for key, message in outcome.failed:
         click.echo(f"avs3d: error: {key}: {message}", err=True)
     if outcome.stopped:
         left = len(plans) - len(outcome.made) - len(outcome.kept) - len(outcome.failed)
-        click.echo(f"avs3d: stopped by --max-failures {max_failures}, with {left} observations untried", err=True)
+        click.echo(
+            f"avs3d: stopped by --max-failures {scheduling.max_failures}, with {left} observations untried", err=True
+        )
     if outcome.failed:
         raise SystemExit(1)
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import json
+import os
+import socket
 import subprocess
 import sys
 import time
@@ -312,3 +314,21 @@ def test_the_writers_follow_the_umask(tmp_path: Path):
     (tmp_path / "plain").write_text("")
     media.write_bytes(tmp_path / "ours", b"")
     assert (tmp_path / "ours").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_only_regular_files_are_opened(tmp_path: Path) -> None:
+    """A FIFO would wait for a writer for ever."""
+    os.mkfifo(tmp_path / "fifo")
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(str(tmp_path / "socket"))
+        for path, what in (
+            (tmp_path / "fifo", "a FIFO"),
+            (tmp_path / "socket", "a socket"),
+            (tmp_path, "a folder"),
+            (Path("/dev/zero"), "a device"),
+        ):
+            for read in (media.read_bytes, media.sha256_file, media.png_header):
+                with pytest.raises(Avs3dError, match=f"{what}; expected a regular file"):
+                    read(path)
+    with pytest.raises(Avs3dError, match="null"):
+        media.read_bytes("a\0b")

@@ -17,17 +17,12 @@ from avs3d_bench.inspector.facts import Moment, few, without_path
 from avs3d_bench.inspector.floorplan import map_bounds
 from avs3d_bench.inspector.site import Card, ObservationSite
 from avs3d_bench.taxonomy import PARTS, ROOMS
+from avs3d_bench.templates import MISSING, template_environment, words
 
 if TYPE_CHECKING:
     from jinja2 import Environment
 
 PART_TITLES = {"part_1": "Part 1, single-instance", "part_2": "Part 2, multi-instance"}
-MISSING = "–"
-
-
-def words(name: str | None) -> str:
-    """``washing machine`` of ``washing_machine``; a dash of nothing."""
-    return name.replace("_", " ") if name else MISSING
 
 
 def title(name: str | None) -> str:
@@ -38,15 +33,7 @@ def title(name: str | None) -> str:
 
 @lru_cache(maxsize=1)
 def _environment() -> Environment:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("avs3d_bench.inspector", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = template_environment("avs3d_bench.inspector")
     environment.filters |= {"words": words, "title_case": title}
     environment.globals |= {"PART_TITLES": PART_TITLES, "MISSING": MISSING}
     return environment

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -95,7 +96,14 @@ class Options:
 
 
 def scheduling_options(command: _F) -> _F:
-    """Add the options; they are the fields of `Options`."""
+    """Add the options, which are the fields of `Options`; the command gets them as one, ``scheduling``."""
+
+    @wraps(command)
+    def gathered(*args: Any, **kwargs: Any) -> Any:
+        own = {field.name: kwargs.pop(field.name) for field in fields(Options)}
+        return command(*args, scheduling=Options(**own), **kwargs)
+
+    decorated: Any = gathered
     for option in (
         click.option(
             "--time-limit", type=click.FloatRange(min=0), default=None, metavar="SECONDS",
@@ -113,8 +121,8 @@ def scheduling_options(command: _F) -> _F:
         click.option("--scheduler", type=click.Choice(["local", "dask"]), default="local", show_default=True,
                      help="Processes of this machine, or a Dask cluster (docs/cluster.md)."),
     ):  # fmt: skip
-        command = option(command)
-    return command
+        decorated = option(decorated)
+    return decorated  # type: ignore[no-any-return]
 
 
 def scheduler_of(options: Options, workers: int, *, gpus: bool = False) -> Scheduler:

@@ -16,6 +16,7 @@ import numpy as np
 from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.taxonomy import CATEGORIES, DISTRACTORS
+from avs3d_bench.templates import template_environment
 from generators.library.licences import terms
 from generators.library.lock import AssetEntry
 from generators.library.store import Store
@@ -174,15 +175,7 @@ def _address(url: str) -> str:
 
 
 def _environment() -> Environment:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("generators.library"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = template_environment("generators.library")
     environment.filters["address"] = _address
     environment.filters["words"] = lambda name: str(name).replace("_", " ")
     return environment

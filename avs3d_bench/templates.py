@@ -1,0 +1,32 @@
+"""What the pages of this project have in common: how their templates are read, and how names are written in them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+MISSING = "–"
+
+
+def words(name: str | None) -> str:
+    """``washing machine`` of ``washing_machine``; a dash of nothing."""
+    return name.replace("_", " ") if name else MISSING
+
+
+def template_environment(package: str) -> Environment:
+    """The templates in the folder ``templates`` of a package.
+
+    Escaping is on for every template (the usual choice by file name does not know .html.j2), and a name that is not
+    defined is an error.
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    return Environment(
+        loader=PackageLoader(package),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
