@@ -114,9 +114,15 @@ class Frame:
         return base / f"{self.name}.png"
 
     def rgb(self) -> NDArray[np.uint8]:
-        """(H, W, 3) uint8 RGB, from `input/` (or `images/` where there is no input)."""
-        has_input = (self.observation.path / layout.INPUT).is_dir()
-        return media.read_png_rgb(self.path(layout.INPUT if has_input else layout.IMAGES))
+        """(H, W, 3) uint8 RGB, from `input/` (or `images/` where there is no input): `Observation.intrinsics`."""
+        return media.read_png_rgb(self.path(layout.INPUT if self.observation._has_input else layout.IMAGES))
+
+    def undistorted_rgb(self) -> NDArray[np.uint8]:
+        """(H, W, 3) uint8 RGB, from `images/`: the picture of `Observation.undistorted_intrinsics`.
+
+        In our trees it holds the same pixels as `rgb`; in the official release its size may differ from that.
+        """
+        return media.read_png_rgb(self.path(layout.IMAGES))
 
     def mask(self) -> NDArray[np.bool_]:
         """(H, W) bool: where the sounding instance is visible."""
@@ -257,13 +263,41 @@ class Observation:
 
     @cached_property
     def intrinsics(self) -> Intrinsics:
-        """The camera, from observation.json, else from `sparse/0`."""
+        """The camera of the pictures that `Frame.rgb` returns, of the masks and of the depth.
+
+        From observation.json. The official release has only the camera of the undistorted pictures, in `sparse/0`.
+        COLMAP's undistortion keeps the focal lengths and scales the principal point with the size of the picture, so
+        that the pinhole part of the camera of `input/` follows from it (lens distortion is not modelled).
+
+        Raises:
+            Avs3dError: if the record, the sparse model or the first picture is missing or damaged.
+        """
+        camera = self.undistorted_intrinsics
+        if self.record is not None or not self._has_input or not self.frame_names:
+            return camera
+        picture = media.png_header(self.path / layout.INPUT / f"{self.frame_names[0]}.png")
+        x, y = picture.width / camera.width, picture.height / camera.height
+        return replace(camera, width=picture.width, height=picture.height, cx=camera.cx * x, cy=camera.cy * y)
+
+    @cached_property
+    def undistorted_intrinsics(self) -> Intrinsics:
+        """The camera of the pictures that `Frame.undistorted_rgb` returns: that of `sparse/0`.
+
+        In our trees there is no distortion: it is the same as `intrinsics`.
+
+        Raises:
+            Avs3dError: if the record or the sparse model is missing or damaged.
+        """
         if self.record is not None:
             return self.record.intrinsics.camera
         cameras = self.colmap.cameras
         if not cameras:
             raise Avs3dError(f"{self.path / layout.COLMAP / 'cameras.bin'}: no camera; expected one")
         return cameras[min(cameras)]
+
+    @property
+    def _has_input(self) -> bool:
+        return (self.path / layout.INPUT).is_dir()
 
     @property
     def category(self) -> str | None:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tiny
 
-from avs3d_bench import layout
+from avs3d_bench import layout, media
+from avs3d_bench.colmap import write_model
 from avs3d_bench.dataset import Dataset, Observation, parse_splits
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.geometry import Intrinsics, direction_to, rotation_angle
@@ -106,6 +107,42 @@ def test_images_stand_in_for_input(release: Path, tmp_path: Path):
     observation = Observation(root, tiny.SINGLE)
     assert len(observation) == tiny.FRAMES
     assert observation.frames[0].rgb().shape == (tiny.SIZE, tiny.SIZE, 3)
+
+
+def test_input_and_images_each_have_their_own_camera(release: Path, tmp_path: Path):
+    """The release as COLMAP undistorts it: `images/` and `sparse/0` are smaller than `input/` and the masks."""
+    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap comes with the extra 'generate'")
+    root = tiny.clone(release, tmp_path / "copy")
+    observation = Observation(root, tiny.SINGLE)
+    model, camera = observation.colmap, observation.intrinsics
+    lens = pycolmap.Camera(
+        model="OPENCV", width=tiny.SIZE, height=tiny.SIZE,
+        params=[camera.fx, camera.fy, camera.cx, camera.cy, 0.05, -0.01, 0.001, 0.0005],
+    )  # fmt: skip
+    flat = pycolmap.undistort_camera(pycolmap.UndistortCameraOptions(), lens)
+    assert (flat.width, flat.height) != (tiny.SIZE, tiny.SIZE)
+    smaller = Intrinsics(flat.width, flat.height, *flat.params)
+    for path in (root / tiny.SINGLE / "sparse/0").iterdir():
+        path.unlink()
+    write_model(root / tiny.SINGLE / "sparse/0", replace(model, cameras={1: smaller}))
+    for frame in observation.frames:
+        path = frame.path("images")
+        path.unlink()
+        media.write_png_rgb(path, np.zeros((flat.height, flat.width, 3), np.uint8))
+
+    observation = Observation(root, tiny.SINGLE)
+    frame = observation.frames[0]
+    assert astuple(observation.intrinsics) == pytest.approx(astuple(camera))
+    assert frame.rgb().shape[:2] == (observation.intrinsics.height, observation.intrinsics.width)
+    assert frame.mask().shape == frame.rgb().shape[:2]
+    assert observation.undistorted_intrinsics == smaller
+    assert frame.undistorted_rgb().shape[:2] == (smaller.height, smaller.width)
+
+
+def test_our_pictures_have_no_distortion(ours: Path):
+    observation = Dataset(ours)[tiny.SINGLE]
+    assert observation.undistorted_intrinsics == observation.intrinsics
+    np.testing.assert_array_equal(observation.frames[0].undistorted_rgb(), observation.frames[0].rgb())
 
 
 def test_an_unregistered_frame_has_no_pose(release: Path, tmp_path: Path):
