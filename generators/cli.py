@@ -66,7 +66,8 @@ def generate(
             os.environ[variable] = str(named.expanduser().absolute())
     from avs3d_bench.parallel import available_cores
     from generators.homes import default_cache
-    from generators.plan import make_plans, read_manifest
+    from generators.manifest import read_manifest
+    from generators.plan import make_plans
     from generators.progress import reporting
     from generators.runner import default_limit, run
 

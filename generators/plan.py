@@ -1,12 +1,11 @@
-"""What to generate: the manifest, and one `ObservationPlan` per observation.
+"""One `ObservationPlan` per observation of a manifest: everything that decides its bytes.
 
-A manifest is data only (YAML). Everything random is drawn from generators derived from (manifest seed, observation
-key, purpose), so that an observation's bytes depend on nothing but its own plan.
+Everything random is drawn from generators derived from (manifest seed, observation key, purpose), so that an
+observation's bytes depend on nothing but its own plan.
 """
 
 from __future__ import annotations
 
-import fnmatch
 import hashlib
 import json
 import os
@@ -14,313 +13,26 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Any
 
 import numpy as np
-import yaml
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.layout import observation_key
-from avs3d_bench.schema import Category, Part, Room
-from avs3d_bench.taxonomy import check_category, check_room
 from generators.library.lock import LOCK_NAME
+from generators.manifest import (
+    AssetSpec,
+    CameraSpec,
+    Manifest,
+    ManifestFile,
+    ObjectSpec,
+    ObservationSpec,
+    ScanSpec,
+    SoundSpec,
+    select,
+)
+from generators.manifest import read_manifest as read_manifest  # known by this name, too
 from generators.scenes.scanfiles import ScanFiles, digest, find_scan_files, scan_files_of
-
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Slug = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
-Axis = Annotated[str, Field(pattern=r"^[+-]?[xyz]$")]
-
-
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class CameraSpec(_Model):
-    """The camera: square frames of ``size`` pixels, ``hfov`` degrees wide, ``height`` metres above the floor."""
-
-    size: Annotated[int, Field(ge=16, le=8192)] = 1008
-    hfov: Annotated[Finite, Field(gt=10.0, lt=170.0)] = 90.0
-    height: Annotated[Finite, Field(gt=0.2, lt=2.4)] = 1.5
-    frames: Annotated[int, Field(ge=1, le=999)] = 120
-
-
-class LicenceSpec(_Model):
-    """Licence and author of a file the manifest brings in."""
-
-    name: str
-    author: str
-    source: str = ""
-
-
-class ScanSpec(_Model):
-    """A home: a procedural ``apartment`` from a seed, or a ``scan`` (HM3D, Matterport3D, any GLB, glTF, OBJ or PLY).
-
-    Of a scan: ``file`` names its mesh; without it, it is found by its id below the folder of scans. ``up`` and
-    ``front`` are the file's axes that become +Y and +Z (without them: as the data set has them). ``rooms``: room name →
-    [[x, y, z], [x, y, z]], the lowest and highest corner of its inside (Y up, metres); rooms that are not given are
-    looked for in the scan's annotations. ``materials``: a SoundSpaces material file (JSON).
-    """
-
-    source: Literal["apartment", "scan"] = "apartment"
-    seed: int | None = Field(None, ge=0)
-    file: str | None = None
-    up: Axis | None = None
-    front: Axis | None = None
-    materials: str | None = None
-    rooms: dict[str, tuple[tuple[Finite, Finite, Finite], tuple[Finite, Finite, Finite]]] = {}
-    licence: LicenceSpec | None = None
-
-    @model_validator(mode="after")
-    def _complete(self) -> ScanSpec:
-        if self.source == "apartment" and self.seed is None:
-            raise ValueError("an apartment needs a seed")
-        if self.source == "apartment" and (self.file or self.up or self.front or self.materials):
-            raise ValueError("file, up, front and materials belong to a scan; write source: scan")
-        if (self.up is None) != (self.front is None):
-            raise ValueError("up and front belong together: give both axes, or neither")
-        if self.up and self.front and self.up[-1] == self.front[-1]:
-            raise ValueError(f"up {self.up!r} and front {self.front!r} are not perpendicular")
-        for room in self.rooms:
-            check_room(room)
-        return self
-
-    def identity(self) -> dict[str, Any]:
-        """What goes into digests: options that later versions added count only where they are set."""
-        late = ("up", "front", "materials")
-        return {name: value for name, value in self.model_dump().items() if value is not None or name not in late}
-
-
-class _AssetSpec(_Model):
-    """A file beside the manifest, with its licence, or an asset by its id in the lock file, which has all the rest."""
-
-    file: str | None = None
-    asset: str | None = None
-    licence: LicenceSpec | None = None
-
-    @model_validator(mode="after")
-    def _either(self) -> Self:
-        if (self.file is None) == (self.asset is None):
-            raise ValueError("expected exactly one of file (with its licence) and asset (an id of assets.lock.yaml)")
-        if self.file is not None and self.licence is None:
-            raise ValueError(f"file {self.file!r} needs its licence: {{name: …, author: …, source: …}}")
-        given = [name for name in self.model_fields_set if name not in ("file", "asset")]
-        if self.asset is not None and given:
-            raise ValueError(f"{min(given)} of asset {self.asset!r} is what the lock file says; leave it out here")
-        return self
-
-    def identity(self) -> dict[str, Any]:
-        """What goes into digests: options that later versions added count only where they are set."""
-        return {name: value for name, value in self.model_dump().items() if value is not None or name != "asset"}
-
-
-class ObjectSpec(_AssetSpec):
-    """A mesh that takes the place of a category's procedural models; ``height`` of a file (GLB/OBJ) in metres."""
-
-    height: Finite | None = Field(None, gt=0.02, lt=5)
-
-
-class SoundSpec(_AssetSpec):
-    """A recording (WAV/FLAC/OGG) that takes the place of a category's synthesised sound."""
-
-
-class AcousticsSpec(_Model):
-    """How much sound the surfaces swallow: α' = 1 − (1 − α)^``absorption_scale`` for each surface and octave.
-
-    Eyring's reverberation time goes with 1/ln(1 − α), so that the scale divides it; below 1 a room is more live than
-    it is, above 1 drier. α' never leaves [0, 1), as a plain product would.
-    """
-
-    absorption_scale: Annotated[Finite, Field(ge=0.05, le=20.0)] = 1.0
-
-
-SourceMotion = Literal["static", "path"]
-
-
-class ObservationSpec(_Model):
-    """One observation: where it stands in the tree, what sounds, how many instances of it, what stands by silently.
-
-    ``acoustics`` and ``source_motion`` are those of the manifest where an entry does not say otherwise. ``like`` is the
-    key of the observation that this one is an acoustic variant of (see `Manifest`).
-    """
-
-    part: Part
-    scan: Slug
-    room: Annotated[Room, BeforeValidator(check_room)]
-    index: int = Field(ge=1, le=99)
-    category: Annotated[Category, BeforeValidator(check_category)]
-    instances: int | None = Field(None, ge=1, le=4)
-    silent: tuple[str, ...] = ()
-    variant: str | None = None
-    acoustics: AcousticsSpec = AcousticsSpec()
-    source_motion: SourceMotion = "static"
-    like: str | None = None
-
-    @field_validator("silent")
-    @classmethod
-    def _silent(cls, value: tuple[str, ...]) -> tuple[str, ...]:
-        return tuple(check_category(name, silent=True) for name in value)
-
-    @model_validator(mode="after")
-    def _counts(self) -> ObservationSpec:
-        if self.part == "part_1" and self.instances not in (None, 1):
-            raise ValueError(f"part_1 is single-instance, found instances: {self.instances}; use part_2 or drop it")
-        if self.part == "part_2" and (self.instances or 2) < 2:
-            raise ValueError("part_2 is multi-instance, found instances: 1; expected 2, 3 or 4")
-        if self.category in self.silent:
-            raise ValueError(
-                f"{self.category} sounds and stands by silently; for silent twins use part_2 and instances"
-            )
-        return self
-
-    @property
-    def key(self) -> str:
-        """``part/scan/room/index``."""
-        return observation_key(self.part, self.scan, self.room, self.index)
-
-    @property
-    def copies(self) -> int:
-        """Number of instances of the sounding model."""
-        return self.instances or (1 if self.part == "part_1" else 2)
-
-    def identity(self) -> dict[str, Any]:
-        """What goes into digests: options that later versions added count only where they are set."""
-        usual = {"acoustics": AcousticsSpec().model_dump(), "source_motion": "static", "like": None}
-        return {name: value for name, value in self.model_dump().items() if name not in usual or value != usual[name]}
-
-
-class Manifest(_Model):
-    """A benchmark: its homes, its observations, its camera, and the files that replace procedural assets.
-
-    An entry ``{like: KEY, index: 2, acoustics: {…}}`` is an acoustic variant of the observation KEY of the same
-    manifest: it takes everything from that entry but its index and its acoustics, and all of its random draws are
-    those of KEY, so that both show the same pictures and play the same source.
-    """
-
-    name: Slug
-    version: str = "1.0.0"
-    seed: int = Field(ge=0)
-    camera: CameraSpec = CameraSpec()
-    light: Literal["preview", "standard", "high"] = "standard"
-    scans: dict[Slug, ScanSpec]
-    objects: dict[str, tuple[ObjectSpec, ...]] = {}
-    sounds: dict[str, tuple[SoundSpec, ...]] = {}
-    notes: str = ""
-    acoustics: AcousticsSpec = AcousticsSpec()
-    source_motion: SourceMotion = "static"
-    observations: tuple[ObservationSpec, ...] = Field(min_length=1)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _expand(cls, document: Any) -> Any:
-        """Give every entry what it takes from the manifest, and every variant what it takes from its original."""
-        if not isinstance(document, dict) or not isinstance(document.get("observations"), list | tuple):
-            return document
-        shared = {name: document[name] for name in ("acoustics", "source_motion") if name in document}
-        entries = [shared | entry if isinstance(entry, dict) else entry for entry in document["observations"]]
-        originals = {_raw_key(entry): entry for entry in entries if isinstance(entry, dict) and "like" not in entry}
-        for number, entry in enumerate(document["observations"]):
-            if isinstance(entry, dict) and "like" in entry:
-                entries[number] = _original(entry, number, originals) | entry
-        return document | {"observations": entries}
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Manifest:
-        for category in (*self.objects, *self.sounds):
-            check_category(category, silent=True)
-        seen: set[str] = set()
-        for entry in self.observations:
-            if entry.scan not in self.scans:
-                raise ValueError(f"{entry.key}: unknown scan {entry.scan!r}; expected one of {', '.join(self.scans)}")
-            if entry.key in seen:
-                raise ValueError(f"{entry.key} is listed twice")
-            seen.add(entry.key)
-        return self
-
-
-#: What an entry with ``like`` may say itself.
-_VARIANT_FIELDS = ("like", "index", "acoustics")
-
-
-def _raw_key(entry: dict[str, Any]) -> str:
-    return "/".join(str(entry.get(name)) for name in ("part", "scan", "room", "index"))
-
-
-def _original(entry: dict[str, Any], number: int, originals: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    """The entry that ``entry`` is a variant of.
-
-    Raises:
-        ValueError: if there is none, or ``entry`` says more than a variant may.
-    """
-    surplus = sorted(set(entry) - set(_VARIANT_FIELDS))
-    if surplus:
-        raise ValueError(
-            f"observations.{number}: {', '.join(surplus)} beside like; a variant takes everything but its index and "
-            "its acoustics from its original"
-        )
-    original = originals.get(str(entry["like"]))
-    if original is None:
-        raise ValueError(
-            f"observations.{number}: like {entry['like']!r} names no observation of this manifest that is not a "
-            f"variant itself; expected a key like {next(iter(originals), 'part_1/scan/kitchen/1')!r}"
-        )
-    return {name: value for name, value in original.items() if name != "index"}
-
-
-@dataclass(frozen=True)
-class ManifestFile:
-    """A manifest with where it was read and the sha256 of its bytes."""
-
-    manifest: Manifest
-    path: Path
-    text: str
-    sha256: str
-
-    @property
-    def base(self) -> Path:
-        """Folder that relative file names in the manifest refer to."""
-        return self.path.parent
-
-
-def read_manifest(path: Path) -> ManifestFile:
-    """Read and check a manifest.
-
-    Raises:
-        UsageError: one line with the file, the field and what was expected.
-    """
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise UsageError(f"{path}: cannot read the manifest ({error.strerror}); expected a YAML file") from error
-    try:
-        document = yaml.safe_load(raw.decode("utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        where = getattr(error, "problem_mark", None)
-        line = f" at line {where.line + 1}" if where is not None else ""
-        raise UsageError(f"{path}: not valid YAML{line}: {getattr(error, 'problem', None) or error}") from error
-    if not isinstance(document, dict):
-        raise UsageError(f"{path}: expected a mapping with name, seed, scans and observations, found {document!r:.60}")
-    try:
-        manifest = Manifest.model_validate(document)
-    except UsageError as error:
-        raise UsageError(f"{path}: {_where(document, str(error))}{error}") from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(step) for step in first["loc"]) or "manifest"
-        more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
-        raise UsageError(f"{path}: {place}: {first['msg'].removeprefix('Value error, ')}{more}") from error
-    return ManifestFile(manifest, path.resolve(), raw.decode("utf-8"), hashlib.sha256(raw).hexdigest())
-
-
-def _where(document: dict[str, Any], message: str) -> str:
-    """Position of the first observation that holds the value quoted in ``message`` (its taxonomy error has none)."""
-    for index, entry in enumerate(document.get("observations") or []):
-        if isinstance(entry, dict):
-            values = [entry.get("category"), entry.get("room"), *(entry.get("silent") or [])]
-            if any(repr(value) in message for value in values if value):
-                return f"observations.{index}: "
-    return ""
 
 
 @dataclass(frozen=True)
@@ -393,7 +105,7 @@ class ObservationPlan:
     def _file_digests(self) -> dict[str, str]:
         """sha256 of every file this observation may take something from; a missing one is named when it is opened."""
         spec = self.spec
-        items: list[_AssetSpec] = list(self.sounds.get(spec.category, ()))
+        items: list[AssetSpec] = list(self.sounds.get(spec.category, ()))
         for category in (spec.category, *spec.silent):
             items += self.objects.get(category, ())
         named = [item.file for item in items if item.file is not None]
@@ -456,25 +168,6 @@ def derive_rng(seed: int, key: str, purpose: str) -> np.random.Generator:
     """A generator from a stable hash of (seed, key, purpose); never the global state."""
     words = np.frombuffer(hashlib.sha256(f"{key}\0{purpose}".encode()).digest(), dtype="<u4")
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, *(int(word) for word in words)])))
-
-
-def select(manifest: Manifest, patterns: Sequence[str]) -> tuple[ObservationSpec, ...]:
-    """The observations whose key matches one of the shell patterns (all without patterns), in the manifest's order.
-
-    Raises:
-        UsageError: if a pattern matches nothing.
-    """
-    for pattern in patterns:
-        if not any(fnmatch.fnmatchcase(entry.key, pattern) for entry in manifest.observations):
-            raise UsageError(
-                f"--only {pattern!r} matches no observation of {manifest.name}; "
-                f"keys look like {manifest.observations[0].key!r}"
-            )
-    return tuple(
-        entry
-        for entry in manifest.observations
-        if not patterns or any(fnmatch.fnmatchcase(entry.key, pattern) for pattern in patterns)
-    )
 
 
 def _check_variant(spec: ObservationSpec, manifest: Manifest) -> None:

@@ -29,7 +29,8 @@ from avs3d_bench.schema import (
     unique_attributions,
 )
 from generators.library.licences import conditions
-from generators.plan import CameraSpec, ManifestFile, ObservationPlan, check_scans
+from generators.manifest import CameraSpec, ManifestFile
+from generators.plan import ObservationPlan, check_scans
 from generators.work import Place, make_observation, prepare
 from generators.writer import sweep
 

@@ -160,7 +160,7 @@ def _wanted(path: Path, manifest: Path | None, ids: tuple[str, ...]) -> tuple[As
 
     if manifest is not None:
         from generators.library.use import named_assets
-        from generators.plan import read_manifest
+        from generators.manifest import read_manifest
 
         source = read_manifest(manifest).manifest
         ids = (*named_assets(source.objects, source.sounds), *ids)
