@@ -350,14 +350,20 @@ def write_wav(
     write_bytes(path, stream.getvalue())
 
 
-def _check_riff(path: str | Path) -> None:
+def _check_riff(path: str | Path, stream: io.BufferedReader) -> None:
     """Libsndfile reads a truncated file as a shorter one; the sizes in the header tell."""
-    head = _head(path, 12)
+    head = stream.read(12)
     if head[:4] != b"RIFF" or head[8:12] != b"WAVE":
         raise Avs3dError(f"{path}: {'empty' if not head else 'not a WAV'} file; expected a WAV file")
-    announced, found = struct.unpack("<I", head[4:8])[0] + 8, os.stat(path).st_size
+    announced, found = struct.unpack("<I", head[4:8])[0] + 8, os.fstat(stream.fileno()).st_size
     if found < announced:
-        raise Avs3dError(f"{path}: truncated: {found} of {announced} bytes; make it anew")
+        raise Avs3dError(f"{path}: truncated: {found} of {announced} bytes; regenerate it")
+    stream.seek(0)
+
+
+def _cause(error: Exception) -> str:
+    """What libsndfile said; its own text names the stream object."""
+    return str(getattr(error, "error_string", error))
 
 
 def wav_header(path: str | Path) -> WavHeader:
@@ -368,11 +374,12 @@ def wav_header(path: str | Path) -> WavHeader:
     """
     import soundfile
 
-    _check_riff(path)
-    try:
-        info = soundfile.info(str(path))
-    except soundfile.SoundFileError as error:
-        raise Avs3dError(f"{path}: damaged WAV: {error}") from None
+    with open_regular(path) as stream:
+        _check_riff(path, stream)
+        try:
+            info = soundfile.info(stream)
+        except soundfile.SoundFileError as error:
+            raise Avs3dError(f"{path}: damaged WAV: {_cause(error)}") from None
     return WavHeader(info.samplerate, info.channels, info.frames, info.subtype)
 
 
@@ -384,11 +391,12 @@ def read_wav(path: str | Path) -> Clip:
     """
     import soundfile
 
-    _check_riff(path)
-    try:
-        data, rate = soundfile.read(str(path), dtype="float32", always_2d=True)
-    except soundfile.SoundFileError as error:
-        raise Avs3dError(f"{path}: damaged WAV: {error}") from None
+    with open_regular(path) as stream:
+        _check_riff(path, stream)
+        try:
+            data, rate = soundfile.read(stream, dtype="float32", always_2d=True)
+        except soundfile.SoundFileError as error:
+            raise Avs3dError(f"{path}: damaged WAV: {_cause(error)}") from None
     bad = int((~np.isfinite(data)).sum())
     if bad:
         raise Avs3dError(f"{path}: {bad} samples are NaN or infinite; make it anew")

@@ -15,6 +15,7 @@ avs3d_bench/schema_files.py writes the JSON Schema of each file.
 from __future__ import annotations
 
 import hashlib
+import json
 import math
 from collections.abc import Iterable
 from pathlib import Path
@@ -329,7 +330,13 @@ class DatasetEntry(Record):
 
 
 class DatasetRecord(Record):
-    """`dataset.json`. It holds no time stamp: the same manifest and backends give the same bytes."""
+    """`dataset.json`. It holds no time stamp: the same manifest and backends give the same bytes.
+
+    ``digest`` covers all other fields, the free text too. It finds damage; it cannot find an edit by someone who
+    computes it again.
+    """
+
+    left_out: ClassVar[frozenset[str]] = frozenset({"digest"})
 
     schema_version: Literal["1.0"] = "1.0"
     name: Text
@@ -342,6 +349,22 @@ class DatasetRecord(Record):
     licence: Text
     attributions: tuple[AttributionRecord, ...] = ()
     observations: tuple[DatasetEntry, ...]
+    digest: Sha256 | None = Field(
+        default=None, description="sha256 of all other fields as canonical JSON; absent in trees of older versions"
+    )
+
+    def contents_digest(self) -> str:
+        """The sha256 that `digest` should have.
+
+        Canonical JSON: keys sorted, no spaces, ASCII with escapes, fields that are null left out.
+        """
+        fields = self.model_dump(mode="json", exclude={"digest"}, exclude_none=True)
+        text = json.dumps(fields, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def sealed(self) -> Self:
+        """This record with its digest."""
+        return self.model_copy(update={"digest": self.contents_digest()})
 
     @model_validator(mode="after")
     def _check(self) -> Self:

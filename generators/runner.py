@@ -212,9 +212,10 @@ def _is_done(root: Path, plan: ObservationPlan) -> bool:
 def _read(folder: Path) -> ObservationRecord:
     path = folder / layout.OBSERVATION_JSON
     try:
-        return parse_record(path.read_bytes(), ObservationRecord, path)
-    except OSError as error:
-        raise Avs3dError(f"{path}: cannot be read ({error.strerror}); delete {folder} to have it made again") from error
+        data = files.read_bytes(path)
+    except Avs3dError as error:
+        raise Avs3dError(f"{error}; delete {folder} to have it made again") from error
+    return parse_record(data, ObservationRecord, path)
 
 
 def _seal(source: ManifestFile, root: Path) -> None:
@@ -261,5 +262,5 @@ def _seal(source: ManifestFile, root: Path) -> None:
             licence="; ".join(terms),
             attributions=unique_attributions(attributions),
             observations=tuple(entries),
-        ),
+        ).sealed(),
     )

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from avs3d_bench import colmap, files, layout, media, ply
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
-from avs3d_bench.schema import CameraSplits, ObservationRecord, parse_record
+from avs3d_bench.schema import CameraSplits, ObservationRecord
 from generators.scenes.scene import Mesh
 from generators.surface_points import SurfacePoints
 from generators.vision.base import Frame
@@ -151,6 +151,6 @@ class ObservationWriter:
         """Whether another attempt at the same plan has come first."""
         path = self._final / layout.OBSERVATION_JSON
         try:
-            return parse_record(path.read_bytes(), ObservationRecord, path) == record
-        except (OSError, Avs3dError):
+            return files.read_record(path, ObservationRecord) == record
+        except Avs3dError:
             return False

@@ -383,7 +383,7 @@ def test_a_record_that_does_not_fit_the_motion_is_named(root: Path, tmp_path: Pa
 
 
 def test_a_model_with_points_on_what_moves_is_named(root: Path, tmp_path: Path) -> None:
-    from avs3d_bench.validate_motion import moving_points
+    from avs3d_bench.validation.motion import moving_points
 
     observation = Dataset(root)["part_1/box/kitchen/1"]
     assert moving_points(observation, observation.colmap)[0] <= 2

@@ -11,12 +11,14 @@ import math
 import os
 import shutil
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from avs3d_bench import __version__, layout, media
 from avs3d_bench.colmap import ColmapModel, write_model
@@ -244,7 +246,7 @@ def write_dataset_json(root: Path, records: list[ObservationRecord]) -> None:
             name="tiny", version="1", toolkit_version=__version__, manifest=_MANIFEST,
             manifest_sha256=hashlib.sha256(_MANIFEST.encode()).hexdigest(), backends={"tiny": "1"}, licence="CC0-1.0",
             attributions=(AttributionRecord(asset="box", **LICENCE.model_dump()),), observations=tuple(entries),
-        ),
+        ).sealed(),
     )  # fmt: skip
 
 
@@ -287,6 +289,14 @@ def replace(path: Path, data: bytes) -> None:
     path.write_bytes(data)
 
 
+def write_sealed(root: Path, data: dict[str, Any]) -> None:
+    """Put ``data`` in place of dataset.json with its digest, whether it fits the schema or not."""
+    data.pop("digest", None)
+    with suppress(ValidationError):
+        data["digest"] = DatasetRecord.model_validate(data).contents_digest()
+    replace(root / "dataset.json", media.dump_json(data).encode())
+
+
 def edit_record(root: Path, key: str, change: Callable[[dict[str, Any]], None], *, rehash: bool = True) -> None:
     """Change observation.json by hand; with ``rehash`` its file hashes and dataset.json's digest follow."""
     path = root / key / "observation.json"
@@ -300,4 +310,4 @@ def edit_record(root: Path, key: str, change: Callable[[dict[str, Any]], None], 
         for entry in dataset["observations"]:
             file = root / entry["key"] / "observation.json"
             entry["digest"] = hashlib.sha256(file.read_bytes()).hexdigest()
-        replace(root / "dataset.json", media.dump_json(dataset).encode())
+        write_sealed(root, dataset)

@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from avs3d_bench import layout
-from avs3d_bench.files import write_bytes
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.files import read_bytes, write_bytes
 from avs3d_bench.scheduling.tasks import Attempt
 
 
@@ -49,8 +50,8 @@ class FailureLog:
 def read_failures(path: Path) -> list[dict[str, Any]]:
     """Every line of a failures.jsonl that can be read; a process that was killed may have cut off the last one."""
     try:
-        text = path.read_text(encoding="utf-8", errors="replace")
-    except OSError:
+        text = read_bytes(path).decode("utf-8", "replace")
+    except Avs3dError:
         return []
     found = []
     for line in text.splitlines():

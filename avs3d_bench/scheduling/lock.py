@@ -23,7 +23,7 @@ from typing import Any
 
 from avs3d_bench import layout
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import os_error_line
+from avs3d_bench.files import os_error_line, read_bytes
 from avs3d_bench.staging import try_lock
 
 #: How often to try again when a holder removes the file that we are about to lock.
@@ -93,9 +93,9 @@ def held(root: Path, what: str = "avs3d generate") -> Iterator[Holder]:
 def holder_of(root: Path) -> Holder | None:
     """What the lock file in ``root`` says; None if there is none that can be read. It may be of a dead process."""
     try:
-        found: Any = json.loads((root / layout.LOCK).read_bytes())
+        found: Any = json.loads(read_bytes(root / layout.LOCK))
         return Holder(**found)
-    except (OSError, ValueError, TypeError):
+    except (Avs3dError, ValueError, TypeError):
         return None
 
 

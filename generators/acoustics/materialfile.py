@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.files import read_bytes
 from generators.acoustics.materials import OCTAVE_BANDS, Spectrum, spectral_label
 
 #: Scattering where a material gives none.
@@ -71,7 +72,7 @@ def read_material_file(path: Path) -> MaterialFile:
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise Avs3dError(f"{path}: {path.stat().st_size} bytes; expected a small JSON file of materials")
-        document = json.loads(path.read_text(encoding="utf-8-sig"))
+        document = json.loads(read_bytes(path).decode("utf-8-sig"))
     except (OSError, ValueError, RecursionError) as error:
         reason = " ".join(str(error).split())
         raise Avs3dError(f"{path}: cannot be read as JSON ({reason}); expected SoundSpaces' material file") from error

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.files import read_bytes
 from generators.assets.meshfile import open_scene, world_triangles
 from generators.scenes.annotations import AnnotatedObject, Annotations, Region, boxed, spread_over
 from generators.scenes.scene import I32
@@ -59,8 +60,8 @@ def read_table(path: Path) -> list[tuple[int, str, int]]:
         Avs3dError: with the line that is none.
     """
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
+        lines = read_bytes(path).decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError as error:
         raise Avs3dError(f"{path}: cannot be read ({error}); expected HM3D's table of objects") from error
     if not lines or HEADER not in lines[0]:
         raise Avs3dError(f"{path}: does not start with {HEADER!r}; is it HM3D's .semantic.txt?")

@@ -17,6 +17,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.files import read_bytes
 from generators.scenes.annotations import AnnotatedObject, Annotations, Region
 
 Array = NDArray[np.float64]
@@ -49,10 +50,7 @@ def read_mp3d(house: Path, mesh: Path | None, rotation: Array) -> Annotations:
 
 def _read_house(path: Path) -> tuple[list[Region], list[AnnotatedObject], dict[int, int]]:
     """Regions and objects in the file's axes, and object index in the file → place in the list."""
-    try:
-        lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
-    except OSError as error:
-        raise Avs3dError(f"{path}: cannot be read ({error}); expected a house file of Matterport3D") from error
+    lines = read_bytes(path).decode("utf-8-sig", errors="replace").splitlines()
     if not lines or not lines[0].startswith("ASCII"):
         raise Avs3dError(f"{path}: does not start with 'ASCII'; is it a house file of Matterport3D?")
     regions: list[Region] = []

@@ -1,6 +1,6 @@
 """The shallow checks of one observation: files, sizes and formats from headers, splits, schema, geometry of the record.
 
-Nothing is decoded here; see `validate_deep`.
+Nothing is decoded here; see `validation.deep`.
 """
 
 from __future__ import annotations
@@ -8,45 +8,16 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-import numpy as np
 from pydantic import ValidationError
 
 from avs3d_bench import layout, media
 from avs3d_bench.dataset import Observation, parse_splits
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.geometry import direction_to
-from avs3d_bench.report import Problem, Severity
 from avs3d_bench.schema import CameraSplits, ObservationRecord, describe
-from avs3d_bench.validate_motion import motion_problems
-
-#: Tolerances of numbers in observation.json against each other: degrees, metres.
-ANGLE_TOLERANCE = 0.1
-DISTANCE_TOLERANCE = 2e-3
-#: The sound may come from a little outside the instance's box (a horn, a speaker grille): metres.
-SOURCE_MARGIN = 0.1
+from avs3d_bench.validation.findings import Findings
+from avs3d_bench.validation.records import check_record
 
 _OFFICIAL_FOLDERS = (layout.INPUT, layout.BINAURAL, layout.MONO, layout.SEMANTIC_MASKS)
-
-
-class Findings:
-    """Collects problems of one observation; paths are given relative to it."""
-
-    def __init__(self, observation: Observation) -> None:
-        self.key = observation.key
-        self.base = str(observation.path)
-        self.problems: list[Problem] = []
-
-    def add(self, path: str, message: str, severity: Severity = "error") -> None:
-        """Add a problem of the file or folder ``path``."""
-        where = f"{self.key}/{path}" if path else self.key
-        self.problems.append(Problem(severity, where, message))
-
-    def take(self, path: str, error: Avs3dError, severity: Severity = "error") -> None:
-        """Add what a reader said; if it names a file of the observation first, that file has the problem."""
-        text = str(error)
-        if text.startswith(f"{self.base}/"):
-            path, _, text = text[len(self.base) + 1 :].partition(": ")
-        self.add(path, text, severity)
 
 
 def list_files(observation: Observation) -> set[str]:
@@ -93,7 +64,7 @@ def check_structure(observation: Observation, *, ours: bool) -> tuple[Findings, 
     _check_headers(observation, record, files, findings, ours=ours)
     _check_images(observation, files, findings, ours=ours)
     if record:
-        _check_record(observation, record, files, findings)
+        check_record(observation, record, files, findings)
     return findings, record, files
 
 
@@ -233,40 +204,3 @@ def _check_images(observation: Observation, files: set[str], findings: Findings,
             a, b = (observation.path / first).stat(), (observation.path / second).stat()
             if (a.st_dev, a.st_ino) != (b.st_dev, b.st_ino) and a.st_size != b.st_size:
                 findings.add(second, f"differs from {first} ({b.st_size} bytes, expected {a.st_size})")
-
-
-def _check_record(observation: Observation, record: ObservationRecord, files: set[str], findings: Findings) -> None:
-    """The numbers of observation.json against each other and against the folder."""
-    where = layout.OBSERVATION_JSON
-    if record.key != observation.key:
-        findings.add(where, f"key is {record.key}, but the folder is {observation.key}")
-    on_disk = files - {where}
-    for path in sorted(set(record.files) - on_disk):
-        findings.add(path, f"listed in {where}, but missing")
-    unlisted = sorted(path for path in on_disk - set(record.files) if not path.endswith(".tmp"))
-    for path in unlisted:
-        findings.add(path, f"has no sha256 in {where}")
-    source = np.asarray(record.source_position)
-    low, high = (np.asarray(corner) for corner in record.sounding.bounds)
-    outside = float(np.linalg.norm(np.maximum(np.maximum(low - source, source - high), 0.0)))
-    if outside > SOURCE_MARGIN:
-        findings.add(where, f"source_position lies {outside:.2f} m outside the bounds of the sounding instance")
-    if record.moves:
-        for path, text in motion_problems(record):
-            findings.add(path, text)
-    pixels = record.intrinsics.width * record.intrinsics.height
-    for number, frame in enumerate(record.frames):
-        field = f"frames[{number}]"
-        truth = direction_to(frame.pose, record.source_at(frame))
-        turn = abs((frame.azimuth - truth.azimuth + 180.0) % 360.0 - 180.0)
-        # Straight above or below, azimuth means nothing.
-        if turn > ANGLE_TOLERANCE and abs(truth.elevation) < 89.0:
-            findings.add(where, f"{field}.azimuth is {frame.azimuth:.2f}°, pose and source give {truth.azimuth:.2f}°")
-        if abs(frame.elevation - truth.elevation) > ANGLE_TOLERANCE:
-            text = f"{field}.elevation is {frame.elevation:.2f}°, pose and source give {truth.elevation:.2f}°"
-            findings.add(where, text)
-        if abs(frame.distance - truth.distance) > DISTANCE_TOLERANCE:
-            text = f"{field}.distance is {frame.distance:.3f} m, pose and source give {truth.distance:.3f} m"
-            findings.add(where, text)
-        if frame.visible_pixels > pixels:
-            findings.add(where, f"{field}.visible_pixels is {frame.visible_pixels} of {pixels}")

@@ -1,0 +1,168 @@
+"""`validate`: does a folder keep the contract? Every problem is named by its file.
+
+Shallow: structure, counts, sizes and formats from headers, splits, schema. Deep: every file is decoded and held
+against its hash, its record, its twin files and the geometry. The official release is checked as what it is: what
+this toolkit adds to it is not missed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from avs3d_bench import layout
+from avs3d_bench.dataset import Dataset, Observation, find_keys
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.files import read_bytes, sha256_file
+from avs3d_bench.parallel import process_each
+from avs3d_bench.report import Problem, Report, ordered
+from avs3d_bench.schema import DatasetRecord, describe
+from avs3d_bench.taxonomy import PARTS, ROOMS
+from avs3d_bench.validation.structure import check_structure
+
+#: Files that may stand beside dataset.json.
+_COMPANIONS = ("README", "LICENCE", "LICENSE", "CITATION", "CHANGELOG", "CROISSANT")
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    problems: tuple[Problem, ...]
+    files: int
+    category: str | None
+
+
+def validate(root: str | Path, *, deep: bool = False, workers: int | None = 1, progress: bool = False) -> Report:
+    """Check a dataset.
+
+    Args:
+        root: its folder.
+        deep: decode every file as well.
+        workers: processes for the deep check; None: one per core.
+        progress: show a bar on stderr.
+
+    Returns:
+        the report; ``report.valid`` says whether there is no error.
+
+    Raises:
+        UsageError: if ``root`` is no folder or holds no dataset.
+    """
+    base = Path(root)
+    dataset = Dataset(base)
+    ours = (base / layout.DATASET_JSON).exists() or any(
+        (base / key / layout.OBSERVATION_JSON).exists() for key in dataset.keys
+    )
+    problems = list(_check_tree(base))
+    record: DatasetRecord | None = None
+    if ours:
+        record, found = _read_dataset_record(base)
+        problems += found
+    else:
+        problems.append(Problem("note", layout.DATASET_JSON, "absent: read as the official release"))
+    look = partial(_look, base, ours=ours, deep=deep)
+    count = workers if deep else workers or 1
+    outcomes = dict(process_each(look, dataset.keys, workers=count, label="checking", progress=progress))
+    for key in dataset.keys:
+        problems += outcomes[key].problems
+    if record:
+        problems += _check_entries(base, record, outcomes)
+    files = sum(outcome.files for outcome in outcomes.values()) + int((base / layout.DATASET_JSON).exists())
+    return Report(base, deep, len(dataset.keys), files, ordered(problems))
+
+
+def check_observation(root: str | Path, key: str, *, ours: bool = True, deep: bool = False) -> tuple[Problem, ...]:
+    """The problems of a single observation of the dataset at ``root``.
+
+    Raises:
+        UsageError: if ``key`` is no observation key.
+        Avs3dError: if there is no such folder.
+    """
+    return ordered(list(_look(root, key, ours, deep).problems))
+
+
+def _look(root: str | Path, key: str, ours: bool, deep: bool) -> _Outcome:
+    observation = Observation(root, key)
+    findings, record, files = check_structure(observation, ours=ours)
+    if deep:
+        from avs3d_bench.validation.deep import check_contents
+
+        if ours and record is None:
+            observation = Observation(root, key, use_record=False)  # broken: check the files for themselves
+        check_contents(observation, record, files, findings, ours=ours)
+    return _Outcome(tuple(findings.problems), len(files), record.category if record else None)
+
+
+def _check_tree(root: Path) -> Iterator[Problem]:
+    """Things between the root and the observations that the layout does not know."""
+    known = set(find_keys(root))
+    for path in sorted(root.iterdir()):
+        name = path.name
+        if name in PARTS and path.is_dir():
+            continue
+        if name in (layout.LOCK, layout.FAILURES_JSONL):
+            continue
+        if name != layout.DATASET_JSON and not name.upper().startswith(_COMPANIONS):
+            yield Problem("warning", name, f"not part of a dataset; expected {layout.DATASET_JSON}, {', '.join(PARTS)}")
+    for part in PARTS:
+        for depth in ("*", "*/*", "*/*/*"):
+            for path in sorted((root / part).glob(depth)):
+                key = path.relative_to(root).as_posix()
+                problem = _odd_name(path, key, known)
+                if problem:
+                    yield problem
+
+
+def _odd_name(path: Path, key: str, known: set[str]) -> Problem | None:
+    if path.name.startswith("."):
+        return Problem("error", key, "left over from an interrupted run; generate again, or remove it")
+    pieces = key.split("/")
+    if not path.is_dir():
+        return Problem("error", key, "surplus file; expected folders only")
+    if len(pieces) == 3 and pieces[2] not in ROOMS:
+        return Problem("error", key, f"unknown room {pieces[2]!r}: expected one of {', '.join(ROOMS)}")
+    if len(pieces) == 4 and key not in known and pieces[2] in ROOMS:
+        return Problem("error", key, "no observation key: expected part_1|part_2/<scan>/<room>/<index>")
+    if len(pieces) < 4 and not any(path.iterdir()):
+        return Problem("error", key, "empty folder")
+    return None
+
+
+def _read_dataset_record(root: Path) -> tuple[DatasetRecord | None, list[Problem]]:
+    name = layout.DATASET_JSON
+    try:
+        return DatasetRecord.model_validate_json(read_bytes(root / name)), []
+    except ValidationError as error:
+        return None, [Problem("error", name, line) for line in describe(error)]
+    except Avs3dError as error:
+        text = str(error).removeprefix(f"{root / name}: ")
+        return None, [Problem("error", name, f"{text}; `avs3d generate` writes it last: let it finish")]
+
+
+def _check_entries(root: Path, record: DatasetRecord, outcomes: dict[str, _Outcome]) -> Iterable[Problem]:
+    """dataset.json against itself and the observations on disk."""
+    if record.digest is None:
+        yield Problem("note", layout.DATASET_JSON, "has no digest of its own: an edited name or licence cannot be seen")
+    elif record.digest != record.contents_digest():
+        text = "digest is not that of the other fields: the file was changed after it was written"
+        yield Problem("error", layout.DATASET_JSON, text)
+    listed = {entry.key: entry for entry in record.observations}
+    for key in sorted(set(listed) - set(outcomes)):
+        yield Problem("error", key, f"listed in {layout.DATASET_JSON}, but missing")
+    for key in sorted(set(outcomes) - set(listed)):
+        yield Problem("error", key, f"not listed in {layout.DATASET_JSON}")
+    for key in sorted(set(outcomes) & set(listed)):
+        path = f"{key}/{layout.OBSERVATION_JSON}"
+        if not (root / path).is_file():
+            continue  # already named as missing
+        if sha256_file(root / path) != listed[key].digest:
+            yield Problem("error", path, f"sha256 differs from the digest in {layout.DATASET_JSON}: file changed")
+        category = outcomes[key].category
+        if category and category != listed[key].category:
+            text = f"category of {key} is {listed[key].category}, observation.json says {category}"
+            yield Problem("error", layout.DATASET_JSON, text)
+
+
+__all__ = ["Problem", "Report", "UsageError", "check_observation", "validate"]
