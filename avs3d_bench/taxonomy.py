@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from difflib import get_close_matches
 
-from avs3d_bench.errors import UsageError
+from avs3d_bench.errors import UsageError, excerpt
 
 #: The seven sounding categories.
 CATEGORIES = (
@@ -28,9 +28,10 @@ PARTS = ("part_1", "part_2")
 def _known(value: str, allowed: tuple[str, ...], what: str) -> str:
     if value in allowed:
         return value
-    near = get_close_matches(value, allowed, n=1)
+    # Names come from files, where anything may stand; a long text is no slip of the pen, and slow to compare.
+    near = get_close_matches(value, allowed, n=1) if isinstance(value, str) and len(value) < 100 else []
     hint = f"; did you mean {near[0]!r}?" if near else ""
-    raise UsageError(f"unknown {what} {value!r}: expected one of {', '.join(allowed)}{hint}")
+    raise UsageError(f"unknown {what} {excerpt(value)}: expected one of {', '.join(allowed)}{hint}")
 
 
 def check_category(value: str, *, silent: bool = False) -> str:

@@ -32,6 +32,7 @@ from rich.table import Table
 
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.geometry import Intrinsics, Pose, flip_world
+from avs3d_bench.yamlfile import parse_yaml
 from baselines.echosegnet import binaural, spatial
 from baselines.echosegnet.spatial import CueWeights
 from baselines.echosegnet.views import View, load_points, load_views, train_views
@@ -179,9 +180,7 @@ def rooms_of(scan: str, seed: int) -> dict[str, Array]:
 
 def room_of(dataset: Dataset, observation: Observation) -> Array | None:
     """Bounds of the observation's room, if its home is procedural."""
-    import yaml
-
-    manifest = yaml.safe_load(dataset.record.manifest) if dataset.record else {}
+    manifest = parse_yaml(dataset.record.manifest, dataset.root) if dataset.record else {}
     spec = manifest.get("scans", {}).get(observation.place.scan, {})
     if spec.get("source") != "apartment":
         return None

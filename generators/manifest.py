@@ -7,22 +7,66 @@ from __future__ import annotations
 
 import fnmatch
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-import yaml
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
-from avs3d_bench.errors import UsageError
+from avs3d_bench.errors import Avs3dError, UsageError, excerpt
 from avs3d_bench.layout import observation_key
 from avs3d_bench.schema import Category, Part, Room
 from avs3d_bench.taxonomy import check_category, check_room
+from avs3d_bench.yamlfile import read_yaml, step
+
+#: Largest coordinate of a room's box (m): far beyond any home, and single precision still holds millimetres.
+FARTHEST = 10_000.0
+#: How many objects stand by silently in a room; more find no place anywhere.
+MOST_SILENT = 16
+
+
+def _one_line(value: str) -> str:
+    if not value.strip():
+        raise ValueError(f"is empty (found {value!r}); expected a text")
+    if len(f"{value}.".splitlines()) > 1:
+        raise ValueError(f"has several lines (found {excerpt(value)}); expected one")
+    return value
+
+
+def _one_line_if_any(value: str) -> str:
+    return _one_line(value) if value else value
+
+
+def _category(value: Any) -> Any:
+    return _named(check_category, value)
+
+
+def _silent(value: Any) -> Any:
+    return _named(lambda name: check_category(name, silent=True), value)
+
+
+def _room(value: Any) -> Any:
+    return _named(check_room, value)
+
+
+def _named(check: Callable[[str], str], value: Any) -> str:
+    """``check(value)``, its error in the form that pydantic adds the field's name to."""
+    try:
+        return check(value)
+    except UsageError as error:
+        raise ValueError(str(error)) from None
+
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-Slug = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+Coordinate = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST, allow_inf_nan=False)]
+Slug = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=200)]
+Line = Annotated[str, Field(max_length=1000), AfterValidator(_one_line)]
+Source = Annotated[str, Field(max_length=1000), AfterValidator(_one_line_if_any)]
 Axis = Annotated[str, Field(pattern=r"^[+-]?[xyz]$")]
+RoomName = Annotated[str, BeforeValidator(_room)]
+InstanceName = Annotated[str, BeforeValidator(_silent)]
+Corner = tuple[Coordinate, Coordinate, Coordinate]
 
 
 class _Model(BaseModel):
@@ -39,11 +83,11 @@ class CameraSpec(_Model):
 
 
 class LicenceSpec(_Model):
-    """Licence and author of a file the manifest brings in."""
+    """Licence and author of a file the manifest brings in, and where it comes from (without it: the file's name)."""
 
-    name: str
-    author: str
-    source: str = ""
+    name: Line
+    author: Line
+    source: Source = ""
 
 
 class ScanSpec(_Model):
@@ -57,11 +101,11 @@ class ScanSpec(_Model):
 
     source: Literal["apartment", "scan"] = "apartment"
     seed: int | None = Field(None, ge=0)
-    file: str | None = None
+    file: Line | None = None
     up: Axis | None = None
     front: Axis | None = None
-    materials: str | None = None
-    rooms: dict[str, tuple[tuple[Finite, Finite, Finite], tuple[Finite, Finite, Finite]]] = {}
+    materials: Line | None = None
+    rooms: dict[RoomName, tuple[Corner, Corner]] = {}
     licence: LicenceSpec | None = None
 
     @model_validator(mode="after")
@@ -74,8 +118,6 @@ class ScanSpec(_Model):
             raise ValueError("up and front belong together: give both axes, or neither")
         if self.up and self.front and self.up[-1] == self.front[-1]:
             raise ValueError(f"up {self.up!r} and front {self.front!r} are not perpendicular")
-        for room in self.rooms:
-            check_room(room)
         return self
 
     def identity(self) -> dict[str, Any]:
@@ -87,8 +129,8 @@ class ScanSpec(_Model):
 class AssetSpec(_Model):
     """A file beside the manifest, with its licence, or an asset by its id in the lock file, which has all the rest."""
 
-    file: str | None = None
-    asset: str | None = None
+    file: Line | None = None
+    asset: Line | None = None
     licence: LicenceSpec | None = None
 
     @model_validator(mode="after")
@@ -139,20 +181,15 @@ class ObservationSpec(_Model):
 
     part: Part
     scan: Slug
-    room: Annotated[Room, BeforeValidator(check_room)]
+    room: Annotated[Room, BeforeValidator(_room)]
     index: int = Field(ge=1, le=99)
-    category: Annotated[Category, BeforeValidator(check_category)]
+    category: Annotated[Category, BeforeValidator(_category)]
     instances: int | None = Field(None, ge=1, le=4)
-    silent: tuple[str, ...] = ()
-    variant: str | None = None
+    silent: tuple[InstanceName, ...] = Field((), max_length=MOST_SILENT)
+    variant: Line | None = None
     acoustics: AcousticsSpec = AcousticsSpec()
     source_motion: SourceMotion = "static"
-    like: str | None = None
-
-    @field_validator("silent")
-    @classmethod
-    def _silent(cls, value: tuple[str, ...]) -> tuple[str, ...]:
-        return tuple(check_category(name, silent=True) for name in value)
+    like: Line | None = None
 
     @model_validator(mode="after")
     def _counts(self) -> ObservationSpec:
@@ -191,13 +228,13 @@ class Manifest(_Model):
     """
 
     name: Slug
-    version: str = "1.0.0"
+    version: Line = "1.0.0"
     seed: int = Field(ge=0)
     camera: CameraSpec = CameraSpec()
     light: Literal["preview", "standard", "high"] = "standard"
     scans: dict[Slug, ScanSpec]
-    objects: dict[str, tuple[ObjectSpec, ...]] = {}
-    sounds: dict[str, tuple[SoundSpec, ...]] = {}
+    objects: dict[InstanceName, tuple[ObjectSpec, ...]] = {}
+    sounds: dict[InstanceName, tuple[SoundSpec, ...]] = {}
     notes: str = ""
     acoustics: AcousticsSpec = AcousticsSpec()
     source_motion: SourceMotion = "static"
@@ -219,12 +256,10 @@ class Manifest(_Model):
 
     @model_validator(mode="after")
     def _consistent(self) -> Manifest:
-        for category in (*self.objects, *self.sounds):
-            check_category(category, silent=True)
         seen: set[str] = set()
         for entry in self.observations:
             if entry.scan not in self.scans:
-                raise ValueError(f"{entry.key}: unknown scan {entry.scan!r}; expected one of {', '.join(self.scans)}")
+                raise ValueError(f"{entry.key}: unknown scan {entry.scan!r}; expected {_listed(tuple(self.scans))}")
             if entry.key in seen:
                 raise ValueError(f"{entry.key} is listed twice")
             seen.add(entry.key)
@@ -233,6 +268,10 @@ class Manifest(_Model):
 
 #: What an entry with ``like`` may say itself.
 _VARIANT_FIELDS = ("like", "index", "acoustics")
+
+
+def _listed(names: Sequence[str], most: int = 8) -> str:
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def _raw_key(entry: dict[str, Any]) -> str:
@@ -245,17 +284,17 @@ def _original(entry: dict[str, Any], number: int, originals: dict[str, dict[str,
     Raises:
         ValueError: if there is none, or ``entry`` says more than a variant may.
     """
-    surplus = sorted(set(entry) - set(_VARIANT_FIELDS))
+    surplus = sorted(step(name) for name in set(entry) - set(_VARIANT_FIELDS))
     if surplus:
         raise ValueError(
-            f"observations.{number}: {', '.join(surplus)} beside like; a variant takes everything but its index and "
+            f"observations.{number}: {_listed(surplus)} beside like; a variant takes everything but its index and "
             "its acoustics from its original"
         )
     original = originals.get(str(entry["like"]))
     if original is None:
         raise ValueError(
-            f"observations.{number}: like {entry['like']!r} names no observation of this manifest that is not a "
-            f"variant itself; expected a key like {next(iter(originals), 'part_1/scan/kitchen/1')!r}"
+            f"observations.{number}: like {excerpt(entry['like'])} names no observation of this manifest that is not a "
+            f"variant itself; expected a key like {excerpt(next(iter(originals), 'part_1/scan/kitchen/1'))}"
         )
     return {name: value for name, value in original.items() if name != "index"}
 
@@ -279,40 +318,37 @@ def read_manifest(path: Path) -> ManifestFile:
     """Read and check a manifest.
 
     Raises:
-        UsageError: one line with the file, the field and what was expected.
+        UsageError: one line with the file, the field, what was found and what was expected.
     """
     try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise UsageError(f"{path}: cannot read the manifest ({error.strerror}); expected a YAML file") from error
-    try:
-        document = yaml.safe_load(raw.decode("utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        where = getattr(error, "problem_mark", None)
-        line = f" at line {where.line + 1}" if where is not None else ""
-        raise UsageError(f"{path}: not valid YAML{line}: {getattr(error, 'problem', None) or error}") from error
+        document, raw = read_yaml(path)
+    except UsageError:
+        raise
+    except Avs3dError as error:
+        raise UsageError(f"cannot read the manifest: {error}") from error
     if not isinstance(document, dict):
-        raise UsageError(f"{path}: expected a mapping with name, seed, scans and observations, found {document!r:.60}")
+        raise UsageError(
+            f"{path}: expected a mapping with name, seed, scans and observations, found {excerpt(document)}"
+        )
     try:
         manifest = Manifest.model_validate(document)
-    except UsageError as error:
-        raise UsageError(f"{path}: {_where(document, str(error))}{error}") from error
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(step) for step in first["loc"]) or "manifest"
-        more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
-        raise UsageError(f"{path}: {place}: {first['msg'].removeprefix('Value error, ')}{more}") from error
+        raise UsageError(f"{path}: {_finding(error)}") from None
     return ManifestFile(manifest, path.resolve(), raw.decode("utf-8"), hashlib.sha256(raw).hexdigest())
 
 
-def _where(document: dict[str, Any], message: str) -> str:
-    """Position of the first observation that holds the value quoted in ``message`` (its taxonomy error has none)."""
-    for index, entry in enumerate(document.get("observations") or []):
-        if isinstance(entry, dict):
-            values = [entry.get("category"), entry.get("room"), *(entry.get("silent") or [])]
-            if any(repr(value) in message for value in values if value):
-                return f"observations.{index}: "
-    return ""
+def _finding(error: ValidationError) -> str:
+    """The first finding of pydantic in one line, and how many more there are."""
+    first, *rest = error.errors(include_url=False)
+    place = ".".join(step(key) for key in first["loc"]) or "manifest"
+    kind, message = first["type"], first["msg"].removeprefix("Value error, ")
+    if kind == "extra_forbidden":
+        message = "unknown field; correct its name, or leave it out"
+    elif kind == "missing":
+        message = "is missing"
+    elif kind != "value_error":  # ours say what was found
+        message += f" (found {excerpt(first['input'])})"
+    return f"{place}: {message}" + (f" (and {len(rest)} more)" if rest else "")
 
 
 def select(manifest: Manifest, patterns: Sequence[str]) -> tuple[ObservationSpec, ...]:

@@ -18,9 +18,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.errors import Avs3dError, UsageError, excerpt
+from avs3d_bench.yamlfile import read_yaml
 
 #: Name → (module, class, package to install).
 KINDS = {
@@ -39,17 +38,12 @@ def read_options(path: Path) -> dict[str, Any]:
         UsageError: if it is no YAML file with a mapping.
         Avs3dError: if it cannot be read.
     """
-    from avs3d_bench.files import read_bytes  # brings the schema, which `--help` can do without
-
-    try:
-        document = yaml.safe_load(read_bytes(path).decode())
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise UsageError(f"{path}: not valid YAML: {getattr(error, 'problem', None) or error}") from None
+    document, _ = read_yaml(path)
     if not isinstance(document, dict) or not all(isinstance(name, str) for name in document):
-        raise UsageError(f"{path}: expected a mapping such as {{cores: 16, memory: 64GB}}, found {document!r:.60}")
+        raise UsageError(f"{path}: expected a mapping such as {{cores: 16, memory: 64GB}}, found {excerpt(document)}")
     walltime = document.get("walltime")
     if walltime is not None and not isinstance(walltime, str):  # YAML reads 12:00:00 as the number 43200
-        raise UsageError(f'{path}: walltime: expected a text in quotes such as "12:00:00", found {walltime!r:.60}')
+        raise UsageError(f'{path}: walltime: expected a text in quotes such as "12:00:00", found {excerpt(walltime)}')
     return document
 
 

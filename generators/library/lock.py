@@ -9,7 +9,6 @@ from __future__ import annotations
 import fcntl
 import os
 import re
-import reprlib
 import time
 import unicodedata
 from collections.abc import Iterable, Iterator
@@ -22,8 +21,9 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from avs3d_bench import files
-from avs3d_bench.errors import Avs3dError
+from avs3d_bench.errors import Avs3dError, excerpt
 from avs3d_bench.taxonomy import check_category
+from avs3d_bench.yamlfile import parse_yaml, read_data, step
 
 LOCK_NAME = "assets.lock.yaml"
 #: Seconds that a process waits while another one writes the lock file.
@@ -31,8 +31,6 @@ PATIENCE = 60.0
 _HEADER = (
     "# Written by `avs3d assets`. Every asset that is not made here: source, author, licence, hash, how it stands.\n"
 )
-#: No lock file nests deeper than the list of entries and their fields; some more for what is wrong but harmless.
-_DEEPEST = 8
 _STEP = r"[A-Za-z0-9][A-Za-z0-9._+-]*"
 
 Kind = Literal["object", "sound"]
@@ -165,21 +163,9 @@ def parse_lock(data: bytes, where: Path | str) -> Lock:
 
 @lru_cache(maxsize=8)
 def _parse(data: bytes, where: str) -> Lock:
-    try:
-        text = data.decode("utf-8")
-        depth = 0
-        for event in yaml.parse(text, Loader=_Loader):  # libyaml composes by recursion: a process of ours would crash
-            opens = isinstance(event, yaml.SequenceStartEvent | yaml.MappingStartEvent)
-            depth += opens - isinstance(event, yaml.SequenceEndEvent | yaml.MappingEndEvent)
-            if depth > _DEEPEST:
-                raise Avs3dError(f"{where}: not valid: lists within lists; expected entries with fields")
-        document: Any = yaml.load(text, Loader=_Loader)
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError) as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f" at line {mark.line + 1}" if mark is not None else ""
-        raise Avs3dError(f"{where}: not valid YAML{line}: {_line(getattr(error, 'problem', None) or error)}") from None
+    document = parse_yaml(data, where)
     if not isinstance(document, dict):
-        raise Avs3dError(f"{where}: expected a mapping with version and assets, found {_line(reprlib.repr(document))}")
+        raise Avs3dError(f"{where}: expected a mapping with version and assets, found {excerpt(document)}")
     try:
         return Lock.model_validate(document)
     except ValidationError as error:
@@ -195,30 +181,15 @@ def _line(text: object) -> str:
     return " ".join(str(text).split())[:300]
 
 
-class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]  # one of two classes
-    """Refuses a key that stands twice in a mapping: of two `assets:` (a merge gone wrong) the first would be lost."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen: set[str] = set()
-        for key, _ in node.value:
-            if isinstance(key, yaml.ScalarNode):
-                if key.value in seen:
-                    raise yaml.constructor.ConstructorError(
-                        None, None, f"{key.value[:80]!r} stands there twice", key.start_mark
-                    )
-                seen.add(key.value)
-        return super().construct_mapping(node, deep)  # type: ignore[no-any-return]
-
-
 def _place(document: dict[str, Any], loc: tuple[int | str, ...]) -> str:
     """``assets.3 (sh3d/scopia/phone).licence``: where a finding is, with the entry's id where it has one."""
-    steps = [str(step) for step in loc]
+    steps = [step(key) for key in loc]
     if len(loc) >= 2 and loc[0] == "assets" and isinstance(loc[1], int):
         table = document["assets"]
         entry = table[loc[1]] if isinstance(table, list) else None
         name = entry.get("id") if isinstance(entry, dict) else None
         if isinstance(name, str):
-            steps[1] += f" ({name:.80})"
+            steps[1] += f" ({step(name)})"
     return ".".join(steps) or "the file"
 
 
@@ -229,12 +200,12 @@ def read_lock(path: Path) -> Lock:
         Avs3dError: if it cannot be read or does not fit.
     """
     try:
-        data = path.read_bytes()
+        path.lstat()
     except FileNotFoundError:
         return Lock()
     except OSError as error:
         raise Avs3dError(files.os_error_line(error, path, "read")) from error
-    return parse_lock(data, path)
+    return parse_lock(read_data(path), path)
 
 
 def update_lock(path: Path, entries: Iterable[AssetEntry]) -> Lock:
