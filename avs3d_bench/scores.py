@@ -16,8 +16,11 @@ from avs3d_bench.schema import NonNegative, Record, RelativePath, Room, Scan, Sh
 Protocol = Literal["official", "strict"]
 #: Protocol → version. It changes when a figure changes for the same masks.
 PROTOCOLS: dict[Protocol, str] = {"official": "1.0", "strict": "1.0"}
-#: The rows printed beside every score: what a submission without any idea gets.
-REFERENCES = ("all_black", "all_white", "centre_box")
+#: The rows printed beside every score: what a submission gets that neither looks nor listens …
+BLIND_REFERENCES = ("all_black", "all_white", "centre_box")
+#: … and what one gets that has true masks but does not listen: under ``strict``, where the instances are known.
+DEAF_REFERENCES = ("deaf_category", "deaf_most_seen")
+REFERENCES = (*BLIND_REFERENCES, *DEAF_REFERENCES)
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=0)]
@@ -193,5 +196,9 @@ class Scores(Record):
     categories: dict[str, GroupScores]
     rooms: dict[str, GroupScores]
     references: dict[str, dict[str, GroupScores]] = Field(
-        description="all_black, all_white, centre_box → part_1, part_2, overall"
+        description="all_black, all_white, centre_box and, where the instances are known, deaf_category and "
+        "deaf_most_seen → part_1, part_2, overall"
+    )
+    references_unavailable: dict[str, str] = Field(
+        default_factory=dict, description="reference of protocol strict that is missing → why"
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -58,12 +58,13 @@ class Truth:
 
     Attributes:
         mask: (H, W) uint8, non-zero where the sounding object is visible.
-        twins: (H, W) uint8 masks of the silent twins that are visible; None where nothing is known about twins.
+        twins: id → (H, W) uint8 mask of the silent twins that are visible, in the order of ids asked for; None where
+            nothing is known about twins.
         contour: the outline of ``mask``; None where the protocol asks for none or the mask is empty.
     """
 
     mask: U8
-    twins: tuple[U8, ...] | None
+    twins: Mapping[int, U8] | None
     contour: Contour | None
 
     @classmethod
@@ -78,8 +79,8 @@ class Truth:
         """
         twins = None
         if ids is not None:
-            masks = ((ids == number).view(np.uint8) for number in twin_ids)
-            twins = tuple(twin for twin in masks if cv2.countNonZero(twin))
+            masks = ((number, (ids == number).view(np.uint8)) for number in twin_ids)
+            twins = {number: twin for number, twin in masks if cv2.countNonZero(twin)}
         visible = outlines and cv2.countNonZero(mask) > 0
         return cls(mask, twins, contour(mask) if visible else None)
 
@@ -95,10 +96,18 @@ def frame_figures(truth: Truth, prediction: U8) -> FrameFigures:
     return FrameFigures(counts, outline, _twins(truth, prediction))
 
 
+def truth_figures(truth: Truth) -> FrameFigures:
+    """The figures of the truth as a prediction: `frame_figures(truth, truth.mask)` without looking for its outline."""
+    visible = cv2.countNonZero(truth.mask)
+    outline = None if truth.contour is None else 1.0
+    return FrameFigures(FrameCounts(truth.mask.size, visible, visible, visible), outline, _twins(truth, truth.mask))
+
+
 def _twins(truth: Truth, prediction: U8) -> tuple[Twin, ...] | None:
     if truth.twins is None:
         return None
-    return tuple(Twin(cv2.countNonZero(twin), cv2.countNonZero(cv2.min(twin, prediction))) for twin in truth.twins)
+    masks = truth.twins.values()
+    return tuple(Twin(cv2.countNonZero(twin), cv2.countNonZero(cv2.min(twin, prediction))) for twin in masks)
 
 
 @lru_cache(maxsize=4)
@@ -116,7 +125,7 @@ def centre_box(height: int, width: int) -> tuple[slice, slice]:
 def reference_figures(truth: Truth) -> dict[str, FrameFigures]:
     """The figures of the predictions all black, all white and centre box, without making the first two."""
     pixels, visible = truth.mask.size, cv2.countNonZero(truth.mask)
-    twins = None if truth.twins is None else [cv2.countNonZero(twin) for twin in truth.twins]
+    twins = None if truth.twins is None else [cv2.countNonZero(twin) for twin in truth.twins.values()]
 
     def uniform(marked: bool) -> FrameFigures:
         counts = FrameCounts(pixels, visible, pixels * marked, visible * marked)

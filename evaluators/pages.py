@@ -28,7 +28,10 @@ DECIMALS = 3
 #: What stands where there is no figure.
 PART_TITLES = {"overall": "Overall", "part_1": "Part 1", "part_2": "Part 2"}
 PART_NOTES = {"overall": "all observations", "part_1": "single-instance", "part_2": "multi-instance"}
-REFERENCE_TITLES = {"all_black": "all black", "all_white": "all white", "centre_box": "centre box"}
+REFERENCE_TITLES = {
+    "all_black": "all black", "all_white": "all white", "centre_box": "centre box",
+    "deaf_category": "deaf: every instance", "deaf_most_seen": "deaf: most seen",
+}  # fmt: skip
 _UNSEEN = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]")
 
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from avs3d_bench.scores import REFERENCES, GroupScores, Metric, Scores, metrics_of
+from avs3d_bench.scores import BLIND_REFERENCES, REFERENCES, GroupScores, Metric, Scores, metrics_of
 from evaluators.pages import PART_TITLES, REFERENCE_TITLES, figure
 from evaluators.report import authors_text, headline
 
@@ -235,12 +235,13 @@ def _left_out(entries: Iterable[Entry], ruler: Ruler) -> tuple[str, ...]:
 
 
 def truth_figures(entry: Entry, ruler: Ruler) -> tuple[Any, ...]:
-    """The figures of the reference rows: what one dataset gives one protocol, whoever scores it.
+    """The figures of the blind reference rows: what one dataset gives one protocol, whoever scores it.
 
-    The observations belong to it, because a dataset without a sha256 may share its name with another.
+    The observations belong to it, because a dataset without a sha256 may share its name with another. The deaf rows do
+    not: files of scores of earlier versions have none, and only a dataset with a sha256 has them.
     """
     rows = []
-    for name in REFERENCES:
+    for name in BLIND_REFERENCES:
         for part, group in sorted(entry.scores.references.get(name, {}).items()):
             for metric in metrics_of(ruler.protocol):
                 value = figure(group, metric)
@@ -254,7 +255,7 @@ def _table(entries: Sequence[Entry], partial: Sequence[Entry], ruler: Ruler, par
     rows = [_row(entry, part) for entry in entries]
     values = [value for row in rows if (value := figure(row.group, ranking)) is not None]
     rows = [Row(_rank(figure(r.group, ranking), values), r.title, r.entry, r.group) for r in rows]
-    beside = entries[0].scores.references if entries else {}
+    beside = references_of(entries)
     for name in REFERENCES:
         group = beside.get(name, {}).get(part)
         if group is not None:
@@ -265,6 +266,11 @@ def _table(entries: Sequence[Entry], partial: Sequence[Entry], ruler: Ruler, par
     )
     count = max(row.group.observations for row in (rows or below))
     return Table(_best_first(rows, ranking), _best_first(below, ranking), metrics or (ranking,), ranking, count)
+
+
+def references_of(entries: Iterable[Entry]) -> Mapping[str, Mapping[str, GroupScores]]:
+    """The reference rows of entries of one truth: the longest list, for earlier versions wrote no deaf rows."""
+    return max((entry.scores.references for entry in entries), key=len, default={})
 
 
 def _row(entry: Entry, part: str) -> Row:

@@ -14,7 +14,16 @@ from pathlib import Path
 from typing import Any
 
 from avs3d_bench.dataset import Dataset
-from avs3d_bench.scores import METRICS, REFERENCES, GroupScores, Metric, ObservationScores, Scores
+from avs3d_bench.scores import (
+    BLIND_REFERENCES,
+    DEAF_REFERENCES,
+    METRICS,
+    REFERENCES,
+    GroupScores,
+    Metric,
+    ObservationScores,
+    Scores,
+)
 from avs3d_bench.taxonomy import CATEGORIES, PARTS, ROOMS
 from avs3d_bench.templates import words
 from evaluators.pages import PART_NOTES, PART_TITLES, REFERENCE_TITLES, figure, interval, write_page
@@ -76,7 +85,8 @@ class Card:
         group: its scores.
         metric: the figure printed large.
         beside: the other figures worth a line.
-        best: name and value of the best reference.
+        best: name and value of the best reference that neither looks nor listens.
+        deaf: name and value of the best one that has true masks but does not listen, where several objects could sound.
     """
 
     title: str
@@ -85,6 +95,7 @@ class Card:
     metric: Metric
     beside: tuple[Metric, ...]
     best: tuple[str, float] | None
+    deaf: tuple[str, float] | None = None
 
 
 def write_report(path: Path, evaluation: Evaluation, dataset: Dataset, submission: Submission) -> None:
@@ -169,7 +180,15 @@ def cards(scores: Scores, known: tuple[Metric, ...]) -> tuple[Card, ...]:
               ("strict", "IoU_3D"), ("official", "mIoU"), ("official", "F")}  # fmt: skip
     beside = tuple(m for m in known if (m.protocol, m.name) in chosen and m is not metric)
     return tuple(
-        Card(PART_TITLES[name], PART_NOTES[name], group, metric, beside, best_reference(scores, name, metric))
+        Card(
+            PART_TITLES[name],
+            PART_NOTES[name],
+            group,
+            metric,
+            beside,
+            best_reference(scores, name, metric),
+            best_reference(scores, name, metric, DEAF_REFERENCES) if name == "part_2" else None,
+        )
         for name, group in _parts(scores).items()
     )
 
@@ -181,11 +200,13 @@ def _parts(scores: Scores) -> dict[str, GroupScores]:
     return parts if len(parts) == 1 else {"overall": scores.overall, **parts}
 
 
-def best_reference(scores: Scores, part: str, metric: Metric) -> tuple[str, float] | None:
+def best_reference(
+    scores: Scores, part: str, metric: Metric, among: Iterable[str] = BLIND_REFERENCES
+) -> tuple[str, float] | None:
     """Name and value of the reference that does best on a part; None where none is known or lower is better."""
     if not metric.higher_is_better:
         return None
-    values = [(figure(scores.references.get(name, {}).get(part), metric), name) for name in REFERENCES]
+    values = [(figure(scores.references.get(name, {}).get(part), metric), name) for name in among]
     found = [(value, name) for value, name in values if value is not None]
     if not found:
         return None

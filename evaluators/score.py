@@ -26,6 +26,7 @@ from avs3d_bench.files import sha256_file
 from avs3d_bench.parallel import process_each
 from avs3d_bench.report import Problem, Report, ordered
 from avs3d_bench.scores import (
+    BLIND_REFERENCES,
     PROTOCOLS,
     REFERENCES,
     Evaluator,
@@ -39,6 +40,7 @@ from avs3d_bench.scores import (
 from avs3d_bench.taxonomy import CATEGORIES, PARTS, ROOMS
 from evaluators import bootstrap
 from evaluators.checks import check_contents, check_structure, has_points, problem_of, select
+from evaluators.deaf import DeafFrame, deaf_frame, deaf_references
 from evaluators.frames import FrameFigures, Truth, frame_figures, reference_figures
 from evaluators.masks import read_mask, read_points
 from evaluators.metrics import as_bytes
@@ -67,7 +69,7 @@ class Outcome:
 
     Attributes:
         scores: of the submission; None if a file of it is bad.
-        references: name of the reference → its scores.
+        references: name of the reference → its scores; without the deaf ones where the instances are not known.
         worst: its worst frames.
         best: its best frames.
         problems: what is wrong with the submission's files.
@@ -164,8 +166,9 @@ def score_observation(
     strict = "strict" in wanted
     twin_ids = _twin_ids(observation) if strict else None
     figures: list[FrameFigures] = []
-    references: dict[str, list[FrameFigures]] = {name: [] for name in REFERENCES}
+    references: dict[str, list[FrameFigures]] = {name: [] for name in BLIND_REFERENCES}
     frames, problems, files = [], [], 0
+    deaf: list[DeafFrame] = []
     for frame in observation.test:
         truth = _truth(frame, twin_ids, strict)
         height, width = truth.mask.shape
@@ -180,6 +183,8 @@ def score_observation(
         figures.append(found)
         for name, reference in reference_figures(truth).items():
             references[name].append(reference)
+        if strict and observation.record is not None:
+            deaf.append(deaf_frame(truth, observation.record.sounding.id))
         frames.append(_frame_score(key, frame.name, found))
     if not figures and not problems:
         raise Avs3dError(f"{observation.path}: no test frame; expected some in {layout.SPLITS_JSON}")
@@ -197,6 +202,7 @@ def score_observation(
     if problems:
         return Outcome(None, {}, (), (), tuple(problems), files)
     scored = _observation_scores(observation, figures, volume, wanted, points)
+    references |= deaf_references(deaf) if deaf else {}
     beside = {
         name: _observation_scores(observation, frames_, None, wanted, False) for name, frames_ in references.items()
     }
@@ -298,6 +304,9 @@ def _record(
     """The record of scores: observations, and their means over parts, categories and rooms."""
     scored = [scores for scores, _ in outcomes]
     record = dataset.record
+    # A row goes over all observations or is left out: it stands beside means over all of them.
+    known = [name for name in REFERENCES if all(name in beside for _, beside in outcomes)]
+    missing = [name for name in REFERENCES if name not in known]
     return Scores(
         avs3d_eval=Evaluator(
             version=__version__,
@@ -319,7 +328,8 @@ def _record(
         parts=_grouped(scored, PARTS, "part"),
         categories=_grouped(scored, CATEGORIES, "category"),
         rooms=_grouped(scored, ROOMS, "room"),
-        references={name: _reference([beside[name] for _, beside in outcomes]) for name in REFERENCES},
+        references={name: _reference([beside[name] for _, beside in outcomes]) for name in known},
+        references_unavailable=dict.fromkeys(missing, NO_INSTANCE_MASKS) if "strict" in wanted else {},
     )
 
 
@@ -330,7 +340,7 @@ def _grouped(scored: Sequence[ObservationScores], names: Iterable[str], field: s
 
 
 def _reference(scored: Sequence[ObservationScores]) -> dict[str, GroupScores]:
-    """A reference's means; without intervals, which nobody reads of a picture that looks at nothing."""
+    """A reference's means; without intervals, because no reference is compared by them."""
     groups = {part: [scores for scores in scored if scores.part == part] for part in PARTS}
     parts = {part: summarise(group, intervals=False) for part, group in groups.items() if group}
     return parts | {"overall": summarise(scored, intervals=False)}

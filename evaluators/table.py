@@ -80,7 +80,9 @@ def print_scores(scores: Scores, console: Console | None = None) -> None:
         if any(spread):
             table.add_row("  95 % interval", *spread, style="dim")
         for reference in REFERENCES:
-            add(f"  {reference.replace('_', ' ')}", scores.references[reference][name], "dim")
+            beside = scores.references.get(reference, {}).get(name)
+            if beside is not None:
+                add(f"  {reference.replace('_', ' ')}", beside, "dim")
         table.add_section()
     add_all(scores.categories.items())
     add_all(scores.rooms.items())
@@ -97,6 +99,8 @@ def print_scores(scores: Scores, console: Console | None = None) -> None:
         strict = scores.overall.strict
         if strict and metric.protocol == "strict" and metric.name in strict.unavailable:
             out.print(Text(f"{metric.title}: not available ({strict.unavailable[metric.name]})", style="dim"))
+    for reference, why in scores.references_unavailable.items():
+        out.print(Text(f"{reference.replace('_', ' ')}: no such row ({why})", style="dim"))
     versions = ", ".join(f"{name} {version}" for name, version in wanted.items())
     out.print(Text(f"protocols {versions}; avs3d-bench {scores.avs3d_eval.version}", style="dim"))
 

@@ -26,7 +26,7 @@ from avs3d_bench.taxonomy import PARTS
 from evaluators import paper
 from evaluators.leaderboard import read_entries
 from evaluators.pages import REFERENCE_TITLES, figure, interval
-from evaluators.ranking import Entry, Ruler
+from evaluators.ranking import Entry, Ruler, references_of
 from evaluators.series import SETTINGS, THRESHOLD, comparable, series_of, titles_of
 
 if TYPE_CHECKING:
@@ -214,7 +214,7 @@ def table_2(entries: Iterable[Entry]) -> Table:
                     match = paper.match(entry.scores.submission)
                     figures = paper.TABLE_2[match.row][part] if match.row else {}
                     rows.append(Row(titles[entry.digest], entry, part, group, match, figures))
-            rows += _references(shown[0], part)
+            rows += _references(shown, part)
         sections.append(Section(len(sections) + 1, rulers, tuple(rows), len(swept)))
     return Table("table2", tuple(sections), tuple(elsewhere))
 
@@ -234,7 +234,7 @@ def table_3(entries: Iterable[Entry]) -> Table | None:
                 match = paper.match_sweep(entry.scores.submission)
                 figures = paper.TABLE_3.get(threshold, {}) if match.row else {}
                 rows.append(Row(title, entry, "overall", entry.scores.overall, match, figures, threshold))
-        rows += _references(members[0], "overall")
+        rows += _references(members, "overall")
         sections.append(Section(len(sections) + 1, rulers, tuple(rows)))
     return Table("table3", tuple(sections)) if sections else None
 
@@ -261,9 +261,10 @@ def _part(groups: Mapping[Any, GroupScores], part: str) -> GroupScores | None:
     return groups.get(part)
 
 
-def _references(entry: Entry, part: str) -> list[Row]:
-    """What needs no idea; the same for every entry of a section, because one truth gives one figure."""
-    beside = {name: entry.scores.references.get(name, {}).get(part) for name in REFERENCES}
+def _references(entries: Iterable[Entry], part: str) -> list[Row]:
+    """The reference rows; the same for every entry of a section, because one truth gives one figure."""
+    references = references_of(entries)
+    beside = {name: references.get(name, {}).get(part) for name in REFERENCES}
     return [Row(REFERENCE_TITLES[name], None, part, group, None, {}) for name, group in beside.items() if group]
 
 

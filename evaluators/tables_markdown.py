@@ -127,7 +127,8 @@ def _absent(rows: Sequence[Row], part: str) -> Iterable[str]:
 def _legend(table: Table, section: Section, notes: Sequence[tuple[str, ...]]) -> Iterable[str]:
     lower = [f"{m.protocol} {m.title}" for m in section.columns if not m.higher_is_better]
     better = f"Higher is better, except {' and '.join(lower)}." if lower else "Higher is better."
-    yield f"- {better} In brackets: 95 % interval, bootstrap over observations. *Slanted*: looks at nothing."
+    slanted = "*Slanted*: reference rows; deaf: true masks chosen without sound."
+    yield f"- {better} In brackets: 95 % interval, bootstrap over observations. {slanted}"
     if any(row.paper for row in section.rows):
         scene = f" ({paper.TABLE_3_SCENE} alone)" if table.name == "table3" else ""
         yield f"- paper: {paper.CITATION}; measured on {paper.DATASET}{scene}."

@@ -13,9 +13,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from avs3d_bench.scores import Metric
+from avs3d_bench.scores import BLIND_REFERENCES, Metric
 from evaluators import paper
-from evaluators.pages import PART_NOTES, clean, figure, interval
+from evaluators.pages import PART_NOTES, REFERENCE_TITLES, clean, figure, interval
 from evaluators.tables import Row, Section, Table
 
 if TYPE_CHECKING:
@@ -225,7 +225,9 @@ def thresholds_figure(section: Section) -> Figure:
 
 def _floor(axes: Axes, section: Section, metric: Metric) -> None:
     """The best of what looks at nothing, as a dotted line."""
-    known = [(v, r.title) for r in section.rows if r.entry is None and (v := figure(r.group, metric)) is not None]
+    blind = {REFERENCE_TITLES[name] for name in BLIND_REFERENCES}
+    rows = [row for row in section.rows if row.entry is None and row.title in blind]
+    known = [(value, row.title) for row in rows if (value := figure(row.group, metric)) is not None]
     if known:
         value, title = max(known)
         axes.axhline(value, color=SOFT, lw=1.0, ls=(0, (1, 2.5)), zorder=1)

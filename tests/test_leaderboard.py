@@ -14,7 +14,7 @@ from score_examples import example_scores
 
 from avs3d_bench import media
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.scores import Scores
+from avs3d_bench.scores import DEAF_REFERENCES, REFERENCES, Scores
 from evaluators.leaderboard import read_entries, write_leaderboard
 from evaluators.ranking import Entry, leaderboard_values
 
@@ -52,7 +52,9 @@ def test_the_higher_iou_is_first_and_references_have_no_rank(tmp_path: Path) -> 
     assert tables(files, "part_2", "official") == [[(1, "high"), (2, "middle"), (3, "low")]]
     (section,) = leaderboard_values(read_entries(files))["sections"]
     rows = section.views[0].tables[0].rows
-    assert [row.title for row in rows if row.entry is None] == ["centre box", "all white", "all black"]
+    assert [row.title for row in rows if row.entry is None] == [
+        "deaf: every instance", "deaf: most seen", "centre box", "all white", "all black",
+    ]  # fmt: skip
     assert all(row.rank is None for row in rows if row.entry is None)
 
 
@@ -107,6 +109,19 @@ def test_files_of_another_truth_are_ranked_apart(tmp_path: Path) -> None:
     assert len(tables(files, protocol="official")) == 1
     write_leaderboard(tmp_path / "board", files)
     assert "Another truth." in (tmp_path / "board" / "index.html").read_text()
+
+
+def test_files_without_deaf_rows_rank_with_files_that_have_them(tmp_path: Path) -> None:
+    """Earlier versions wrote three reference rows; the truth is the same."""
+    earlier = example_scores(seed=1, method="earlier").model_dump(mode="json")
+    for name in DEAF_REFERENCES:
+        del earlier["references"][name]
+    del earlier["references_unavailable"]
+    files = [save(tmp_path / "a", Scores.model_validate(earlier)), save(tmp_path / "b", example_scores(seed=1))]
+    assert len(tables(files)) == 1
+    (section,) = leaderboard_values(read_entries(files))["sections"]
+    titles = [row.title for row in section.views[0].tables[0].rows if row.entry is None]
+    assert "deaf: most seen" in titles
 
 
 def test_one_method_twice_is_told_apart_and_one_file_twice_counts_once(tmp_path: Path) -> None:
@@ -263,7 +278,9 @@ def test_part_and_protocol_switch(board: Path, browser: Any) -> None:
 def test_a_heading_sorts_and_ranks(board: Path, browser: Any) -> None:
     with visit(browser, board) as opened:
         page = opened.page
-        assert column(page, VISIBLE, "rank") == ["1", "2", "2", "4", "–", "–", "–", "–"]
+        ranks = column(page, VISIBLE, "rank")
+        assert [rank for rank in ranks if rank != "–"] == ["1", "2", "2", "4"]
+        assert ranks.count("–") == len(REFERENCES) + 1, "the references, and what was scored over a part"
         table = page.locator(VISIBLE).first
         for direction in ("descending", "ascending"):
             table.get_by_role("button", name="3D IoU").click()
@@ -273,7 +290,7 @@ def test_a_heading_sorts_and_ranks(board: Path, browser: Any) -> None:
             )
             ranks, values = column(page, VISIBLE, "rank"), column(page, VISIBLE, "3D IoU")
             assert ranks[:2] == (["1", "2"] if direction == "descending" else ["2", "1"])
-            assert values[2:] == ["–"] * 6, "missing ones are last both ways"
+            assert values[2:] == ["–"] * 8, "missing ones are last both ways"
         assert page.locator("[data-ranked-by]:visible").first.text_content() == "3D IoU"
         table.get_by_role("button", name="FP rate").click()
         body = table.locator("tbody").first.locator("tr")

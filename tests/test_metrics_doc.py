@@ -22,10 +22,19 @@ import pytest
 from score_examples import example_scores
 
 from avs3d_bench.geometry import flip_world
-from avs3d_bench.scores import METRICS, REFERENCES, ObservationScores, Scores, metrics_of
+from avs3d_bench.scores import (
+    BLIND_REFERENCES,
+    DEAF_REFERENCES,
+    METRICS,
+    REFERENCES,
+    ObservationScores,
+    Scores,
+    metrics_of,
+)
 from avs3d_bench.submission import MAX_POINTS
 from evaluators import bootstrap, protocols
 from evaluators.contour import contour, found, tolerance
+from evaluators.deaf import deaf_frame, deaf_references
 from evaluators.frames import Truth, frame_figures, reference_figures
 from evaluators.metrics import f_measure, frame_counts, iou
 from evaluators.protocols import official_observation, strict_observation, summarise
@@ -175,7 +184,7 @@ def test_sums_are_worked_out():
 
 def _scores(example: Example, reference: str | None, volume: VolumeScore | None) -> Values:
     """The figures of an observation, by the evaluator."""
-    frames = []
+    frames, deaf = [], []
     for frame in example.frames.values():
         twins = frame.twins
         ids = np.zeros((frame.height, frame.width), np.uint16)
@@ -186,7 +195,11 @@ def _scores(example: Example, reference: str | None, volume: VolumeScore | None)
             frame.array(frame.pixels("truth")), ids if known else None, range(2, 2 + len(twins)), outlines=True
         )
         prediction = frame.array(frame.pixels("prediction"))
-        frames.append(reference_figures(truth)[reference] if reference else frame_figures(truth, prediction))
+        deaf.append(deaf_frame(truth, sounding=1))
+        blind = reference if reference in BLIND_REFERENCES else None
+        frames.append(reference_figures(truth)[blind] if blind else frame_figures(truth, prediction))
+    if frames and reference in DEAF_REFERENCES:
+        frames = deaf_references(deaf)[reference]
     strict = strict_observation(frames, volume, {})
     out: Values = {f"strict.{metric.name}": getattr(strict, metric.name) for metric in metrics_of("strict")}
     if frames:
@@ -293,11 +306,20 @@ def _boundary_f(p: Pixels, g: Pixels, frame: Picture) -> Fraction:
 
 def _witness_scores(example: Example, reference: str | None) -> dict[str, Fraction | None]:
     frames = []
+    names = sorted({"", *(letter for frame in example.frames.values() for letter in frame.twins)})
+    seen = {
+        name: sum(len(f.twins.get(name, set()) if name else f.pixels("truth")) for f in example.frames.values())
+        for name in names
+    }
+    most = max(names, key=lambda name: seen[name])
     for frame in example.frames.values():
         image = set(itertools.product(range(frame.height), range(frame.width)))
         h, w = frame.height, frame.width
         box = {(y, x) for y, x in image if h // 4 <= y < h - h // 4 and w // 4 <= x < w - w // 4}
-        made = {None: frame.pixels("prediction"), "all_black": set(), "all_white": image, "centre_box": box}
+        instances = {"": frame.pixels("truth")} | frame.twins
+        made = {None: frame.pixels("prediction"), "all_black": set(), "all_white": image, "centre_box": box,
+                "deaf_category": set[tuple[int, int]]().union(*instances.values()),
+                "deaf_most_seen": instances.get(most, set())}  # fmt: skip
         frames.append((frame, image, made[reference], frame.pixels("truth")))
     visible = [(f, image, p, g) for f, image, p, g in frames if g]
     absent = [(f, image, p) for f, image, p, g in frames if not g]

@@ -13,7 +13,16 @@ from hypothesis import strategies as st
 from avs3d_bench.scores import ObservationScores, metrics_of
 from evaluators import protocols
 from evaluators.contour import boundary_f, contour
-from evaluators.frames import FrameFigures, Truth, Twin, centre_box, frame_figures, reference_figures
+from evaluators.deaf import DeafFrame, deaf_frame, deaf_references, most_seen
+from evaluators.frames import (
+    FrameFigures,
+    Truth,
+    Twin,
+    centre_box,
+    frame_figures,
+    reference_figures,
+    truth_figures,
+)
 from evaluators.metrics import FrameCounts
 from evaluators.protocols import official_observation, strict_observation, summarise
 from evaluators.volume import VolumeScore
@@ -115,6 +124,48 @@ def test_reference_figures_are_those_of_real_predictions(truth: np.ndarray, twin
     references = reference_figures(known)
     for name, prediction in (("all_black", EMPTY), ("all_white", np.full_like(box, 255)), ("centre_box", box)):
         assert references[name] == frame_figures(known, prediction), name
+
+
+def test_the_truth_as_a_prediction():
+    for truth in (EMPTY, disc(48, 48, 20), np.full((96, 96), 255, np.uint8)):
+        known = Truth.of(truth, np.where(disc(80, 80, 9), 2, 0).astype(np.uint16), (2,), outlines=True)
+        assert truth_figures(known) == frame_figures(known, truth)
+
+
+def test_deaf_figures_are_those_of_real_predictions():
+    truth, twin, far = disc(20, 20, 10), disc(50, 50, 12), disc(80, 80, 5)
+    ids = np.zeros((96, 96), np.uint16)
+    for number, mask in ((2, twin), (5, far)):
+        ids[mask > 0] = number
+    known = Truth.of(truth, ids, (2, 5, 9), outlines=True)
+    found = deaf_frame(known, sounding=3)
+    assert found.category == frame_figures(known, truth | twin | far)
+    assert found.nothing == frame_figures(known, EMPTY)
+    assert found.single == {number: frame_figures(known, mask) for number, mask in ((3, truth), (2, twin), (5, far))}
+
+
+def test_the_only_instance_is_the_truth():
+    known = Truth.of(disc(20, 20, 10), None, (), outlines=True)
+    found = deaf_frame(known, sounding=1)
+    assert found.category == found.single[1] == frame_figures(known, known.mask)
+
+
+def test_the_most_seen_instance_has_the_most_pixels_over_all_frames():
+    """Twin 2 is large once, the sounding 3 is smaller but seen twice; equal instances go by id."""
+    small, large = disc(20, 20, 9), disc(60, 60, 12)
+    shown = [(EMPTY, {2: large}), (small, {}), (small, {})]
+
+    def frames(*chosen: tuple[np.ndarray, dict[int, np.ndarray]]) -> list[DeafFrame]:
+        return [deaf_frame(Truth(mask, twins, contour(mask) if mask.any() else None), 3) for mask, twins in chosen]
+
+    assert most_seen(frames(*shown)) == 3
+    assert most_seen(frames(*shown[:2])) == 2
+    assert most_seen(frames((small, {2: small}))) == 2
+    assert most_seen(frames((small, {4: small}))) == 3
+    assert most_seen(frames((EMPTY, {}))) is None
+    references = deaf_references(frames(*shown[:2]))["deaf_most_seen"]
+    assert [frame.counts.predicted for frame in references] == [np.count_nonzero(large), 0]
+    assert [frame.counts.predicted for frame in deaf_references(frames((EMPTY, {})))["deaf_most_seen"]] == [0]
 
 
 def test_the_centre_box_is_a_quarter_of_the_image():

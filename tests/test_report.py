@@ -22,7 +22,7 @@ from avs3d_bench.scores import METRICS
 from evaluators import pages
 from evaluators.pictures import FALSE, HIT, MISSED, draw_triple, error_picture, percent
 from evaluators.records import Evaluation, FrameScore, Submission
-from evaluators.report import best_reference, chart, scale_end, write_report
+from evaluators.report import best_reference, cards, chart, scale_end, write_report
 
 HOSTILE = '"><img src=x onerror=alert(1)><script>alert(2)</script>'
 TEMPLATES = Path(pages.__file__).parent / "templates"
@@ -120,12 +120,18 @@ def test_references_stand_beside_every_part() -> None:
     bars = dict(chart(scores, iou).blocks)
     assert list(bars) == ["Overall", "Part 1", "Part 2", "Categories", "Rooms"]
     for part in ("Overall", "Part 1", "Part 2"):
-        assert [bar.label for bar in bars[part]] == ["submission", "all black", "all white", "centre box"]
+        assert [bar.label for bar in bars[part]] == [
+            "submission", "all black", "all white", "centre box", "deaf: every instance", "deaf: most seen",
+        ]  # fmt: skip
         assert bars[part][3].width == pytest.approx(5.5)
     own = bars["Overall"][0]
     assert own.pair is not None
     assert (own.low, own.high) == (100 * own.pair[0], 100 * own.pair[1])
     assert best_reference(scores, "overall", iou) == ("centre box", 0.055)
+    by_title = {card.title: card for card in cards(scores, METRICS[2:])}
+    assert by_title["Part 2"].best == ("centre box", 0.055), "what neither looks nor listens"
+    assert by_title["Part 2"].deaf == ("deaf: every instance", 0.94)
+    assert by_title["Part 1"].deaf is by_title["Overall"].deaf is None, "one instance: the truth"
     rate = next(metric for metric in METRICS if metric.name == "FP_rate")
     assert best_reference(scores, "overall", rate) is None, "the least false marks of all: none"
 

@@ -17,8 +17,8 @@ import pytest
 import tiny
 
 from avs3d_bench import files, layout, media
-from avs3d_bench.dataset import Dataset, Frame
-from avs3d_bench.scores import PROTOCOLS, Scores
+from avs3d_bench.dataset import Dataset, Frame, Observation
+from avs3d_bench.scores import BLIND_REFERENCES, DEAF_REFERENCES, PROTOCOLS, REFERENCES, Scores
 from evaluators import protocols
 from evaluators.cli import main
 from evaluators.score import evaluate
@@ -102,9 +102,20 @@ def test_marking_the_twin_is_found_out_in_part_2_only(data: Path, tmp_path: Path
     assert scores.parts["part_1"].strict.wrong_instance_rate is None
 
 
-@pytest.mark.parametrize("name", ["all_black", "all_white", "centre_box"])
+def same_category(observation: Observation) -> list[int]:
+    """Ids of the instances of the sounding category, ascending."""
+    record = observation.record
+    return sorted(i.id for i in record.instances if i.category == record.category)
+
+
+@pytest.mark.parametrize("name", REFERENCES)
 def test_reference_rows_are_the_scores_of_such_submissions(data: Path, tmp_path: Path, name: str):
     def predict(frame: Frame) -> np.ndarray:
+        if name.startswith("deaf"):
+            numbers = same_category(frame.observation)
+            seen = [sum(int((f.instance_ids() == n).sum()) for f in frame.observation.test) for n in numbers]
+            chosen = numbers if name == "deaf_category" else [numbers[int(np.argmax(seen))]]
+            return np.isin(frame.instance_ids(), chosen)
         out = np.full((tiny.SIZE, tiny.SIZE), name == "all_white")
         if name == "centre_box":
             out[16:48, 16:48] = True
@@ -117,6 +128,54 @@ def test_reference_rows_are_the_scores_of_such_submissions(data: Path, tmp_path:
             update={"intervals": {}}
         )
         assert beside.strict.model_copy(update={"intervals": {}}) == group.strict.model_copy(update={"intervals": {}})
+
+
+def test_deaf_rows_need_the_instance_masks_of_test_frames_in_part_2_and_no_other(data: Path, tmp_path: Path):
+    submission = submit(tmp_path / "s", data, shifted)
+    scores = evaluate(submission, data).scores
+    assert scores.references["deaf_category"]["part_1"].strict.IoU == 1
+    assert scores.references["deaf_category"]["part_2"].strict.IoU < 1
+    assert scores.references["deaf_category"]["part_2"].strict.wrong_instance_rate == 1
+    assert scores.references_unavailable == {}
+    root = tiny.clone(data, tmp_path / "fewer")
+    for observation in Dataset(root):
+        for frame in observation.frames:
+            if observation.key == tiny.SINGLE or frame.split == "train":
+                frame.path(layout.INSTANCE_MASKS).unlink()
+    assert evaluate(submission, root).scores.references == scores.references
+
+
+def test_without_instance_masks_the_deaf_rows_are_left_out_and_that_is_said(
+    release: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    submission = submit(tmp_path / "s", release, true_mask)
+    scores = evaluate(submission, release).scores
+    assert set(scores.references) == set(BLIND_REFERENCES)
+    assert scores.references_unavailable == dict.fromkeys(DEAF_REFERENCES, protocols.NO_INSTANCE_MASKS)
+    code, out, _ = run(capsys, submission, "--dataset", release)
+    assert code == 0
+    assert "deaf most seen: no such row (the dataset has no instance masks)" in out
+    alone = evaluate(submission, release, protocols=("official",)).scores
+    assert alone.references_unavailable == {}
+
+
+def test_the_table_shows_the_deaf_rows_of_every_part(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    code, out, _ = run(capsys, submit(tmp_path / "s", data, true_mask), "--dataset", data)
+    assert code == 0
+    lines = [line.strip() for line in out.splitlines()]
+    assert sum(line.startswith("deaf category") for line in lines) == 3  # part_1, part_2, overall
+    assert sum(line.startswith("deaf most seen") for line in lines) == 3
+    assert "no such row" not in out
+
+
+def test_the_official_protocol_has_no_deaf_rows(data: Path, tmp_path: Path):
+    """It needs no instance mask, so it reads none."""
+    submission = submit(tmp_path / "s", data, shifted)
+    root = tiny.clone(data, tmp_path / "none")
+    for key in (tiny.SINGLE, tiny.MULTI):
+        shutil.rmtree(root / key / layout.INSTANCE_MASKS)
+    scores = evaluate(submission, root, protocols=("official",)).scores
+    assert set(scores.references) == set(BLIND_REFERENCES)
 
 
 def test_a_cloud_on_the_mesh_scores_in_3d(data: Path, tmp_path: Path):
@@ -237,7 +296,7 @@ def test_the_command_prints_a_table_and_writes_the_pinned_keys(
     assert set(found["parts"]) == {"part_1", "part_2"}
     assert {"mIoU", "F"} <= set(found["parts"]["part_1"]["official"])
     assert "IoU" in found["parts"]["part_2"]["strict"]
-    assert set(found["references"]) == {"all_black", "all_white", "centre_box"}
+    assert set(found["references"]) == {"all_black", "all_white", "centre_box", "deaf_category", "deaf_most_seen"}
     assert Scores.model_validate_json(out.read_text()).overall.observations == 2
 
 
