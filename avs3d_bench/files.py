@@ -242,7 +242,7 @@ def read_json(path: str | Path) -> Any:
     data = read_bytes(path)
     try:
         return json.loads(data)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise Avs3dError(f"{path}: no valid JSON: {error}; the file may be truncated") from None
 
 

@@ -16,11 +16,11 @@ from pydantic import ValidationError
 from avs3d_bench import layout
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import read_bytes
+from avs3d_bench.predictions import MAX_JSON_BYTES, check_file
 from avs3d_bench.report import Problem, Report, ordered, printable
 from avs3d_bench.schema import SubmissionRecord, describe
 from avs3d_bench.taxonomy import PARTS, ROOMS
 from evaluators.archive import check_directory, top_folder, unpack, vet
-from evaluators.masks import check_file
 from evaluators.records import InvalidSubmission, Submission
 
 _EXPECTED = (
@@ -28,8 +28,6 @@ _EXPECTED = (
     f"PNG per test frame (or {layout.RELEASED_MASKS[0]}/ in place of {layout.SUBMISSION_MASKS}/)"
 )
 _JSON = '{"method": …, "dataset": …, "dataset_version": …}'
-#: submission.json holds a few lines.
-_MAX_JSON_BYTES = 2**20
 #: Entries of folders that are looked at to tell the layout, and how far a misplaced submission is looked for.
 _LOOKED_AT = 100_000
 _NEAR = 200
@@ -125,7 +123,7 @@ def _record(path: Path, named: Path) -> tuple[SubmissionRecord, tuple[Problem, .
     if not os.path.lexists(path):
         return _made_up(named), (Problem("error", path.name, f"missing; expected {_JSON}"),)
     try:
-        check_file(path, _MAX_JSON_BYTES)
+        check_file(path, MAX_JSON_BYTES)
         if not path.resolve().is_relative_to(path.parent.resolve()):
             raise Avs3dError(f"{path}: a link out of the submission; expected a file")
         return SubmissionRecord.model_validate_json(read_bytes(path)), ()

@@ -294,7 +294,9 @@ def test_what_cannot_be_read_is_one_line_each_and_the_rest_is_shown(root: Path, 
     gallery = (tmp_path / "site/index.html").read_text()
     assert "Cannot be shown" in gallery
     assert f"{tiny.MULTI}/index.html" in gallery
-    assert f"{tiny.SINGLE}/index.html" not in gallery
+    # No thumbnail of it; the page that it leads to says what is wrong.
+    assert f"{tiny.SINGLE}/thumbnail.webp" not in gallery
+    assert "observation.json" in (tmp_path / "site" / tiny.SINGLE / "index.html").read_text()
     page = (tmp_path / "site" / tiny.MULTI / "index.html").read_text()
     assert "input/frame_003.png" in page
     assert "audio_clips_binaural/frame_5.wav" in page
@@ -529,7 +531,7 @@ def test_parts_of_the_sound_can_be_asked_for(root: Path) -> None:
 
 def test_the_server_only_answers_questions_and_forbids_what_pages_do_not_need(root: Path) -> None:
     with served(root) as server:
-        assert ask(server, "/index.html", method="POST")[0] == 501
+        assert ask(server, "/index.html", method="POST")[0] == 405
         headers = ask(server, "/")[1]
         assert "default-src 'self'" in headers["Content-Security-Policy"]
         assert headers["X-Content-Type-Options"] == "nosniff"

@@ -12,8 +12,17 @@ from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import write_bytes, write_json
 from avs3d_bench.inspector.facts import few
-from avs3d_bench.inspector.pages import gallery_page, observation_page
-from avs3d_bench.inspector.site import PAGE, SCRIPTS, SOUND, STYLES, Card, ObservationSite, static_asset
+from avs3d_bench.inspector.pages import gallery_page, observation_page, problem_page
+from avs3d_bench.inspector.site import (
+    PAGE,
+    SCRIPTS,
+    SOUND,
+    STYLES,
+    Card,
+    DamagedError,
+    ObservationSite,
+    static_asset,
+)
 from avs3d_bench.inspector.submissions import ShownSubmission
 from avs3d_bench.parallel import process_each
 from avs3d_bench.staging import staged_folder
@@ -94,22 +103,37 @@ def _build_observation(task: _Task) -> tuple[Card, tuple[str, ...]]:
     """Write one observation's files and page (in a worker process)."""
     site = ObservationSite(Dataset(task.root), task.key, task.submissions)
     card = site.card()
-    if card.problem is not None:
-        return card, (f"{task.root / task.key}: {card.problem}",)
-    folder = task.folder / task.key
-    problems = [*site.facts.problems]
-    for name in site.names():
+    if card.problem is None:
         try:
-            data = site.make(name)
+            with site.reading():
+                names = list(site.names())
+            problems = _write_files(site, names, task.folder / task.key)
+            with site.reading():
+                page = observation_page(site, before=task.before, after=task.after, linked=False, problems=problems)
+                problems = few(site.observation, [*problems, *site.mask_problems])
+        except DamagedError as error:
+            card = Card(site.observation.place, problem=site.without_paths(str(error)))
+    if card.problem is not None:
+        page = problem_page(task.key, card.problem, before=task.before, after=task.after)
+        problems = [f"{task.root / task.key}: {card.problem}"]
+    write_bytes(task.folder / task.key / PAGE, page)
+    return card, tuple(problems)
+
+
+def _write_files(site: ObservationSite, names: Sequence[str], folder: Path) -> list[str]:
+    """Write what the page shows; one line for each file that cannot be made."""
+    problems = [*site.facts.problems]
+    for name in names:
+        try:
+            with site.reading():
+                data = site.make(name)
         except Avs3dError as error:
             problems.append(str(error))
             continue
         write_bytes(folder / name, data)
         if name == SOUND:
             problems += site.track.problems
-    page = observation_page(site, before=task.before, after=task.after, linked=False, problems=problems)
-    write_bytes(folder / PAGE, page)
-    return card, tuple(few(site.observation, problems))
+    return problems
 
 
 def _check_target(final: Path, named: Path, sources: Sequence[Path]) -> None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +17,8 @@ if TYPE_CHECKING:
     from avs3d_bench.inspector.submissions import ShownSubmission
 
 _PATH = click.Path(path_type=Path)
+#: How long answers in the making are waited for after Ctrl-C or SIGTERM (s).
+GRACE_SECONDS = 0.7
 
 
 @click.command(
@@ -44,13 +49,16 @@ def view(
     """
     from avs3d_bench.dataset import Dataset
     from avs3d_bench.errors import UsageError
+    from avs3d_bench.inspector.links import check_link
     from avs3d_bench.inspector.submissions import open_submissions
+    from avs3d_bench.layout import DATASET_JSON
 
     dataset = Dataset(root)
     keys = [observation.key for observation in dataset.select(*only)]
     if not keys:
         what = f"no observation matches {' '.join(only)}" if only else "no observation to show"
         raise UsageError(f"{root}: {what}; expected some of {', '.join(dataset.keys[:3]) or 'part_1/…'}")
+    check_link(root / DATASET_JSON, root)
     _ = dataset.record  # a damaged dataset.json is said before anything is made
     shown = open_submissions(dataset, submissions)
     if folder is not None:
@@ -82,12 +90,40 @@ def _serve(
 
     from avs3d_bench.inspector.server import ViewServer
 
-    with ViewServer(dataset, keys, shown, port=port) as server:
+    with ViewServer(dataset, keys, shown, port=port) as server, _signals(server.stop) as received:
         click.echo(f"{dataset.name}: {len(keys)} observations at {server.url} (Ctrl-C ends)")
         if browse:
             # A browser of the terminal, or a first start of another, keeps whoever opens it: who would answer it then?
             threading.Thread(target=webbrowser.open, args=[server.url], daemon=True).start()
-        try:
-            server.serve()
-        except KeyboardInterrupt:
+        server.serve()
+        status = 128 + signal.SIGTERM if signal.SIGTERM in received else 0
+        if signal.SIGINT in received:
             click.echo("", err=True)
+        if not server.close(GRACE_SECONDS):
+            # An answer is still being made (a slow disk): leave without the interpreter's tidying up, which would wait
+            # for it, and abort beneath OpenCV's C++ if it did not. There is nothing to tidy: see `live.KeptFiles`.
+            for stream in (sys.stdout, sys.stderr):
+                stream.flush()
+            os._exit(status)
+    if status:
+        raise SystemExit(status)
+
+
+@contextmanager
+def _signals(stop: Callable[[], None]) -> Iterator[set[int]]:
+    """Call ``stop`` at Ctrl-C and at SIGTERM, instead of raising from wherever the program is; yields which came."""
+    received: set[int] = set()
+
+    def note(number: int, _: object) -> None:
+        received.add(number)
+        stop()
+
+    former = {}
+    with suppress(ValueError):  # only the main thread may ask for signals
+        for number in (signal.SIGINT, signal.SIGTERM):
+            former[number] = signal.signal(number, note)
+    try:
+        yield received
+    finally:
+        for number, handler in former.items():
+            signal.signal(number, handler)

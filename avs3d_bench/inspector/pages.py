@@ -13,7 +13,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from avs3d_bench.dataset import Dataset
-from avs3d_bench.inspector.facts import Moment, few, without_path
+from avs3d_bench.inspector.facts import Moment, few
 from avs3d_bench.inspector.floorplan import map_bounds
 from avs3d_bench.inspector.site import Card, ObservationSite
 from avs3d_bench.taxonomy import PARTS, ROOMS
@@ -40,7 +40,7 @@ def _environment() -> Environment:
 
 
 def gallery_page(dataset: Dataset, cards: Sequence[Card], submissions: Sequence[str]) -> bytes:
-    """The gallery.
+    """The gallery; observations that cannot be shown are listed below it.
 
     Args:
         dataset: what is shown.
@@ -92,7 +92,7 @@ def observation_page(
         problems: one line for each file that could not be read or made.
     """
     facts = site.facts
-    hidden = [without_path(site.observation, line) for line in few(site.observation, problems)]
+    hidden = [site.without_paths(line) for line in few(site.observation, [*problems, *site.mask_problems])]
     return _render(
         "observation.html.j2",
         root="../../../../",
@@ -108,6 +108,21 @@ def observation_page(
         track=site.track if facts.has_sound else None,
         heading=title(facts.category) if facts.category else facts.key,
     )
+
+
+def problem_page(key: str, problem: str, *, before: str | None, after: str | None) -> bytes:
+    """The page of an observation that cannot be shown.
+
+    Args:
+        key: of the observation.
+        problem: what is wrong with which file.
+        before: key of the observation before it in the gallery.
+        after: key of the one after it.
+    """
+    file, found, what = problem.partition(": ")
+    if not found:
+        file, what = key, problem
+    return _render("problem.html.j2", root="../../../../", key=key, file=file, what=what, before=before, after=after)
 
 
 def _player_data(site: ObservationSite, linked: bool) -> dict[str, Any]:

@@ -1,8 +1,7 @@
 """The site on demand: a server for this computer alone that makes each file when it is asked for.
 
 It listens on the loopback address and answers only requests that name it as their host, so that no page of the web
-can read from it under a name of its own (DNS rebinding). The dataset is never written to; what takes time to make is
-kept in a temporary folder that goes with the server.
+can read from it under a name of its own (DNS rebinding). The dataset is never written to.
 """
 
 from __future__ import annotations
@@ -10,23 +9,21 @@ from __future__ import annotations
 import re
 import socket
 import sys
-import tempfile
 import threading
+import time
 from collections.abc import Sequence
 from contextlib import suppress
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 from urllib.parse import unquote, urlsplit
 
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.files import os_error_line, read_bytes, sha256_bytes, write_bytes
-from avs3d_bench.inspector.pages import gallery_page, observation_page
-from avs3d_bench.inspector.site import FLOOR, PAGE, SOUND, THUMBNAIL, NotThereError, ObservationSite, media_type
-from avs3d_bench.inspector.site import static_asset as asset
+from avs3d_bench.files import os_error_line
+from avs3d_bench.inspector.live import LiveSite
+from avs3d_bench.inspector.site import PAGE, DamagedError, NotThereError, media_type
 from avs3d_bench.inspector.submissions import ShownSubmission
 
 HOST = "127.0.0.1"
@@ -36,119 +33,74 @@ POLICY = (
     "default-src 'self'; img-src 'self' data:; object-src 'none'; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'"
 )
-#: Slow to make, or asked for all at once.
-_KEPT = (THUMBNAIL, FLOOR, SOUND)
+#: Of every answer, whatever its status.
+HEADERS = (
+    # The next server on this port may show another dataset, or the same submission made anew.
+    ("Cache-Control", "no-cache"),
+    ("Content-Security-Policy", POLICY),
+    ("Cross-Origin-Opener-Policy", "same-origin"),
+    ("Cross-Origin-Resource-Policy", "same-origin"),
+    ("Referrer-Policy", "no-referrer"),
+    ("X-Content-Type-Options", "nosniff"),
+    ("X-Frame-Options", "DENY"),
+)
 #: More digits than any file has bytes are no range.
 _RANGE = re.compile(r"bytes=([0-9]{0,18})-([0-9]{0,18})")
 
 
-class LiveSite:
-    """The files of a site, made when they are asked for; safe to use from several threads."""
-
-    def __init__(
-        self, dataset: Dataset, keys: Sequence[str], submissions: tuple[ShownSubmission, ...], cache: Path
-    ) -> None:
-        """Nothing is read yet; ``cache`` is a folder for what takes time to make."""
-        self._dataset, self._keys, self._submissions, self._cache = dataset, list(keys), submissions, cache
-        self._sites: dict[str, ObservationSite] = {}
-        self._gallery: bytes | None = None
-        self._lock = threading.Lock()
-        self._busy: dict[str, threading.Lock] = {}
-
-    def read(self, address: str) -> bytes:
-        """The file at ``address``, relative to the site.
-
-        Raises:
-            NotThereError: if there is none.
-            Avs3dError: if it cannot be made.
-        """
-        if address == PAGE:
-            with self._one_at_a_time(PAGE):
-                return self._read_gallery()
-        folder, _, name = address.partition("/")
-        if folder == "assets":
-            return asset(name)
-        pieces = address.split("/", 4)
-        key, name = "/".join(pieces[:4]), pieces[4] if len(pieces) == 5 else ""
-        if key not in self._keys or not name:
-            raise NotThereError(f"the site has no {address}")
-        site = self._site(key)
-        if name == PAGE:
-            with self._one_at_a_time(key):
-                return self._page(key, site)
-        if name in _KEPT:
-            with self._one_at_a_time(address):
-                return self._kept(address, site, name)
-        return site.make(name)
-
-    def _one_at_a_time(self, what: str) -> threading.Lock:
-        """Two that ask for the same thing at once must not both make it."""
-        with self._lock:
-            return self._busy.setdefault(what, threading.Lock())
-
-    def _site(self, key: str) -> ObservationSite:
-        with self._lock:
-            return self._sites.setdefault(key, ObservationSite(self._dataset, key, self._submissions))
-
-    def _read_gallery(self) -> bytes:
-        if self._gallery is None:
-            cards = [self._site(key).card() for key in self._keys]
-            self._gallery = gallery_page(self._dataset, cards, [s.name for s in self._submissions])
-        return self._gallery
-
-    def _page(self, key: str, site: ObservationSite) -> bytes:
-        at = self._keys.index(key)
-        before = self._keys[at - 1] if at else None
-        after = self._keys[at + 1] if at + 1 < len(self._keys) else None
-        problems = site.facts.problems
-        if site.facts.has_sound:
-            # The page names the gain of the track, so it has been read: the player's request finds it made.
-            self._kept(f"{key}/{SOUND}", site, SOUND)
-            problems += site.track.problems
-        return observation_page(site, before=before, after=after, linked=True, problems=problems)
-
-    def _kept(self, address: str, site: ObservationSite, name: str) -> bytes:
-        path = self._cache / sha256_bytes(address.encode())
-        if path.exists():
-            return read_bytes(path)
-        data = site.make(name)
-        write_bytes(path, data)
-        if name == SOUND:
-            site.forget_sound()
-        return data
-
-
 class _Server(ThreadingHTTPServer):
-    # Joined when the server closes: the interpreter aborts when it ends beneath OpenCV's C++.
-    daemon_threads = False
     # Two servers on one port would share its requests.
     allow_reuse_port = False
+    #: How often `serve` looks whether it shall end (s).
+    timeout = 0.1
 
     def __init__(self, port: int, site: LiveSite) -> None:
         self.site = site
-        self._open: set[socket.socket] = set()
+        self.ending = False
+        self._lock = threading.Lock()
+        self._open: dict[socket.socket, threading.Thread] = {}
         super().__init__((HOST, port), _Handler)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Remember the connection; browsers keep theirs open."""
-        self._open.add(request)
-        super().process_request(request, client_address)
+        """Answer in a thread of its own, which is remembered with its connection: browsers keep theirs open."""
+        # No daemon: the interpreter aborts when it ends beneath OpenCV's C++.
+        thread = threading.Thread(target=self.process_request_thread, args=(request, client_address), daemon=False)
+        with self._lock:
+            self._open[request] = thread
+        thread.start()
 
     def shutdown_request(self, request: Any) -> None:
         """The connection has ended."""
-        self._open.discard(request)
+        with self._lock:
+            self._open.pop(request, None)
         super().shutdown_request(request)
 
-    def server_close(self) -> None:
-        """Hang up, and wait for answers in the making."""
-        for request in list(self._open):
+    def hang_up(self, seconds: float | None) -> bool:
+        """Close the port and every connection, and wait for answers in the making.
+
+        Args:
+            seconds: how long; None waits for as long as it takes.
+
+        Returns:
+            Whether all of them ended.
+        """
+        self.ending = True
+        # Before the others, so that none can follow.
+        self.socket.close()
+        with self._lock:
+            threads = dict(self._open)
+        for request in threads:
             with suppress(OSError):
                 request.shutdown(socket.SHUT_RDWR)
-        super().server_close()
+        end = None if seconds is None else time.monotonic() + seconds
+        for thread in threads.values():
+            with suppress(RuntimeError):  # never started: there was no memory for it
+                thread.join(None if end is None else max(0.0, end - time.monotonic()))
+        return not any(thread.is_alive() for thread in threads.values())
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A browser that goes away in the middle of an answer is no error."""
-        if not isinstance(sys.exception(), ConnectionError | TimeoutError):
+        """A browser that goes away in the middle of an answer is no error, nor is one that was cut off."""
+        if not self.ending and not isinstance(sys.exception(), ConnectionError | TimeoutError):
             super().handle_error(request, client_address)
 
 
@@ -157,6 +109,17 @@ class _Handler(BaseHTTPRequestHandler):
     server_version, sys_version = "avs3d-view", ""
     timeout = 60
     server: _Server
+
+    def parse_request(self) -> bool:
+        """Read the head of a request; nothing here can be changed."""
+        if not super().parse_request():
+            return False
+        if self.command in ("GET", "HEAD"):
+            return True
+        # What the request brings is not read: it must not be taken for the next one.
+        self.close_connection = True
+        self._refuse(HTTPStatus.METHOD_NOT_ALLOWED, "expected GET or HEAD")
+        return False
 
     def do_GET(self) -> None:
         """Answer with a file of the site."""
@@ -176,14 +139,27 @@ class _Handler(BaseHTTPRequestHandler):
             data = self.server.site.read(address)
         except NotThereError as error:
             self._refuse(HTTPStatus.NOT_FOUND, str(error))
-        except Avs3dError as error:
-            self._refuse(HTTPStatus.INTERNAL_SERVER_ERROR, str(error))
+        except DamagedError as error:
+            if error.page is None:
+                self._refuse(HTTPStatus.UNPROCESSABLE_ENTITY, str(error))
+            else:
+                self._answer(HTTPStatus.UNPROCESSABLE_ENTITY, media_type(PAGE), error.page, None)
+        except Exception as error:
+            line = str(error) if isinstance(error, Avs3dError) else "internal error; the terminal has more"
+            self._refuse(HTTPStatus.INTERNAL_SERVER_ERROR, line)
+            if not isinstance(error, Avs3dError):
+                raise
         else:
             self._send(address, data)
 
     def do_HEAD(self) -> None:
         """The same without the file."""
         self.do_GET()
+
+    def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
+        """What is no request, in plain words."""
+        self.close_connection = True
+        self._refuse(HTTPStatus(code), message or HTTPStatus(code).phrase)
 
     def _send(self, address: str, data: bytes) -> None:
         first, last, status = 0, len(data) - 1, HTTPStatus.OK
@@ -205,21 +181,28 @@ class _Handler(BaseHTTPRequestHandler):
         self._answer(status, "text/plain; charset=utf-8", f"{line}\n".encode("utf-8", "replace"), None)
 
     def _answer(self, status: HTTPStatus, kind: str, body: bytes, content_range: str | None) -> None:
+        if self.request_version == "HTTP/0.9":  # also that of a line without a version: it would have no headers
+            self.request_version = "HTTP/1.0"
         self.send_response(status)
         self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(body)))
         if content_range:
             self.send_header("Content-Range", content_range)
-        self.send_header("Accept-Ranges", "bytes")
-        # The next server on this port may show another dataset, or the same submission made anew.
-        self.send_header("Cache-Control", "no-cache")
-        self.send_header("Content-Security-Policy", POLICY)
-        self.send_header("Cross-Origin-Resource-Policy", "same-origin")
-        self.send_header("Referrer-Policy", "no-referrer")
-        self.send_header("X-Content-Type-Options", "nosniff")
+        if status in (HTTPStatus.OK, HTTPStatus.PARTIAL_CONTENT):
+            self.send_header("Accept-Ranges", "bytes")
+        if status is HTTPStatus.METHOD_NOT_ALLOWED:
+            self.send_header("Allow", "GET, HEAD")
+        if self.close_connection:
+            self.send_header("Connection", "close")
         self.end_headers()
         if self.command != "HEAD":
             self.wfile.write(body)
+
+    def end_headers(self) -> None:
+        """No answer is without these."""
+        for name, value in HEADERS:
+            self.send_header(name, value)
+        super().end_headers()
 
     def log_message(self, format: str, *args: Any) -> None:
         """Requests are not worth a line each."""
@@ -242,7 +225,7 @@ class ViewServer:
     ) -> None:
         """Nothing is opened yet; without ``port`` the usual one, or any that is free."""
         self._dataset, self._keys, self._submissions, self._port = dataset, keys, submissions, port
-        self._cache: tempfile.TemporaryDirectory[str] | None = None
+        self._site: LiveSite | None = None
         self._server: _Server | None = None
 
     def __enter__(self) -> Self:
@@ -251,17 +234,16 @@ class ViewServer:
         Raises:
             UsageError: if it is taken.
         """
-        self._cache = tempfile.TemporaryDirectory(prefix="avs3d-view-")
-        site = LiveSite(self._dataset, self._keys, self._submissions, Path(self._cache.name))
+        self._site = LiveSite(self._dataset, self._keys, self._submissions)
         try:
             try:
-                self._server = _Server(DEFAULT_PORT if self._port is None else self._port, site)
+                self._server = _Server(DEFAULT_PORT if self._port is None else self._port, self._site)
             except OSError:
                 if self._port is not None:
                     raise
-                self._server = _Server(0, site)
+                self._server = _Server(0, self._site)
         except OSError as error:
-            self._cache.cleanup()
+            self._site.close()
             line = os_error_line(error, f"{HOST}:{self._port}", "listen there")
             raise UsageError(f"{line}; choose another --port") from None
         return self
@@ -279,17 +261,26 @@ class ViewServer:
         return f"http://{HOST}:{self.server.server_address[1]}/"
 
     def serve(self) -> None:
-        """Answer until `stop` is called (from another thread) or the process is interrupted."""
-        self.server.serve_forever(poll_interval=0.2)
+        """Answer until `stop` is called."""
+        while not self.server.ending:
+            self.server.handle_request()
 
     def stop(self) -> None:
-        """End `serve`."""
-        self.server.shutdown()
+        """End `serve` within `_Server.timeout`; may be called from any thread and from a signal handler."""
+        self.server.ending = True
+
+    def close(self, seconds: float | None = None) -> bool:
+        """Hang up, and wait for answers in the making, for ``seconds`` or as long as it takes.
+
+        Returns:
+            Whether all of them ended. Of those that did not, threads go on.
+        """
+        ended = self._server is None or self._server.hang_up(seconds)
+        if self._site is not None and ended:
+            self._site.close()
+        return ended
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._server is not None:
-            self._server.server_close()
-        if self._cache is not None:
-            self._cache.cleanup()
+        self.close()

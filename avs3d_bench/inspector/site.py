@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.resources import files as package_files
@@ -26,10 +26,11 @@ from pathlib import Path
 from avs3d_bench import layout, media
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import read_bytes
+from avs3d_bench.files import os_error_line, read_bytes
 from avs3d_bench.inspector import pictures
 from avs3d_bench.inspector.facts import Facts, best_frames, read_facts, without_path
 from avs3d_bench.inspector.floorplan import draw_floorplan
+from avs3d_bench.inspector.links import check_links
 from avs3d_bench.inspector.sound import Track, read_track
 from avs3d_bench.inspector.submissions import Agreement, ShownSubmission
 
@@ -49,6 +50,19 @@ _FRAME_FILE = re.compile(r"(frames|masks|instances|full|predictions/[1-9])/([A-Z
 
 class NotThereError(Avs3dError):
     """The site has no such address."""
+
+
+class DamagedError(Avs3dError):
+    """An address of the site whose files cannot be read.
+
+    Attributes:
+        page: HTML that says so, where the address is that of a page.
+    """
+
+    def __init__(self, message: str, page: bytes | None = None) -> None:
+        """Without ``page`` the message is all there is."""
+        super().__init__(message)
+        self.page = page
 
 
 @dataclass(frozen=True)
@@ -86,6 +100,36 @@ class ObservationSite:
         self.dataset = dataset
         self.observation: Observation = dataset[key]
         self.submissions = submissions
+
+    @contextmanager
+    def reading(self) -> Iterator[None]:
+        """Around what is made of the observation's files.
+
+        Raises:
+            DamagedError: before anything is read, if one of them is a link out of the dataset; and in place of other
+                errors of reading, and of the arithmetic errors that numbers beyond all bounds in the records lead to.
+        """
+        try:
+            check_links(self.observation.path, self.dataset.root)
+            yield
+        except NotThereError:
+            raise
+        except Avs3dError as error:
+            raise DamagedError(str(error)) from error
+        except OSError as error:
+            where = None if error.filename else self.observation.path
+            raise DamagedError(os_error_line(error, where, "read")) from error
+        except (ArithmeticError, ValueError) as error:
+            raise DamagedError(
+                f"{self.observation.path}: its records hold numbers that contradict each other ({error}); find them "
+                "with `avs3d validate --deep`"
+            ) from error
+
+    def without_paths(self, line: str) -> str:
+        """A message without the folders of this disk: pages say nothing of where they were made."""
+        for submission in self.submissions:
+            line = line.replace(f"{submission.root}/", f"{submission.name}: ")
+        return without_path(self.observation, line)
 
     @cached_property
     def facts(self) -> Facts:
@@ -191,9 +235,9 @@ class ObservationSite:
 
     def _prediction(self, number: int, frame: Frame) -> bytes:
         for submission in self.submissions:
-            path = submission.mask_path(frame) if submission.number == number else None
-            if path is not None:
-                return pictures.mask_png(media.read_png_mask(path))
+            mask = submission.mask(frame) if submission.number == number else None
+            if mask is not None:
+                return pictures.mask_png(mask)
         raise NotThereError(f"{self.observation.key}: no submission {number} has a mask of {frame.name}")
 
     @cached_property
@@ -202,36 +246,50 @@ class ObservationSite:
         header = media.png_header(self._picture(self.poster))
         return header.width, header.height
 
-    @cached_property
+    @property
     def agreements(self) -> dict[int, dict[str, Agreement]]:
         """Submission number → frame name → how it agrees with the truth; frames that cannot be compared are absent."""
-        out: dict[int, dict[str, Agreement]] = {submission.number: {} for submission in self.submissions}
+        return self._comparison[0]
+
+    @property
+    def mask_problems(self) -> list[str]:
+        """One line for each mask of a submission, and each true one beside it, that could not be read."""
+        return self._comparison[1]
+
+    @cached_property
+    def _comparison(self) -> tuple[dict[int, dict[str, Agreement]], list[str]]:
+        agreements: dict[int, dict[str, Agreement]] = {submission.number: {} for submission in self.submissions}
+        problems: list[str] = []
         if not self.facts.has_masks or not self.submissions:
-            return out
+            return agreements, problems
         for frame in self.observation.test:
             try:
                 truth = frame.mask()
-            except Avs3dError:
+            except Avs3dError as error:
+                problems.append(str(error))
                 continue
             for submission in self.submissions:
-                path = submission.mask_path(frame)
                 try:
-                    mask = media.read_png_mask(path) if path else None
-                except Avs3dError:
+                    mask = submission.mask(frame)
+                except Avs3dError as error:
+                    problems.append(str(error))
                     continue
                 if mask is not None and mask.shape == truth.shape:
-                    out[submission.number][frame.name] = Agreement.of(truth, mask)
-        return out
+                    agreements[submission.number][frame.name] = Agreement.of(truth, mask)
+        return agreements, problems
 
     def card(self) -> Card:
         """The observation in the gallery; one that cannot be read says why."""
-        place = self.observation.place
         try:
-            frames, record = self.observation.frames, self.observation.record
-            _ = self.observation.splits
-            poster = self.poster
+            with self.reading():
+                return self._card()
         except Avs3dError as error:
-            return Card(place, problem=without_path(self.observation, str(error)))
+            return Card(self.observation.place, problem=self.without_paths(str(error)))
+
+    def _card(self) -> Card:
+        place, frames, record = self.observation.place, self.observation.frames, self.observation.record
+        _ = self.observation.splits
+        poster = self.poster
         outline = ""
         with suppress(Avs3dError):
             outline = pictures.outline_path(poster.mask())

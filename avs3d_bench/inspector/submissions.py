@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,10 +11,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout, media
+from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.errors import UsageError
+from avs3d_bench.files import read_record
+from avs3d_bench.inspector.links import check_link
+from avs3d_bench.predictions import MAX_JSON_BYTES, check_file, read_mask
 from avs3d_bench.schema import SubmissionRecord
+from avs3d_bench.submission import frame_size
 
 #: Keys 1 to 9 of the keyboard.
 MOST = 9
@@ -39,9 +44,25 @@ class ShownSubmission:
             return None
         for folder in (layout.SUBMISSION_MASKS, *layout.RELEASED_MASKS):
             path = self.root / frame.observation.key / folder / f"{frame.name}.png"
-            if path.is_file():
+            # Also what is no plain file: reading it says so.
+            if os.path.lexists(path):
                 return path
         return None
+
+    def mask(self, frame: Frame) -> NDArray[np.bool_] | None:
+        """Its mask (H, W) of a frame, within the limits of `avs3d check`; None where it has none.
+
+        Raises:
+            Avs3dError: if the file leads out of the submission, is no plain file, is damaged, or has another size than
+                the frame; nothing of another size is decoded.
+        """
+        path = self.mask_path(frame)
+        if path is None:
+            return None
+        check_link(path, self.root, "the submission")
+        height, width = frame_size(frame)
+        released = path.parent.name != layout.SUBMISSION_MASKS
+        return np.asarray(read_mask(path, width, height, released=released) != 0)
 
 
 @dataclass(frozen=True)
@@ -84,7 +105,7 @@ def open_submissions(dataset: Dataset, folders: Sequence[Path]) -> tuple[ShownSu
                 f"{dataset.keys[0]}/{layout.SUBMISSION_MASKS}"
             )
         file = folder / layout.SUBMISSION_JSON
-        record = media.read_record(file, SubmissionRecord) if file.exists() else None
+        record = _read_about(file) if os.path.lexists(file) else None
         names.append(record.method if record else folder.resolve().name)
     return tuple(
         ShownSubmission(
@@ -92,3 +113,9 @@ def open_submissions(dataset: Dataset, folders: Sequence[Path]) -> tuple[ShownSu
         )
         for number, (name, folder) in enumerate(zip(names, folders, strict=True), start=1)
     )
+
+
+def _read_about(file: Path) -> SubmissionRecord:
+    check_link(file, file.parent, "the submission")
+    check_file(file, MAX_JSON_BYTES)
+    return read_record(file, SubmissionRecord)

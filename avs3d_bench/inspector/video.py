@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench import layout
-from avs3d_bench.dataset import Dataset, Frame, Observation
+from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import atomic_path
 from avs3d_bench.inspector.facts import read_facts
@@ -33,7 +33,6 @@ from avs3d_bench.inspector.sound import joined, read_clip
 from avs3d_bench.inspector.submissions import ShownSubmission, open_submissions
 from avs3d_bench.inspector.video_drawing import Canvas, Loudness, Overlay, Shown
 from avs3d_bench.inspector.video_map import MapInset
-from avs3d_bench.media import read_png_mask
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -136,7 +135,7 @@ def write_video(
                 Shown(
                     rgb=frame.rgb(),
                     truth=frame.mask() if overlay != "none" and facts.has_masks else None,
-                    predicted=_mask(predicted, frame) if predicted else None,
+                    predicted=predicted.mask(frame) if predicted else None,
                     moment=moment,
                     title=key,
                     what=what,
@@ -164,11 +163,6 @@ def _predicted(dataset: Dataset, observation: Observation, folder: Path) -> Show
     if not any(found.mask_path(frame) for frame in observation.test):
         raise UsageError(f"{folder / observation.key}: no masks of its test frames; choose another observation")
     return found
-
-
-def _mask(submission: ShownSubmission, frame: Frame) -> NDArray[np.bool_] | None:
-    path = submission.mask_path(frame)
-    return read_png_mask(path) if path else None
 
 
 def film_sound(observation: Observation) -> tuple[NDArray[np.float32] | None, int | None]:

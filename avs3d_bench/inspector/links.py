@@ -1,0 +1,56 @@
+"""What is shown lies in the dataset or submission: a symbolic link that leads out of it is refused.
+
+Whoever shares a dataset could otherwise have a link in the place of a frame show a file of whoever looks at it. Hard
+links and links within the root are plain parts of a dataset, and the root itself may be a link.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from avs3d_bench import layout
+from avs3d_bench.errors import Avs3dError
+
+#: What the pages are made of, relative to an observation.
+_FILES = (layout.OBSERVATION_JSON, layout.SPLITS_JSON)
+_FOLDERS = (
+    layout.INPUT,
+    layout.IMAGES,
+    layout.SEMANTIC_MASKS,
+    layout.INSTANCE_MASKS,
+    layout.BINAURAL,
+    layout.COLMAP,
+)
+
+
+def check_link(path: Path, root: Path, what: str = "the dataset") -> None:
+    """Refuse a path that leads out of ``root``, whichever of its folders is the link.
+
+    Raises:
+        Avs3dError: naming it.
+    """
+    if not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(root)):
+        raise Avs3dError(
+            f"{path}: a symbolic link that leads out of {what}; expected a file inside of it: put a copy in its place"
+        )
+
+
+def check_links(observation: Path, root: Path) -> None:
+    """Refuse an observation with a link out of the dataset ``root`` among the files that its page shows.
+
+    Raises:
+        Avs3dError: naming the first.
+    """
+    for name in _FILES:
+        check_link(observation / name, root)
+    for name in _FOLDERS:
+        folder = observation / name
+        check_link(folder, root)
+        try:
+            with os.scandir(folder) as entries:
+                links = sorted(entry.path for entry in entries if entry.is_symlink())
+        except OSError:  # missing, or no folder: its reader says so
+            continue
+        for link in links:
+            check_link(Path(link), root)

@@ -1,0 +1,81 @@
+"""Reading a submission's masks: nothing is decoded before its size is known to be right."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.media import PngHeader, decode_png
+
+#: Size of the largest submission.json (bytes); it holds a few lines.
+MAX_JSON_BYTES = 2**20
+_GREY, _RGB = 0, 2
+#: Values named in a message.
+_NAMED = 4
+
+
+def check_file(path: Path, most: int) -> None:
+    """Refuse what is no plain file (a pipe would wait for ever) or absurdly large."""
+    try:
+        found = os.stat(path)
+    except FileNotFoundError:
+        raise Avs3dError(f"{path}: missing; expected a file") from None
+    except OSError as error:
+        raise Avs3dError(f"{path}: cannot be opened ({error.strerror}); expected a file") from None
+    if not stat.S_ISREG(found.st_mode):
+        kind = "a folder" if stat.S_ISDIR(found.st_mode) else "no plain file"
+        raise Avs3dError(f"{path}: {kind}; expected a file")
+    if found.st_size > most:
+        raise Avs3dError(f"{path}: {found.st_size:,} bytes, expected at most {most:,}")
+
+
+def read_mask(path: Path, width: int, height: int, *, released: bool) -> NDArray[np.uint8]:
+    """A predicted mask.
+
+    Args:
+        path: a PNG file, grey with 8 bits or 1.
+        width: that it must have, pixels.
+        height: likewise.
+        released: accept what the released pipeline writes as well: RGB with three equal channels.
+
+    Returns:
+        (H, W) uint8, exactly 0 or 255.
+
+    Raises:
+        Avs3dError: if the file is missing, no plain file, damaged, of another size or mode, or holds other values.
+    """
+    check_file(path, 4 * width * height + 65_536)
+
+    def check(header: PngHeader) -> None:
+        if (header.width, header.height) != (width, height):
+            raise Avs3dError(
+                f"{path}: {header.width}×{header.height} pixels, expected {width}×{height}, the size of the frame"
+            )
+        grey = header.colour_type == _GREY and header.bits in (1, 8)
+        if not grey and not (released and header.colour_type == _RGB and header.bits == 8):
+            raise Avs3dError(f"{path}: {header.mode}; expected a mask: grey, 8 bit, 0 or 255")
+
+    pixels = decode_png(path, cv2.IMREAD_UNCHANGED, check, plain=True)
+    if pixels.ndim == 3:
+        first, second, third = cv2.split(pixels)
+        if cv2.norm(first, second, cv2.NORM_INF) or cv2.norm(first, third, cv2.NORM_INF):
+            raise Avs3dError(f"{path}: a coloured picture; expected a mask: grey, 8 bit, 0 or 255")
+        pixels = first
+    # No value exceeds 255, so the sum reaches 255 × the count of marked pixels only if all of them are 255.
+    if cv2.sumElems(pixels)[0] != 255.0 * cv2.countNonZero(pixels):
+        raise Avs3dError(f"{path}: {_values(pixels)}")
+    return np.asarray(pixels, dtype=np.uint8)
+
+
+def _values(pixels: NDArray[np.uint8]) -> str:
+    values = [int(value) for value in np.unique(pixels) if value not in (0, 255)]
+    if values == [1] and pixels.max() == 1:
+        return "holds 0 and 1; expected 0 and 255: multiply by 255"
+    named = ", ".join(map(str, values[:_NAMED])) + (", …" if len(values) > _NAMED else "")
+    return f"holds grey values ({named}); expected 0 and 255 only: threshold the prediction"
