@@ -164,6 +164,13 @@ def test_no_file_of_an_observation_can_hang_the_server_or_break_it(root: Path) -
             assert line == f"{name}: a FIFO; expected a regular file\n"
 
 
+def test_what_is_no_picture_is_not_served_as_one(root: Path) -> None:
+    tiny.replace(root / KEY / "input/frame_003.png", b"root:x:0:0:")
+    with served(root) as server:
+        status, _, line = ask(server, f"/{KEY}/full/frame_003.png")
+        assert (status, line) == (422, "input/frame_003.png: not a PNG file; expected a PNG picture\n")
+
+
 @pytest.mark.parametrize("value", [1e300, -1e300])
 def test_numbers_beyond_all_bounds_are_a_page_too(root: Path, value: float) -> None:
     def change(record: dict[str, Any]) -> None:

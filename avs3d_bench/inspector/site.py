@@ -220,6 +220,7 @@ class ObservationSite:
             return pictures.player_frame(frame.rgb())
         if suffix == "png":
             if kind == "full":
+                media.png_header(self._picture(frame))
                 return read_bytes(self._picture(frame))
             if kind == "masks":
                 return pictures.mask_png(frame.mask())
