@@ -2,11 +2,17 @@
 
 For every frame on its own, from its picture and its two-second mono clip (`run.OwodBind`):
 
-1. `boxes` proposes class-agnostic boxes; those with a score > 0.15 and sides < 0.98 of the image stay.
+1. `boxes` proposes class-agnostic boxes; the first of them stays, and those with a score > 0.15 and both sides < 0.98
+   of the image's height.
 2. `masks` turns every box into one mask (SAM).
 3. `select` cuts the masked objects out, everything outside the mask blurred.
 4. `similarity` compares each cut-out with the clip.
-5. `select` keeps the masks whose softmax over the frame's proposals is > 0.2, and joins them.
+5. `select` keeps the masks whose softmax over the frame's proposals is > 0.2, and joins them; of none the union is an
+   empty mask.
+
+A frame without any detection gets no file from the released code. Here it gets an empty mask: a submission has a mask
+for every test frame, and in a folder of train masks a file says that the frame is done, so that a second run goes on
+after it. `echosegnet` takes a missing file for an empty mask as well (`sources.FolderMasks`).
 
 The three networks stand behind the protocols of `protocols`; their weights are local folders (`baselines.checkpoints`).
 Nothing of a frame's truth is read. The masks of test frames are a submission, those of train frames are what

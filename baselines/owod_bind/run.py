@@ -109,8 +109,8 @@ class OwodBind:
     def notes(self) -> str:
         """The settings, for submission.json."""
         return (
-            "2D, every frame on its own, from its picture and its mono clip; boxes with a score > "
-            f"{self.min_score:g} and sides < {self.max_side:g} of the image; "
+            "2D, every frame on its own, from its picture and its mono clip; the first box, and those with a score > "
+            f"{self.min_score:g} and both sides < {self.max_side:g} of the image's height; "
             f"masks whose softmax over the proposals is > {self.threshold:g}"
             + (f"; checkpoints {', '.join(self.checkpoints)}" if self.checkpoints else "")
         )

@@ -38,22 +38,23 @@ def clip_boxes(detections: Detections, size: tuple[int, int]) -> Detections:
 def keep_boxes(
     detections: Detections, size: tuple[int, int], *, min_score: float = MIN_SCORE, max_side: float = MAX_SIDE
 ) -> Detections:
-    """The boxes with a score above ``min_score`` and both sides below ``max_side`` of the picture's.
+    """The first box, and those with a score above ``min_score`` and both sides below ``max_side`` of the height.
+
+    The released code's fallback (keep the first of the list if nothing is kept yet) stands inside the loop over
+    detections. After the first detection something is therefore always kept: the first, whatever its score and size.
 
     Args:
         detections: of one picture, the likeliest first.
         size: (height, width) of the picture.
         min_score: strict.
-        max_side: share of the picture's width and height, strict: a box around everything is no object.
+        max_side: share of the picture's height, for both sides, strict: a box around everything is no object.
 
     Returns:
-        Those, in order; the first detection alone where none is left; none where there was none.
+        Those, in order; none where there was none.
     """
-    height, width = size
-    sides = (detections.boxes[:, 2:] - detections.boxes[:, :2]) / [width, height]
+    sides = (detections.boxes[:, 2:] - detections.boxes[:, :2]) / size[0]
     keep = (detections.scores > min_score) & (sides < max_side).all(axis=1)
-    if not keep.any():
-        keep[:1] = True
+    keep[:1] = True
     return detections.take(keep)
 
 
@@ -125,14 +126,11 @@ def softmax(logits: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def choose(scores: NDArray[np.float64], threshold: float = THRESHOLD) -> NDArray[np.bool_]:
-    """(N,) which of the proposals stay: a score above ``threshold``, so fewer than 1 / ``threshold`` of them.
+    """(N,) which of the proposals stay: a score above ``threshold`` (strict), so fewer than 1 / ``threshold`` of them.
 
-    A lone proposal has the score 1. Where none is left (five or more, all alike) the first detection stays.
+    A lone proposal has the score 1. Of five or more that are all alike none stays: the mask is empty.
     """
-    keep = scores > threshold
-    if not keep.any():
-        keep[:1] = True
-    return keep
+    return np.asarray(scores > threshold)
 
 
 def union(masks: NDArray[np.bool_], size: tuple[int, int]) -> Mask:
