@@ -243,19 +243,28 @@ def denseav(
 )
 @click.option(
     "--variant", type=click.Choice(["official", "spatial"]), default="official", show_default=True,
-    help="As released, or with occlusion-aware votes and the likelihood of what both ears heard.",
+    help="As released, or with occlusion-aware votes and the likelihood of what both ears heard; both share a training.",
 )  # fmt: skip
 @click.option("--no-aisrm", is_flag=True, help="Keep every labelled Gaussian, whatever is heard.")
 @click.option("--voting-threshold", type=click.FloatRange(0.0, 1.0, max_open=True), default=0.3, show_default=True)
 @click.option("--iterations", type=click.IntRange(1), default=30_000, show_default=True, help="Of the training.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the training.")
 @click.option(
+    "--max-gaussians", type=click.IntRange(2), default=None, metavar="N",
+    help="Cap on the number of Gaussians [none, as in 3D-GS; growth ends where memory is nearly used].",
+)  # fmt: skip
+@click.option(
     "--sweep", type=click.Choice(["voting-threshold"]), default=None,
     help="Write one submission for each threshold of the paper's Table 3 into the output folder.",
 )  # fmt: skip
 @_owod_bind_options
 @click.option("--work", type=_PATH, default=None, help="Folder of intermediate results [OUTPUT.work].")
-@click.option("--device", "devices", multiple=True, help="cpu, cuda:0, …; repeat it to use several [all there are].")
+@click.option(
+    "--device",
+    "devices",
+    multiple=True,
+    help="cpu, cuda:0, …; repeat it to use several, or one of them for several observations at a time [all].",
+)
 @scheduling_options
 def echosegnet(
     root: Path,
@@ -269,6 +278,7 @@ def echosegnet(
     voting_threshold: float,
     iterations: int,
     seed: int,
+    max_gaussians: int | None,
     sweep: str | None,
     work: Path | None,
     devices: tuple[str, ...],
@@ -282,6 +292,7 @@ def echosegnet(
     one GPU of a worker that offers it (docs/cluster.md).
     """
     from avs3d_bench.dataset import Dataset
+    from baselines.echosegnet.densify import DensityControl
     from baselines.echosegnet.pipeline import Settings
     from baselines.echosegnet.run import all_devices, write_echosegnet, write_sweep
     from baselines.echosegnet.sources import mask_source
@@ -292,7 +303,9 @@ def echosegnet(
         variant=variant,
         refine=not no_aisrm,
         voting_threshold=voting_threshold,
-        training=TrainingSettings(iterations=iterations, seed=seed),
+        training=TrainingSettings(
+            iterations=iterations, seed=seed, density=DensityControl(max_gaussians=max_gaussians)
+        ),
     )
     shared: dict[str, Any] = {
         "work": work or path.with_name(path.name + ".work"),

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import astuple, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,21 +14,29 @@ import tiny
 import torch
 
 from avs3d_bench import layout, media
+from avs3d_bench.colmap import write_model
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.geometry import Intrinsics
 from avs3d_bench.scores import Scores
 from baselines.echosegnet import pipeline
 from baselines.echosegnet.cache import inputs_digest
-from baselines.echosegnet.gaussians import read_audio_intensity, read_ply
+from baselines.echosegnet.densify import DensityControl
+from baselines.echosegnet.gaussians import from_points, read_audio_intensity, read_ply
+from baselines.echosegnet.pictures import load_pictures
 from baselines.echosegnet.pipeline import Settings
+from baselines.echosegnet.rasterise import TorchRasteriser
+from baselines.echosegnet.render import amodal_mask
+from baselines.echosegnet.rendering import Splat
 from baselines.echosegnet.run import method_name, write_echosegnet, write_sweep
 from baselines.echosegnet.sources import FolderMasks, OracleMasks, mask_source
 from baselines.echosegnet.train import TrainingSettings
+from baselines.echosegnet.views import input_views, load_views, train_views
 from baselines.errors import ErrorModel
 from evaluators import evaluate
 
 FRAMES = 24
-SETTINGS = Settings(training=TrainingSettings(iterations=400))
+SETTINGS = Settings(training=TrainingSettings(iterations=400, density=DensityControl(pixels_per_gaussian=20)))
 
 
 @pytest.fixture(scope="module")
@@ -128,6 +138,98 @@ def test_the_truth_and_the_pictures_of_test_frames_change_nothing(data: Path, tm
     )  # fmt: skip
     for path in sorted(first.path.rglob("*.png")):
         assert (second.path / path.relative_to(first.path)).read_bytes() == path.read_bytes()
+
+
+def _undistort(data: Path, key: str, camera: Intrinsics) -> None:
+    """Put pictures of another camera into images/ and sparse/0, as an undistorted release has them."""
+    observation = Dataset(data)[key]
+    poses, boxes = [frame.pose for frame in observation.frames], tiny.BOXES[key]
+    for frame, pose in zip(observation.frames, poses, strict=True):
+        path = frame.path(layout.IMAGES)
+        path.unlink()
+        media.write_png_rgb(path, tiny.render(camera, pose, boxes)[0])
+    shutil.rmtree(observation.path / "sparse")
+    write_model(observation.path / layout.COLMAP, tiny.colmap_model(camera, poses, boxes))
+
+
+@pytest.mark.parametrize("ours", [True, False])
+def test_images_may_have_another_size_and_camera_than_input(data: Path, tmp_path: Path, ours: bool):
+    """Training reads images/ with the camera of sparse/0; masks, votes and the submission keep the size of input/."""
+    copy = tiny.clone(data, tmp_path / "data")
+    other = Intrinsics(60, 56, 32.0, 32.0, 30.0, 28.0)
+    _undistort(copy, tiny.SINGLE, other)
+    if not ours:
+        (copy / tiny.SINGLE / layout.OBSERVATION_JSON).unlink()
+    observation = Dataset(copy)[tiny.SINGLE]
+    views = load_views(observation)
+    assert {view.camera for view in views} == {other}
+    assert load_pictures(train_views(views)).shape[1:] == (56, 60, 3)
+    (lens,) = {view.camera for view in input_views(views)}
+    assert astuple(lens) == pytest.approx(astuple(Intrinsics.from_fov(tiny.SIZE)))
+    before = inputs_digest(observation)
+    tiny.replace(observation.frames[0].path(layout.INPUT), b"not read by the training")
+    assert inputs_digest(observation) == before
+    tiny.clone(data / tiny.SINGLE / layout.INPUT, tmp_path / "input")
+    shutil.copy(tmp_path / "input/frame_000.png", observation.frames[0].path(layout.INPUT))
+    brief = replace(SETTINGS, training=replace(SETTINGS.training, iterations=100))
+    scores = run(copy, tmp_path / "s", tmp_path / "w", OracleMasks("sounding"), brief, only=["part_1/*"])
+    assert scores.overall.strict.IoU > scores.references["centre_box"]["overall"].strict.IoU + 0.3
+    (mask, *_) = sorted((tmp_path / "s").rglob("frame_*.png"))
+    assert media.read_png_mask(mask).shape == (tiny.SIZE, tiny.SIZE)
+
+
+def test_a_camera_of_sparse_that_fits_input_is_used_as_it_is(tmp_path: Path):
+    release = tiny.write_release(tmp_path / "release")
+    views = load_views(Dataset(release)[tiny.SINGLE])
+    assert input_views(views) == views
+
+
+def test_rule_the_choice_is_made_before_the_decomposition_and_the_map_is_of_all_gaussians(
+    data: Path, tmp_path: Path, work: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """The released order: votes, labelled set, DBSCAN and choice on undecomposed centres, decomposition, rendering."""
+    said: list[tuple[str, np.ndarray]] = []
+
+    def watch(name: str, module: object, function: str, centres: Callable[..., Any]) -> None:
+        real = getattr(module, function)
+
+        def watched(*arguments: Any, **options: Any) -> Any:
+            said.append((name, np.asarray(centres(*arguments)).copy()))
+            return real(*arguments, **options)
+
+        monkeypatch.setattr(module, function, watched)
+
+    watch("map", pipeline.aisrm, "audio_intensity_map", lambda views, clips, points: points)
+    watch("centre", pipeline.aisrm, "audio_centre", lambda points, intensity: points)
+    watch("refine", pipeline.aisrm, "refine", lambda points, centre: points)
+    watch("decompose", pipeline, "decompose", lambda part, views, masks: part.means)
+    run(data, tmp_path / "s", work, OracleMasks("sounding"), only=["part_2/*"])
+    assert [name for name, _ in said] == ["map", "centre", "refine", "decompose"]
+    whole, centre, labelled, chosen = (points for _, points in said)
+    (ply,) = (work / tiny.MULTI).glob("gaussians-*.ply")
+    scene = read_ply(ply).means.numpy()
+    assert np.array_equal(whole, scene)
+    assert np.array_equal(centre, scene)
+    rows = {tuple(point) for point in scene.tolist()}
+    assert {tuple(point) for point in labelled.tolist()} <= rows
+    assert {tuple(point) for point in chosen.tolist()} <= {tuple(point) for point in labelled.tolist()}
+    assert Settings().decompose_every == 4
+
+
+def test_rule_the_mask_is_alpha_above_0_8_of_the_chosen_alone(data: Path):
+    """Amodal: what stands in front is ignored."""
+    view = load_views(Dataset(data)[tiny.SINGLE])[0]
+    drawn: list[int] = []
+
+    class Flat(TorchRasteriser):
+        def splat(self, gaussians: Any, view: Any, **_: Any) -> Any:
+            drawn.append(len(gaussians))
+            alpha = torch.tensor([[0.79, 0.8, 0.8001, 1.0]], dtype=torch.float64)
+            return Splat(alpha[..., None], alpha, gaussians.means, gaussians.means[:, 0] > 0, gaussians.means)
+
+    part = from_points(np.eye(3), np.zeros((3, 3)))
+    assert amodal_mask(Flat(), part, view).tolist() == [[False, False, True, True]]
+    assert drawn == [3]
 
 
 def test_what_is_missing_is_said_in_one_line(data: Path, tmp_path: Path, work: Path):

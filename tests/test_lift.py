@@ -11,6 +11,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics
@@ -84,69 +85,206 @@ def test_the_order_of_views_and_points_changes_nothing(random: Any):
     np.testing.assert_array_equal(lift.label(found), data["label_3"][points])
 
 
-# Decomposition
+def test_rule_a_label_needs_more_than_the_threshold():
+    ballots = np.array([[1] * 3 + [0] * 7, [1] * 4 + [0] * 6, [1, 1, 1, 0, 0, 0, 0, 0, 0, -1]], np.int8)
+    assert lift.label(ballots).tolist() == [False, True, True]  # 3 of 10 is 0.3, 3 of 9 is more
+    for tenths in range(1, 10):
+        exactly = np.array([[1] * 3 * tenths + [0] * 3 * (10 - tenths)], np.int8)
+        assert not lift.label(exactly, tenths / 10).any()
 
 
-def needle(x: float, sigma: float = 0.1, *, thin: float = 0.001) -> Gaussians:
-    """A Gaussian at (x, 0, 1) whose long axis is the world's x axis."""
+def test_rule_a_point_out_of_view_does_not_vote_and_one_at_depth_zero_has_no_pixel():
+    points = np.array([[0.0, 0, 1], [0, 0, -1], [1.1, 0, 1], [0, 0, 0]])
+    assert lift.votes(points, [view()], [np.ones((64, 64), bool)]).tolist() == [[1], [-1], [-1], [-1]]
+
+
+def test_rule_votes_know_no_occlusion():
+    points = np.array([[0.0, 0, 1], [0, 0, 50]])
+    assert lift.votes(points, [view()], [np.ones((64, 64), bool)]).tolist() == [[1], [1]]
+
+
+# Decomposition. The view below has a focal length of 320 pixels and its middle between columns 319 and 320.
+
+
+def wide() -> Any:
+    return view(size=640, focal=320.0)
+
+
+def turned(degrees: float, axis: str = "z") -> torch.Tensor:
+    x, y, z, w = Rotation.from_euler(axis, degrees, degrees=True).as_quat()
+    return torch.tensor([[w, x, y, z]], dtype=torch.float32)
+
+
+def needle(x: float, sigma: float = 0.1, *, thin: float = 0.001, rotation: torch.Tensor | None = None) -> Gaussians:
+    """A Gaussian at (x, 0, 1) whose long axis is the world's x axis, unless it is turned."""
     return Gaussians(
         means=torch.tensor([[x, 0.0, 1.0]]), log_scales=torch.log(torch.tensor([[sigma, thin, thin]])),
-        rotations=torch.tensor([[1.0, 0, 0, 0]]), opacities=torch.zeros(1), sh=torch.zeros(1, 1, 3),
+        rotations=turned(0) if rotation is None else rotation, opacities=torch.zeros(1), sh=torch.zeros(1, 1, 3),
     )  # fmt: skip
 
 
-def left_half() -> np.ndarray:
-    mask = np.zeros((64, 64), bool)
-    mask[:, :32] = True
-    return mask
+def left_of(column: int, size: int = 640) -> np.ndarray:
+    return np.broadcast_to(np.arange(size) < column, (size, size)).copy()
 
 
-@pytest.mark.parametrize(("x", "share"), [(0.0, 0.5), (0.15, 0.25), (-0.15, 0.75)])
-def test_a_gaussian_across_the_edge_is_cut_back_to_its_share(x: float, share: float):
-    # The axis goes from x − 0.3 to x + 0.3; the mask ends at x = 0.
-    found = decompose(needle(x), [view()], [left_half()])
-    assert float(found.scales[0, 0]) == pytest.approx(0.1 * share * 0.8, rel=0.1)
-    assert found.scales[0, 1:].tolist() == pytest.approx([0.001, 0.001])
-    # Its centre moves by half of what was cut off, towards the inside.
-    assert float(found.means[0, 0]) == pytest.approx(x - (1 - share) * 0.3, abs=0.03)
-    assert found.means[0, 1:].tolist() == [0.0, 1.0]
+def released_cut(x: float, column: int) -> tuple[float, float]:
+    """(scale factor, move in metres) of `needle` where the mask ends before ``column``, step by step."""
+    centre, reach = 320 * x + 319.5, 1.5 * 32.0
+    low, high = (int(np.rint(np.clip(end, 0, 639))) for end in (centre - reach, centre + reach))
+    if not low < column <= high:
+        return 1.0, 0.0
+    ratio = (column - low) / (high - low + 1)
+    return ratio * 0.8, -0.5 * (1 - ratio) * 3 * 0.1
+
+
+#: Places of a needle and first columns outside the mask; no end lies half-way between two pixels.
+CUTS = [(0.001, 320), (0.101, 320), (-0.121, 320), (0.001, 273), (-0.951, 10), (0.001, 272)]
+
+
+@pytest.mark.parametrize(("x", "column"), CUTS)
+def test_rule_a_gaussian_across_the_edge_is_cut_back_to_its_share(x: float, column: int):
+    """Ends 1.5 σ off, clipped and rounded; all three scales × ratio × 0.8; the centre by ½(1 − ratio)·3σ inwards."""
+    factor, move = released_cut(x, column)
+    found = decompose(needle(x), [wide()], [left_of(column)])
+    assert found.scales[0].tolist() == pytest.approx([0.1 * factor, 0.001 * factor, 0.001 * factor], rel=1e-5)
+    assert found.means[0].tolist() == pytest.approx([x + move, 0.0, 1.0], abs=1e-6)
+
+
+def test_the_cuts_above_are_what_they_should_be():
+    assert released_cut(0.001, 320) == pytest.approx((0.8 * 48 / 97, -0.15 * 49 / 97))
+    assert released_cut(0.001, 272) == (1.0, 0.0)  # its first pixel is column 272: both ends are outside
+    assert released_cut(-0.951, 10)[0] == pytest.approx(0.8 * 10 / 64)  # clipped at the image's edge: columns 0 to 63
 
 
 @pytest.mark.parametrize("x", [-0.5, 0.5])
 def test_a_gaussian_on_one_side_is_left_alone(x: float):
     before = needle(x)
-    after = decompose(before, [view()], [left_half()])
+    after = decompose(before, [wide()], [left_of(320)])
     assert torch.equal(after.means, before.means)
     assert torch.allclose(after.log_scales, before.log_scales)
 
 
-def test_the_other_end_counts_as_well_and_every_nth_view_is_looked_at():
-    mirrored = decompose(needle(0.0), [view()], [~left_half()])
-    assert float(mirrored.means[0, 0]) == pytest.approx(0.15, abs=0.03)
-    views, masks = [view()] * 5, [np.zeros((64, 64), bool), left_half(), left_half(), left_half(), left_half()]
+def test_rule_every_fourth_view_is_looked_at():
+    views, masks = [wide()] * 5, [left_of(0), *[left_of(320)] * 4]
     assert not torch.equal(decompose(needle(0.0), views, masks, every=4).means, needle(0.0).means)  # views 0 and 4
     assert torch.equal(decompose(needle(0.0), views[:4], masks[:4], every=4).means, needle(0.0).means)  # view 0
 
 
-def test_an_end_behind_the_camera_has_no_pixel():
-    before = needle(0.0)
-    behind = Gaussians(
-        torch.tensor([[0.0, 0.0, 0.1]]), torch.log(torch.tensor([[0.001, 0.001, 0.1]])), before.rotations,
-        before.opacities, before.sh,
-    )  # fmt: skip
-    assert torch.equal(decompose(behind, [view()], [left_half()]).means, behind.means)
+@pytest.mark.parametrize("degrees", [0, 30, 45, 60, 90, 135, 150])
+def test_no_sign_of_an_axis_and_no_direction_of_a_line_matters(degrees: float):
+    """Not reproduced: the released code samples a line that runs to the left as if it were vertical."""
+    mask = left_of(300)
+    half = Rotation.from_euler("z", degrees, degrees=True).apply([1, 0, 0])
+    for turn in (turned(degrees), -turned(degrees), turned(degrees + 180)):
+        found = decompose(needle(0.0, 0.2, rotation=turn), [wide()], [mask])
+        if degrees == 90:
+            assert found.means[0].tolist() == [0.0, 0.0, 1.0]
+            continue
+        moved = found.means[0].numpy() - [0, 0, 1]
+        factor = float(found.scales[0, 0]) / 0.2
+        # Along the axis, to the left, by ½(1 − ratio)·3σ; the ratio is that of the horizontal line to about a pixel.
+        assert np.cross(moved, half) == pytest.approx([0, 0, 0], abs=1e-6)
+        assert moved[0] < 0
+        assert np.linalg.norm(moved) == pytest.approx(0.5 * (1 - factor / 0.8) * 0.6, rel=1e-5)
+        reach = 1.5 * 64 * abs(half[0])
+        assert factor / 0.8 == pytest.approx((reach - 19.5) / (2 * reach), abs=1.5 / (2 * reach))
+
+
+def test_the_three_d_axis_is_projected_as_a_direction():
+    """Not reproduced: the released code projects it as if it were a point. It points away and to the right here."""
+    needles = needle(0.6, rotation=turned(-80, "y"))
+    found = decompose(needles, [wide()], [left_of(512)])
+    moved = found.means[0].numpy() - [0.6, 0, 1]
+    axis = Rotation.from_euler("y", -80, degrees=True).apply([1, 0, 0])
+    seen = 320 * (axis[0] - 0.6 * axis[2])  # d(column)/ds at x = 0.6, z = 1: away from the camera is to the left
+    assert seen < 0 < axis[2]
+    assert moved @ axis > 0, "towards the left, where the mask is"
+
+
+def test_the_covariance_is_projected_without_a_low_pass_filter():
+    """σ = 0.01 px: with 0.3 px² added the ends would lie a pixel apart and the round one would be cut."""
+    tiny = needle(0.5 / 320, 0.01 / 320, thin=0.01 / 320)
+    assert torch.equal(decompose(tiny, [wide()], [left_of(320)]).means, tiny.means)
+
+
+def test_a_centre_behind_the_camera_has_no_pixel():
+    behind = needle(0.0)
+    behind = Gaussians(-behind.means, behind.log_scales, behind.rotations, behind.opacities, behind.sh)
+    assert torch.equal(decompose(behind, [wide()], [left_of(320)]).means, behind.means)
+
+
+def test_decomposition_refuses_masks_of_another_size():
+    with pytest.raises(Avs3dError, match=r"frame_001: a mask of shape \(64, 64\), expected \(640, 640\)"):
+        decompose(needle(0.0), [wide()], [left_of(3, 64)])
 
 
 # AISRM
 
 
-def test_the_intensity_map_is_the_released_one():
-    data = np.load(GOLDEN / "audio_map.npz")
+@pytest.mark.parametrize("name", ["audio_map", "audio_map_pitched"])
+def test_the_intensity_map_is_the_released_one(name: str):
+    data = np.load(GOLDEN / f"{name}.npz")
     views = [view(r, t) for r, t in zip(data["c2w_R"], data["c2w_t"], strict=True)]
     np.testing.assert_allclose(aisrm.loudness(data["clips"])[:, 0], data["rms_left"], atol=1e-8)
     np.testing.assert_allclose(aisrm.loudness(data["clips"])[:, 1], data["rms_right"], atol=1e-8)
     found = aisrm.audio_intensity_map(views, data["clips"], data["points"])
     np.testing.assert_allclose(found, data["intensity"], atol=1e-8)
+
+
+def test_rule_the_heading_is_not_the_forward_axis_of_a_camera_that_rolls():
+    turn = Rotation.from_euler("ZX", [40, 50], degrees=True).as_matrix()  # (R[0, 2], R[0, 0]) is not (R[0, 2], R[2, 2])
+    angle = np.arctan2(turn[0, 2], turn[0, 0])
+    forward = np.arctan2(turn[0, 2], turn[2, 2])
+    assert abs(angle - forward) > 0.03
+    between = 0.5 * (angle + forward)
+    # A point between both headings: to the left of the one and to the right of the other.
+    point = np.array([[np.sin(between), 0.0, np.cos(between)], [np.cos(angle), 0, -np.sin(angle)]])
+    left = aisrm.audio_intensity_map([view(turn)], [clip(1.0, 0.0)], point)
+    side = np.sin(angle) * point[:, 2] - np.cos(angle) * point[:, 0]
+    assert left.tolist() == (side > 0).astype(float).tolist()
+    assert left[0] != float(np.sin(forward) * point[0, 2] - np.cos(forward) * point[0, 0] > 0)
+
+
+def test_rule_a_frame_weighs_its_difference_over_the_louder_side():
+    points = np.array([[-1.0, 0, 1], [1.0, 0, 1]])
+    found = aisrm.audio_intensity_map([view(), view()], [clip(0.8, 0.2), clip(0.5, 1.0)], points)
+    left, right = 0.6 / (0.8 + 1e-6), 0.5 / (1.0 + 1e-6)
+    assert found.tolist() == pytest.approx([1.0, right / left], rel=1e-12)
+
+
+def test_rule_the_centre_is_the_weighted_mean_of_what_lies_above_0_85():
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [3, 0, 0]])
+    assert aisrm.audio_centre(points, np.array([0.85, 0.86, 1.0])).tolist() == pytest.approx([3.86 / 1.86, 0, 0])
+    assert aisrm.audio_centre(points, np.full(3, 0.85)) is None
+
+
+def blob(x: float, count: int, height: float = 0.0) -> np.ndarray:
+    return np.column_stack([x + 0.001 * np.arange(count), np.full(count, height), np.zeros(count)])
+
+
+def test_rule_a_kept_cluster_has_strictly_more_points_than_mean_plus_half_a_deviation():
+    # Sizes 10, 10, 20, 20: mean 15, population deviation 5, limit 17.5; 10 and 20 alone: exactly 17.5 is below 20.
+    points = np.concatenate([blob(0, 10), blob(1, 10), blob(2, 20), blob(3, 20)])
+    assert aisrm.refine(points, [0.0, 0, 0]).kept == 2
+    assert aisrm.refine(points, [0.0, 0, 0]).chosen.nonzero()[0].tolist() == list(range(20, 40))
+    # Sizes 7 and 7, and 7, 7, 7: the limit is 7, and 7 is not more.
+    assert aisrm.refine(np.concatenate([blob(0, 7), blob(1, 7)]), [0.0, 0, 0]).is_none
+    # Of two unequal clusters only the larger is kept, wherever the sound comes from.
+    found = aisrm.refine(np.concatenate([blob(0, 8), blob(5, 30)]), [0.0, 0, 0])
+    assert (found.kept, found.chosen.nonzero()[0].tolist()) == (1, list(range(8, 38)))
+
+
+def test_rule_the_nearest_kept_cluster_is_measured_in_the_xz_plane():
+    points = np.concatenate([blob(0, 20, height=3.0), blob(1, 20), blob(5, 6)])
+    assert aisrm.refine(points, [0.2, 0, 0]).chosen.nonzero()[0].tolist() == list(range(20))
+
+
+def test_rule_clusters_reach_4_cm_and_need_6_points():
+    assert (aisrm.EPS, aisrm.MIN_POINTS) == (0.04, 6)
+    sparse = np.column_stack([0.0401 * np.arange(9), np.zeros(9), np.zeros(9)])
+    assert aisrm.refine(sparse, [0, 0, 0]).labels.max() == -1
+    assert aisrm.refine(blob(0, 5), [0, 0, 0]).labels.max() == -1
+    assert aisrm.refine(blob(0, 6), [0, 0, 0]).labels.max() == 0
 
 
 @pytest.mark.parametrize("number", range(5))

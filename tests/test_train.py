@@ -17,9 +17,11 @@ from torch import Tensor
 
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
-from baselines.echosegnet import pictures
+from baselines.echosegnet import memory, pictures
+from baselines.echosegnet import train as training
 from baselines.echosegnet.densify import PARAMETERS, DensityControl, Pull, densify, parameters, reset_opacities
 from baselines.echosegnet.gaussians import Gaussians
+from baselines.echosegnet.projection import rotation_matrices
 from baselines.echosegnet.rasterise import TorchRasteriser
 from baselines.echosegnet.rendering import Splat
 from baselines.echosegnet.similarity import psnr, ssim
@@ -92,8 +94,8 @@ def _values(sizes: list[float], alphas: list[float]) -> dict[str, Tensor]:
 
 
 def _pull(gradients: list[float]) -> Pull:
-    """As if seen in four views each."""
-    return Pull(torch.tensor(gradients) * 4, torch.full((len(gradients),), 4.0))
+    """As if seen in four views each, with a radius of 5 pixels."""
+    return Pull(torch.tensor(gradients) * 4, torch.full((len(gradients),), 4.0), torch.full((len(gradients),), 5.0))
 
 
 def test_small_ones_are_cloned_large_ones_split_transparent_ones_removed() -> None:
@@ -102,7 +104,7 @@ def test_small_ones_are_cloned_large_ones_split_transparent_ones_removed() -> No
     optimiser = _optimiser(values)
     before = {name: value.detach().clone() for name, value in parameters(optimiser).items()}
     moments = optimiser.state[parameters(optimiser)["means"]]["exp_avg"].clone()
-    pull = densify(optimiser, _pull([0, 1, 1, 0, 1]), DensityControl(gradient=0.5), 1.0, torch.Generator())
+    pull = densify(optimiser, _pull([0, 1, 1, 0, 1]), DensityControl(gradient=0.5), 1.0, torch.Generator()).pull
     after = parameters(optimiser)
     assert {len(value) for value in after.values()} == {5}  # 0 and 1 stay, a clone of 1, two halves of 2
     assert len(pull.total) == 5
@@ -134,15 +136,53 @@ def test_halves_are_drawn_from_the_gaussian_that_was_split() -> None:
     np.testing.assert_allclose(np.cov(spread.T), np.diag(s**2), rtol=0.06, atol=4e-4)
 
 
-def test_growth_ends_at_the_limit_and_the_strongest_go_first() -> None:
+def test_large_ones_are_pruned_after_the_first_reset() -> None:
+    """More than 20 pixels on screen, or more than a tenth of the extent: 2 m here, so 0.2 m."""
+    sizes = [0.01, 0.01, 0.01, 0.21, 0.19, 0.4, 0.3]  # the last two are split: halves of 0.25 m and of 0.1875 m
+    pull = _pull([0, 0, 0, 0, 0, 1, 1])
+    pull.radius = torch.tensor([5.0, 20.0, 20.5, 5.0, 5.0, 5.0, 5.0])
+    control = DensityControl(gradient=0.5)
+    assert (control.max_screen, control.max_size) == (20.0, 0.1)
+    for prune, expected in ((True, [0, 1, 4, 6, 6]), (False, [0, 1, 2, 3, 4, 5, 5, 6, 6])):
+        optimiser = _optimiser(_values(sizes, [0.5] * 7))
+        mark = parameters(optimiser)["sh0"][:, 0, 0].tolist()
+        densify(optimiser, pull, control, 2.0, torch.Generator(), prune_large=prune)
+        found = [mark.index(value) for value in parameters(optimiser)["sh0"][:, 0, 0].tolist()]
+        assert sorted(found) == expected
+    optimiser = _optimiser(_values(sizes, [0.5] * 7))
+    densify(optimiser, pull, replace(control, max_screen=None), 2.0, torch.Generator(), prune_large=True)
+    assert len(parameters(optimiser)["means"]) == 6
+
+
+def test_a_clone_of_one_that_is_large_on_screen_stays() -> None:
+    """Its own radius has not been seen yet, as in the reference."""
+    optimiser = _optimiser(_values([0.005], [0.5]))
+    pull = _pull([1.0])
+    pull.radius[:] = 30.0
+    densify(optimiser, pull, DensityControl(), 1.0, torch.Generator(), prune_large=True)
+    assert len(parameters(optimiser)["means"]) == 1
+
+
+def test_there_is_no_cap_unless_one_is_asked_for() -> None:
+    assert DensityControl().max_gaussians is None
+    assert DensityControl().limited(1).max_gaussians is None
+    assert DensityControl(pixels_per_gaussian=20).limited(20_000).max_gaussians == 1_000
+    assert DensityControl(max_gaussians=600, pixels_per_gaussian=20).limited(105 * 1008**2).max_gaussians == 600
+    optimiser = _optimiser(_values([0.005] * 500, [0.5] * 500))
+    done = densify(optimiser, _pull([1.0] * 500), DensityControl(), 1.0, torch.Generator())
+    assert (len(parameters(optimiser)["means"]), done.refused) == (1000, 0)
+
+
+@pytest.mark.parametrize("limit", ["cap", "memory"])
+def test_growth_ends_at_the_limit_and_the_strongest_go_first(limit: str) -> None:
     values = _values([0.005] * 4, [0.5] * 4)
     optimiser = _optimiser(values)
     before = parameters(optimiser)["means"].detach().clone()
-    control = DensityControl(gradient=0.1, max_gaussians=6)
-    densify(optimiser, _pull([0.2, 0.9, 0.4, 0.8]), control, 1.0, torch.Generator())
+    control = DensityControl(gradient=0.1, max_gaussians=6 if limit == "cap" else None)
+    room = None if limit == "cap" else 2
+    done = densify(optimiser, _pull([0.2, 0.9, 0.4, 0.8]), control, 1.0, torch.Generator(), room=room)
     torch.testing.assert_close(parameters(optimiser)["means"].detach(), before[[0, 1, 2, 3, 1, 3]])
-    assert DensityControl().limited(20_000).max_gaussians == 1_000
-    assert DensityControl().limited(105 * 1008**2).max_gaussians == DensityControl().max_gaussians
+    assert done.refused == 2
 
 
 def test_reset_lowers_opacities_and_forgets_their_moments() -> None:
@@ -159,12 +199,29 @@ def test_pull_is_measured_in_half_widths_of_the_picture() -> None:
     """As the reference measures it: a gradient per pixel times half the picture's pixels, in views that saw it."""
     means = torch.zeros(2, 2, requires_grad=True)
     means.grad = torch.tensor([[3e-4, 0.0], [0.0, 1e-4]])
-    splat = Splat(torch.zeros(10, 20, 3), torch.zeros(10, 20), means, torch.tensor([True, False]))
+    seen, conics = torch.tensor([True, False]), torch.tensor([[0.25, 0.0, 1.0], [0.01, 0.0, 0.01]])
+    splat = Splat(torch.zeros(10, 20, 3), torch.zeros(10, 20), means, seen, conics)
     pull = Pull.zeros(torch.zeros(2, 3))
     pull.add(splat)
-    pull.add(splat)
+    pull.add(replace(splat, conics=4 * conics))
     torch.testing.assert_close(pull.total, torch.tensor([6e-3, 1e-3]))
     torch.testing.assert_close(pull.count, torch.tensor([2.0, 0.0]))
+    # σ is 2 px in the first view and 1 px in the second; what is not visible has no radius.
+    torch.testing.assert_close(pull.radius, torch.tensor([6.0, 0.0]))
+
+
+def test_a_radius_is_three_deviations_along_the_long_axis_with_the_low_pass(room: SimpleNamespace) -> None:
+    view = train_views(room.views)[0]
+    focal, ahead = view.camera.fx, torch.tensor(view.position + 2 * view.rotation[:, 2], dtype=torch.float32)
+    scene = Gaussians(
+        ahead[None], torch.log(torch.tensor([[0.1, 0.3, 0.1]])), torch.tensor([[0.9, 0.2, 0.0, 0.1]]),
+        torch.zeros(1), torch.zeros(1, 1, 3),
+    )  # fmt: skip
+    (radius,) = CPU.splat(scene, view, sh_degree=0).radii().tolist()
+    turn = rotation_matrices(scene.rotations)[0].double().numpy()
+    across = view.rotation[:, :2].T @ turn @ np.diag([0.1, 0.3, 0.1]) * focal / 2
+    expected = 3 * math.sqrt(np.linalg.eigvalsh(across @ across.T + 0.3 * np.eye(2))[1])
+    assert radius == pytest.approx(expected, rel=1e-5)
 
 
 # --- schedule
@@ -173,7 +230,11 @@ def test_pull_is_measured_in_half_widths_of_the_picture() -> None:
 def test_the_reference_schedule() -> None:
     s = TrainingSettings()
     times = [i for i in range(1, 30_001) if s.densifies(i)]
-    assert (times[0], times[-1], len(times)) == (600, 15_000, 145)
+    assert (times[0], times[-1], len(times)) == (600, 14_900, 144)
+    assert (s.prunes_large(3_000), s.prunes_large(3_100)) == (False, True)
+    assert (s.grows(14_999), s.grows(15_000)) == (True, False)
+    d = s.density
+    assert (d.gradient, d.size, d.min_opacity, d.reset_opacity) == (0.0002, 0.01, 0.005, 0.01)
     assert [i for i in range(1, 30_001) if s.resets(i)] == [3_000, 6_000, 9_000, 12_000]
     assert s.means_rate(0, 2.0) == pytest.approx(3.2e-4)
     assert s.means_rate(15_000, 2.0) == pytest.approx(3.2e-5)  # the geometric mean
@@ -183,7 +244,7 @@ def test_the_reference_schedule() -> None:
 def test_a_shorter_run_does_everything_in_proportion_but_not_too_often() -> None:
     s = TrainingSettings(iterations=3_000)
     times = [i for i in range(1, 3_001) if s.densifies(i)]
-    assert (times[0], times[-1], times[1] - times[0]) == (60, 1_500, 10)
+    assert (times[0], times[-1], times[1] - times[0]) == (60, 1_490, 10)
     assert [i for i in range(1, 3_001) if s.resets(i)] == [1_000]
     assert s.means_rate(3_000, 1.0) == pytest.approx(1.6e-6)
 
@@ -217,7 +278,7 @@ def test_training_reaches_a_picture_of_views_it_never_saw(room: SimpleNamespace)
     """300 iterations: test views gain more than 8 dB, past 22 dB; reports count up and improve."""
     reports: list[Report] = []
     first = train(room.views, room.xyz, room.rgb, CPU, replace(SHORT, iterations=1))
-    settings = TrainingSettings(iterations=300)
+    settings = TrainingSettings(iterations=300, density=DensityControl(pixels_per_gaussian=20))
     trained = train(room.views, room.xyz, room.rgb, CPU, settings, progress=reports.append)
     unseen = test_views(room.views)
     before, after = (np.median(view_psnr(g, unseen, CPU)) for g in (first, trained))
@@ -268,6 +329,42 @@ def test_a_resumed_run_is_the_uninterrupted_one(room: SimpleNamespace, tmp_path:
     assert len(seen) == 4  # nothing was left to do
 
 
+def test_where_memory_is_nearly_used_growth_ends_and_the_report_says_when(
+    room: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    most = len(room.xyz) + 40
+    monkeypatch.setattr(training, "room_for", lambda count, device: max(0, most - count))
+    reports: list[Report] = []
+    settings = replace(SHORT, density=DensityControl())
+    trained = train(room.views, room.xyz, room.rgb, CPU, settings, progress=reports.append, report_every=5)
+    assert len(trained) <= most
+    first = next(report for report in reports if report.full_at is not None)
+    assert first.iteration - 5 < first.full_at <= first.iteration
+    assert reports[-1].full_at == first.full_at
+    capped = replace(SHORT, density=DensityControl(max_gaussians=len(room.xyz) + 20))
+    train(room.views, room.xyz, room.rgb, CPU, capped, progress=reports.append)
+    assert reports[-1].full_at is None, "the cap ended growth, not memory"
+
+
+def test_the_room_on_a_device_is_what_is_free_less_what_a_step_needs(monkeypatch: pytest.MonkeyPatch) -> None:
+    gib = 2**30
+    figures: dict[str, Any] = {
+        "mem_get_info": (60 * gib, 100 * gib), "memory_allocated": 4 * gib, "memory_reserved": 8 * gib,
+        "max_memory_allocated": 6 * gib, "get_per_process_memory_fraction": 1.0,
+    }  # fmt: skip
+    for name in figures:
+        monkeypatch.setattr(torch.cuda, name, lambda *_, name=name: figures[name])
+    device = torch.device("cuda:0")
+    # Free: 60 and the 4 that the process holds back; a tenth of 100 and 1.25 × 2 for a step are taken off.
+    per_gaussian = memory.BYTES + 2.5 * gib / 1_000_000
+    assert memory.room_for(1_000_000, device) == int(51.5 * gib / per_gaussian)
+    figures["get_per_process_memory_fraction"] = 0.25  # four trainings on the device
+    assert memory.room_for(1_000_000, device) == int((25 - 4 - 2.5 - 2.5) * gib / per_gaussian)
+    figures["mem_get_info"] = (gib, 100 * gib)
+    assert memory.room_for(1_000_000, device) == 0
+    assert memory.room_for(1_000_000, torch.device("cpu")) is None
+
+
 def test_checkpoints_of_other_runs_and_damaged_ones_are_named(room: SimpleNamespace, tmp_path: Path) -> None:
     path = tmp_path / "c.pt"
     brief = replace(SHORT, iterations=3)
@@ -294,7 +391,7 @@ def test_only_train_pictures_are_read(room: SimpleNamespace, monkeypatch: pytest
 
 
 def _with_picture(view: View, pixels: np.ndarray) -> View:
-    frame = SimpleNamespace(rgb=lambda: pixels, observation=view.frame.observation, name=view.name)
+    frame = SimpleNamespace(undistorted_rgb=lambda: pixels, observation=view.frame.observation, name=view.name)
     return replace(view, frame=frame)  # type: ignore[arg-type]
 
 

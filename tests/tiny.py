@@ -146,7 +146,8 @@ def mono_of(clips: list[NDArray[np.float32]], index: int) -> NDArray[np.float32]
     return np.concatenate([mix[index][half:], mix[index], mix[index][:half]])
 
 
-def _model(camera: Intrinsics, poses: list[Pose], boxes: tuple[Box, ...]) -> ColmapModel:
+def colmap_model(camera: Intrinsics, poses: list[Pose], boxes: tuple[Box, ...]) -> ColmapModel:
+    """The sparse model of these poses, with exact points."""
     positions, colours, tracks = [], [], []
     depths = [render(camera, pose, boxes)[2] for pose in poses]
     for number, pose in enumerate(poses):
@@ -205,7 +206,7 @@ def _observation(
                 rms_left=rms[0], rms_right=rms[1],
             )
         )  # fmt: skip
-    write_model(folder / "sparse/0", _model(camera, poses, boxes))
+    write_model(folder / "sparse/0", colmap_model(camera, poses, boxes))
     if not ours:
         return None
     media.write_json(folder / "camera_splits.json", CameraSplits.of(frames))

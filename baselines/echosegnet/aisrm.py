@@ -56,6 +56,10 @@ def audio_intensity_map(
     A frame gives |L − R| / (max(L, R) + 1e-6) to every point on the louder side of the camera's heading in the xz
     plane; the sum over frames is divided by its maximum. Where nothing was ever heard it is 0 everywhere.
 
+    The heading is the released one: at the angle atan2(R[0, 2], R[0, 0]) of the camera-to-world rotation R, that is
+    (x, z) = (R[0, 2], R[0, 0]). It is the forward axis (R[0, 2], R[2, 2]) only where the camera neither pitches nor
+    rolls.
+
     Args:
         views: train views in the order of time.
         clips: (T, 2, n) their binaural clips.
@@ -70,7 +74,7 @@ def audio_intensity_map(
     flat = np.asarray(points, dtype=np.float64)[:, [0, 2]]
     total = np.zeros(len(flat))
     for view, (left, right) in zip(views, levels, strict=True):
-        heading = view.rotation[[0, 2], 2]
+        heading = view.rotation[0, [2, 0]]
         offset = flat - view.position[[0, 2]]
         side = heading[0] * offset[:, 1] - heading[1] * offset[:, 0]
         weight = abs(left - right) / (max(left, right) + _TINY)

@@ -15,6 +15,7 @@ from avs3d_bench import layout
 from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import atomic_path, sha256_file
+from baselines.echosegnet.views import picture_folder
 
 
 def inputs_digest(observation: Observation) -> str:
@@ -25,7 +26,9 @@ def inputs_digest(observation: Observation) -> str:
         if not path.exists():
             raise Avs3dError(f"{path}: missing; EchoSegnet needs the sparse model (run COLMAP, or generate it again)")
         said[name] = sha256_file(path)
-    said["pictures"] = sorted((p.name, p.stat().st_size) for p in (observation.path / layout.INPUT).glob("*.png"))
+    said["pictures"] = sorted(
+        (p.name, p.stat().st_size) for p in (observation.path / picture_folder(observation)).glob("*.png")
+    )
     return digest(said)
 
 

@@ -16,8 +16,9 @@ from baselines.echosegnet.densify import PARAMETERS, Pull, parameters
 from baselines.echosegnet.gaussians import Gaussians
 from baselines.echosegnet.schedule import TrainingSettings
 
-_FORMAT = 1
+_FORMAT = 2
 _MOMENTS = ("step", "exp_avg", "exp_avg_sq")
+_SUMS = ("total", "count", "radius")
 
 
 def digest(settings: TrainingSettings, start: Gaussians, pictures: Tensor) -> str:
@@ -28,7 +29,9 @@ def digest(settings: TrainingSettings, start: Gaussians, pictures: Tensor) -> st
     return out.hexdigest()
 
 
-def save(path: Path, optimiser: torch.optim.Adam, pull: Pull, iteration: int, made_from: str) -> None:
+def save(
+    path: Path, optimiser: torch.optim.Adam, pull: Pull, iteration: int, full_at: int | None, made_from: str
+) -> None:
     """Write a checkpoint; the file before it stays whole until the new one is.
 
     Raises:
@@ -42,7 +45,8 @@ def save(path: Path, optimiser: torch.optim.Adam, pull: Pull, iteration: int, ma
         "iteration": iteration,
         "parameters": {name: value.detach() for name, value in values.items()},
         "state": state,
-        "pull": {"total": pull.total, "count": pull.count},
+        "full_at": full_at,
+        "pull": {name: getattr(pull, name) for name in _SUMS},
     }
     with atomic_path(path) as temporary:
         try:
@@ -52,11 +56,11 @@ def save(path: Path, optimiser: torch.optim.Adam, pull: Pull, iteration: int, ma
             raise Avs3dError(f"{path}: cannot write the checkpoint: {str(error).splitlines()[0]}") from None
 
 
-def load(path: Path, optimiser: torch.optim.Adam, made_from: str, device: torch.device) -> tuple[int, Pull]:
+def load(path: Path, optimiser: torch.optim.Adam, made_from: str, device: torch.device) -> tuple[int, Pull, int | None]:
     """Put a checkpoint's parameters and moments into the optimiser.
 
     Returns:
-        Iterations done, and the running sums.
+        Iterations done, the running sums, and the iteration at which memory ended growth (None: it did not).
 
     Raises:
         Avs3dError: if the file is damaged, or was made from other pictures, points or settings.
@@ -74,7 +78,7 @@ def load(path: Path, optimiser: torch.optim.Adam, made_from: str, device: torch.
             state = {key: content["state"][name][key] for key in _MOMENTS}
             optimiser.state[new] = state
             group["params"] = [new]
-        return int(content["iteration"]), Pull(content["pull"]["total"], content["pull"]["count"])
+        return int(content["iteration"]), Pull(*(content["pull"][name] for name in _SUMS)), content["full_at"]
     except (OSError, RuntimeError, EOFError, KeyError, TypeError, pickle.UnpicklingError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise Avs3dError(f"{path}: damaged checkpoint ({reason[:80]}); delete it to start anew") from None

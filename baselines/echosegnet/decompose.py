@@ -1,32 +1,49 @@
-"""Gaussian decomposition (SAGD: Hu et al. 2024), vectorised: splats that reach over a mask's edge are cut back to it.
+"""Gaussian decomposition (SAGD: Hu et al. 2024) as released: splats that reach over a mask's edge are cut back to it.
 
-In every k-th train view, a Gaussian whose 3σ long axis has one end inside the mask and one outside is shrunk: the long
-axis to (its share inside the mask) × 0.8, and the centre moves by half of what was cut off, towards the end inside. The
-released code loops over Gaussians; here each view is one pass over all of them.
+In every k-th train view, with the released constants:
 
-The share is taken along the axis itself, at `_SAMPLES` places from the inner end to the first one that lies outside the
-mask. An end behind the camera has no pixel: such Gaussians are left alone. An end beyond the image's edge is outside.
+1. The covariance is projected to the image (EWA splatting without the low-pass filter). The end points lie 1.5 σ to
+   either side of the projected centre along the long axis of the 2D covariance, clipped to the image and rounded to
+   pixels (half to even).
+2. Where one end is inside the mask and the other outside, the ratio is the share of the pixels of the line between the
+   ends that lie inside.
+3. All three scales are multiplied by ratio · 0.8.
+4. The centre moves by 0.5 · (1 − ratio) · 3σ₃ along the longest 3D axis (σ₃: its standard deviation before the step)
+   towards the end inside.
+
+Two slips of the released code make its result depend on the arbitrary sign of an eigenvector: a line that runs to the
+left is sampled as if it were vertical, and the 3D axis is projected as if it were a point. They are not reproduced.
+Here a line has the same pixels in both directions (one per step along its longer side), and "towards the end inside" is
+the sign of the 3D axis' direction in the image (the projection's Jacobian at the centre) along the vector to that end.
+
+The released code loops over Gaussians; here each view is one pass over all of them. A Gaussian whose centre is behind
+the camera has no pixel in that view and is left alone by it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from avs3d_bench.errors import Avs3dError
 from baselines.echosegnet.gaussians import Gaussians
-from baselines.echosegnet.lift import Camera, Mask, pixels_of
+from baselines.echosegnet.lift import Camera, Mask
+from baselines.echosegnet.projection import MARGIN, rotation_matrices
 
-#: Half the long axis, in standard deviations.
-SIGMAS = 3.0
+Array = NDArray[np.float64]
+
+#: Distance of an end point from the projected centre, in standard deviations along the long axis in the image.
+END_SIGMAS = 1.5
+#: The length of the 3D long axis that the centre's move is measured in, in standard deviations.
+AXIS_SIGMAS = 3.0
 #: What is left of the part inside.
 SHRINK = 0.8
-_SAMPLES = 32
-#: Closer than this to the camera's plane an end has no pixel, metres.
+#: Nearer to the camera's plane than this a centre has no pixel, metres.
 _NEAR = 1e-6
 
 
@@ -34,7 +51,7 @@ def decompose(gaussians: Gaussians, views: Sequence[Camera], masks: Sequence[Mas
     """Cut Gaussians back to the masks of every ``every``-th view, one view after the other.
 
     Args:
-        gaussians: the labelled ones.
+        gaussians: the chosen ones.
         views: train views, sorted by name.
         masks: (H, W) bool, one per view.
         every: 4 as released; the first view is the first one used.
@@ -51,25 +68,19 @@ def decompose(gaussians: Gaussians, views: Sequence[Camera], masks: Sequence[Mas
         )
     if not len(gaussians):
         return gaussians
-    means = gaussians.means.detach().cpu().numpy().astype(np.float64)
-    logs = gaussians.log_scales.detach().cpu().numpy().astype(np.float64)
-    axes = _long_axes(gaussians.rotations, gaussians.log_scales)
-    longest = logs.argmax(axis=1)
-    rows = np.arange(len(means))
+    means, logs = _numpy(gaussians.means), _numpy(gaussians.log_scales)
+    turns = _numpy(rotation_matrices(gaussians.rotations.detach().double().cpu()))
     for view, mask in zip(views[::every], masks[::every], strict=True):
-        reach = SIGMAS * np.exp(logs[rows, longest])[:, None] * axes
-        first, second = _inside(means - reach, view, mask), _inside(means + reach, view, mask)
-        ahead = (_depth(means - reach, view) > _NEAR) & (_depth(means + reach, view) > _NEAR)
-        crossing = np.flatnonzero(ahead & (first != second))
-        if not len(crossing):
-            continue
-        # From the end inside (start) to the one outside.
-        towards = np.where(second[crossing], -1.0, 1.0)[:, None] * reach[crossing]
-        start = means[crossing] - towards
-        share = _share_inside(start, 2.0 * towards, view, mask)
-        # Half of what is cut off, (1 − share) of the axis, whose half is `towards`.
-        means[crossing] -= (1.0 - share)[:, None] * towards
-        logs[crossing, longest[crossing]] += np.log(share * SHRINK)
+        if mask.shape != (view.camera.height, view.camera.width):
+            expected = (view.camera.height, view.camera.width)
+            raise Avs3dError(f"{view.name}: a mask of shape {mask.shape}, expected {expected}, the picture's")
+        cut = _crossing(means, logs, turns, view, mask)
+        longest = logs[cut.index].argmax(axis=1)
+        deviation = np.exp(logs[cut.index, longest])
+        axis = turns[cut.index, :, longest]
+        step = 0.5 * (1.0 - cut.ratio) * AXIS_SIGMAS * deviation * _sign(axis, cut)
+        means[cut.index] += step[:, None] * axis
+        logs[cut.index] += np.log(cut.ratio * SHRINK)[:, None]
     like = gaussians.means
     return replace(
         gaussians,
@@ -78,38 +89,76 @@ def decompose(gaussians: Gaussians, views: Sequence[Camera], masks: Sequence[Mas
     )
 
 
-def _long_axes(rotations: Tensor, log_scales: Tensor) -> np.ndarray:
-    """(N, 3) float64 unit vectors along the longest axes, in the world."""
-    w, x, y, z = torch.nn.functional.normalize(rotations.detach().double().cpu(), dim=1).unbind(1)
-    columns = torch.stack(
-        [
-            torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], dim=1),
-            torch.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)], dim=1),
-            torch.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], dim=1),
-        ],
-        dim=1,
+@dataclass(frozen=True, eq=False)
+class _Crossing:
+    """The n Gaussians of a view that have one end point inside the mask and one outside.
+
+    Attributes:
+        index: (n,) which of the Gaussians.
+        ratio: (n,) in (0, 1): share of the pixels between the ends that lie inside.
+        towards: (n, 2) from the projected centre to the end inside, as (column, row).
+        jacobian: (n, 2, 3) of the projection at the centre, by world coordinates; pixels per metre.
+    """
+
+    index: NDArray[np.int64]
+    ratio: Array
+    towards: Array
+    jacobian: Array
+
+
+def _crossing(means: Array, logs: Array, turns: Array, view: Camera, mask: Mask) -> _Crossing:
+    local = (means - view.position) @ view.rotation
+    index = np.flatnonzero(local[:, 2] > _NEAR)
+    centre, jacobian = _project(local[index], view)
+    spread = jacobian @ (turns[index] * np.exp(logs[index])[:, None, :])  # (n, 2, 3): a root of the covariance
+    variance, axes = np.linalg.eigh(spread @ spread.transpose(0, 2, 1))
+    reach = END_SIGMAS * np.sqrt(np.maximum(variance[:, 1], 0.0))[:, None] * axes[:, :, 1]
+    ends = np.stack([_pixel(centre + reach, mask), _pixel(centre - reach, mask)])
+    inside = mask[ends[..., 1], ends[..., 0]]
+    crossing = np.flatnonzero(inside[0] != inside[1])
+    first = inside[0, crossing]
+    ratio = np.array(
+        [_share(mask, ends[0 if a else 1, k], ends[1 if a else 0, k]) for k, a in zip(crossing, first, strict=True)]
     )
-    longest = log_scales.detach().cpu().argmax(dim=1)
-    out: np.ndarray = columns[torch.arange(len(columns)), longest].numpy()
-    return out
+    towards = np.where(first, 1.0, -1.0)[:, None] * reach[crossing]
+    return _Crossing(index[crossing], ratio, towards, jacobian[crossing])
 
 
-def _depth(points: np.ndarray, view: Camera) -> np.ndarray:
-    out: np.ndarray = (points - view.position) @ view.rotation[:, 2]
-    return out
+def _project(local: Array, view: Camera) -> tuple[Array, Array]:
+    """(n, 2) pixels as (column, row) counted from pixel centres, and the Jacobian (n, 2, 3) by world coordinates.
+
+    As everywhere in 3D-GS the Jacobian is taken no further out than 1.3 times the field of view.
+    """
+    lens, depth = view.camera, local[:, 2]
+    slope = local[:, :2] / depth[:, None]
+    focal, middle = np.array([lens.fx, lens.fy]), np.array([lens.cx, lens.cy])
+    size = np.array([lens.width, lens.height])
+    margin = MARGIN * 0.5 * size / focal
+    edge = np.clip(slope, -middle / focal - margin, (size - middle) / focal + margin)
+    by_camera = np.zeros((len(local), 2, 3))
+    by_camera[:, [0, 1], [0, 1]] = focal / depth[:, None]
+    by_camera[:, :, 2] = -focal * edge / depth[:, None]
+    return focal * slope + middle - 0.5, by_camera @ view.rotation.T
 
 
-def _inside(points: np.ndarray, view: Camera, mask: Mask) -> np.ndarray:
-    u, v, seen = pixels_of(points, view)
-    out: np.ndarray = seen & mask[v, u]
-    return out
+def _pixel(points: Array, mask: Mask) -> NDArray[np.int64]:
+    """(n, 2) points clipped to the image and rounded, half to even."""
+    height, width = mask.shape
+    return np.rint(np.clip(points, 0, [width - 1, height - 1])).astype(np.int64)
 
 
-def _share_inside(start: np.ndarray, axis: np.ndarray, view: Camera, mask: Mask) -> np.ndarray:
-    """(n,) in (0, 1): how far along ``start + t·axis`` the mask reaches before the first place outside it."""
-    inside = np.ones(len(start), np.bool_)
-    count = np.zeros(len(start))
-    for step in range(_SAMPLES):
-        inside &= _inside(start + (step + 0.5) / _SAMPLES * axis, view, mask)
-        count += inside
-    return np.clip(count, 0.5, _SAMPLES - 0.5) / _SAMPLES
+def _share(mask: Mask, start: NDArray[np.int64], end: NDArray[np.int64]) -> float:
+    """Share of the pixels of the line between two pixels that lie inside the mask: one per step of its longer side."""
+    steps = int(np.abs(end - start).max())
+    line = np.rint(start + np.arange(steps + 1)[:, None] * ((end - start) / steps)).astype(np.int64)
+    return float(mask[line[:, 1], line[:, 0]].mean())
+
+
+def _sign(axis: Array, cut: _Crossing) -> Array:
+    """(n,) 1 where the 3D axis (n, 3) points to the end inside, −1 where away from it, 0 at right angles."""
+    seen = np.einsum("nij,nj->ni", cut.jacobian, axis)
+    return np.asarray(np.sign((seen * cut.towards).sum(axis=1)))
+
+
+def _numpy(tensor: Tensor) -> Array:
+    return tensor.detach().cpu().numpy().astype(np.float64)

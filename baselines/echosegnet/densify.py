@@ -1,7 +1,13 @@
 """Adaptive density control of 3D-GS (Kerbl et al. 2023, section 5), with its state handed in and out.
 
 Where the picture pulls a Gaussian's centre about, the scene lacks detail: small Gaussians are cloned, large ones are
-split into two. Those that have become transparent are removed.
+split into two. Those that have become transparent are removed, and, once opacities have been reset for the first time,
+those that are large on screen or in the scene.
+
+The rules and their constants are those of the reference implementation, and there is no cap on the number of Gaussians
+unless one is asked for. In one respect the intent is followed rather than the code: the reference clears the radii on
+screen just before it compares them (its issue 123), so that its own limit of 20 pixels never removes anything.
+``max_screen=None`` gives that behaviour.
 """
 
 from __future__ import annotations
@@ -23,7 +29,7 @@ _SHRINK = 1.6
 
 @dataclass(frozen=True)
 class DensityControl:
-    """Thresholds.
+    """Thresholds; the defaults are the reference's.
 
     Attributes:
         gradient: mean length of the loss's gradient by the centre in the image, in half widths of it (as the reference
@@ -31,37 +37,50 @@ class DensityControl:
         size: share of the camera extent up to which it is cloned, beyond which it is split.
         min_opacity: below this it is removed.
         reset_opacity: what a reset lowers opacities to.
-        max_gaussians: growth ends here; the strongest gradients go first.
-        pixels_per_gaussian: nor are there ever more Gaussians than train pixels divided by this: in small pictures
-            every gradient is large, and more Gaussians than data would learn the pictures by heart.
+        max_screen: after the first reset, a Gaussian is removed if its radius on screen (3σ, pixels) was above this in
+            a view since the last densification; None: whatever its radius.
+        max_size: after the first reset, it is removed if its largest scale is above this share of the camera extent.
+        max_gaussians: growth ends here, and the strongest gradients go first; None: no cap, as in the reference.
+        pixels_per_gaussian: nor are there ever more Gaussians than train pixels divided by this; None: no such cap. In
+            small pictures every gradient is large, and more Gaussians than data learn the pictures by heart.
     """
 
     gradient: float = 0.0002
     size: float = 0.01
     min_opacity: float = 0.005
     reset_opacity: float = 0.01
-    max_gaussians: int = 600_000
-    pixels_per_gaussian: int = 20
+    max_screen: float | None = 20.0
+    max_size: float = 0.1
+    max_gaussians: int | None = None
+    pixels_per_gaussian: int | None = None
 
     def limited(self, pixels: int) -> DensityControl:
         """With the limit that so many train pixels set."""
-        return replace(self, max_gaussians=min(self.max_gaussians, pixels // self.pixels_per_gaussian))
+        limits = [self.max_gaussians, pixels // self.pixels_per_gaussian if self.pixels_per_gaussian else None]
+        return replace(self, max_gaussians=min((limit for limit in limits if limit is not None), default=None))
 
 
 @dataclass(eq=False)
 class Pull:
-    """Running sums since the last densification: (N,) gradient lengths, and (N,) in how many views it was visible."""
+    """What was seen of N Gaussians since the last densification.
+
+    Attributes:
+        total: (N,) sum of gradient lengths.
+        count: (N,) in how many views it was visible.
+        radius: (N,) largest radius on screen (3σ), pixels.
+    """
 
     total: Tensor
     count: Tensor
+    radius: Tensor
 
     @classmethod
     def zeros(cls, like: Tensor) -> Pull:
         """For as many Gaussians as ``like`` has."""
-        return cls(like.new_zeros(len(like)), like.new_zeros(len(like)))
+        return cls(*(like.new_zeros(len(like)) for _ in range(3)))
 
     def add(self, splat: Splat) -> None:
-        """Take in the gradient that the backward pass left at ``splat.means2d``."""
+        """Take in the gradient that the backward pass left at ``splat.means2d``, and the radii."""
         gradient = splat.means2d.grad
         if gradient is None:
             return
@@ -69,11 +88,27 @@ class Pull:
         g = gradient.reshape(-1, 2)
         self.total += torch.hypot(g[:, 0] * (width / 2), g[:, 1] * (height / 2))
         self.count += splat.visible
+        torch.maximum(self.radius, splat.radii(), out=self.radius)
+
+
+@dataclass(frozen=True, eq=False)
+class Densified:
+    """The outcome of `densify`: sums at zero for the new set, and how many clones and splits found no room."""
+
+    pull: Pull
+    refused: int
 
 
 def densify(
-    optimiser: torch.optim.Adam, pull: Pull, control: DensityControl, extent: float, generator: torch.Generator
-) -> Pull:
+    optimiser: torch.optim.Adam,
+    pull: Pull,
+    control: DensityControl,
+    extent: float,
+    generator: torch.Generator,
+    *,
+    prune_large: bool = False,
+    room: int | None = None,
+) -> Densified:
     """Clone, split and prune in place of the optimiser's parameters.
 
     Args:
@@ -82,26 +117,32 @@ def densify(
         control: thresholds.
         extent: of the cameras, metres.
         generator: for the places of split Gaussians; on the CPU.
-
-    Returns:
-        Sums at zero for the new set.
+        prune_large: remove large ones too: opacities have been reset before.
+        room: how many Gaussians more memory holds; None: as many as there may be.
     """
     with torch.no_grad():
         old = parameters(optimiser)
         mean = pull.total / pull.count.clamp(min=1.0)
         size = old["log_scales"].exp().amax(dim=1)
         wanted = (mean >= control.gradient).nonzero()[:, 0]
-        room = max(0, control.max_gaussians - len(mean))
-        if len(wanted) > room:
-            strongest = torch.sort(mean[wanted], descending=True, stable=True).indices[:room]
+        limits = [room, None if control.max_gaussians is None else control.max_gaussians - len(mean)]
+        most = max(0, min((limit for limit in limits if limit is not None), default=len(wanted)))
+        refused = max(0, len(wanted) - most)
+        if refused:
+            strongest = torch.sort(mean[wanted], descending=True, stable=True).indices[:most]
             wanted = wanted[strongest].sort().values
         large = size[wanted] > control.size * extent
         cloned, split = wanted[~large], wanted[large]
-        kept = torch.ones(len(mean), dtype=torch.bool, device=mean.device)
+        opaque = old["opacities"].sigmoid() >= control.min_opacity
+        kept = opaque.clone()
         kept[split] = False
-        kept &= old["opacities"].sigmoid() >= control.min_opacity
-        cloned = cloned[kept[cloned]]
-        split = split[old["opacities"][split].sigmoid() >= control.min_opacity]
+        if prune_large:
+            kept &= size <= control.max_size * extent
+            if control.max_screen is not None:
+                kept &= pull.radius <= control.max_screen
+            # Clones are small; of what is split, the halves count.
+            split = split[size[split] / _SHRINK <= control.max_size * extent]
+        cloned, split = cloned[opaque[cloned]], split[opaque[split]]
         parts = {name: value[torch.cat([cloned, split, split])] for name, value in old.items()}
         if len(split):
             first = len(cloned)
@@ -109,7 +150,7 @@ def densify(
             parts["means"][first:] += _turn(parts["rotations"][first:], noise * parts["log_scales"][first:].exp())
             parts["log_scales"][first:] -= math.log(_SHRINK)
         _rebuild(optimiser, kept.nonzero()[:, 0], parts)
-        return Pull.zeros(parameters(optimiser)["means"])
+        return Densified(Pull.zeros(parameters(optimiser)["means"]), refused)
 
 
 def reset_opacities(optimiser: torch.optim.Adam, ceiling: float) -> None:

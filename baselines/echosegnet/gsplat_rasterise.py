@@ -79,7 +79,7 @@ class GsplatRasteriser:
         if not len(gaussians):
             channels = (3 if features is None else features.shape[1]) + (mode == "RGB+D")
             black = gaussians.means.new_zeros(camera.height, camera.width, channels)
-            return Splat(black, black[..., 0], gaussians.means[:, :2], gaussians.means[:, 0] > 0)
+            return Splat(black, black[..., 0], gaussians.means[:, :2], gaussians.means[:, 0] > 0, gaussians.means)
         meta: dict[str, Any]
         image, alpha, meta = self._rasterization(
             means=gaussians.means,
@@ -98,4 +98,5 @@ class GsplatRasteriser:
             packed=False,
             render_mode=mode,
         )
-        return Splat(image[0], alpha[0, ..., 0], meta["means2d"], (meta["radii"][0] > 0).all(dim=-1))
+        visible = (meta["radii"][0] > 0).all(dim=-1)
+        return Splat(image[0], alpha[0, ..., 0], meta["means2d"], visible, meta["conics"][0])

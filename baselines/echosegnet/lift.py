@@ -9,7 +9,7 @@ front of an object, or behind it, votes as the object does.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -104,8 +104,13 @@ def vote_counts(
     return inside, total
 
 
+def vote_share(inside: NDArray[Any], total: NDArray[Any]) -> NDArray[np.float64]:
+    """(N,) share of each point's votes that are for it; 0 where nobody votes."""
+    inside, total = inside.astype(np.float64), total.astype(np.float64)
+    return np.asarray(np.divide(inside, total, out=np.zeros_like(inside), where=total > 0))
+
+
 def label(ballots: NDArray[np.int8], threshold: float = 0.3) -> NDArray[np.bool_]:
-    """(N,) whether more than ``threshold`` of a point's votes are for it; a point without votes is not labelled."""
-    total = (ballots >= 0).sum(axis=1)
-    inside = (ballots == 1).sum(axis=1)
-    return np.asarray((total > 0) & (inside > threshold * total))
+    """(N,) whether more than ``threshold`` (strict) of a point's votes are for it; without votes it is not labelled."""
+    share = vote_share((ballots == 1).sum(axis=1), (ballots >= 0).sum(axis=1))
+    return np.asarray(share > threshold)

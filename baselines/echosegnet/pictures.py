@@ -1,4 +1,8 @@
-"""The pictures that Gaussians are trained on and judged by, and what to say when they do not fit into memory."""
+"""The pictures that Gaussians are trained on and judged by, and what to say when they do not fit into memory.
+
+They are those of `images/`, undistorted and of the size of the cameras in `sparse/0`, as 3D-GS reads them; of `input/`
+where a tree has no `images/`.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,7 @@ from avs3d_bench.errors import Avs3dError
 from baselines.echosegnet.gaussians import Gaussians
 from baselines.echosegnet.rendering import Rasteriser
 from baselines.echosegnet.similarity import psnr
-from baselines.echosegnet.views import View
+from baselines.echosegnet.views import View, picture_folder
 
 #: Decoded at a time; more threads than that wait for one another.
 _READERS = 8
@@ -44,11 +48,12 @@ def load_pictures(views: Sequence[View], device: torch.device | str = "cpu") -> 
 
 
 def _picture(view: View) -> Tensor:
-    rgb = view.frame.rgb()
+    folder = picture_folder(view.frame.observation)
+    rgb = view.frame.undistorted_rgb() if folder == layout.IMAGES else view.frame.rgb()
     expected = (view.camera.height, view.camera.width, 3)
     if rgb.dtype != np.uint8 or rgb.shape != expected:
         raise Avs3dError(
-            f"{view.frame.observation.key}/{layout.INPUT}/{view.name}.png: {rgb.dtype} {rgb.shape}, expected uint8 "
+            f"{view.frame.observation.key}/{folder}/{view.name}.png: {rgb.dtype} {rgb.shape}, expected uint8 "
             f"{expected} as in sparse/0/cameras.bin"
         )
     return torch.from_numpy(rgb)

@@ -1,13 +1,18 @@
 """EchoSegnet (Sokolov, Bhosale, Zhu, 2024), as its Figure 2 tells it; training-free but for the splats.
 
-    pictures, poses ──▶ 3D Gaussians                                    train
-    2D masks ─────────▶ votes ──▶ labelled Gaussians ──▶ decomposition  lift, decompose
-    binaural sound ───▶ which of them sounds                            aisrm (official) or spatial
-    test poses ───────▶ masks                                           render
+    pictures, poses ──▶ 3D Gaussians                                train
+    2D masks ─────────▶ votes ──▶ labelled Gaussians                lift
+    binaural sound ───▶ which of them sound: the chosen ones        aisrm (official) or spatial
+    2D masks ─────────▶ the chosen ones, cut back at mask edges     decompose (official)
+    test poses ───────▶ masks                                       render
 
-``official`` is what the released code does, ``spatial`` what we think it should do: occlusion-aware votes by the
-splats' own transmittance, fragments merged, the cluster chosen by the likelihood of what both ears heard, masks
-visible-only.
+``official`` is what the released code does, in its order: the choice is made on the undecomposed centres, and only the
+chosen Gaussians are decomposed. ``spatial`` is what we think it should do, and differs in four stages: votes weighted
+by the splats' own transmittance, so that what is hidden has no say; fragments merged and the cluster chosen by the
+likelihood of what both ears heard; no decomposition; masks visible-only. Both share the training.
+
+Training reads `images/` with the cameras of `sparse/0`. Masks, given and made, belong to `input/`: they meet the
+Gaussians through the camera of `input/` (`views.input_views`), at its own size, so that no mask is ever resampled.
 Test frames give their pose (and split); neither their truth nor their pictures are read.
 """
 
@@ -16,6 +21,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,6 +32,7 @@ from scipy.spatial import cKDTree
 
 from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.files import read_json, write_json
 from avs3d_bench.geometry import flip_world
 from avs3d_bench.schema import Scalar
 from baselines.echosegnet import aisrm, clusters, lift, spatial
@@ -35,8 +42,8 @@ from baselines.echosegnet.gaussians import Gaussians, read_ply, write_ply
 from baselines.echosegnet.rasterise import Rasteriser, contributions
 from baselines.echosegnet.render import amodal_mask, visible_mask
 from baselines.echosegnet.sources import Mask, MaskSource
-from baselines.echosegnet.train import Progress, TrainingSettings, train
-from baselines.echosegnet.views import View, load_points, load_views, test_views, train_views
+from baselines.echosegnet.train import Progress, Report, TrainingSettings, train
+from baselines.echosegnet.views import View, input_views, load_points, load_views, test_views, train_views
 
 Variant = Literal["official", "spatial"]
 
@@ -95,9 +102,10 @@ def predict(
     """
     stages, clock = Stages(folder), _Clock()
     views = load_views(observation)
-    seen = train_views(views)
     with clock("train"):
-        gaussians, key = trained(observation, views, rasteriser, settings.training, stages, progress)
+        gaussians, key, full_at = trained(observation, views, rasteriser, settings.training, stages, progress)
+    views = input_views(views)
+    seen = train_views(views)
     with clock("masks"):
         masks = _masks(observation, seen, source)
     with clock("lift"):
@@ -105,13 +113,11 @@ def predict(
         labelled = share > settings.voting_threshold
         part = gaussians.select(torch.as_tensor(np.flatnonzero(labelled)))
     if settings.variant == "official":
+        with clock("refine"):
+            chosen, clusters = _refine_official(gaussians, part, seen, settings.refine, stages, key)
+            part = part.select(chosen)
         with clock("decompose"):
             part = decompose(part, seen, masks, every=settings.decompose_every)
-        with clock("refine"):
-            chosen, clusters = _refine_official(
-                gaussians, part, seen, settings.refine, stages.path("audio", key, ".ply")
-            )
-            part = part.select(chosen)
         with clock("render"):
             drawn = {view.name: amodal_mask(rasteriser, part, view) for view in test_views(views)}
     else:
@@ -125,6 +131,7 @@ def predict(
             drawn = {view.name: visible_mask(rasteriser, gaussians, which, view) for view in test_views(views)}
     figures: dict[str, Scalar] = {
         "gaussians": len(gaussians),
+        "memory_full_at": full_at,
         "labelled": int(labelled.sum()),
         "chosen": len(part),
         "clusters": clusters,
@@ -140,20 +147,33 @@ def trained(
     settings: TrainingSettings,
     stages: Stages,
     progress: Progress | None = None,
-) -> tuple[Gaussians, str]:
-    """The observation's Gaussians on the rasteriser's device, from disk or trained now, and the key of the file."""
+) -> tuple[Gaussians, str, int | None]:
+    """Train an observation's Gaussians, or find them on disk.
+
+    Returns:
+        The Gaussians on the rasteriser's device, the key of their file, and the iteration at which memory ended their
+        growth (None: it did not).
+    """
     key = digest({"inputs": inputs_digest(observation), "training": asdict(settings)})
-    path = stages.path("gaussians", key, ".ply")
+    path, record = stages.path("gaussians", key, ".ply"), stages.path("gaussians", key, ".json")
     if path.exists():
-        return read_ply(path).to(rasteriser.device), key
+        full_at = read_json(record).get("memory_full_at") if record.exists() else None
+        return read_ply(path).to(rasteriser.device), key, full_at
     points, colours = load_points(observation)
     checkpoint = stages.path("training", key, ".pt")
-    gaussians = train(
-        train_views(views), points, colours, rasteriser, settings, checkpoint=checkpoint, progress=progress
-    )
+    last: list[Report] = []
+
+    def note(report: Report) -> None:
+        last[:] = [report]
+        if progress is not None:
+            progress(report)
+
+    gaussians = train(train_views(views), points, colours, rasteriser, settings, checkpoint=checkpoint, progress=note)
+    full_at = last[0].full_at if last else None
+    write_json(record, {"gaussians": len(gaussians), "memory_full_at": full_at})
     write_ply(path, gaussians)
     checkpoint.unlink(missing_ok=True)
-    return gaussians.to(rasteriser.device), key
+    return gaussians.to(rasteriser.device), key, full_at
 
 
 def vote_share(
@@ -181,8 +201,7 @@ def vote_share(
             counts = _weighted_votes(gaussians, views, masks, rasteriser)
         kept = dict(zip(("inside", "total"), counts, strict=True))
         stages.save_arrays("votes", name, kept)
-    inside, total = kept["inside"].astype(np.float64), kept["total"].astype(np.float64)
-    return np.divide(inside, total, out=np.zeros_like(inside), where=total > 0)
+    return lift.vote_share(kept["inside"], kept["total"])
 
 
 def _weighted_votes(
@@ -226,13 +245,17 @@ def clips_of(views: Sequence[View]) -> NDArray[np.float32]:
 
 
 def _refine_official(
-    scene: Gaussians, part: Gaussians, views: Sequence[View], refine: bool, ply: Path
+    scene: Gaussians, part: Gaussians, views: Sequence[View], refine: bool, stages: Stages, key: str
 ) -> tuple[NDArray[np.bool_], int]:
-    """(n,) which of the labelled Gaussians stay, and how many clusters were kept; the intensity map goes to ``ply``."""
+    """(n,) which of the labelled Gaussians stay, and how many clusters were kept.
+
+    The audio intensity map and its centre are made of all Gaussians of the scene; the map is kept as a PLY file.
+    """
     if not refine or not len(part):
         return np.ones(len(part), np.bool_), 0
     means = _numpy(scene.means)
     intensity = aisrm.audio_intensity_map(views, clips_of(views), means)
+    ply = stages.path("audio", digest({"gaussians": key, "intensity": sha256(intensity.tobytes()).hexdigest()}), ".ply")
     if not ply.exists():
         write_ply(ply, scene, intensity)
     centre = aisrm.audio_centre(means, intensity)

@@ -11,7 +11,7 @@ from baselines.echosegnet.gaussians import SH_C0, Gaussians
 from baselines.echosegnet.rendering import BLUR, MIN_ALPHA, NEAR, Camera
 
 #: The affine approximation is taken no further out than this many half fields of view beyond the image's edge.
-_MARGIN = 0.3
+MARGIN = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +55,8 @@ def project(gaussians: Gaussians, camera: Camera) -> Projected:
     half_x, half_y = 0.5 * camera.width / camera.fx, 0.5 * camera.height / camera.fy
     low_x, high_x = -camera.cx / camera.fx, (camera.width - camera.cx) / camera.fx
     low_y, high_y = -camera.cy / camera.fy, (camera.height - camera.cy) / camera.fy
-    edge_u = u.clamp(low_x - _MARGIN * half_x, high_x + _MARGIN * half_x)
-    edge_v = v.clamp(low_y - _MARGIN * half_y, high_y + _MARGIN * half_y)
+    edge_u = u.clamp(low_x - MARGIN * half_x, high_x + MARGIN * half_x)
+    edge_v = v.clamp(low_y - MARGIN * half_y, high_y + MARGIN * half_y)
     zero = torch.zeros_like(safe)
     jacobian = torch.stack(
         [camera.fx / safe, zero, -camera.fx * edge_u / safe, zero, camera.fy / safe, -camera.fy * edge_v / safe], dim=-1

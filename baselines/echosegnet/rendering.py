@@ -98,12 +98,25 @@ class Splat:
         means2d: (N, 2) or (1, N, 2) projected centres in pixels; part of the graph, so that its gradient can be
             retained.
         visible: (N,) bool: the Gaussian's footprint meets the image.
+        conics: (N, 3) inverse covariance in the image (xx, xy, yy), 1/px²; arbitrary where not visible.
     """
 
     image: Tensor
     alpha: Tensor
     means2d: Tensor
     visible: Tensor
+    conics: Tensor
+
+    @torch.no_grad()
+    def radii(self) -> Tensor:
+        """(N,) three standard deviations along the long axis in the image, in pixels, as 3D-GS measures it.
+
+        0 where not visible.
+        """
+        xx, xy, yy = self.conics.detach().reshape(-1, 3).unbind(-1)
+        # The long axis belongs to the smaller eigenvalue of the inverse.
+        least = 0.5 * (xx + yy) - (0.25 * (xx - yy).square() + xy.square()).sqrt()
+        return torch.where(self.visible, 3.0 * least.clamp(min=1e-12).rsqrt(), torch.zeros_like(least))
 
 
 @dataclass(frozen=True, eq=False)

@@ -226,7 +226,7 @@ def predict_one(context: Context, job: Job) -> dict[str, Scalar]:
         observation = Observation(job.root, job.key)
         figures: dict[str, Scalar] = {}
         for settings, folder in job.targets:
-            say = partial(_say, context, job.key)
+            say = partial(_say, context, job.key, set())
             prediction = predict(observation, job.source, rasteriser, settings, job.work / job.key, progress=say)
             for frame in observation.test:
                 folder.write_mask(frame, prediction.masks[frame.name])
@@ -251,7 +251,14 @@ def _rasteriser(device: str) -> Rasteriser:
 _SAID_EVERY = 5_000
 
 
-def _say(context: Context, key: str, report: Report) -> None:
+def _say(context: Context, key: str, told: set[str], report: Report) -> None:
+    if report.full_at is not None and key not in told:
+        told.add(key)
+        context.report(
+            "note",
+            f"{key}: the device's memory is nearly used: growth ended at iteration {report.full_at:,} with "
+            f"{report.gaussians:,} Gaussians",
+        )
     if report.iteration % _SAID_EVERY == 0 or report.iteration == report.iterations:
         context.report(
             "training",

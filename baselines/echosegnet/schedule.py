@@ -28,8 +28,8 @@ class TrainingSettings:
         rate_opacity: of opacity logits.
         rate_scale: of logarithms of scales.
         rate_rotation: of quaternions.
-        densify_from: first iteration that densifies.
-        densify_until: after this nothing is added, removed or reset.
+        densify_from: densification begins after this iteration.
+        densify_until: from this iteration on nothing is added, removed or reset.
         densify_every: iterations between two densifications, never below 10.
         reset_every: iterations between two resets of opacity, never below 1,000.
         sh_every: iterations per band.
@@ -71,8 +71,9 @@ class TrainingSettings:
             raise UsageError(f"ssim_weight {self.ssim_weight}: expected a share from 0 to 1")
         if self.sh_degree not in (0, 1, 2, 3):
             raise UsageError(f"sh_degree {self.sh_degree}: expected 0, 1, 2 or 3")
-        if self.density.max_gaussians < 2:
-            raise UsageError(f"max_gaussians {self.density.max_gaussians}: expected at least 2")
+        cap = self.density.max_gaussians
+        if cap is not None and cap < 2:
+            raise UsageError(f"max_gaussians {cap}: expected at least 2, or none for no cap")
 
     def scaled(self, time: int, least: int = 1) -> int:
         """A time of the reference's 30,000 iterations in this run."""
@@ -86,8 +87,16 @@ class TrainingSettings:
     def densifies(self, iteration: int) -> bool:
         """Whether Gaussians are added and removed after this iteration."""
         first, last = self.scaled(self.densify_from), self.scaled(self.densify_until)
-        return first < iteration <= last and iteration % self.scaled(self.densify_every, 10) == 0
+        return first < iteration < last and iteration % self.scaled(self.densify_every, 10) == 0
+
+    def grows(self, iteration: int) -> bool:
+        """Whether what densification needs is gathered in this iteration."""
+        return iteration < self.scaled(self.densify_until)
+
+    def prunes_large(self, iteration: int) -> bool:
+        """Whether a densification after this iteration also removes large Gaussians: after the first reset."""
+        return iteration > self.scaled(self.reset_every, 1_000)
 
     def resets(self, iteration: int) -> bool:
         """Whether opacities are lowered after this iteration."""
-        return iteration < self.scaled(self.densify_until) and iteration % self.scaled(self.reset_every, 1_000) == 0
+        return self.grows(iteration) and iteration % self.scaled(self.reset_every, 1_000) == 0

@@ -38,7 +38,7 @@ class TorchRasteriser:
         projected = project(gaussians, camera)
         values = colours(gaussians, camera, sh_degree) if features is None else features
         image, alpha = composite(projected, gaussians.alphas, values, camera.width, camera.height)
-        return Splat(image, alpha, projected.means, projected.visible)
+        return Splat(image, alpha, projected.means, projected.visible, projected.conics)
 
     def render(
         self,

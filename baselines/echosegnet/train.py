@@ -3,6 +3,9 @@
 All pictures stay on the device as bytes; between two reports nothing is copied to or from it but a view's number, and
 nothing waits for it (save for what the rasteriser itself counts). What is random depends on the seed and the iteration
 alone, so a run that was interrupted goes on from its checkpoint as if nothing had happened.
+
+Schedule, densification and pruning are the reference's (`schedule`, `densify`). The number of Gaussians has no cap;
+where the device's memory is nearly used, growth ends, and the report says at which iteration that was.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ from avs3d_bench.errors import Avs3dError
 from baselines.echosegnet import checkpoint as saving
 from baselines.echosegnet.densify import DensityControl, Pull, densify, parameters, reset_opacities
 from baselines.echosegnet.gaussians import Gaussians, from_points
+from baselines.echosegnet.memory import begin, release, room_for
 from baselines.echosegnet.pictures import load_pictures, out_of_memory, view_psnr
 from baselines.echosegnet.rendering import Rasteriser
 from baselines.echosegnet.schedule import TrainingSettings
@@ -33,13 +37,23 @@ __all__ = ["DensityControl", "Progress", "Report", "TrainingSettings", "load_pic
 
 @dataclass(frozen=True)
 class Report:
-    """Where a training stands; loss and PSNR (dB) are means over the train views drawn since the last report."""
+    """Where a training stands.
+
+    Attributes:
+        iteration: of ``iterations``.
+        iterations: in all.
+        loss: mean over the train views drawn since the last report; also PSNR (dB).
+        psnr: see there.
+        gaussians: how many there are.
+        full_at: iteration at which Gaussians were first refused because memory was nearly used; None: never.
+    """
 
     iteration: int
     iterations: int
     loss: float
     psnr: float
     gaussians: int
+    full_at: int | None = None
 
 
 #: What `train` calls with a report.
@@ -81,11 +95,12 @@ def train(
     settings = settings or TrainingSettings()
     chosen = train_views(views)
     start = from_points(points, colours, sh_degree=settings.sh_degree)
+    begin(rasteriser.device)
     pictures = load_pictures(chosen, rasteriser.device)
     job = _Job(chosen, pictures, rasteriser, settings, start)
     digest = saving.digest(settings, start, pictures)
     if checkpoint is not None and checkpoint.exists():
-        job.iteration, job.pull = saving.load(checkpoint, job.optimiser, digest, rasteriser.device)
+        job.iteration, job.pull, job.full_at = saving.load(checkpoint, job.optimiser, digest, rasteriser.device)
     while job.iteration < settings.iterations:
         with out_of_memory(f"{len(job.pull.total)} Gaussians at {chosen[0].camera.width} × {chosen[0].camera.height}"):
             job.step()
@@ -95,7 +110,7 @@ def train(
             if progress is not None:
                 progress(report)
         if checkpoint is not None and (done or job.iteration % checkpoint_every == 0):
-            saving.save(checkpoint, job.optimiser, job.pull, job.iteration, digest)
+            saving.save(checkpoint, job.optimiser, job.pull, job.iteration, job.full_at, digest)
     return job.gaussians(detached=True)
 
 
@@ -114,6 +129,7 @@ class _Job:
         self.extent = camera_extent(views)
         self.density = settings.density.limited(pictures.numel() // 3)
         self.iteration = 0
+        self.full_at: int | None = None
         start = start.to(rasteriser.device)
         values = (start.means, start.log_scales, start.rotations, start.opacities, start.sh[:, :1], start.sh[:, 1:])
         self.optimiser = _optimiser(values, settings, self.extent)
@@ -133,7 +149,7 @@ class _Job:
         """One view: draw, compare, improve; at its times densify and reset."""
         self.iteration += 1
         settings, index = self.settings, self._next_view()
-        growing = self.iteration <= settings.scaled(settings.densify_until)
+        growing = settings.grows(self.iteration)
         degree = min(settings.sh_degree, self.iteration // settings.scaled(settings.sh_every))
         splat = self.rasteriser.splat(self.gaussians(), self.views[index], sh_degree=degree)
         if growing:
@@ -152,11 +168,24 @@ class _Job:
         self.optimiser.step()
         self.optimiser.zero_grad(set_to_none=True)
         if settings.densifies(self.iteration):
-            # On the CPU and of its own: what it gives depends on seed and iteration alone.
-            generator = torch.Generator().manual_seed(settings.seed * 1_000_003 + self.iteration)
-            self.pull = densify(self.optimiser, self.pull, self.density, self.extent, generator)
+            self._densify()
         if settings.resets(self.iteration):
             reset_opacities(self.optimiser, settings.density.reset_opacity)
+
+    def _densify(self) -> None:
+        # On the CPU and of its own: what it gives depends on seed and iteration alone.
+        generator = torch.Generator().manual_seed(self.settings.seed * 1_000_003 + self.iteration)
+        count, cap = len(self.pull.total), self.density.max_gaussians
+        room = room_for(count, self.rasteriser.device)
+        done = densify(
+            self.optimiser, self.pull, self.density, self.extent, generator,
+            prune_large=self.settings.prunes_large(self.iteration), room=room,
+        )  # fmt: skip
+        self.pull = done.pull
+        by_memory = room is not None and (cap is None or room < cap - count)
+        if done.refused and by_memory and self.full_at is None:
+            self.full_at = self.iteration
+        release(self.rasteriser.device)
 
     def _next_view(self) -> int:
         """Every view once per round, in an order of the round's own."""
@@ -176,7 +205,7 @@ class _Job:
             where = self.views[0].frame.observation.key
             raise Avs3dError(f"{where}: the loss is {loss} at iteration {self.iteration}; lower the learning rates")
         ratio = math.inf if error <= 0 else -10.0 * math.log10(error)
-        return Report(self.iteration, self.settings.iterations, loss, ratio, len(self.pull.total))
+        return Report(self.iteration, self.settings.iterations, loss, ratio, len(self.pull.total), self.full_at)
 
 
 @lru_cache(maxsize=2)

@@ -1,14 +1,17 @@
 """The cameras and pictures that EchoSegnet works on: the registered frames of an observation, from `sparse/0`.
 
 World: COLMAP's, Y down, metres. Cameras: OpenCV (+X right, +Y down, +Z ahead). The pixel centre of column u, row v lies
-at (u + 0.5, v + 0.5). Poses always come from `sparse/0`, as for every user of the official release; observation.json is
-not looked at.
+at (u + 0.5, v + 0.5). Poses always come from `sparse/0`, as for every user of the official release.
+
+Two cameras stand at each pose: that of `sparse/0` (`load_views`), which took the undistorted pictures in `images/` that
+Gaussians are trained on, and that of `input/` (`input_views`), whose size masks have, those that are lifted and those
+that are submitted. In our trees they are the same.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import PurePosixPath
 
@@ -30,7 +33,7 @@ class View:
     Attributes:
         name: e.g. ``frame_007``.
         split: ``train`` or ``test``.
-        camera: intrinsics in pixels.
+        camera: intrinsics in pixels: of `images/` from `load_views`, of `input/` from `input_views`.
         rotation: (3, 3) float64 camera-to-world; the columns are the camera's right, down and forward axes.
         position: (3,) float64 camera centre in metres.
         frame: pictures and sound.
@@ -78,6 +81,20 @@ def load_views(observation: Observation) -> tuple[View, ...]:
     return tuple(sorted(views, key=lambda view: view.name))
 
 
+def input_views(views: Sequence[View]) -> tuple[View, ...]:
+    """The same views with the camera of `input/` (`Observation.intrinsics`) in place of that of `sparse/0`.
+
+    Without observation.json a camera of `sparse/0` that has the size of `input/` stays as it is.
+    """
+    out = []
+    for view in views:
+        lens, observation = view.camera, view.frame.observation
+        own = observation.intrinsics
+        same = observation.record is None and (lens.width, lens.height) == (own.width, own.height)
+        out.append(view if same else replace(view, camera=own))
+    return tuple(out)
+
+
 def train_views(views: Sequence[View]) -> tuple[View, ...]:
     """Those of the train split."""
     return tuple(view for view in views if view.split == "train")
@@ -107,6 +124,11 @@ def load_points(observation: Observation) -> tuple[NDArray[np.float64], NDArray[
     if not np.isfinite(points.positions).all():
         raise Avs3dError(f"{base / 'points3D.bin'}: points hold NaN or infinite coordinates; make it anew")
     return flip_world(points.positions), points.colours
+
+
+def picture_folder(observation: Observation) -> str:
+    """The folder of the pictures that Gaussians are trained on: `images`, or `input` where there is no such folder."""
+    return layout.IMAGES if (observation.path / layout.IMAGES).is_dir() else layout.INPUT
 
 
 def camera_extent(views: Sequence[View]) -> float:
