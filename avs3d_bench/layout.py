@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.taxonomy import PARTS, check_room
@@ -43,6 +44,19 @@ SUBMISSION_MASKS = "masks"
 SUBMISSION_POINTS = "points.ply"
 #: Where the released pipeline leaves its masks, with and without its refinement, below an observation's folder.
 RELEASED_MASKS = ("3d_segmentation_use_aisrm_True/masks/test", "3d_segmentation_use_aisrm_False/masks/test")
+#: What the released pipeline writes into an observation: folders (with "/") and files. No part of a dataset, no error.
+RELEASED_BYPRODUCTS = (
+    "3d_segmentation_*/",  # run_lifting_aisrm.py: masks, renders, metrics
+    "3dgs_scene/",  # the trained Gaussians
+    "owod_bind_train_frames/",  # masks of OWOD-BIND
+    "distorted/",  # COLMAP, before undistortion
+    "stereo/",  # COLMAP's undistorter
+    "renders/",
+    "points3D.ply",  # the loader's copy of the sparse points
+    "sparse/0/points3D.ply",
+    "metrics_*.json",
+    "run-colmap-*.sh",  # COLMAP's undistorter
+)
 
 #: The benchmark's numbers: frames per observation, image side, clip rate and lengths (samples), frames per second.
 FRAME_COUNT = 120
@@ -164,6 +178,27 @@ def audio_path(folder: str, index: int) -> str:
 def rir_path(index: int) -> str:
     """``rirs/frame_0.npz`` relative to the observation."""
     return f"{RIRS}/{audio_name(index)}.npz"
+
+
+def released_byproduct(path: str) -> str | None:
+    """The folder (ending in a slash) or file of `RELEASED_BYPRODUCTS` that a path below an observation is part of.
+
+    Examples:
+        >>> released_byproduct("3dgs_scene/point_cloud/iteration_30000/point_cloud.ply")
+        '3dgs_scene/'
+        >>> released_byproduct("points3D.ply")
+        'points3D.ply'
+        >>> released_byproduct("input/frame_000.png") is None
+        True
+    """
+    top, slash, _ = path.partition("/")
+    for pattern in RELEASED_BYPRODUCTS:
+        if pattern.endswith("/"):
+            if slash and fnmatchcase(top, pattern[:-1]):
+                return f"{top}/"
+        elif path.count("/") == pattern.count("/") and fnmatchcase(path, pattern):
+            return path
+    return None
 
 
 def expected_files(frames: int, *, depth: bool = False, rirs: bool = False) -> tuple[str, ...]:

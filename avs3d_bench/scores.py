@@ -168,6 +168,9 @@ class ScoredSubmission(SubmissionRecord):
     """What submission.json says, and how the folder was read."""
 
     layout: Literal["avs3d", "official"] = Field(description="which folder layout it has")
+    masks: Text | None = Field(
+        default=None, description="folder below an observation's folder that its masks were read from"
+    )
     points: bool = Field(description="whether it holds a 3D prediction")
 
 

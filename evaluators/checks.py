@@ -30,6 +30,7 @@ def check_submission(
     dataset_root: str | Path,
     *,
     only: Iterable[str] = (),
+    aisrm: bool | None = None,
     workers: int | None = None,
     progress: bool = False,
 ) -> Report:
@@ -39,6 +40,7 @@ def check_submission(
         path: a folder or a .zip.
         dataset_root: ours or the official release.
         only: shell patterns of observation keys; the others are left out.
+        aisrm: which folder of the released pipeline's output to read; see `open_submission`.
         workers: processes; None: one per core.
         progress: show a bar on stderr.
 
@@ -49,7 +51,7 @@ def check_submission(
     dataset = Dataset(dataset_root)
     observations = select(dataset, only)
     try:
-        with open_submission(path) as submission:
+        with open_submission(path, aisrm=aisrm) as submission:
             problems = check_structure(submission, dataset, observations)
             return check_contents(submission, observations, problems, workers=workers, progress=progress)
     except InvalidSubmission as error:

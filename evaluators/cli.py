@@ -22,6 +22,11 @@ _SCREENFUL = 40
 
 _dataset = click.option("--dataset", type=_PATH, required=True, help="Root of the dataset.")
 _only = click.option("--only", multiple=True, metavar="KEY_GLOB", help="Only these observations; repeatable.")
+_official_folder = click.option(
+    "--official-folder",
+    type=click.Choice(["True", "False"], case_sensitive=False),
+    help="Of the released pipeline's output: 3d_segmentation_use_aisrm_True or …_False [True where it is there].",
+)
 _workers = click.option("--workers", type=click.IntRange(1, 256), default=None, help="Processes [one per core].")
 
 
@@ -31,6 +36,7 @@ _workers = click.option("--workers", type=click.IntRange(1, 256), default=None, 
 @click.option("--protocol", type=click.Choice(["official", "strict", "all"]), default="all", show_default=True)
 @click.option("--json", "json_file", type=_PATH, help="Write the scores to this file.")
 @click.option("--html", "html_file", type=_PATH, help="Write a report to this file.")
+@_official_folder
 @_only
 @_workers
 @click.version_option(__version__, prog_name="avs3d-eval")
@@ -40,6 +46,7 @@ def evaluate(
     protocol: str,
     json_file: Path | None,
     html_file: Path | None,
+    official_folder: str | None,
     only: tuple[str, ...],
     workers: int | None,
 ) -> None:
@@ -59,7 +66,7 @@ def evaluate(
     wanted: Any = tuple(PROTOCOLS) if protocol == "all" else (protocol,)
     data = Dataset(dataset)
     _check_targets((json_file, html_file), submission, dataset)
-    with open_submission(submission) as opened:
+    with open_submission(submission, aisrm=_aisrm(official_folder)) as opened:
         try:
             evaluation = score(opened, data, protocols=wanted, only=only, workers=workers, progress=sys.stderr.isatty())
         except InvalidSubmission as error:
@@ -79,6 +86,10 @@ def evaluate(
     for path in (json_file, html_file):
         if path is not None:
             click.echo(str(path))
+
+
+def _aisrm(official_folder: str | None) -> bool | None:
+    return None if official_folder is None else official_folder == "True"
 
 
 def _beside(html_file: Path | None, json_file: Path) -> str | None:
@@ -123,9 +134,17 @@ def _print_problems(report: Any, submission: Path, dataset: Path) -> None:
 @click.argument("submission", type=_PATH)
 @_dataset
 @click.option("--json", "json_file", type=_PATH, help="Write the findings to this file as well.")
+@_official_folder
 @_only
 @_workers
-def check(submission: Path, dataset: Path, json_file: Path | None, only: tuple[str, ...], workers: int | None) -> None:
+def check(
+    submission: Path,
+    dataset: Path,
+    json_file: Path | None,
+    official_folder: str | None,
+    only: tuple[str, ...],
+    workers: int | None,
+) -> None:
     """Check SUBMISSION, a folder or a .zip, before anyone scores it.
 
     Exit status: 0 fit to be scored, 1 problems found (every bad file named), 2 usage.
@@ -135,7 +154,14 @@ def check(submission: Path, dataset: Path, json_file: Path | None, only: tuple[s
     from evaluators.checks import check_submission
 
     _check_targets((json_file,), submission, dataset)
-    report = check_submission(submission, dataset, only=only, workers=workers, progress=sys.stderr.isatty())
+    report = check_submission(
+        submission,
+        dataset,
+        only=only,
+        aisrm=_aisrm(official_folder),
+        workers=workers,
+        progress=sys.stderr.isatty(),
+    )
     if json_file is not None:
         write_json(json_file, report.as_dict())
     print_report(report, shown=_SCREENFUL)

@@ -90,6 +90,7 @@ def evaluate(
     *,
     protocols: Sequence[Protocol] = ("official", "strict"),
     only: Iterable[str] = (),
+    aisrm: bool | None = None,
     workers: int | None = 1,
     progress: bool = False,
 ) -> Evaluation:
@@ -100,6 +101,7 @@ def evaluate(
         dataset: the dataset's root; ours or the official release.
         protocols: which to compute.
         only: shell patterns of observation keys; the others are left out.
+        aisrm: which folder of the released pipeline's output to read; see `evaluators.submission.open_submission`.
         workers: processes; None: one per core.
         progress: show a bar on stderr.
 
@@ -109,7 +111,7 @@ def evaluate(
         Avs3dError: if the dataset itself is damaged.
     """
     data = Dataset(dataset)
-    with open_submission(Path(submission)) as opened:
+    with open_submission(Path(submission), aisrm=aisrm) as opened:
         return score(opened, data, protocols=protocols, only=only, workers=workers, progress=progress)
 
 
@@ -315,7 +317,9 @@ def _record(
             bootstrap_seed=bootstrap.SEED,
             voxel_size=VOXEL_SIZE,
         ),
-        submission=ScoredSubmission(**submission.record.model_dump(), layout=submission.layout, points=points),
+        submission=ScoredSubmission(
+            **submission.record.model_dump(), layout=submission.layout, masks=submission.masks, points=points
+        ),
         dataset=ScoredDataset(
             name=dataset.name,
             version=record.version if record else None,

@@ -6,7 +6,7 @@ import os
 import signal
 import tempfile
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from itertools import islice
 from pathlib import Path
@@ -34,19 +34,24 @@ _NEAR = 200
 
 
 @contextmanager
-def open_submission(path: str | Path) -> Iterator[Submission]:
+def open_submission(path: str | Path, *, aisrm: bool | None = None) -> Iterator[Submission]:
     """Open the submission at ``path``; an archive is unpacked to a temporary folder that is removed afterwards.
 
     What is wrong with the files inside is for `evaluators.checks` to say; only an archive that cannot be unpacked
     safely ends here.
 
+    Args:
+        path: the folder or archive.
+        aisrm: which folder to read of the two that the released pipeline always writes, with (True) or without its
+            refinement; None: with it where it is there. Not for submissions in our layout.
+
     Raises:
-        UsageError: if there is nothing at ``path``, or it is no submission.
+        UsageError: if there is nothing at ``path``, it is no submission, or it has not the folder asked for.
         InvalidSubmission: if an archive holds what must not be unpacked; its report names every such member.
     """
     source = Path(path)
     if source.is_dir():
-        yield _opened(source, None)
+        yield _opened(source, None, aisrm)
         return
     if not source.exists():
         raise UsageError(f"{source}: no such folder or archive; expected a submission")
@@ -64,7 +69,7 @@ def open_submission(path: str | Path) -> Iterator[Submission]:
             raise UsageError(f"{source}: a damaged archive ({error}); pack it anew") from None
         if problems:
             raise InvalidSubmission(Report(source, False, 0, members, ordered(problems)))
-        yield _opened(top_folder(Path(folder)), source)
+        yield _opened(top_folder(Path(folder)), source, aisrm)
 
 
 @contextmanager
@@ -80,18 +85,37 @@ def _undisturbed() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
 
 
-def _opened(root: Path, source: Path | None) -> Submission:
+def _opened(root: Path, source: Path | None, aisrm: bool | None) -> Submission:
     json_file = root / layout.SUBMISSION_JSON
     named = source or root
-    keys = () if os.path.lexists(json_file) else tuple(_keys(root, _LOOKED_AT))
-    if os.path.lexists(json_file) or any(os.path.lexists(root / key / layout.SUBMISSION_MASKS) for key in keys):
+    has_json = os.path.lexists(json_file)
+    keys = () if has_json and aisrm is None else tuple(_keys(root, _LOOKED_AT))
+    if aisrm is not None:
+        return _released(root, source, keys, layout.RELEASED_MASKS[0 if aisrm else 1])
+    if has_json or any(os.path.lexists(root / key / layout.SUBMISSION_MASKS) for key in keys):
         record, problems = _record(json_file, named)
         return Submission(root, "avs3d", layout.SUBMISSION_MASKS, record, source, problems)
     found = [masks for masks in layout.RELEASED_MASKS if any((root / key / masks).is_dir() for key in keys)]
     if not found:
         raise UsageError(f"{named}: no submission; {_EXPECTED}{_hint(root, source)}")
-    notes = tuple(Problem("note", other, f"not looked at: {found[0]} is there as well") for other in found[1:])
-    return Submission(root, "official", found[0], _made_up(named), source, notes)
+    return _released(root, source, keys, found[0])
+
+
+def _released(root: Path, source: Path | None, keys: Sequence[str], masks: str) -> Submission:
+    """The released pipeline's own output, of which one folder of masks is read."""
+    named = source or root
+    there = [folder for folder in layout.RELEASED_MASKS if any((root / key / folder).is_dir() for key in keys)]
+    if masks not in there:
+        found = f"found {', '.join(there)}" if there else "found no folder of the released pipeline"
+        raise UsageError(
+            f"{named}: no {masks}/ in any observation; {found}: leave out --official-folder, or name another"
+        )
+    notes = tuple(
+        Problem("note", other, f"not looked at: {masks} is scored; --official-folder chooses")
+        for other in there
+        if other != masks
+    )
+    return Submission(root, "official", masks, _made_up(named), source, notes)
 
 
 def _keys(root: Path, most: int) -> Iterator[str]:

@@ -89,6 +89,8 @@ def print_scores(scores: Scores, console: Console | None = None) -> None:
     said = scores.submission
     version = f" {scores.dataset.version}" if scores.dataset.version else " (official release)"
     out.print(Text(printable(f"{said.method} on {scores.dataset.name}{version}"), style="bold"), soft_wrap=True)
+    if said.layout == "official" and said.masks:
+        out.print(Text(f"official folder: {said.masks} (--official-folder chooses)"), soft_wrap=True)
     # Whole on a narrow terminal too, which wraps its lines: cut to its width there would be no figure left.
     table.width = out.measure(table, options=out.options.update(max_width=_WIDEST)).maximum
     out.print(table, soft_wrap=True)

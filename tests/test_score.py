@@ -227,6 +227,35 @@ def test_the_released_pipelines_own_folders(data: Path, tmp_path: Path, masks: s
     assert theirs.observations == ours.observations
 
 
+@pytest.mark.parametrize(("option", "folder"), [(None, 0), ("True", 0), ("False", 1)])
+def test_the_official_folder_is_chosen_and_said(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str | None, folder: int
+):
+    """The released pipeline always writes both; here the refined masks are right and the others are two pixels off."""
+    root = tmp_path / "theirs"
+    for masks, predict in zip(layout.RELEASED_MASKS, (true_mask, shifted), strict=True):
+        submit(root, data, predict, masks=masks)
+    arguments = () if option is None else ("--official-folder", option)
+    code, out, _ = run(capsys, root, "--dataset", data, "--json", tmp_path / "scores.json", *arguments)
+    assert code == 0
+    assert f"official folder: {layout.RELEASED_MASKS[folder]}" in out
+    found = json.loads((tmp_path / "scores.json").read_text())
+    assert found["submission"]["masks"] == layout.RELEASED_MASKS[folder]
+    assert (found["overall"]["strict"]["IoU"] == 1) == (folder == 0)
+
+
+def test_an_official_folder_that_is_not_there_is_named(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    theirs = submit(tmp_path / "theirs", data, true_mask, masks=layout.RELEASED_MASKS[1])
+    code, _, said = run(capsys, theirs, "--dataset", data, "--official-folder", "True")
+    assert code == 2
+    assert "no 3d_segmentation_use_aisrm_True/masks/test/ in any observation; found 3d_segmentation_use_aisrm_F" in said
+    ours = submit(tmp_path / "ours", data, true_mask)
+    code, _, said = run(capsys, ours, "--dataset", data, "--official-folder", "False")
+    assert code == 2
+    assert "found no folder of the released pipeline" in said
+    assert len(said.strip().splitlines()) == 1
+
+
 def test_the_released_pipeline_wrote_into_the_dataset_itself(release: Path, tmp_path: Path):
     root = tiny.clone(release, tmp_path / "work")
     submit(root, root, true_mask, masks=layout.RELEASED_MASKS[0])

@@ -438,3 +438,28 @@ def _small(factory: pytest.TempPathFactory, kind: str) -> Path:
         write = tiny.write_dataset if kind == "ours" else tiny.write_release
         _SMALL[kind] = write(factory.mktemp("small") / kind, frames=3, size=24)
     return _SMALL[kind]
+
+
+BYPRODUCTS = (
+    "3dgs_scene/point_cloud/iteration_30000/point_cloud.ply", "3dgs_scene/cfg_args", "points3D.ply",
+    "sparse/0/points3D.ply", "owod_bind_train_frames/frame_001.png", "distorted/database.db", "stereo/fusion.cfg",
+    "3d_segmentation_use_aisrm_True/masks/test/frame_000.png", "3d_segmentation_use_aisrm_False/renders/test/a.png",
+    "3d_segmentation_use_aisrm_True/metrics_x.json", "metrics_x.json", "renders/test/frame_000.png",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["ours", "release"])
+def test_what_the_released_pipeline_wrote_is_a_note(tmp_path: Path, kind: str):
+    write = tiny.write_dataset if kind == "ours" else tiny.write_release
+    root = write(tmp_path / kind)
+    for path in BYPRODUCTS:
+        tiny.replace(root / tiny.SINGLE / path, b"theirs")
+    report = validate(root, deep=True)
+    assert report.valid
+    assert {problem.severity for problem in report.problems} == {"note"}
+    notes = {p.path.removeprefix(f"{tiny.SINGLE}/"): p.message for p in report.problems if "by-product" in p.message}
+    files = {"points3D.ply", "sparse/0/points3D.ply", "metrics_x.json"}
+    assert set(notes) == files | {path.split("/")[0] for path in BYPRODUCTS if path not in files}
+    assert notes["3dgs_scene"] == "2 files, by-product of the released pipeline; no part of the dataset"
+    tiny.replace(root / tiny.SINGLE / "mine/frame_001.png", b"mine")
+    assert validate(root).valid == (kind == "release"), "anything else in a tree of ours is still an error"

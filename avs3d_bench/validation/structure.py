@@ -6,6 +6,7 @@ Nothing is decoded here; see `validation.deep`.
 from __future__ import annotations
 
 import os
+from collections import Counter
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -50,10 +51,10 @@ def check_structure(observation: Observation, *, ours: bool) -> tuple[Findings, 
         ours: a tree of this toolkit (everything of DESIGN §4 must be there), else the official release.
 
     Returns:
-        the problems, the record if it could be read, and the files found.
+        the problems, the record if it could be read, and the files found (by-products of the released pipeline apart).
     """
     findings = Findings(observation)
-    files = list_files(observation)
+    files = _without_byproducts(list_files(observation), findings)
     record = load_record(observation, findings) if ours else None
     if ours:
         frames = len(record.frames) if record else len(observation.frame_names)
@@ -66,6 +67,15 @@ def check_structure(observation: Observation, *, ours: bool) -> tuple[Findings, 
     if record:
         check_record(observation, record, files, findings)
     return findings, record, files
+
+
+def _without_byproducts(files: set[str], findings: Findings) -> set[str]:
+    """The files of the dataset; what the released pipeline wrote beside them is named in a note per folder."""
+    made = {path: top for path in files if (top := layout.released_byproduct(path)) is not None}
+    for top, count in sorted(Counter(made.values()).items()):
+        what = f"{count} file{'' if count == 1 else 's'}, " if top.endswith("/") else ""
+        findings.add(top.rstrip("/"), f"{what}by-product of the released pipeline; no part of the dataset", "note")
+    return files - set(made)
 
 
 def _check_missing(expected: set[str], files: set[str], findings: Findings) -> None:
