@@ -1,0 +1,107 @@
+"""docs/official.md: every test that it names exists, every "same" has one, and the paper's numbers are the paper's."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+from functools import cache
+from pathlib import Path
+
+import pytest
+import tiny
+
+from avs3d_bench import layout
+from avs3d_bench.dataset import Dataset
+from evaluators import paper
+
+TESTS = Path(__file__).parent
+TEXT = (TESTS.parent / "docs" / "official.md").read_text(encoding="utf-8")
+NAMED = sorted(set(re.findall(r"`(test_\w+)::(test_\w+)`", TEXT)))
+
+
+def section(heading: str) -> str:
+    """The text below a heading of the second level."""
+    return re.split(r"^## ", TEXT.split(f"\n## {heading}\n", 1)[1], maxsplit=1, flags=re.M)[0]
+
+
+def rows(text: str) -> list[list[str]]:
+    """The cells of the rows of every table, without headings; a bar in code is escaped."""
+    lines = [line for line in text.splitlines() if line.startswith("|")]
+    table = [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in lines]
+    heads = {at - 1 for at, cells in enumerate(table) if set("".join(cells)) <= set("-:")}
+    return [cells for at, cells in enumerate(table) if at not in heads and at - 1 not in heads]
+
+
+@cache
+def functions(module: str) -> set[str]:
+    """Names of the test functions of every module of that name below tests/."""
+    files = [*TESTS.rglob(f"{module}.py")]
+    trees = [ast.parse(file.read_text(encoding="utf-8")) for file in files]
+    return {node.name for tree in trees for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
+
+
+@pytest.mark.parametrize(("module", "function"), NAMED)
+def test_every_test_on_the_page_exists(module: str, function: str) -> None:
+    assert function in functions(module), f"docs/official.md names {module}::{function}, and there is no such test"
+
+
+def test_every_same_has_its_test_and_every_other_verdict_a_reason() -> None:
+    found = rows(TEXT)
+    same = [cells for cells in found if any(cell.startswith("same") for cell in cells)]
+    assert len(same) > 20
+    for cells in same:
+        assert "::" in cells[-1], f"no test beside 'same': {cells}"
+    for cells in found:
+        for cell in cells:
+            if cell.startswith("not "):
+                assert ":" in cell or "published" in cell, f"no reason: {cells}"
+
+
+def test_the_numbers_of_the_paper_are_those_of_the_code() -> None:
+    table = {cells[0]: cells[1:3] for cells in rows(section("Table 2"))}
+    assert table == {
+        method: [f"{figures['mIoU']:.3f} / {figures['F']:.3f}".replace("0.", ".") for figures in parts.values()]
+        for method, parts in paper.TABLE_2.items()
+    }
+    swept = {float(threshold): (float(miou), float(f)) for threshold, miou, f in rows(section("Table 3"))}
+    assert swept == {threshold: (figures["mIoU"], figures["F"]) for threshold, figures in paper.TABLE_3.items()}
+
+
+def test_the_folders_on_the_page_are_those_of_the_code() -> None:
+    for pattern in layout.RELEASED_BYPRODUCTS:
+        name = pattern.removeprefix("sparse/0/").replace("3d_segmentation_*", "3d_segmentation_use_aisrm_True")
+        assert f"`{name}`" in section("Folders"), name
+    for folder in layout.RELEASED_MASKS:
+        assert folder in section("Folders")
+
+
+def test_the_defaults_are_the_settings_of_the_paper() -> None:
+    pytest.importorskip("torch", reason="torch comes with the extra 'baselines'")
+    from baselines.echosegnet.pipeline import Settings
+    from baselines.owod_bind.select import THRESHOLD
+
+    settings = Settings()
+    assert settings.variant == "official"
+    assert settings.refine
+    assert settings.voting_threshold == paper.VOTING_THRESHOLD == 0.3
+    assert settings.decompose_every == 4
+    assert settings.training.iterations == paper.ITERATIONS == 30_000
+    assert THRESHOLD == 0.2
+
+
+def test_the_lines_that_replace_the_fixed_scan_ids_walk_our_scans(tmp_path: Path) -> None:
+    root = tiny.write_dataset(tmp_path / "data with a space", frames=1)
+    (root / tiny.SINGLE).parents[1].rename(root / "part_1/apartment_2")
+    expected = sorted({observation.place.scan for observation in Dataset(root)})
+    assert expected == ["apartment_2", "tiny"]
+    (shell,) = re.findall(r"```sh\n(.*?)```", TEXT, re.S)
+    said = subprocess.run(
+        ["sh", "-c", f"{shell}\nprintf '%s\\n' $SCANS"], env={"ROOT": str(root), "PATH": "/usr/bin:/bin"},
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert said.stdout.split() == expected
+    (python,) = re.findall(r"```python\n(.*?)```", section("Running the released scripts on our data"), re.S)
+    values: dict[str, object] = {"Path": Path, "root": str(root)}
+    exec(python, values)
+    assert values["scans"] == expected
