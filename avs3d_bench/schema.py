@@ -89,6 +89,15 @@ class AttributionRecord(LicenceRecord):
     asset: Text
 
 
+class ProvenanceRecord(Record):
+    """The software that made a file, see `avs3d_bench.provenance`."""
+
+    digest: Sha256 = Field(description="of the sources, libraries and Python that the result depends on")
+    toolkit_version: Text
+    python: Text = Field(description="minor version, e.g. 3.11")
+    libraries: dict[str, Text] = Field(default_factory=dict, description="distribution → version; none: not installed")
+
+
 class IntrinsicsRecord(Record):
     """Pinhole camera without distortion, pixels; the centre of pixel (u, v) lies at (u + 0.5, v + 0.5)."""
 
