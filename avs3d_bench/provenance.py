@@ -38,12 +38,12 @@ from importlib import metadata
 from importlib.machinery import ModuleSpec, PathFinder
 from typing import Any
 
-from avs3d_bench import __version__
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.schema import ProvenanceRecord
 
 #: Packages whose sources count; anything else that is imported counts by its version.
 PACKAGES = ("avs3d_bench", "generators", "evaluators", "baselines")
+#: Name of the digest in `Provenance.versions`.
+SOFTWARE = "software"
 #: Name of the distribution whose entry points count.
 DISTRIBUTION = "avs3d-bench"
 #: Version of the way a digest is computed; raise it when that changes.
@@ -95,11 +95,9 @@ class Provenance:
         return hashlib.sha256(json.dumps(document).encode()).hexdigest()
 
     @property
-    def record(self) -> ProvenanceRecord:
-        """It as files hold it."""
-        return ProvenanceRecord(
-            digest=self.digest, toolkit_version=__version__, python=self.python, libraries=dict(self.libraries)
-        )
+    def versions(self) -> dict[str, str]:
+        """Name → version: the digest as `SOFTWARE`, Python and the libraries."""
+        return {SOFTWARE: self.digest, "python": self.python, **self.libraries}
 
 
 @lru_cache(maxsize=64)
@@ -108,8 +106,8 @@ def provenance(*roots: str, without: tuple[str, ...] = ()) -> Provenance:
 
     Args:
         roots: ``module:function`` (or ``module``) of each function that makes the result.
-        without: modules that are certain not to run, such as the backends that were not chosen. They count only where
-            they are roots.
+        without: texts ``module:name`` that are certain not to be followed, such as the entries of backends that were not
+            chosen in a table of all of them. An import statement for the same module still counts.
 
     Raises:
         Avs3dError: if a root does not exist.
@@ -141,19 +139,19 @@ class Sources:
         for root, name in zip(roots, names, strict=True):
             if self._spec(name) is None:
                 raise Avs3dError(f"provenance of {root}: no module {name}; expected module:function of {PACKAGES}")
-        skipped = frozenset(without) - frozenset(names)
+        unused = frozenset(without)
         sources: dict[str, str] = {}
         libraries: set[str] = set()
         waiting = list(names)
         with _no_collection():
             while waiting:
                 name = waiting.pop()
-                if name in sources or name in skipped:
+                if name in sources:
                     continue
                 module = self.module(name)
                 sources[name] = module.digest
                 sources |= self._data_of(module)
-                waiting += self._edges(module)
+                waiting += self._edges(module, unused)
                 libraries |= {found for target, _ in module.imports if (found := _library(target))}
         versions: dict[str, str] = {}
         for library in libraries:
@@ -175,11 +173,10 @@ class Sources:
         loader: Any = spec.loader if spec else None
         try:
             source = loader.get_data(loader.get_filename(name))
-            tree = ast.parse(source)
+            package = name if spec and spec.submodule_search_locations is not None else name.rpartition(".")[0]
+            return read_module(name, package, source)
         except (AttributeError, ImportError, OSError, SyntaxError, ValueError) as error:
             raise Avs3dError(f"{name}: its source cannot be read ({error}); reinstall avs3d-bench with sources") from None
-        package = name if spec and spec.submodule_search_locations is not None else name.rpartition(".")[0]
-        return read_module(name, package, tree)
 
     def _spec(self, name: str) -> ModuleSpec | None:
         """Where a module of ours lies; found without importing its package."""
@@ -198,11 +195,11 @@ class Sources:
             return None
         return PathFinder.find_spec(name, list(above.submodule_search_locations))
 
-    def _edges(self, module: Module) -> Iterator[str]:
+    def _edges(self, module: Module, unused: frozenset[str]) -> Iterator[str]:
         """The modules of ours that a module has Python import, packages on the way included."""
         for target, name in module.imports:
             yield from self._targets(target, name)
-        for text in module.texts:
+        for text in module.texts - unused:
             named = text.partition(":")[0]
             if _MODULE_TEXT.fullmatch(named) and self._spec(named):
                 yield from self._chain(named)
@@ -275,71 +272,117 @@ def _data_files(folder: Any, path: str) -> Iterator[tuple[str, str]]:
             yield f"{path}/{entry.name}", hashlib.sha256(entry.read_bytes()).hexdigest()
 
 
-def read_module(name: str, package: str, tree: ast.Module) -> Module:
-    """Read what a module imports and names from its syntax tree, which is changed.
+def read_module(name: str, package: str, source: bytes) -> Module:
+    """Read what a module imports and names.
 
     Args:
         name: dotted name.
         package: the package that its relative imports start from.
-        tree: its source.
+        source: its text.
+
+    Raises:
+        SyntaxError, ValueError: if it is no Python.
     """
-    for_checkers = _normalise(tree)
-    nodes = list(ast.walk(tree))
-    imports = set(_imports(nodes, package))
+    tree = ast.parse(source)
+    reader = _TreeReader()
+    reader.read(tree)
+    imports = set(_imports(reader.imports, package))
     constants = _constants(tree)
-    calls_entry_points = False
-    texts = set()
-    for node in nodes:
-        if isinstance(node, ast.Constant):
-            if isinstance(node.value, str):
-                texts.add(node.value)
-        elif isinstance(node, ast.Call):
-            called = getattr(node.func, "attr", getattr(node.func, "id", ""))
-            calls_entry_points |= called == "entry_points"
-            if called in ("import_module", "__import__") and node.args:
-                argument = node.args[0]
-                text = argument.value if isinstance(argument, ast.Constant) else constants.get(getattr(argument, "id", ""))
-                if isinstance(text, str) and text.strip("."):
-                    imports.add((importlib.util.resolve_name(text, package), None))
-    resolves = any(isinstance(node, ast.FunctionDef) and node.name == "__getattr__" for node in tree.body)
-    resolves |= any(isinstance(node, ast.Name) and node.id == "__getattr__" for node in nodes)
+    for argument in reader.imported_by_text:
+        text = argument.value if isinstance(argument, ast.Constant) else constants.get(getattr(argument, "id", ""))
+        if isinstance(text, str) and text.strip("."):
+            imports.add((importlib.util.resolve_name(text, package), None))
     return Module(
         name=name,
-        digest=hashlib.sha256(ast.dump(tree, annotate_fields=False).encode()).hexdigest(),
+        digest=hashlib.sha256("".join(reader.form).encode(errors="surrogatepass")).hexdigest(),
         imports=frozenset(imports),
-        texts=frozenset(texts),
-        calls_entry_points=calls_entry_points,
-        on_demand=_names(_imports(for_checkers, package)) if resolves else None,
+        texts=frozenset(reader.texts),
+        calls_entry_points=reader.calls_entry_points,
+        on_demand=_names(_imports(reader.for_checkers, package)) if reader.resolves_names else None,
     )
 
 
-def _normalise(tree: ast.Module) -> list[ast.stmt]:
-    """Take docstrings and ``if TYPE_CHECKING`` blocks out of a tree; the statements of the latter."""
-    taken: list[ast.stmt] = []
-    waiting: list[ast.AST] = [tree]
-    while waiting:
-        node = waiting.pop()
-        for field in ("body", "orelse", "finalbody", "handlers", "cases"):
-            statements = getattr(node, field, None)
-            if not isinstance(statements, list):
-                continue
-            if field == "body" and isinstance(
-                node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
-            ):
-                first = statements[0] if statements else None
-                if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant):
-                    if isinstance(first.value.value, str):
-                        del statements[0]
-            kept: list[Any] = []
-            for statement in statements:
-                if isinstance(statement, ast.If) and _is_type_checking(statement.test):
-                    taken += statement.body
-                    kept += statement.orelse
-                else:
-                    kept.append(statement)
-            statements[:] = kept
-            waiting += kept
-    return taken
+class _TreeReader:
+    """Goes through a syntax tree once.
+
+    Attributes:
+        form: pieces of the normal form: node types and values in order, without docstrings, positions and what is for
+            type checkers only.
+        imports: the import statements.
+        imported_by_text: first arguments of `importlib.import_module` and ``__import__``.
+        texts: text constants.
+        for_checkers: statements under ``if TYPE_CHECKING``.
+        calls_entry_points: whether it calls ``entry_points``.
+        resolves_names: whether it defines or assigns ``__getattr__``.
+    """
+
+    def __init__(self) -> None:
+        self.form: list[str] = []
+        self.imports: list[ast.AST] = []
+        self.imported_by_text: list[ast.expr] = []
+        self.texts: set[str] = set()
+        self.for_checkers: list[ast.stmt] = []
+        self.calls_entry_points = False
+        self.resolves_names = False
+
+    def read(self, value: Any) -> None:
+        """Take in a node, a list of nodes or a plain value."""
+        kind = value.__class__
+        if kind is list:
+            self.form.append("[")
+            for each in value:
+                self.read(each)
+            self.form.append("]")
+            return
+        fields = _FIELDS.get(kind)
+        if fields is None:
+            self.form.append(repr(value))
+            return
+        if kind in _NOTED:
+            if kind is ast.If and _is_type_checking(value.test):
+                self.for_checkers += value.body
+                for each in value.orelse:
+                    self.read(each)
+                return
+            self._note(value)
+        self.form.append(kind.__name__)
+        self.form.append("(")
+        for field in fields:
+            self.read(getattr(value, field, None))
+        self.form.append(")")
+
+    def _note(self, node: Any) -> None:
+        if isinstance(node, ast.Constant):
+            if isinstance(node.value, str):
+                self.texts.add(node.value)
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            self.imports.append(node)
+        elif isinstance(node, ast.Call):
+            called = getattr(node.func, "attr", getattr(node.func, "id", ""))
+            self.calls_entry_points |= called == "entry_points"
+            if called in ("import_module", "__import__"):
+                self.imported_by_text += node.args[:1]
+        elif isinstance(node, ast.Name):
+            self.resolves_names |= node.id == "__getattr__"
+        elif isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            self.resolves_names |= getattr(node, "name", "") == "__getattr__"
+            first = node.body[0] if node.body else None
+            if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant):
+                if isinstance(first.value.value, str):
+                    del node.body[0]
+
+
+#: Kind of node → its fields that count.
+_FIELDS: dict[type, tuple[str, ...]] = {
+    kind: tuple(field for field in kind._fields if field not in ("ctx", "type_comment", "kind", "type_ignores"))
+    for kind in vars(ast).values()
+    if isinstance(kind, type) and issubclass(kind, ast.AST)
+}
+#: Kinds of nodes that `_TreeReader` looks into.
+_NOTED = frozenset(
+    (ast.Constant, ast.Import, ast.ImportFrom, ast.Call, ast.Name, ast.If)
+    + (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+)
 
 
 def _is_type_checking(test: ast.expr) -> bool:
@@ -388,8 +431,11 @@ def _distributions() -> Mapping[str, list[str]]:
 @lru_cache(maxsize=256)
 def _versions(package: str) -> Mapping[str, str]:
     """Distribution → version of those that an imported package comes from."""
-    names = sorted(set(_distributions().get(package, ())))
-    return {name: metadata.version(name) for name in names} or {package: "none"}
+    names = sorted(set(_distributions().get(package, ()))) or [package]  # some do not say what they install
+    try:
+        return {name: metadata.version(name) for name in names}
+    except metadata.PackageNotFoundError:
+        return {package: "none"}
 
 
 @lru_cache(maxsize=1)

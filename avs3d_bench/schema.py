@@ -19,15 +19,18 @@ import json
 import math
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from avs3d_bench import layout
+from avs3d_bench import __version__, layout
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
+
+if TYPE_CHECKING:
+    from avs3d_bench.provenance import Provenance
 
 #: Version of the file formats; it changes when a key changes its name or its meaning.
 SCHEMA_VERSION = "1.0"
@@ -96,6 +99,16 @@ class ProvenanceRecord(Record):
     toolkit_version: Text
     python: Text = Field(description="minor version, e.g. 3.11")
     libraries: dict[str, Text] = Field(default_factory=dict, description="distribution → version; none: not installed")
+
+    @classmethod
+    def of(cls, software: Provenance) -> Self:
+        """The record of what `avs3d_bench.provenance.provenance` found."""
+        return cls(
+            digest=software.digest,
+            toolkit_version=__version__,
+            python=software.python,
+            libraries=dict(software.libraries),
+        )
 
 
 class IntrinsicsRecord(Record):

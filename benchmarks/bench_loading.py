@@ -28,7 +28,7 @@ Triple = tuple[str, str, str]
 
 def make_example(root: Path, frames: int = 48) -> None:
     """The demo's observations at full size, for machines that have no dataset at hand."""
-    from generators.homes import default_cache
+    from generators.folders import default_cache
     from generators.plan import make_plans, read_manifest
     from generators.runner import run
 

@@ -17,7 +17,8 @@ from unittest.mock import patch
 
 from avs3d_bench.parallel import available_cores
 from generators import observation as story
-from generators.homes import default_cache, prepare_home
+from generators.folders import default_cache
+from generators.homes import prepare_home
 from generators.plan import ManifestFile, ObservationPlan, make_plans, read_manifest
 from generators.runner import run
 

@@ -67,7 +67,8 @@ def bench_vision(scene: Scene | None = None, size: int = 1008, repeats: int = 5)
 def run_all(repeats: int = 5) -> dict[str, float]:
     """Figures for `make bench`, in an apartment of the open benchmark."""
     from benchmarks.bench_pipeline import MANIFEST
-    from generators.homes import default_cache, open_home
+    from generators.folders import default_cache
+    from generators.homes import open_home
     from generators.plan import make_plans, read_manifest
 
     flat = open_home(make_plans(read_manifest(MANIFEST), audio="analytic")[0], default_cache(), workers=2)

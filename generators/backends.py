@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
-from importlib import metadata
-
-import cv2
+from importlib import import_module
+from typing import Any
 
 from avs3d_bench import __version__
 from avs3d_bench.errors import UsageError
+from avs3d_bench.provenance import Provenance, provenance
 from generators.acoustics.base import AcousticBackend
 from generators.vision.base import VisionBackend
+
+#: Backends by name: where each is found. Only the one that is asked for is imported.
+VISION = {
+    "embree": "generators.vision.embree:EmbreeBackend",
+    "habitat": "generators.vision.habitat:HabitatBackend",
+}
+ACOUSTIC = {
+    "soundspaces": "generators.acoustics.soundspaces:SoundSpacesBackend",
+    "analytic": "generators.acoustics.analytic:AnalyticBackend",
+}
 
 
 def vision_backend(name: str) -> VisionBackend:
@@ -19,15 +29,10 @@ def vision_backend(name: str) -> VisionBackend:
         UsageError: if there is none of that name.
         Avs3dError: if what it needs is not installed.
     """
-    if name == "embree":
-        from generators.vision.embree import EmbreeBackend
-
-        return EmbreeBackend()
-    if name == "habitat":
-        from generators.vision.habitat import HabitatBackend
-
-        return HabitatBackend()
-    raise UsageError(f"unknown vision backend {name!r}: expected embree or habitat")
+    if name not in VISION:
+        raise UsageError(f"unknown vision backend {name!r}: expected {' or '.join(VISION)}")
+    backend: VisionBackend = _load(VISION[name])()
+    return backend
 
 
 def acoustic_backend(name: str, *, absorption_scale: float = 1.0) -> AcousticBackend:
@@ -37,29 +42,32 @@ def acoustic_backend(name: str, *, absorption_scale: float = 1.0) -> AcousticBac
         UsageError: if there is none of that name.
         Avs3dError: if what it needs is not installed, or the scale is out of range.
     """
-    if name == "soundspaces":
-        from generators.acoustics.soundspaces import SoundSpacesBackend
+    if name not in ACOUSTIC:
+        raise UsageError(f"unknown acoustic backend {name!r}: expected {' or '.join(ACOUSTIC)}")
+    backend: AcousticBackend = _load(ACOUSTIC[name])(absorption_scale=absorption_scale)
+    return backend
 
-        return SoundSpacesBackend(absorption_scale=absorption_scale)
-    if name == "analytic":
-        from generators.acoustics.analytic import AnalyticBackend
 
-        return AnalyticBackend(absorption_scale=absorption_scale)
-    raise UsageError(f"unknown acoustic backend {name!r}: expected soundspaces or analytic")
+def _load(named: str) -> Any:
+    module, _, name = named.partition(":")
+    return getattr(import_module(module), name)
+
+
+def observation_provenance(vision: str, audio: str) -> Provenance:
+    """The software that observations made with these backends depend on; the backends that do not run have no part."""
+    unused = [entry for name, entry in VISION.items() if name != vision]
+    unused += [entry for name, entry in ACOUSTIC.items() if name != audio]
+    return provenance("generators.observation:generate_observation", without=tuple(unused))
 
 
 def backend_versions(vision: str, audio: str) -> dict[str, str]:
     """Name → version of everything whose change may change an observation's bytes."""
-    from generators.scenes.cache import builder_version
-
     sight, sound = vision_backend(vision), acoustic_backend(audio)
-    libraries = {name: metadata.version(name) for name in ("numpy", "scipy", "numba", "xatlas", "trimesh", "soundfile")}
+    software = observation_provenance(vision, audio)
     return {
         "avs3d-bench": __version__,
-        "homes and assets": builder_version(),
+        **software.versions,
         f"settings of {sound.name}": repr(sorted(sound.describe().items())),
-        **libraries,
-        "opencv": cv2.__version__,
         sight.name: sight.version,
         sound.name: sound.version,
     }

@@ -65,7 +65,7 @@ def generate(
         if named is not None:
             os.environ[variable] = str(named.expanduser().absolute())
     from avs3d_bench.parallel import available_cores
-    from generators.homes import default_cache
+    from generators.folders import default_cache
     from generators.manifest import read_manifest
     from generators.plan import make_plans
     from generators.progress import reporting

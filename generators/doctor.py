@@ -144,7 +144,7 @@ def _token(variable: str, service: str) -> Check:
 
 
 def _cache() -> tuple[Finding, ...]:
-    from generators.homes import default_cache
+    from generators.folders import default_cache
 
     folder = default_cache()
     there = next(path for path in (folder, *folder.parents) if path.exists())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -13,14 +12,6 @@ from generators.scenes.scene import Licence, Scene
 
 #: The scan opened last in this process, by its digest.
 _LAST: dict[str, Scene] = {}
-
-
-def default_cache() -> Path:
-    """``$AVS3D_CACHE``, else ``avs3d-bench`` in the user's cache folder."""
-    named = os.environ.get("AVS3D_CACHE")
-    if named:
-        return Path(named)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "avs3d-bench"
 
 
 def prepare_home(plan: ObservationPlan, folder: Path, *, workers: int = 1) -> None:

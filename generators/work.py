@@ -13,6 +13,7 @@ from pathlib import Path
 from avs3d_bench.cli import missing_extra
 from avs3d_bench.scheduling.errors import UnfitError
 from avs3d_bench.scheduling.lock import holder_of
+from avs3d_bench.scheduling.software import check_software
 from avs3d_bench.scheduling.tasks import Context
 from generators.backends import backend_versions, vision_backend
 from generators.homes import prepare_home
@@ -78,22 +79,12 @@ def _fit(plan: ObservationPlan, place: Place) -> Iterator[None]:
     """
     try:
         if place.token is not None:
-            _check_versions(plan)
+            check_software(_versions(plan.vision, plan.audio), plan.backends)
             _check_folder(place)
         yield
     except ModuleNotFoundError as error:
         where = "" if place.token is None else f"{socket.gethostname()}: "
         raise UnfitError(where + missing_extra(error, "generators")) from error
-
-
-def _check_versions(plan: ObservationPlan) -> None:
-    own = _versions(plan.vision, plan.audio)
-    for name in sorted(own.keys() | plan.backends.keys()):
-        here, wanted = own.get(name, "none"), plan.backends.get(name, "none")
-        if here != wanted:
-            raise UnfitError(
-                f"{socket.gethostname()} has {name} {here}, the run {wanted}; bytes would differ: install the same"
-            )
 
 
 @lru_cache(maxsize=4)

@@ -5,8 +5,8 @@
     <store>/<id>/incoming/                                                            while it is fetched
 
 An object's cleaned GLB (metres, Y up, front +Z) is made from the delivered file on first use. Its key is the hash of
-everything it is made from: the delivered bytes, the entry's orientation and the code that cleans; so a newer version of
-the code makes it anew, and a lock file never has to say which version it was.
+everything it is made from: the delivered bytes, the entry's orientation, the code that cleans and its libraries; after a
+change of the code it is made again, and a lock file never has to say which version it was.
 """
 
 from __future__ import annotations
@@ -15,19 +15,20 @@ import contextlib
 import hashlib
 import json
 import os
-import re
 import shutil
 import tempfile
 from dataclasses import dataclass
 from difflib import get_close_matches
-from functools import lru_cache
 from pathlib import Path
 
 from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.provenance import provenance
 from generators.library.archive import read_zip
 from generators.library.lock import AssetEntry, read_lock
 
+#: What makes a cleaned GLB of a file as delivered (see `avs3d_bench.provenance`).
+CLEANING = "generators.library.store:clean"
 #: What the cleaning reads.
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".dae")
 #: What libsndfile ≥ 1.1 decodes.
@@ -39,7 +40,7 @@ def default_store() -> Path:
     named = os.environ.get("AVS3D_ASSETS")
     if named:
         return Path(named)
-    from generators.homes import default_cache
+    from generators.folders import default_cache
 
     return default_cache() / "assets"
 
@@ -142,31 +143,9 @@ class Store:
 
 def clean_key(entry: AssetEntry) -> str:
     """16 hex digits over everything that decides the bytes of an object's cleaned GLB."""
-    from generators.library import hygiene
-
-    # The version stands for what the cleaning draws on outside of this package.
-    code = [hygiene.version(), _cleaning_code()]
-    inputs = [entry.sha256, entry.file, entry.up, entry.front, entry.height, entry.yaw, *code]
+    code = provenance(CLEANING).digest
+    inputs = [entry.sha256, entry.file, entry.up, entry.front, entry.height, entry.yaw, code]
     return hashlib.sha256(json.dumps(inputs).encode()).hexdigest()[:16]
-
-
-@lru_cache(maxsize=1)
-def _cleaning_code() -> str:
-    """Digest of the source code that cleans: `hygiene` and every module of this package that it draws on."""
-    here = Path(__file__).parent
-    sources: dict[str, bytes] = {}
-    waiting = ["hygiene"]
-    while waiting:
-        name = waiting.pop()
-        if name not in sources and (here / f"{name}.py").is_file():
-            text = sources[name] = (here / f"{name}.py").read_bytes()
-            waiting += re.findall(r"^\s*from generators\.library\.(\w+) import", text.decode(), re.M)
-            for names in re.findall(r"^\s*from generators\.library import ([\w, ]+)", text.decode(), re.M):
-                waiting += names.split(", ")
-    digest = hashlib.sha256()
-    for name in sorted(sources):
-        digest.update(f"\n{name}\n".encode() + sources[name])
-    return digest.hexdigest()
 
 
 def clean(entry: AssetEntry, path: Path) -> tuple[bytes, tuple[str, ...]]:

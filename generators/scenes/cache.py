@@ -4,7 +4,7 @@
                                   positions.npy … textures.npy: the numbers of all parts, one after the other
 
 Array files are opened with ``mmap_mode="r"``, so that worker processes share their pages. The digest in the folder's
-name is that of the format and of the source code that builds scenes: after a change of either, scenes are built anew.
+name covers the key and the software that builds scenes: after a change of either, scenes are built again.
 A folder is written under another name and renamed when whole, so that what has the final name is complete.
 """
 
@@ -18,7 +18,6 @@ import secrets
 import shutil
 import time
 from collections.abc import Callable
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +25,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.provenance import provenance
 from generators.scenes.scene import Licence, LightMap, Material, Mesh, Part, Room, Scene, Support, Texture
 
 #: Raise when the layout of the files changes.
 FORMAT = 1
 INDEX = "index.json"
+#: What makes a stored scene (see `avs3d_bench.provenance`).
+BUILDER = (
+    "generators.scenes.apartment:build_apartment",
+    "generators.scenes.light:bake",
+    "generators.scenes.cache:cached_scene",
+)
 #: Unfinished folders of processes that died are swept away after this long, seconds.
 _STALE = 86400.0
 #: Array files: type and shape of one row.
@@ -51,16 +57,9 @@ class _BrokenError(Exception):
     """A stored scene is not what its index says."""
 
 
-@lru_cache(maxsize=1)
 def builder_version() -> str:
-    """Digest of the source code that scenes come from: the packages of scenes, assets and the tone curve."""
-    digest = hashlib.sha256(f"format {FORMAT}".encode())
-    root = Path(__file__).resolve().parent.parent
-    files = sorted([*root.glob("scenes/**/*.py"), *root.glob("assets/**/*.py"), root / "vision" / "tone.py"])
-    for file in files:
-        digest.update(f"\n{file.relative_to(root).as_posix()}\n".encode())
-        digest.update(file.read_bytes())
-    return digest.hexdigest()[:16]
+    """Digest of the software that builds, lights and stores apartments."""
+    return provenance(*BUILDER).digest
 
 
 def cached_scene(directory: Path, key: str, build: Callable[[], Scene]) -> Scene:
