@@ -106,8 +106,8 @@ def provenance(*roots: str, without: tuple[str, ...] = ()) -> Provenance:
 
     Args:
         roots: ``module:function`` (or ``module``) of each function that makes the result.
-        without: texts ``module:name`` that are certain not to be followed, such as the entries of backends that were not
-            chosen in a table of all of them. An import statement for the same module still counts.
+        without: texts ``module:name`` that are certain not to be followed, such as the backends in a table of all of
+            them that were not chosen. An import statement for the same module still counts.
 
     Raises:
         Avs3dError: if a root does not exist.
@@ -173,10 +173,11 @@ class Sources:
         loader: Any = spec.loader if spec else None
         try:
             source = loader.get_data(loader.get_filename(name))
-            package = name if spec and spec.submodule_search_locations is not None else name.rpartition(".")[0]
-            return read_module(name, package, source)
+            return read_module(name, self._package_of(name), source)
         except (AttributeError, ImportError, OSError, SyntaxError, ValueError) as error:
-            raise Avs3dError(f"{name}: its source cannot be read ({error}); reinstall avs3d-bench with sources") from None
+            raise Avs3dError(
+                f"{name}: its source cannot be read ({error}); reinstall avs3d-bench with sources"
+            ) from None
 
     def _spec(self, name: str) -> ModuleSpec | None:
         """Where a module of ours lies; found without importing its package."""
@@ -213,15 +214,14 @@ class Sources:
         if target.partition(".")[0] not in PACKAGES:
             return
         yield from self._chain(target)
-        if name is None or self._spec(target) is None:
-            return
-        if self._spec(f"{target}.{name}") is not None:
-            yield f"{target}.{name}"
-            return
+        if name is not None and self._spec(f"{target}.{name}") is not None:
+            target, name = f"{target}.{name}", None
+            yield target
         on_demand = self._on_demand(target)
         if on_demand is None or target in seen:
             return
-        for each in on_demand if name == "*" else (name,):
+        # Of a package that is imported as a whole, any name may be used.
+        for each in on_demand if name in (None, "*") else (name,):
             if each in on_demand:
                 yield from self._targets(*on_demand[each], seen | {target})
 
@@ -240,6 +240,11 @@ class Sources:
             return declared
         return {**declared, **_names(_imports(ast.parse(stub).body, name))}
 
+    def _package_of(self, name: str) -> str:
+        """The package that a module lies in; a package lies in itself."""
+        spec = self._spec(name)
+        return name if spec and spec.submodule_search_locations is not None else name.rpartition(".")[0]
+
     def _chain(self, name: str) -> Iterator[str]:
         """A module and the packages that it lies in, as far as they exist; nothing for ``''``."""
         while name:
@@ -249,8 +254,7 @@ class Sources:
 
     def _data_of(self, module: Module) -> dict[str, str]:
         """Data files that the module names: ``package/name`` → sha256."""
-        spec = self._spec(module.name)
-        package = module.name if spec and spec.submodule_search_locations is not None else module.name.rpartition(".")[0]
+        package = self._package_of(module.name)
         if package not in self._data:
             self._data[package] = {}
             owner: Any = self._spec(package)
@@ -367,9 +371,9 @@ class _TreeReader:
         elif isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             self.resolves_names |= getattr(node, "name", "") == "__getattr__"
             first = node.body[0] if node.body else None
-            if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant):
-                if isinstance(first.value.value, str):
-                    del node.body[0]
+            value = first.value if isinstance(first, ast.Expr) else None
+            if isinstance(value, ast.Constant) and isinstance(value.value, str):
+                del node.body[0]  # the docstring
 
 
 #: Kind of node → its fields that count.
@@ -410,7 +414,7 @@ def _names(imports: Iterable[tuple[str, str | None]]) -> dict[str, tuple[str, st
 
 def _constants(tree: ast.Module) -> dict[str, str]:
     """The module's own names for texts: ``_DECODER = "opengl_basisu"``."""
-    found = {}
+    found: dict[str, str] = {}
     for node in tree.body:
         if isinstance(node, ast.Assign) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
             found |= {target.id: node.value.value for target in node.targets if isinstance(target, ast.Name)}

@@ -11,6 +11,8 @@ from avs3d_bench.provenance import Provenance, provenance
 from generators.acoustics.base import AcousticBackend
 from generators.vision.base import VisionBackend
 
+#: What makes an observation (see `avs3d_bench.provenance`).
+OBSERVATION = "generators.observation:generate_observation"
 #: Backends by name: where each is found. Only the one that is asked for is imported.
 VISION = {
     "embree": "generators.vision.embree:EmbreeBackend",
@@ -53,11 +55,15 @@ def _load(named: str) -> Any:
     return getattr(import_module(module), name)
 
 
-def observation_provenance(vision: str, audio: str) -> Provenance:
-    """The software that observations made with these backends depend on; the backends that do not run have no part."""
+def unused_backends(vision: str, audio: str) -> tuple[str, ...]:
+    """The entries of the backends that are certain not to run."""
     unused = [entry for name, entry in VISION.items() if name != vision]
-    unused += [entry for name, entry in ACOUSTIC.items() if name != audio]
-    return provenance("generators.observation:generate_observation", without=tuple(unused))
+    return (*unused, *(entry for name, entry in ACOUSTIC.items() if name != audio))
+
+
+def observation_provenance(vision: str, audio: str) -> Provenance:
+    """The software that observations made with these backends depend on."""
+    return provenance(OBSERVATION, without=unused_backends(vision, audio))
 
 
 def backend_versions(vision: str, audio: str) -> dict[str, str]:

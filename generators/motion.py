@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from avs3d_bench.errors import Avs3dError
-from generators.assets.catalogue import Model
+from generators.assets.model import Model
 from generators.boxes import UprightBox, yaw_matrix
 from generators.curves import smooth
 from generators.fitting import ELBOW_ROOM, SKIN

@@ -28,8 +28,9 @@ from avs3d_bench.schema import (
 from generators.acoustics.base import AcousticSession
 from generators.acoustics.clips import GAIN, binaural_clip, check_clip, mono_clip, moving_clip, rms
 from generators.acoustics.decay import reverberation_time
-from generators.assets.catalogue import Model, build_model, variants
+from generators.assets.catalogue import build_model, variants
 from generators.assets.meshfile import load_model
+from generators.assets.model import Model
 from generators.assets.sounds import load_sound, synthesise
 from generators.backends import acoustic_backend, vision_backend
 from generators.homes import open_home

@@ -27,7 +27,7 @@ from generators.site import Site
 from generators.spots import Spot, against_wall, on_top, on_wall, open_floor
 
 if TYPE_CHECKING:
-    from generators.assets.catalogue import Model
+    from generators.assets.model import Model
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]

@@ -18,8 +18,10 @@ from avs3d_bench.colmap import write_model
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.geometry import Intrinsics
+from avs3d_bench.scheduling.errors import UnfitError
+from avs3d_bench.scheduling.tasks import Context
 from avs3d_bench.scores import Scores
-from baselines.echosegnet import pipeline
+from baselines.echosegnet import cache, pipeline
 from baselines.echosegnet.cache import inputs_digest
 from baselines.echosegnet.densify import DensityControl
 from baselines.echosegnet.gaussians import from_points, read_audio_intensity, read_ply
@@ -28,7 +30,7 @@ from baselines.echosegnet.pipeline import Settings
 from baselines.echosegnet.rasterise import TorchRasteriser
 from baselines.echosegnet.render import amodal_mask
 from baselines.echosegnet.rendering import Splat
-from baselines.echosegnet.run import method_name, write_echosegnet, write_sweep
+from baselines.echosegnet.run import Job, method_name, predict_one, software, write_echosegnet, write_sweep
 from baselines.echosegnet.sources import FolderMasks, OracleMasks, mask_source
 from baselines.echosegnet.train import TrainingSettings
 from baselines.echosegnet.views import input_views, load_views, train_views
@@ -256,3 +258,43 @@ def test_what_is_missing_is_said_in_one_line(data: Path, tmp_path: Path, work: P
         with pytest.raises(UsageError, match="CUDA devices"):
             write_echosegnet(Dataset(data), tmp_path / "s", source, SETTINGS, work=work, devices=("cuda:0",))
     assert not (tmp_path / "s").exists()
+
+
+def test_a_stage_is_kept_only_while_its_inputs_and_its_software_are_the_same(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    rasteriser = TorchRasteriser()
+    training, lifting = (cache.software_digest(roots, rasteriser) for roots in (cache.TRAINING, cache.LIFTING))
+    assert training != lifting
+
+    class Other(TorchRasteriser):
+        pass
+
+    assert cache.software_digest(cache.TRAINING, Other()) != training
+    assert cache.software_digest(cache.LIFTING, Other()) != lifting
+
+    other = tiny.clone(data, tmp_path / "data")
+    observation, clone = Dataset(data)[tiny.SINGLE], Dataset(other)[tiny.SINGLE]
+    assert inputs_digest(clone) == inputs_digest(observation)
+    for split, same in (("test", True), ("train", False)):
+        path = getattr(clone, split)[0].path(layout.INPUT)
+        content = bytearray(path.read_bytes())
+        content[-20] ^= 1  # one bit of a picture: name and size stay
+        tiny.replace(path, bytes(content))
+        assert (inputs_digest(clone) == inputs_digest(observation)) is same
+
+    masks = [np.zeros((4, 6), bool), np.ones((4, 6), bool)]
+    assert cache.arrays_digest(masks) == cache.arrays_digest([mask.copy() for mask in masks])
+    assert cache.arrays_digest(masks) != cache.arrays_digest(masks[::-1])
+    assert cache.arrays_digest(masks) != cache.arrays_digest([mask.reshape(6, 4) for mask in masks])
+
+
+def test_a_worker_with_other_sources_is_refused(tmp_path: Path):
+    mine = software()
+    job = Job(
+        tmp_path, tiny.SINGLE, (), OracleMasks(), tmp_path, ("cpu",), tuple((mine | {"software": "0" * 64}).items())
+    )
+    with pytest.raises(
+        UnfitError, match=f"has the software {mine['software'][:12]}, the run 000000000000 .*sources differ"
+    ):
+        predict_one(Context(0, lambda *_: None), job)

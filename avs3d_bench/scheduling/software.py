@@ -27,7 +27,11 @@ def check_software(own: Mapping[str, str], wanted: Mapping[str, str]) -> None:
     differing = [name for name in sorted(own.keys() | wanted.keys()) if own.get(name) != wanted.get(name)]
     if not differing:
         return
-    said = [f"{name} {own.get(name, 'none')} instead of {wanted.get(name, 'none')}" for name in differing if name != SOFTWARE]
+    said = [
+        f"{name} {own.get(name, 'none')} instead of {wanted.get(name, 'none')}"
+        for name in differing
+        if name != SOFTWARE
+    ]
     if SOFTWARE in differing and not said:
         said = ["the sources differ"]
     details = ", ".join(said[:_NAMED]) + (f" and {len(said) - _NAMED} more" if len(said) > _NAMED else "")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,21 +17,47 @@ from avs3d_bench import layout
 from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import atomic_path, sha256_file
+from avs3d_bench.provenance import PACKAGES, provenance
+from baselines.echosegnet.rendering import Rasteriser
 from baselines.echosegnet.views import picture_folder
+
+#: Pictures that are read at a time.
+_READERS = 8
+#: What trains the Gaussians and what lifts masks into them (see `avs3d_bench.provenance`), besides the rasteriser.
+TRAINING = ("baselines.echosegnet.train:train", "baselines.echosegnet.views:load_points")
+LIFTING = ("baselines.echosegnet.lift:vote_counts", "baselines.echosegnet.contributions:contributions")
+
+
+def software_digest(roots: tuple[str, ...], rasteriser: Rasteriser) -> str:
+    """Digest of the software behind a stage: of ``roots`` and of the rasteriser in use."""
+    kind = type(rasteriser)
+    named = f"{kind.__module__}:{kind.__qualname__}"
+    ours = kind.__module__.partition(".")[0] in PACKAGES
+    return digest([provenance(*roots, *([named] if ours else [])).digest, named, rasteriser.device.type])
 
 
 def inputs_digest(observation: Observation) -> str:
-    """sha256 over what training reads: the sparse model, the split, and names and sizes of the pictures."""
+    """sha256 over the content of what training reads: the sparse model, the split and the train pictures."""
     said: dict[str, Any] = {"splits": dict(sorted(observation.splits.items()))}
     for name in layout.COLMAP_FILES:
         path = observation.path / name
         if not path.exists():
             raise Avs3dError(f"{path}: missing; EchoSegnet needs the sparse model (run COLMAP, or generate it again)")
         said[name] = sha256_file(path)
-    said["pictures"] = sorted(
-        (p.name, p.stat().st_size) for p in (observation.path / picture_folder(observation)).glob("*.png")
-    )
+    train = sorted(name for name, split in observation.splits.items() if split == "train")
+    folder = observation.path / picture_folder(observation)
+    pictures = [path for name in train if (path := folder / f"{name}.png").exists()]
+    with ThreadPoolExecutor(_READERS) as readers:
+        said["pictures"] = dict(zip((p.name for p in pictures), readers.map(sha256_file, pictures), strict=True))
     return digest(said)
+
+
+def arrays_digest(arrays: Iterable[NDArray[np.bool_]]) -> str:
+    """sha256 over the content of masks."""
+    out = hashlib.sha256()
+    for array in arrays:
+        out.update(repr(array.shape).encode() + np.packbits(array).tobytes())
+    return out.hexdigest()
 
 
 def digest(values: Any) -> str:

@@ -36,7 +36,7 @@ from avs3d_bench.files import read_json, write_json
 from avs3d_bench.geometry import flip_world
 from avs3d_bench.schema import Scalar
 from baselines.echosegnet import aisrm, clusters, lift, spatial
-from baselines.echosegnet.cache import Stages, digest, inputs_digest
+from baselines.echosegnet.cache import LIFTING, TRAINING, Stages, arrays_digest, digest, inputs_digest, software_digest
 from baselines.echosegnet.decompose import decompose
 from baselines.echosegnet.gaussians import Gaussians, read_ply, write_ply
 from baselines.echosegnet.rasterise import Rasteriser, contributions
@@ -109,7 +109,7 @@ def predict(
     with clock("masks"):
         masks = _masks(observation, seen, source)
     with clock("lift"):
-        share = vote_share(gaussians, seen, masks, rasteriser, settings.variant, stages, key, source)
+        share = vote_share(gaussians, seen, masks, rasteriser, settings.variant, stages, key)
         labelled = share > settings.voting_threshold
         part = gaussians.select(torch.as_tensor(np.flatnonzero(labelled)))
     if settings.variant == "official":
@@ -154,7 +154,8 @@ def trained(
         The Gaussians on the rasteriser's device, the key of their file, and the iteration at which memory ended their
         growth (None: it did not).
     """
-    key = digest({"inputs": inputs_digest(observation), "training": asdict(settings)})
+    software = software_digest(TRAINING, rasteriser)
+    key = digest({"inputs": inputs_digest(observation), "training": asdict(settings), "software": software})
     path, record = stages.path("gaussians", key, ".ply"), stages.path("gaussians", key, ".json")
     if path.exists():
         full_at = read_json(record).get("memory_full_at") if record.exists() else None
@@ -184,15 +185,14 @@ def vote_share(
     variant: Variant,
     stages: Stages,
     key: str,
-    source: MaskSource,
 ) -> NDArray[np.float64]:
     """(N,) share of each Gaussian's votes that are for it; 0 where nobody votes.
 
     ``official``: one vote per train view that has the centre in its picture. ``spatial``: a view's vote weighs as much
     as the Gaussian contributes to its pixels, so that what is hidden there has no say.
     """
-    frames = tuple(view.frame for view in views)
-    name = digest({"gaussians": key, "masks": source.identity(frames), "votes": variant})
+    software = software_digest(LIFTING, rasteriser)
+    name = digest({"gaussians": key, "masks": arrays_digest(masks), "votes": variant, "software": software})
     kept = stages.load_arrays("votes", name)
     if kept is None:
         if variant == "official":

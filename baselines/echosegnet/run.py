@@ -14,8 +14,10 @@ import torch
 from avs3d_bench.cli import missing_extra
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.provenance import provenance
 from avs3d_bench.scheduling.errors import UnfitError
 from avs3d_bench.scheduling.options import Options, scheduler_of
+from avs3d_bench.scheduling.software import check_software
 from avs3d_bench.scheduling.tasks import Context, Event, Failure, Task
 from avs3d_bench.schema import Scalar
 from avs3d_bench.submission import SubmissionFolder, SubmissionWriter
@@ -24,6 +26,12 @@ from baselines.echosegnet.rasterise import Rasteriser, default_rasteriser
 from baselines.echosegnet.sources import MaskSource
 from baselines.echosegnet.train import Report
 
+#: What makes a prediction (see `avs3d_bench.provenance`).
+METHOD = (
+    "baselines.echosegnet.pipeline:predict",
+    "baselines.echosegnet.sources:mask_source",
+    "avs3d_bench.submission:SubmissionFolder",
+)
 #: The voting thresholds of the paper's Table 3.
 SWEEP = tuple(round(0.1 * step, 1) for step in range(9, 0, -1))
 
@@ -43,6 +51,7 @@ class Job:
         source: of the train frames' masks.
         work: folder of intermediate results.
         devices: what the tasks of a machine share, e.g. ``("cuda:0", "cuda:1")``; empty: every device it has.
+        software: versions that a worker must have; empty where workers are processes of this machine.
     """
 
     root: Path
@@ -51,6 +60,12 @@ class Job:
     source: MaskSource
     work: Path
     devices: tuple[str, ...]
+    software: tuple[tuple[str, str], ...] = ()
+
+
+def software() -> dict[str, str]:
+    """Name → version of the software that a prediction depends on, with the digest of its sources."""
+    return provenance(*METHOD).versions
 
 
 def all_devices() -> tuple[str, ...]:
@@ -181,8 +196,9 @@ def _run(
         for device in devices:
             default_rasteriser(device)  # a device that is not there is named before anything starts
     mine = tuple(devices) if here else ()
+    wanted = () if here else tuple(software().items())
     jobs = [
-        Job(dataset.root.absolute(), observation.key, targets, source, Path(work).absolute(), mine)
+        Job(dataset.root.absolute(), observation.key, targets, source, Path(work).absolute(), mine, wanted)
         for observation in observations
     ]
 
@@ -221,6 +237,8 @@ def _run(
 def predict_one(context: Context, job: Job) -> dict[str, Scalar]:
     """Predict an observation on the device of the task's slot and write it; its figures."""
     try:
+        if job.software:
+            check_software(software(), dict(job.software))
         devices = job.devices or all_devices()
         rasteriser = _rasteriser(devices[context.slot % len(devices)])
         observation = Observation(job.root, job.key)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -12,7 +11,6 @@ from numpy.typing import NDArray
 
 from avs3d_bench.dataset import Frame
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.files import read_bytes
 from avs3d_bench.media import read_png_mask
 from baselines.errors import ErrorModel
 from baselines.oracle import PERFECT, Instance, oracle_mask
@@ -26,9 +24,6 @@ class MaskSource(Protocol):
     @property
     def name(self) -> str:
         """What submission.json calls it."""
-
-    def identity(self, frames: tuple[Frame, ...]) -> str:
-        """A text that differs whenever a mask of one of the frames may differ: the key of what is cached."""
 
     def mask(self, frame: Frame) -> Mask:
         """(H, W) bool, of the frame's size."""
@@ -52,10 +47,6 @@ class OracleMasks:
         faults = ", ".join(f"{k} {v:g}" for k, v in self.errors.settings.items())
         return f"oracle ({self.instance}{', ' + faults if faults else ''})"
 
-    def identity(self, frames: tuple[Frame, ...]) -> str:
-        """Its settings: the truth itself is part of the observation."""
-        return f"oracle {self.instance} {self.errors}"
-
     def mask(self, frame: Frame) -> Mask:
         """The oracle's mask of a train frame."""
         if frame.split != "train":
@@ -76,14 +67,6 @@ class FolderMasks:
     def name(self) -> str:
         """The folder's name."""
         return self.folder.resolve().name
-
-    def identity(self, frames: tuple[Frame, ...]) -> str:
-        """A hash of the pictures."""
-        digest = hashlib.sha256()
-        for frame in frames:
-            path = self._path(frame)
-            digest.update(frame.name.encode() + (read_bytes(path) if path.exists() else b"-"))
-        return f"folder {digest.hexdigest()}"
 
     def mask(self, frame: Frame) -> Mask:
         """The picture of a frame."""

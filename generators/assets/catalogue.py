@@ -1,19 +1,12 @@
-"""The objects that sound, and the oven that only looks as if it did.
-
-Model frame: metres, Y up, front towards +Z. ``floor`` and ``surface`` models have their origin at the centre of their
-footprint on the bottom (y = 0 is the support); ``wall`` models at the centre of the back face (z = 0 is the wall);
-``wall_or_surface`` models at the middle of the lower edge of the back face, so that either contact is at 0.
-"""
+"""The objects that sound, and the oven that only looks as if it did."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
-import numpy as np
 from numpy.random import Generator
 
 from avs3d_bench.errors import UsageError
 from avs3d_bench.taxonomy import CATEGORIES, DISTRACTORS, check_category
+from generators.assets.model import Model, framed
 from generators.assets.objects import (
     clock,
     coffee_machine,
@@ -24,9 +17,9 @@ from generators.assets.objects import (
     vacuum_cleaner,
     washing_machine,
 )
-from generators.assets.objects.design import Build, Design, Mount, Point
+from generators.assets.objects.design import Build, Mount
 from generators.assets.objects.finishes import mirrored
-from generators.scenes.scene import Licence, Mesh
+from generators.scenes.scene import Licence
 
 __all__ = ["Model", "Mount", "build_model", "framed", "variants"]
 
@@ -42,33 +35,6 @@ _VARIANTS: dict[str, dict[str, Build]] = {
 }
 if set(_VARIANTS) != {*CATEGORIES, *DISTRACTORS}:
     raise RuntimeError("the catalogue's categories differ from the taxonomy's")
-
-
-@dataclass(frozen=True, eq=False)
-class Model:
-    """One product, in the model frame; the identical instances of an observation share one.
-
-    Attributes:
-        name: ``category/variant``, or the file it was loaded from.
-        category: see `avs3d_bench.taxonomy`.
-        mesh: metres, Y up, front towards +Z.
-        mount: what it stands on or hangs from.
-        licence: of the mesh and its textures.
-        source_point: where the sound leaves it, in the model frame; on or a little in front of its surface.
-    """
-
-    name: str
-    category: str
-    mesh: Mesh
-    mount: Mount
-    licence: Licence = field(default_factory=Licence)
-    source_point: Point = (0.0, 0.0, 0.0)
-
-    @property
-    def size(self) -> tuple[float, float, float]:
-        """Width (x), height (y) and depth (z) of the bounding box, metres."""
-        x, y, z = (float(v) for v in np.diff(self.mesh.bounds, axis=0)[0])
-        return x, y, z
 
 
 def variants(category: str) -> tuple[str, ...]:
@@ -99,18 +65,3 @@ def build_model(category: str, variant: str, rng: Generator) -> Model:
     mesh = mirrored(design.mesh)
     mesh.check(name)
     return Model(name, category, mesh, design.mount, Licence(), design.source_point)
-
-
-def framed(design: Design) -> Design:
-    """``design`` moved into the model frame of its mount (see the module)."""
-    low, high = design.mesh.bounds.astype(np.float64)
-    middle = (low + high) / 2
-    anchor = {
-        "floor": (middle[0], low[1], middle[2]),
-        "surface": (middle[0], low[1], middle[2]),
-        "wall": (middle[0], middle[1], low[2]),
-        "wall_or_surface": (middle[0], low[1], low[2]),
-    }[design.mount]
-    shift = -np.asarray(anchor, dtype=np.float64)
-    x, y, z = (float(v) for v in np.asarray(design.source_point) + shift)
-    return Design(design.mesh.transformed(np.eye(3), shift), design.mount, (x, y, z))

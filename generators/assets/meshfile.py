@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.taxonomy import check_category
 from generators.assets.acoustic_twin import clustered, component_boxes
-from generators.assets.catalogue import Model, framed
 from generators.assets.gltf import check_images, has_basis, without_basis, without_textures
 from generators.assets.meshcheck import check_file
+from generators.assets.model import Model, framed
 from generators.assets.modelframe import before_front, clear_of_twin, upright
 from generators.assets.objects.design import Design, Mount, Point
 from generators.assets.objects.finishes import to_linear, to_srgb

@@ -5,8 +5,8 @@
     <store>/<id>/incoming/                                                            while it is fetched
 
 An object's cleaned GLB (metres, Y up, front +Z) is made from the delivered file on first use. Its key is the hash of
-everything it is made from: the delivered bytes, the entry's orientation, the code that cleans and its libraries; after a
-change of the code it is made again, and a lock file never has to say which version it was.
+everything it is made from: the delivered bytes, the entry's orientation, the code that cleans and its libraries. After
+a change it is made again, and a lock file never has to say which version it was.
 """
 
 from __future__ import annotations
