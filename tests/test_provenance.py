@@ -185,7 +185,7 @@ TREE = {
     """,
     "generators/lazy/one.py": "first = 1",
     "generators/lazy/two.py": "second = 2",
-    "generators/stub/__init__.py": "import lazy_loader\n__getattr__, _, _ = lazy_loader.attach_stub(__name__, __file__)",
+    "generators/stub/__init__.py": "import lazy_loader\n__getattr__, _ = lazy_loader.attach_stub(__name__, __file__)",
     "generators/stub/__init__.pyi": "from .one import first\nfrom .two import second",
     "generators/stub/one.py": "first = 1",
     "generators/stub/two.py": "second = 2",
@@ -213,7 +213,7 @@ def write_tree(folder: Path, files: Mapping[str, str]) -> Path:
         ("from . import a", PACKAGE_A),
         ("from .a.b import *", PACKAGE_A | {"generators.a.b"}),
         ("def f():\n    from generators.a import b", PACKAGE_A | {"generators.a.b"}),
-        ("class A:\n    def f(self):\n        if f():\n            import generators.a.c", PACKAGE_A | {"generators.a.c"}),
+        ("class A:\n    def f(self):\n        if f():\n            from .a import c", PACKAGE_A | {"generators.a.c"}),
         ("try:\n    import generators.a.c\nexcept ImportError: pass", PACKAGE_A | {"generators.a.c"}),
         ("from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import generators.a.b", set()),
         ("import typing\nif typing.TYPE_CHECKING:\n    import generators.a.b\nelse:\n    import generators.a.c",
@@ -236,7 +236,9 @@ def test_what_a_module_imports_is_found_from_its_source(tmp_path: Path, statemen
 
 def test_libraries_that_are_imported_by_name_or_missing_count(tmp_path: Path) -> None:
     code = "import os, json, yaml\nfrom importlib import import_module\n_NAME = 'numpy'\n"
-    code += "import_module(_NAME)\nimport_module('scipy.signal')\ntry:\n    import no_such_library\nexcept ImportError: ..."
+    code += (
+        "import_module(_NAME)\nimport_module('scipy.signal')\ntry:\n    import no_such_library\nexcept ImportError: ..."
+    )
     write_tree(tmp_path, {"generators/main.py": code})
     found = Sources([str(tmp_path)]).provenance(["generators.main"])
     assert set(found.libraries) == {"PyYAML", "numpy", "scipy", "no_such_library"}
@@ -327,7 +329,9 @@ def generate(packages: Path, manifest: Path, out: Path, *more: str) -> tuple[int
     command = [sys.executable, "-c", "from avs3d_bench.cli import main; main()", "generate", *arguments]
     command += ["--workers", "1", "--only", "part_1/*"]
     environment = os.environ | {"PYTHONPATH": str(packages), "PYTHONDONTWRITEBYTECODE": "1"}
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=240, env=environment)
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, timeout=240, env=environment, cwd=out.parent
+    )
     return done.returncode, done.stdout + done.stderr
 
 
@@ -335,7 +339,7 @@ def test_an_observation_is_kept_while_its_software_is_the_same_and_refused_after
     packages: Path, tmp_path: Path
 ) -> None:
     manifest, out = write_manifest(tmp_path), tmp_path / "out"
-    code, output = generate(packages, manifest, out)
+    code, output = generate(ROOT, manifest, out)
     assert code == 0, output
     assert "1 made, 0 kept, 0 failed" in output
     before = tree_digest(out)
