@@ -35,9 +35,10 @@ from generators.assets.sounds import load_sound, synthesise
 from generators.backends import acoustic_backend, vision_backend
 from generators.homes import open_home
 from generators.library import open_asset
+from generators.manifest import ObjectSpec, SoundSpec
 from generators.motion import Motion, movable, plan_motion
 from generators.placement import Placement, place
-from generators.plan import ObjectSpec, ObservationPlan, SoundSpec, resolve_file
+from generators.plan import ObservationPlan, resolve_file
 from generators.scenes.scene import Licence, Scene
 from generators.site import Site
 from generators.stage import Camera, Stage
