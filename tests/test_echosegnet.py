@@ -260,9 +260,7 @@ def test_what_is_missing_is_said_in_one_line(data: Path, tmp_path: Path, work: P
     assert not (tmp_path / "s").exists()
 
 
-def test_a_stage_is_kept_only_while_its_inputs_and_its_software_are_the_same(
-    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_stage_is_kept_only_while_its_inputs_and_its_software_are_the_same(data: Path, tmp_path: Path):
     rasteriser = TorchRasteriser()
     training, lifting = (cache.software_digest(roots, rasteriser) for roots in (cache.TRAINING, cache.LIFTING))
     assert training != lifting
@@ -277,7 +275,7 @@ def test_a_stage_is_kept_only_while_its_inputs_and_its_software_are_the_same(
     observation, clone = Dataset(data)[tiny.SINGLE], Dataset(other)[tiny.SINGLE]
     assert inputs_digest(clone) == inputs_digest(observation)
     for split, same in (("test", True), ("train", False)):
-        path = getattr(clone, split)[0].path(layout.INPUT)
+        path = getattr(clone, split)[0].path(layout.IMAGES)
         content = bytearray(path.read_bytes())
         content[-20] ^= 1  # one bit of a picture: name and size stay
         tiny.replace(path, bytes(content))
