@@ -60,10 +60,12 @@ def generate(
     # One thread per process: parallel work is spread over processes, and results stay the same on any machine.
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ[variable] = "1"
+    from avs3d_bench.files import user_path
+
     # Worker processes are told through the environment, too.
     for variable, named in (("AVS3D_HABITAT_PYTHON", habitat_python), ("AVS3D_SCANS", scans)):
         if named is not None:
-            os.environ[variable] = str(named.expanduser().absolute())
+            os.environ[variable] = str(user_path(named).absolute())
     from avs3d_bench.parallel import available_cores
     from generators.folders import default_cache
     from generators.manifest import read_manifest

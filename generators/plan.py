@@ -20,18 +20,12 @@ import numpy as np
 from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError, UsageError
 from generators.library.lock import LOCK_NAME
-from generators.manifest import (
-    AssetSpec,
-    CameraSpec,
-    Manifest,
-    ManifestFile,
-    ObjectSpec,
-    ObservationSpec,
-    ScanSpec,
-    SoundSpec,
-    select,
-)
-from generators.manifest import read_manifest as read_manifest  # known by this name, too
+from generators.manifest import AssetSpec, CameraSpec, Manifest, ManifestFile, ObservationSpec, ScanSpec, select
+
+# Known by these names, too.
+from generators.manifest import ObjectSpec as ObjectSpec
+from generators.manifest import SoundSpec as SoundSpec
+from generators.manifest import read_manifest as read_manifest
 from generators.scenes.scanfiles import ScanFiles, digest, find_scan_files, scan_files_of
 
 
@@ -108,8 +102,8 @@ class ObservationPlan:
         items: list[AssetSpec] = list(self.sounds.get(spec.category, ()))
         for category in (spec.category, *spec.silent):
             items += self.objects.get(category, ())
-        named = [item.file for item in items if item.file is not None]
-        found = {name: files.sha256_file(self.base / name) for name in named if (self.base / name).is_file()}
+        named = {item.file: locate(self.base, item.file) for item in items if item.file is not None}
+        found = {name: files.sha256_file(path) for name, path in named.items() if path.is_file()}
         assets = [item.asset for item in items if item.asset is not None]
         if assets:
             from generators.library.use import asset_digests
@@ -239,7 +233,7 @@ def make_plans(
 def scans_root(base: Path) -> Path:
     """Where relative names of scan files start: ``$AVS3D_SCANS``, else the manifest's folder."""
     named = os.environ.get("AVS3D_SCANS")
-    return Path(named).expanduser() if named else base
+    return files.user_path(named) if named else base
 
 
 def check_scans(plans: Sequence[ObservationPlan]) -> None:
@@ -265,14 +259,27 @@ def check_scans(plans: Sequence[ObservationPlan]) -> None:
     raise Avs3dError(f"none of the scans {', '.join(missing)} is there: {first}")
 
 
+def locate(base: Path, name: str) -> Path:
+    """The path of a file that a manifest names: absolute, below a home folder (``~/…``), or relative to ``base``.
+
+    Raises:
+        UsageError: if the name begins with ``~`` and nothing is known of that home folder, or it is too long.
+    """
+    path = base / files.user_path(name)
+    try:
+        path.is_file()
+    except OSError as error:
+        raise UsageError(files.os_error_line(error, path, "look for it")) from None
+    return path
+
+
 def resolve_file(base: Path, name: str, what: str) -> Path:
-    """A file named in a manifest: absolute, or relative to the manifest's folder.
+    """A file that a manifest names; see `locate`.
 
     Raises:
         Avs3dError: if it does not exist.
     """
-    path = Path(name).expanduser()
-    path = path if path.is_absolute() else base / path
+    path = locate(base, name)
     if not path.is_file():
         raise Avs3dError(f"{path}: {what} not found; put the file there or correct its name in the manifest")
     return path

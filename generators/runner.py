@@ -13,24 +13,16 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from avs3d_bench import __version__, files, layout
+from avs3d_bench import layout
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.scheduling.failures import FailureLog
 from avs3d_bench.scheduling.local import LocalScheduler
 from avs3d_bench.scheduling.lock import held
 from avs3d_bench.scheduling.tasks import Event, Failure, Policy, Scheduler, Task
-from avs3d_bench.schema import (
-    AttributionRecord,
-    DatasetEntry,
-    DatasetRecord,
-    LicenceRecord,
-    ObservationRecord,
-    parse_record,
-    unique_attributions,
-)
-from generators.library.licences import conditions
 from generators.manifest import CameraSpec, ManifestFile
 from generators.plan import ObservationPlan, check_scans
+from generators.scenes.cache import check_writable, is_stored
+from generators.seal import check, read_observation, seal
 from generators.work import Place, make_observation, prepare
 from generators.writer import sweep
 
@@ -101,10 +93,12 @@ def run(
         max_failures: end the run when more than so many have failed; None: go on whatever fails.
 
     Raises:
-        UsageError: if ``root`` holds observations made from another plan.
-        Avs3dError: if no scan that ``plans`` need is there, the folder cannot be written, or another run is at work in
-            it.
+        UsageError: if ``root`` holds observations made from another plan, or dataset.json could not hold what the
+            manifest says.
+        Avs3dError: if no scan that ``plans`` need is there, the folder or the cache cannot be written, or another run
+            is at work in the folder.
     """
+    check(source)
     check_scans(plans)
     root, cache = root.absolute(), cache.absolute()
     with held(root) as me:
@@ -124,6 +118,8 @@ def run(
         failed: list[tuple[str, str]] = []
         stopped = False
         if todo:
+            if not shared:  # workers on other machines see to it themselves
+                _check_cache(cache, todo)
             place = Place(root, cache, me.token if shared else None)
             with (scheduler or (lambda: LocalScheduler(workers)))() as pool:
                 tasks = _tasks(todo, place, threads=1 if shared else workers, limit=limit)
@@ -148,8 +144,18 @@ def run(
                     sweep(root)
         log.tidy({*done, *made})
         _await(root, made)
-        _seal(source, root)
+        seal(source, root)
         return Outcome(tuple(made), kept, tuple(failed), stopped)
+
+
+def _check_cache(cache: Path, todo: Sequence[ObservationPlan]) -> None:
+    """Refuse a folder that no home can be stored in, if one has to be built.
+
+    Raises:
+        Avs3dError: one line.
+    """
+    if any(plan.scan.source == "apartment" and not is_stored(cache, plan.home_digest) for plan in todo):
+        check_writable(cache)
 
 
 def _tasks(todo: Sequence[ObservationPlan], place: Place, *, threads: int, limit: float | None) -> list[Task]:
@@ -198,7 +204,7 @@ def _is_done(root: Path, plan: ObservationPlan) -> bool:
     folder = root / plan.key
     if not folder.exists():
         return False
-    record = _read(folder)
+    record = read_observation(folder)
     if record.plan_sha256 != plan.digest:
         if plan.scan.source == "scan":
             _ = plan.scan_files  # a scan that is not there has another digest, too: that is what is to be said then
@@ -207,60 +213,3 @@ def _is_done(root: Path, plan: ObservationPlan) -> bool:
             "choose another folder with -o, or delete it to have it made again"
         )
     return True
-
-
-def _read(folder: Path) -> ObservationRecord:
-    path = folder / layout.OBSERVATION_JSON
-    try:
-        data = files.read_bytes(path)
-    except Avs3dError as error:
-        raise Avs3dError(f"{error}; delete {folder} to have it made again") from error
-    return parse_record(data, ObservationRecord, path)
-
-
-def _seal(source: ManifestFile, root: Path) -> None:
-    """Write dataset.json over every observation of the manifest that is there."""
-    entries, attributions = [], []
-    backends: dict[str, str] = {}
-    for spec in sorted(source.manifest.observations, key=lambda spec: spec.key):
-        folder = root / spec.key
-        if not folder.exists():
-            continue
-        record = _read(folder)
-        entries.append(DatasetEntry.of(record, files.sha256_file(folder / layout.OBSERVATION_JSON)))
-        backends[record.vision.backend] = record.vision.version
-        backends[record.acoustics.backend] = record.acoustics.version
-        used = [(instance.asset, instance.licence) for instance in record.instances]
-        if record.sound is not None:
-            used.append((record.sound.asset, record.sound.licence))
-        attributions += [AttributionRecord(asset=asset, **licence.model_dump()) for asset, licence in used]
-    for name, scan in source.manifest.scans.items():
-        licence = scan.licence or LicenceRecord(name="Apache-2.0", author="avs3d-bench", source="procedural")
-        if scan.source == "scan" and scan.licence is None:
-            licence = LicenceRecord(name="unknown", author="unknown", source=scan.file or name)
-        attributions.append(
-            AttributionRecord(asset=f"scan:{name}", name=licence.name, author=licence.author, source=licence.source)
-        )
-    if not entries:
-        return
-    terms = [
-        "CC-BY-NC-4.0 (the sound was computed with RLRAudioPropagation, whose licence is non-commercial)"
-        if "soundspaces" in backends
-        else "Apache-2.0",
-        # What is not made here keeps its own terms; those that only ask for attribution find it beside.
-        *conditions(attribution.name for attribution in attributions),
-    ]
-    files.write_json(
-        root / layout.DATASET_JSON,
-        DatasetRecord(
-            name=source.manifest.name,
-            version=source.manifest.version,
-            toolkit_version=__version__,
-            manifest=source.text,
-            manifest_sha256=source.sha256,
-            backends=dict(sorted(backends.items())),
-            licence="; ".join(terms),
-            attributions=unique_attributions(attributions),
-            observations=tuple(entries),
-        ).sealed(),
-    )

@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 
 #: Models larger or smaller than this (longest side, metres) are not in metres.
 PLAUSIBLE = (0.02, 5.0)
+#: Largest coordinate (the file's own units): a street in millimetres; single precision holds no more of it.
+FARTHEST = 1e7
 #: Height a category's model gets if its file's units are wrong, how it is mounted, how far up its front it sounds.
 _DEFAULTS: dict[str, tuple[float, Mount, float]] = {
     "washing_machine": (0.85, "floor", 0.5),
@@ -135,14 +137,32 @@ def world_triangles(file: Path, scene: Any) -> Iterator[tuple[Array, NDArray[np.
     """Corners (F, 3, 3) in the file's world, vertex indices (F, 3) and the reader's own geometry of each mesh.
 
     Raises:
-        Avs3dError: if a vertex is not finite.
+        Avs3dError: see `world_vertices`.
     """
     for name, part, matrix in _instances(file, scene):
-        vertices = np.asarray(part.vertices, dtype=np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
-        faces = np.asarray(part.faces, dtype=np.int64)
-        if not np.isfinite(vertices).all():
-            raise Avs3dError(f"{file}: vertices of {name!r} are NaN or infinite; repair the mesh")
+        vertices, faces = world_vertices(file, name, part, matrix), np.asarray(part.faces, dtype=np.int64)
         yield vertices[faces], faces, part
+
+
+def world_vertices(file: Path, name: str, part: Any, matrix: Array) -> Array:
+    """Vertices (V, 3) of the reader's geometry ``part`` in the file's world, in the file's units.
+
+    Raises:
+        Avs3dError: if one is not finite, or farther than `FARTHEST` from the origin.
+    """
+    vertices = np.asarray(part.vertices, dtype=np.float64)
+    bad = int((~np.isfinite(vertices)).any(axis=1).sum()) + (0 if np.isfinite(matrix).all() else len(vertices))
+    if bad:
+        raise Avs3dError(f"{file}: {bad} vertices of {name!r} are NaN or infinite; repair the mesh")
+    with np.errstate(over="ignore", invalid="ignore"):
+        world: Array = vertices @ matrix[:3, :3].T + matrix[:3, 3]
+        reach = float(np.abs(world).max(initial=0.0))
+    if not reach <= FARTHEST:
+        raise Avs3dError(
+            f"{file}: vertices of {name!r} have coordinates up to {reach:.3g}; expected at most {FARTHEST:,.0f} of the "
+            "file's units; repair or rescale the mesh"
+        )
+    return world
 
 
 def load_model(
@@ -222,15 +242,11 @@ def _piece(file: Path, name: str, part: Any, matrix: Array, acoustic: str, known
 
     ``known`` holds the materials met so far, by the identity of the reader's own: textures are decoded once.
     """
-    vertices = np.asarray(part.vertices, dtype=np.float64)
-    faces = np.asarray(part.faces, dtype=np.int64)
-    bad = int((~np.isfinite(vertices)).any(axis=1).sum()) + (0 if np.isfinite(matrix).all() else len(vertices))
-    if bad:
-        raise Avs3dError(f"{file}: {bad} vertices of {name!r} are NaN or infinite; repair the mesh")
+    vertices, faces = world_vertices(file, name, part, matrix), np.asarray(part.faces, dtype=np.int64)
     linear_part = matrix[:3, :3]
     if np.linalg.det(linear_part) < 0:  # a mirrored node turns its faces inside out
         faces = faces[:, ::-1]
-    triangles = (vertices @ linear_part.T + matrix[:3, 3])[faces]
+    triangles = vertices[faces]
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     span = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
     keep = np.linalg.norm(cross, axis=1) > 1e-14 * max(span, 1e-12) ** 2

@@ -114,7 +114,7 @@ def _cut(corners: list[str], vertices: list[tuple[float, float, float]]) -> NDAr
     if min(index) < 0 or max(index) >= len(vertices):
         return None
     points = np.array([vertices[k] for k in index])
-    if not np.isfinite(points).all():
+    if not (np.abs(points) < 1e100).all():  # the mesh will be refused; its squares would be infinite
         return None
     following = np.roll(points, -1, axis=0)
     normal = np.cross(points, following).sum(axis=0)  # Newell

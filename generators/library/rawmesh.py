@@ -20,7 +20,7 @@ from PIL import Image
 
 from avs3d_bench.errors import Avs3dError
 from generators.assets.gltf import read_tree
-from generators.assets.meshfile import open_scene
+from generators.assets.meshfile import open_scene, world_vertices
 from generators.assets.objects.finishes import to_linear
 from generators.library.objfile import Beside, cut_polygons, decoded
 
@@ -195,11 +195,7 @@ def _report_textures(mtl: str, beside: Beside, reading: _Reading) -> set[str]:
 
 
 def _part(file: Path, name: str, part: Any, matrix: Array, reading: _Reading) -> RawPart:
-    vertices = np.asarray(part.vertices, dtype=np.float64)
-    faces = np.asarray(part.faces, dtype=np.int64)
-    bad = int((~np.isfinite(vertices)).any(axis=1).sum()) + (0 if np.isfinite(matrix).all() else len(vertices))
-    if bad:
-        raise Avs3dError(f"{file}: {bad} vertices of {name!r} are NaN or infinite; repair the mesh")
+    vertices, faces = world_vertices(file, name, part, matrix), np.asarray(part.faces, dtype=np.int64)
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise Avs3dError(f"{file}: a face of {name!r} names a vertex that is not there; repair the mesh")
     kept: NDArray[np.int64] = np.arange(len(faces))
@@ -207,7 +203,7 @@ def _part(file: Path, name: str, part: Any, matrix: Array, reading: _Reading) ->
     if np.linalg.det(matrix[:3, :3]) < 0:  # a mirrored node turns its faces inside out
         order = np.array([0, 2, 1])
     faces = faces[:, order]
-    triangles = (vertices @ matrix[:3, :3].T + matrix[:3, 3])[faces]
+    triangles = vertices[faces]
     normals = None
     if "vertex_normals" in part._cache:  # only then did the file bring its own
         given = np.asarray(part.vertex_normals, dtype=np.float64)

@@ -16,6 +16,7 @@ import os
 import re
 import secrets
 import shutil
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -83,20 +84,44 @@ def cached_scene(directory: Path, key: str, build: Callable[[], Scene]) -> Scene
     found = _try_load(folder)
     if found is not None:
         return found
+    check_writable(directory, repr(key))  # building takes minutes
     scene = build()
     try:
-        directory.mkdir(parents=True, exist_ok=True)
         _sweep(directory)
         _store(scene, folder)
     except OSError as error:
-        raise Avs3dError(
-            f"scene cache {directory}: cannot store {key!r} ({error.strerror or error}); free space there or choose "
-            "another folder"
-        ) from error
+        raise _unwritable(directory, repr(key), error) from error
     found = _try_load(folder)
     if found is None:
         raise Avs3dError(f"scene cache {folder}: what was just written cannot be read back; check the disk")
     return found
+
+
+def is_stored(directory: Path, key: str) -> bool:
+    """Whether a scene is stored under ``key``; it may be damaged."""
+    return (directory / _folder_name(key)).is_dir()
+
+
+def check_writable(directory: Path, what: str = "homes") -> None:
+    """Make the folder of the cache, and write a byte into it, before ``what`` is built for it.
+
+    Raises:
+        Avs3dError: if that fails.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=directory, prefix=".probe-", suffix=".tmp") as probe:
+            probe.write(b"?")
+            probe.flush()
+    except OSError as error:
+        raise _unwritable(directory, what, error) from error
+
+
+def _unwritable(directory: Path, what: str, error: OSError) -> Avs3dError:
+    return Avs3dError(
+        f"scene cache {directory}: cannot store {what} ({error.strerror or error}); free space or choose another "
+        "folder with --cache"
+    )
 
 
 def _folder_name(key: str) -> str:

@@ -31,6 +31,8 @@ from generators.scenes.scene import F32, Licence, Mesh, Part, Room, Scene, Stage
 #: Largest number of faces the acoustic engine gets in and around the rooms: above it, its rays slow down and gain
 #: nothing. The rest of a house, which may be many times larger, is heard through doors only.
 ACOUSTIC_FACES, ACOUSTIC_FACES_BEYOND = 20_000, 6_000
+#: No part of a scan is farther from its origin (m): single precision has millimetres there.
+FARTHEST = 10_000.0
 #: What lies this near to a room belongs to it acoustically, metres: its walls do.
 _AROUND = 0.5
 #: Linear-light albedo of a scan that is read without its textures: objects placed in it are lit as among grey walls.
@@ -93,6 +95,12 @@ def load_scan(
         files.mesh, acoustic=DEFAULT_LABEL, twin="surface", max_acoustic_faces=sys.maxsize, textures=textures
     )
     mesh = mesh.transformed(rotation, np.zeros(3))
+    reach = float(np.abs(mesh.bounds).max())
+    if reach > FARTHEST:
+        raise Avs3dError(
+            f"{files.mesh}: reaches {reach:,.0f} m from its origin; expected at most {FARTHEST:,.0f} m; is it in "
+            "millimetres, or has it a stray vertex? repair or rescale it"
+        )
     if not textures:
         mesh = replace(mesh, materials=tuple(replace(m, colour=PLAIN, texture=None) for m in mesh.materials))
     supports: list[Support] = []

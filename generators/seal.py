@@ -1,0 +1,148 @@
+"""Writes dataset.json over the observations that are there, and tells before the first of them whether it can.
+
+The record holds texts that come from the manifest and the lock file (name, version, licences): one that does not fit
+would end a run of days at its last step. `check` builds the same record from the manifest alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from avs3d_bench import __version__, files, layout
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.schema import (
+    AttributionRecord,
+    DatasetEntry,
+    DatasetRecord,
+    LicenceRecord,
+    ObservationRecord,
+    describe,
+    parse_record,
+    unique_attributions,
+)
+from generators.library.licences import conditions
+from generators.library.lock import LOCK_NAME, read_lock
+from generators.manifest import AssetSpec, ManifestFile, ScanSpec
+
+
+def check(source: ManifestFile) -> None:
+    """See whether dataset.json can be written with everything that ``source`` brings into it.
+
+    Raises:
+        UsageError: if the manifest, or its lock file, holds a text that the record cannot.
+    """
+    manifest = source.manifest
+    try:
+        attributions = _of_scans(source)
+        for table in (manifest.objects, manifest.sounds):
+            for items in table.values():
+                attributions += [found for item in items if (found := _of_asset(item, source.base)) is not None]
+        record = _record(source, (), attributions, {"soundspaces": "any"})
+        files.dump_json(record).encode()
+    except ValidationError as error:
+        raise UsageError(
+            f"{source.path}: dataset.json cannot hold {describe(error)[0]}; correct the manifest"
+        ) from None
+    except UnicodeEncodeError:
+        raise UsageError(f"{source.path}: holds characters that are no UTF-8; correct the manifest") from None
+
+
+def _of_asset(item: AssetSpec, base: Path) -> AttributionRecord | None:
+    """The attribution of a file or an asset; None for one that the lock file lacks."""
+    if item.file is not None and item.licence is not None:
+        terms = item.licence
+        return AttributionRecord(
+            asset=item.file, name=terms.name, author=terms.author, source=terms.source or item.file
+        )
+    entry = read_lock(base / LOCK_NAME).find(item.asset or "")
+    if entry is None:
+        return None
+    return AttributionRecord(asset=entry.id, name=entry.licence, author=entry.author, source=entry.url or entry.ref)
+
+
+def seal(source: ManifestFile, root: Path) -> None:
+    """Write dataset.json over every observation of the manifest that is there; nothing if there is none.
+
+    Raises:
+        Avs3dError: if an observation.json cannot be read, or the folder not be written.
+    """
+    entries, attributions = [], []
+    backends: dict[str, str] = {}
+    for spec in sorted(source.manifest.observations, key=lambda spec: spec.key):
+        folder = root / spec.key
+        if not folder.exists():
+            continue
+        record = read_observation(folder)
+        entries.append(DatasetEntry.of(record, files.sha256_file(folder / layout.OBSERVATION_JSON)))
+        backends[record.vision.backend] = record.vision.version
+        backends[record.acoustics.backend] = record.acoustics.version
+        used = [(instance.asset, instance.licence) for instance in record.instances]
+        if record.sound is not None:
+            used.append((record.sound.asset, record.sound.licence))
+        attributions += [AttributionRecord(asset=asset, **licence.model_dump()) for asset, licence in used]
+    if entries:
+        record_of_all = _record(source, entries, [*attributions, *_of_scans(source)], backends)
+        files.write_json(root / layout.DATASET_JSON, record_of_all)
+
+
+def read_observation(folder: Path) -> ObservationRecord:
+    """The record of a finished observation.
+
+    Raises:
+        Avs3dError: if it cannot be read.
+    """
+    path = folder / layout.OBSERVATION_JSON
+    try:
+        data = files.read_bytes(path)
+    except Avs3dError as error:
+        raise Avs3dError(f"{error}; delete {folder} to have it made again") from error
+    return parse_record(data, ObservationRecord, path)
+
+
+def _record(
+    source: ManifestFile,
+    entries: Iterable[DatasetEntry],
+    attributions: list[AttributionRecord],
+    backends: dict[str, str],
+) -> DatasetRecord:
+    terms = [
+        "CC-BY-NC-4.0 (the sound was computed with RLRAudioPropagation, whose licence is non-commercial)"
+        if "soundspaces" in backends
+        else "Apache-2.0",
+        # What is not made here keeps its own terms; those that only ask for attribution find it beside.
+        *conditions(attribution.name for attribution in attributions),
+    ]
+    return DatasetRecord(
+        name=source.manifest.name,
+        version=source.manifest.version,
+        toolkit_version=__version__,
+        manifest=source.text,
+        manifest_sha256=source.sha256,
+        backends=dict(sorted(backends.items())),
+        licence="; ".join(terms),
+        attributions=unique_attributions(attributions),
+        observations=tuple(entries),
+    ).sealed()
+
+
+def _of_scans(source: ManifestFile) -> list[AttributionRecord]:
+    return [
+        AttributionRecord(asset=f"scan:{name}", **_terms(name, scan).model_dump())
+        for name, scan in source.manifest.scans.items()
+    ]
+
+
+def _terms(name: str, scan: ScanSpec) -> LicenceRecord:
+    """Licence of a home: what the manifest says, or what is known without it."""
+    where = scan.file or name
+    if scan.licence is not None:
+        own = scan.licence
+        return LicenceRecord(
+            name=own.name, author=own.author, source=own.source or (where if scan.source == "scan" else "procedural")
+        )
+    if scan.source == "scan":
+        return LicenceRecord(name="unknown", author="unknown", source=where)
+    return LicenceRecord(name="Apache-2.0", author="avs3d-bench", source="procedural")

@@ -1,0 +1,159 @@
+"""Seen before anything is made: what dataset.json cannot hold, a cache that takes nothing, names and sizes of files."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.files import user_path
+from generators.acoustics.materialfile import read_material_file
+from generators.assets.meshfile import load_model
+from generators.library.hygiene import clean
+from generators.manifest import LicenceSpec, ManifestFile, ScanSpec, read_manifest
+from generators.plan import make_plans, resolve_file
+from generators.runner import run
+from generators.scenes import cache, scan
+from generators.scenes.scene import Licence, Scene
+from generators.seal import check
+from tests.homes import write_manifest
+
+TERMS = {"name": "CC0-1.0", "author": "somebody"}
+
+
+def source(tmp_path: Path, **changes: object) -> ManifestFile:
+    """A readable manifest, changed afterwards: what a program may hand over that no YAML file can."""
+    found = read_manifest(write_manifest(tmp_path))
+    return dataclasses.replace(found, manifest=found.manifest.model_copy(update=changes))
+
+
+def refuses_to_run(manifest: ManifestFile, tmp_path: Path, folder: Path | None = None) -> str:
+    """What `run` says; nothing must be built, and nothing be left."""
+    plans = make_plans(manifest, audio="analytic", frames=2, size=32)
+    root, events = tmp_path / "data", []
+    with pytest.raises(Avs3dError) as caught:
+        run(manifest, plans, root, workers=1, cache=folder or tmp_path / "cache", listen=events.append)
+    assert events == []
+    assert not list(root.glob("part_*"))
+    assert str(caught.value).isprintable()
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [({"version": ""}, ["version", "at least 1 character"]), ({"version": "1\ud800"}, ["version", "unicode"])],
+    ids=["empty", "surrogate"],
+)
+def test_what_dataset_json_cannot_hold_is_refused_before_the_first_home(
+    tmp_path: Path, changes: dict[str, object], words: list[str]
+) -> None:
+    said = refuses_to_run(source(tmp_path, **changes), tmp_path)
+    assert "dataset.json cannot hold" in said
+    for word in words:
+        assert word in said
+
+
+def test_a_licence_of_a_scan_that_is_empty_is_refused_and_one_without_source_takes_the_file(tmp_path: Path) -> None:
+    found = source(tmp_path)
+    (name, home), *_ = found.manifest.scans.items()
+    for terms, fits in (
+        (LicenceSpec(**TERMS), True),
+        (LicenceSpec.model_construct(name="", author="x", source=""), False),
+    ):
+        scans = {name: home.model_copy(update={"source": "scan", "file": "flat.glb", "licence": terms})}
+        manifest = source(tmp_path, scans=scans)
+        if fits:
+            check(manifest)
+        else:
+            with pytest.raises(UsageError, match=r"dataset\.json cannot hold name"):
+                check(manifest)
+
+
+def test_a_cache_that_takes_nothing_is_noticed_before_a_home_is_built(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    manifest = source(tmp_path, scans={"box": ScanSpec(source="apartment", seed=1)})
+    said = refuses_to_run(manifest, tmp_path, tmp_path / "file" / "cache")
+    assert "scene cache" in said
+    assert "--cache" in said
+
+    def build() -> Scene:
+        raise AssertionError("built in vain")
+
+    with pytest.raises(Avs3dError, match="cannot store 'a'"):
+        cache.cached_scene(tmp_path / "file" / "cache", "a", build)
+
+
+def test_a_home_folder_is_spelled_out_and_an_unknown_one_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / "bell.wav").write_bytes(b"ding")
+    assert user_path("~/bell.wav") == tmp_path / "bell.wav"
+    assert user_path("a~b/~") == Path("a~b/~")
+    assert resolve_file(tmp_path / "else", "~/bell.wav", "sound") == tmp_path / "bell.wav"
+    with pytest.raises(UsageError, match=r"~nobody-here/bell\.wav: no home folder is known for '~nobody-here'"):
+        resolve_file(tmp_path, "~nobody-here/bell.wav", "sound")
+    with pytest.raises(UsageError, match="too long"):
+        resolve_file(tmp_path, "a" * 300, "sound")
+
+
+def test_the_content_of_a_file_below_a_home_folder_decides_the_digest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    text = (write_manifest(tmp_path)).read_text()
+    manifest = tmp_path / "own.yaml"
+    (spec, *_) = read_manifest(write_manifest(tmp_path)).manifest.observations
+    manifest.write_text(f"{text}\nsounds: {{{spec.category}: [{{file: ~/bell.wav, licence: {TERMS}}}]}}\n")
+    digests = set()
+    for content in (b"ding", b"dong"):
+        (tmp_path / "bell.wav").write_bytes(content)
+        digests.add(make_plans(read_manifest(manifest), audio="analytic")[0].digest)
+    assert len(digests) == 2
+
+
+@pytest.mark.parametrize("suffix", ["obj", "ply"])
+@pytest.mark.parametrize("factor", [1e300, 1e12])
+def test_a_mesh_beyond_all_measure_is_one_line(tmp_path: Path, suffix: str, factor: float) -> None:
+    path = tmp_path / f"huge.{suffix}"
+    box = trimesh.creation.box()
+    if suffix == "obj":
+        lines = [f"v {x * factor:.9g} {y * factor:.9g} {z * factor:.9g}" for x, y, z in box.vertices.tolist()]
+        lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in box.faces.tolist()]
+        path.write_text("\n".join(lines))
+    else:
+        box.vertices = np.asarray(box.vertices) * min(factor, 1e38)
+        box.export(path)
+    licence = Licence("MIT", "x", "y")
+    for use in (
+        lambda: load_model(path, "clock", licence=licence),
+        lambda: clean(path),
+        lambda: scan.load_scan("flat", path, {"kitchen": [[0, 0, 0], [1, 1, 1]]}),
+    ):
+        with pytest.raises(Avs3dError, match=r"coordinates up to .*e\+.*; expected at most 10,000,000") as caught:
+            use()
+        assert str(caught.value).isprintable()
+
+
+def test_a_scan_in_millimetres_is_told_apart(tmp_path: Path) -> None:
+    path = tmp_path / "flat.ply"
+    trimesh.creation.box((9000, 2600, 25_000)).export(path)
+    with pytest.raises(Avs3dError, match=r"reaches 12,500 m .* millimetres"):
+        scan.load_scan("flat", path, {"kitchen": [[0, 0, 0], [1, 1, 1]]})
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["[" * 100_000, '{"materials": [{"name": "a", "labels": ["b"], "absorption": [125, 1' + "0" * 5000 + "]}]}"],
+    ids=["deep", "digits"],
+)
+def test_material_files_that_would_crash_the_reader_are_one_line(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "materials.json"
+    path.write_text(text)
+    with pytest.raises(Avs3dError) as caught:
+        read_material_file(path)
+    assert str(caught.value).isprintable()
