@@ -1,12 +1,14 @@
-"""Where the agent looks: smooth turns that find the source, lose it, and find it again on the other side.
+"""Where the agent looks: smooth turns that find each candidate, lose it, and find it again on the other side.
 
-A gaze is planned in the source's azimuth, which is what hearing and seeing depend on: phases that hold the source in
-view, off centre to one side, alternate with phases that look away to that side. The head then follows with a limited
-rate. Many plans are drawn at once; `Score` says which is best.
+A candidate is any placed object: the gaze must not tell which of them sounds, so that all have equal rights. A gaze is
+drawn in phases. In each, the head keeps one candidate at a wanted azimuth, inside the image or outside of it; which one
+and where is chosen, among random options, by what all candidates have had so far: frames in view, on the left, on the
+right. The head follows with a limited rate. Many gazes are drawn at once; `penalty` says which is best.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,25 +22,30 @@ Mask = NDArray[np.bool_]
 YAW_RATE, PITCH_RATE = 25.0, 10.0
 #: The camera tilts at most this far, degrees.
 MOST_PITCH = 25.0
-#: What a walk should have: share of frames that look at the source, and share with it clearly on either side.
-LOOK_WANTED, LOOK_ALLOWED = (0.50, 0.70), (0.40, 0.80)
+#: Share of frames in which each candidate is in view: aimed at, and without a note.
+VIEW_WANTED, VIEW_ALLOWED = (0.28, 0.62), (0.20, 0.70)
+#: Share of frames with a candidate clearly (from this azimuth on, degrees) on either side.
 SIDE_AZIMUTH, SIDE_SHARE = 20.0, 0.20
-#: Test frames (index % 8 == 0) of 15 with an empty and with a filled mask.
-EMPTY_TESTS, FILLED_TESTS, TEST_FRAMES = 2, 6, 15
-#: The source's centre counts as inside the image within this share of its half width.
+#: Test frames (index % 8 == 0) of 15 with and without each candidate.
+FILLED_TESTS, EMPTY_TESTS, TEST_FRAMES = 3, 3, 15
+#: An object's middle counts as inside the image within this share of its half width.
 INSIDE = 0.97
-#: At least this share of the source's surface samples must be in sight (half of them face away from any viewer).
+#: At least this share of an object's surface samples must be in sight (half of them face away from any viewer).
 SEEN_SHARE = 0.06
+#: Gazes that share the lengths of their phases, and options among which each chooses in each phase.
+_BATCH, _OPTIONS = 16, 12
+#: Shares of frames in view and on either side at which the choice of phases aims.
+_AIM_VIEW, _AIM_SIDE = 0.45, 0.30
 
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """What can be seen of the source from each position of a path.
+    """What can be seen of one candidate from each position of a path.
 
     Attributes:
         eyes: (n, 3) positions.
-        centre: (3,) middle of the source object; (n, 3) of one that moves, at each position's time.
-        source: (3,) or (n, 3) where the sound comes from.
+        centre: (3,) middle of the object; (n, 3) of one that moves, at each position's time.
+        source: (3,) or (n, 3) where its sound would come from.
         points: (S, 3) or (n, S, 3) samples of its surface.
         clear: (n, S) bool, nothing stands between the eye and the sample.
         extent: tangent of half the field of view.
@@ -53,7 +60,7 @@ class Sight:
 
     @property
     def bearing(self) -> Array:
-        """(n,) yaw at which the camera faces the source, radians, without jumps."""
+        """(n,) yaw at which the camera faces the candidate, radians, without jumps."""
         delta = self.source - self.eyes
         return np.unwrap(np.arctan2(-delta[:, 0], -delta[:, 2]))
 
@@ -62,6 +69,11 @@ class Sight:
         """(n,) elevation of the object's middle, radians."""
         delta = self.centre - self.eyes
         return np.arctan2(delta[:, 1], np.hypot(delta[:, 0], delta[:, 2]))
+
+    @property
+    def visible(self) -> Mask:
+        """(n,) enough of its surface is in sight, were the camera turned to it."""
+        return np.asarray(self.clear.mean(axis=1) >= SEEN_SHARE)
 
     def in_camera(self, points: Array, yaw: Array, pitch: Array) -> tuple[Array, Array, Array]:
         """Points (S, 3), or (n, S, 3) if they move, as gazes yaw, pitch (P, n) have them.
@@ -85,11 +97,11 @@ class Sight:
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """What P gazes over n frames show.
+    """What P gazes over n frames show of one candidate.
 
     Attributes:
-        azimuth: (P, n) of the source in the tilted head's own frame, degrees, as observation.json records it.
-        looking: (P, n) the source is looked at: its middle is inside the image and its surface in sight.
+        azimuth: (P, n) of its source in the tilted head's own frame, degrees, as observation.json records it.
+        looking: (P, n) it is looked at: its middle is inside the image and its surface in sight.
         filled: (P, n) something of it is in the image.
     """
 
@@ -109,87 +121,154 @@ class Views:
 
     @property
     def look_share(self) -> Array:
-        """(P,) share of frames that look at the source."""
+        """(P,) share of frames that look at it."""
         return np.asarray(self.looking.mean(axis=1))
 
     @property
+    def view_share(self) -> Array:
+        """(P,) share of frames with something of it in the image."""
+        return np.asarray(self.filled.mean(axis=1))
+
+    @property
     def right_share(self) -> Array:
-        """(P,) share of frames with the source clearly to the right."""
+        """(P,) share of frames with it clearly to the right."""
         return np.asarray((self.azimuth >= SIDE_AZIMUTH).mean(axis=1))
 
     @property
     def left_share(self) -> Array:
-        """(P,) share of frames with the source clearly to the left."""
+        """(P,) share of frames with it clearly to the left."""
         return np.asarray((self.azimuth <= -SIDE_AZIMUTH).mean(axis=1))
 
     @property
     def tests(self) -> tuple[Array, Array]:
-        """(P,) numbers of test frames with a filled and with an empty mask."""
+        """(P,) numbers of test frames with and without it."""
         test = self.filled[:, ::8]
         return test.sum(axis=1).astype(float), (~test).sum(axis=1).astype(float)
 
-    def penalty(self, yaw: Array) -> Array:
-        """(P,) how far each gaze is from what is wanted; 0 is perfect."""
-        look, left, right = self.look_share, self.left_share, self.right_share
+    def shortfall(self) -> Array:
+        """(P,) how far each gaze is from what is wanted for this candidate; 0 is perfect."""
+        look, view = self.look_share, self.view_share
         filled, empty = self.tests
         scale = min(1.0, self.filled[:, ::8].shape[1] / TEST_FRAMES)
 
         def short(value: Array, wanted: float) -> Array:
             return np.maximum(wanted - value, 0.0)
 
-        out = 5 * (short(look, LOOK_WANTED[0]) + short(-look, -LOOK_WANTED[1]))
-        out += 50 * (short(look, LOOK_ALLOWED[0]) + short(-look, -LOOK_ALLOWED[1]))
-        for share in (left, right):
-            out += 5 * short(share, SIDE_SHARE + 0.08) + 50 * short(share, SIDE_SHARE)
-        out += 2 * short(empty, np.floor(EMPTY_TESTS * scale)) + 0.5 * short(empty, np.round(4 * scale))
-        out += 2 * short(filled, np.ceil(FILLED_TESTS * scale))
-        # The room is to be seen all round: 12 sectors of heading.
-        sectors = np.floor((yaw % (2 * np.pi)) / (np.pi / 6)).astype(int) % 12
-        seen = np.stack([(sectors == k).any(axis=1) for k in range(12)]).mean(axis=0)
-        return np.asarray(out + 1.0 - seen)
+        out = 5 * (short(look, VIEW_WANTED[0]) + short(-view, -VIEW_WANTED[1]))
+        out += 50 * (short(look, VIEW_ALLOWED[0]) + short(-view, -VIEW_ALLOWED[1]))
+        for share in (self.left_share, self.right_share):
+            out += 5 * short(share, SIDE_SHARE + 0.05) + 50 * short(share, SIDE_SHARE)
+        out += 1 * short(empty, np.floor(EMPTY_TESTS * scale)) + 1 * short(filled, np.ceil(FILLED_TESTS * scale))
+        return np.asarray(out)
 
 
-def draw_gazes(sight: Sight, count: int, rng: Generator) -> tuple[Array, Array]:
-    """Draw ``count`` gazes along the path of ``sight``: yaw and pitch (count, n), radians."""
-    n = len(sight.eyes)
-    azimuth = np.radians(np.stack([_azimuth_plan(n, rng) for _ in range(count)]))
-    bearing, elevation = sight.bearing, sight.elevation
-    most = np.radians(MOST_PITCH)
-    rest = np.radians(rng.uniform(-8.0, 2.0, size=(count, 1)))
-    facing = np.clip((np.radians(85.0) - np.abs(azimuth)) / np.radians(30.0), 0.0, 1.0)
-    tilt = np.clip(facing * 0.85 * elevation + (1 - facing) * rest, -most, most)
-    yaw, pitch = np.empty((count, n)), np.empty((count, n))
-    yaw[:, 0], pitch[:, 0] = bearing[0] + azimuth[:, 0], tilt[:, 0]
-    fast, nod = np.radians(YAW_RATE), np.radians(PITCH_RATE)
-    for i in range(1, n):
-        # The head eases into a turn's end; what the source's bearing moves by is followed at once.
-        drift = bearing[i] - bearing[i - 1]
-        error = bearing[i] + azimuth[:, i] - yaw[:, i - 1] - drift
-        yaw[:, i] = yaw[:, i - 1] + np.clip(drift + 0.6 * error, -fast, fast)
-        pitch[:, i] = pitch[:, i - 1] + np.clip(0.5 * (tilt[:, i] - pitch[:, i - 1]), -nod, nod)
-    return yaw, pitch
+def penalty(views: Sequence[Views], yaw: Array) -> Array:
+    """(P,) how far each gaze is from what is wanted for all candidates alike."""
+    each = np.stack([view.shortfall() for view in views])
+    # The room is to be seen all round: 12 sectors of heading.
+    sectors = np.floor((yaw % (2 * np.pi)) / (np.pi / 6)).astype(int) % 12
+    seen = np.stack([(sectors == k).any(axis=1) for k in range(12)]).mean(axis=0)
+    return np.asarray(each.max(axis=0) + each.mean(axis=0) + 1.0 - seen)
 
 
-def _azimuth_plan(n: int, rng: Generator) -> Array:
-    """(n,) wanted azimuth of the source, degrees: held in view on one side, lost on that side, then the other side."""
-    out = np.zeros(n)
+def draw_gazes(sights: Sequence[Sight], count: int, rng: Generator) -> tuple[Array, Array]:
+    """Draw ``count`` gazes along the path of ``sights`` (one per candidate): yaw and pitch (count, n), radians."""
+    extent = float(np.arctan(sights[0].extent))
+    around = _Around(
+        np.stack([sight.bearing for sight in sights], axis=1),
+        np.stack([sight.visible for sight in sights], axis=1),
+        0.93 * extent,
+    )
+    yaw = np.concatenate([_draw_yaw(around, min(_BATCH, count - k), rng) for k in range(0, count, _BATCH)])
+    elevation = np.stack([sight.elevation for sight in sights], axis=1)
+    return yaw, _pitch(around, elevation, yaw, rng)
+
+
+@dataclass(frozen=True, eq=False)
+class _Around:
+    """The candidates as the head has them: bearing (n, K), visible (n, K), and half the field of view, radians."""
+
+    bearing: Array
+    visible: Mask
+    half: float
+
+    def azimuth(self, yaw: Array, frame: int) -> Array:
+        """(…, K) azimuth of each candidate for yaws (…) at a frame, radians, positive to the right."""
+        return _wrapped(yaw[..., None] - self.bearing[frame])
+
+
+def _wrapped(angle: Array) -> Array:
+    return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
+
+
+def _draw_yaw(around: _Around, count: int, rng: Generator) -> Array:
+    """(count, n) headings, phase by phase."""
+    n, candidates = around.bearing.shape
     pace = float(np.clip(n / 60.0, 0.4, 1.0)) * rng.uniform(0.8, 1.25)
-    side = 1.0 if rng.uniform() < 0.5 else -1.0
-    i = 0
-    if rng.uniform() < 0.35:
-        i = round(rng.uniform(2, 6) * pace)
-        out[:i] = side * rng.uniform(60, 120)
+    patience = 10 ** rng.uniform(-4.5, -2.5, size=(count, 1))
+    side_from = np.radians(SIDE_AZIMUTH)
+    had = np.zeros((3, count, candidates))  # frames in view, clearly left, clearly right
+    yaw = np.zeros((count, n))
+    current: Array | None = None
+    i, rows = 0, np.arange(count)
     while i < n:
-        look = max(2, round(rng.uniform(9, 17) * pace))
-        away = max(2, round(rng.uniform(6, 11) * pace))
-        # Off centre, so that these frames count for their side too, then through the middle.
-        off = rng.uniform(22, 34)
-        half = round(look * rng.uniform(0.5, 0.9))
-        out[i : i + half] = side * off
-        out[i + half : i + look] = side * rng.uniform(0, off)
-        i += look
-        out[i : i + away] = side * rng.uniform(65, 150)
-        i += away
-        side = -side if rng.uniform() < 0.85 else side
-    phase, period = rng.uniform(0, 2 * np.pi), rng.uniform(9, 23)
-    return np.asarray(out + 3.0 * np.sin(2 * np.pi * np.arange(n) / period + phase))
+        length = min(max(2, round(rng.uniform(5, 14) * pace)), n - i)
+        target = rng.integers(candidates, size=(count, _OPTIONS))
+        wanted = np.radians(_wanted_azimuth(count, length, rng))
+        head = np.empty((count, _OPTIONS, length))
+        got = np.zeros((3, count, _OPTIONS, candidates))
+        at = np.empty(0) if current is None else np.repeat(current[:, None], _OPTIONS, axis=1)
+        for step in range(length):
+            bearing = around.bearing[i + step][target]
+            if current is None and step == 0:
+                at = bearing + wanted[..., 0]
+            else:
+                # The head eases into a turn's end; what the target's bearing moves by is followed at once.
+                drift = bearing - around.bearing[i + step - 1][target]
+                error = _wrapped(bearing + wanted[..., step] - at - drift)
+                at = at + np.clip(drift + 0.6 * error, -np.radians(YAW_RATE), np.radians(YAW_RATE))
+            head[..., step] = at
+            azimuth = around.azimuth(at, i + step)
+            got[0] += (np.abs(azimuth) < around.half) & around.visible[i + step]
+            got[1] += azimuth <= -side_from
+            got[2] += azimuth >= side_from
+        total = had[:, :, None] + got
+        done = i + length
+        off = (total[0] - _AIM_VIEW * done) / n
+        cost = (off**2 + np.minimum(total[1:] - _AIM_SIDE * done, 0.0).sum(axis=0) ** 2 / n**2).sum(axis=-1)
+        chosen = np.argmin(cost + patience * rng.uniform(size=cost.shape), axis=1)
+        had = total[:, rows, chosen]
+        yaw[:, i:done] = head[rows, chosen]
+        current = yaw[:, done - 1]
+        i = done
+    return yaw
+
+
+def _wanted_azimuth(count: int, length: int, rng: Generator) -> Array:
+    """(count, options, length) azimuths at which a candidate is held, degrees: in view, off centre, or out of view."""
+    shape = (count, _OPTIONS, 1)
+    side = np.where(rng.uniform(size=shape) < 0.5, -1.0, 1.0)
+    # Off centre, so that these frames count for their side too, then towards the middle or across it.
+    near = rng.uniform(20, 34, size=shape)
+    looked = near + (rng.uniform(-30, 30, size=shape) - near) * np.linspace(0, 1, length) ** 2
+    away = rng.uniform(60, 150, size=shape) + np.zeros(length)
+    wobble = 3.0 * np.sin(rng.uniform(0, 2 * np.pi, size=shape) + np.arange(length) / rng.uniform(1.5, 3.5, size=shape))
+    return np.asarray(side * np.where(rng.uniform(size=shape) < 0.6, looked, away) + wobble)
+
+
+def _pitch(around: _Around, elevation: Array, yaw: Array, rng: Generator) -> Array:
+    """(count, n) tilt towards what is ahead (elevations (n, K)), slowly; a little downwards where nothing is."""
+    count, n = yaw.shape
+    azimuth = np.abs(_wrapped(yaw[..., None] - around.bearing))
+    facing = np.clip((np.radians(85.0) - azimuth) / np.radians(30.0), 0.0, 1.0) * around.visible
+    weight = facing * np.exp(-azimuth / np.radians(15.0))
+    aim = (weight * elevation).sum(axis=-1) / np.maximum(weight.sum(axis=-1), 1e-12)
+    share = facing.max(axis=-1)
+    rest = np.radians(rng.uniform(-8.0, 2.0, size=(count, 1)))
+    most, nod = np.radians(MOST_PITCH), np.radians(PITCH_RATE)
+    tilt = np.clip(share * 0.85 * aim + (1 - share) * rest, -most, most)
+    pitch = np.empty((count, n))
+    pitch[:, 0] = tilt[:, 0]
+    for i in range(1, n):
+        pitch[:, i] = pitch[:, i - 1] + np.clip(0.5 * (tilt[:, i] - pitch[:, i - 1]), -nod, nod)
+    return pitch

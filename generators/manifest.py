@@ -210,7 +210,7 @@ class ObservationSpec(_Model):
 
     @property
     def copies(self) -> int:
-        """Number of instances of the sounding model."""
+        """Number of instances of the category that sounds."""
         return self.instances or (1 if self.part == "part_1" else 2)
 
     def identity(self) -> dict[str, Any]:

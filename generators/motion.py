@@ -1,4 +1,4 @@
-"""The path of a sounding object that moves: over the free floor, or to and fro on the worktop that carries it.
+"""The path of an object that moves: over the free floor, or to and fro on the worktop that carries it.
 
 What stands on the floor goes where a disc round its footprint fits, so that it may turn anywhere, at a limited speed
 and a limited rate of turn, its front first. What stands on a worktop, table or shelf slides along it without turning,
@@ -24,6 +24,7 @@ from generators.curves import smooth
 from generators.fitting import ELBOW_ROOM, SKIN
 from generators.freespace import SENSOR_HEIGHT, FreeSpace
 from generators.placement import Placement
+from generators.scenes.scene import Mesh
 from generators.site import Site
 from generators.spots import CONTACT, Contact, standing
 from generators.vision.rays import RayCaster
@@ -48,14 +49,16 @@ _STEP, _LEVEL = 0.01, 0.002
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Where the sounding object is.
+    """Where the object that moves is.
 
     Attributes:
-        start: the sounding placement at time 0.
+        index: of the object among the placements.
+        start: its placement at time 0.
         positions: (RATE·n + 1, 3) the model's origin, `RATE` times a second.
         yaws: (RATE·n + 1,) radians, without jumps.
     """
 
+    index: int
     start: Placement
     positions: Array
     yaws: Array
@@ -106,20 +109,21 @@ def movable(model: Model) -> Model:
     return replace(model, mount="surface") if model.mount == "wall_or_surface" else model
 
 
-def plan_motion(site: Site, placements: Sequence[Placement], *, seconds: int, rng: Generator) -> Motion:
-    """Draw the path of the sounding one of ``placements`` for ``seconds`` seconds.
+def plan_motion(site: Site, placements: Sequence[Placement], index: int, *, seconds: int, rng: Generator) -> Motion:
+    """Draw the path of one of ``placements`` for ``seconds`` seconds.
 
     Args:
         site: the room without the placed objects.
-        placements: what was placed; exactly one sounds. A floor path begins as near to its place as it can.
+        placements: what was placed. A floor path begins as near to the object's place as it can.
+        index: of the one that moves.
         seconds: duration.
         rng: the only source of randomness.
 
     Raises:
         Avs3dError: one line, if it hangs on a wall or there is no room to move.
     """
-    source = next(placement for placement in placements if placement.sounding)
-    others = [placement.box.grown(ELBOW_ROOM) for placement in placements if not placement.sounding]
+    source = placements[index]
+    others = [placement.box.grown(ELBOW_ROOM) for number, placement in enumerate(placements) if number != index]
     kind = source.support.kind
     if kind == "wall":
         raise Avs3dError(
@@ -127,11 +131,16 @@ def plan_motion(site: Site, placements: Sequence[Placement], *, seconds: int, rn
             f"({source.model.name}) hangs on the wall: choose another category or variant, or source_motion: static"
         )
     if kind == "floor":
-        return _over_floor(site, source, others, seconds, rng)
-    return _along_top(site, source, others, seconds, rng)
+        positions, yaws = _over_floor(site, source, others, seconds, rng)
+    else:
+        positions, yaws = _along_top(site, source, others, seconds, rng)
+    x, y, z = (float(c) for c in positions[0])
+    return Motion(index, replace(source, position=(x, y, z), yaw=float(yaws[0])), positions, yaws)
 
 
-def _over_floor(site: Site, source: Placement, others: list[UprightBox], seconds: int, rng: Generator) -> Motion:
+def _over_floor(
+    site: Site, source: Placement, others: list[UprightBox], seconds: int, rng: Generator
+) -> tuple[Array, Array]:
     mesh = source.model.mesh
     low, high = mesh.bounds.astype(np.float64)
     # The model turns about its origin.
@@ -155,9 +164,8 @@ def _over_floor(site: Site, source: Placement, others: list[UprightBox], seconds
         if heights is None:
             continue
         positions = np.stack([plan[:, 0], heights, plan[:, 1]], axis=1)
-        motion = _moving(source, positions, yaws)
-        if _is_clear(site, motion, others):
-            return motion
+        if _is_clear(site, mesh, positions, yaws, others):
+            return positions, yaws
     raise failed
 
 
@@ -226,7 +234,9 @@ def _heights(site: Site, source: Placement, plan: Array, yaws: Array) -> Array |
     return np.asarray(site.space.floor + above + CONTACT - float(mesh.bounds[0, 1]))
 
 
-def _along_top(site: Site, source: Placement, others: list[UprightBox], seconds: int, rng: Generator) -> Motion:
+def _along_top(
+    site: Site, source: Placement, others: list[UprightBox], seconds: int, rng: Generator
+) -> tuple[Array, Array]:
     support = source.support
     u, v = (np.asarray(side, dtype=np.float64) * (1, 0, 1) for side in (support.u, support.v))
     along = max(u, v, key=lambda side: float(np.linalg.norm(side)))
@@ -263,18 +273,12 @@ def _along_top(site: Site, source: Placement, others: list[UprightBox], seconds:
     phase = phase if rng.uniform() < 0.5 else math.pi - phase
     offset = middle + half * np.sin(omega * time + phase)
     positions = start + offset[:, None] * along
-    return _moving(source, positions, np.full(len(time), yaw))
+    return positions, np.full(len(time), yaw)
 
 
-def _moving(source: Placement, positions: Array, yaws: Array) -> Motion:
-    x, y, z = (float(c) for c in positions[0])
-    return Motion(replace(source, position=(x, y, z), yaw=float(yaws[0])), positions, yaws)
-
-
-def _is_clear(site: Site, motion: Motion, others: Sequence[UprightBox]) -> bool:
+def _is_clear(site: Site, mesh: Mesh, positions: Array, yaws: Array, others: Sequence[UprightBox]) -> bool:
     """Whether nothing is touched at any sample but what it goes over."""
-    mesh = motion.start.model.mesh
-    for position, yaw in zip(motion.positions, motion.yaws, strict=True):
+    for position, yaw in zip(positions, yaws, strict=True):
         box = UprightBox.around(mesh, position, float(yaw))
         above = UprightBox(box.centre + (0, OVER / 2, 0), box.half - (0, OVER / 2, 0), box.yaw)
         if site.collides(above.grown(-SKIN)) or any(box.hits_box(other) for other in others):

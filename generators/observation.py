@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench import layout
-from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose, direction_to
 from avs3d_bench.schema import (
     AcousticsRecord,
@@ -28,30 +27,23 @@ from avs3d_bench.schema import (
 from generators.acoustics.base import AcousticSession
 from generators.acoustics.clips import GAIN, binaural_clip, check_clip, mono_clip, moving_clip, rms
 from generators.acoustics.decay import reverberation_time
-from generators.assets.catalogue import build_model, variants
-from generators.assets.meshfile import load_model
-from generators.assets.model import Model
+from generators.arrangement import arrange, draw_sounding, file_licence
 from generators.assets.sounds import load_sound, synthesise
 from generators.backends import acoustic_backend, vision_backend
 from generators.homes import open_home
 from generators.library import open_asset
-from generators.manifest import ObjectSpec, SoundSpec
-from generators.motion import Motion, movable, plan_motion
-from generators.placement import Placement, place
+from generators.placement import Placement
 from generators.plan import ObservationPlan, resolve_file
-from generators.scenes.scene import Licence, Scene
-from generators.site import Site
+from generators.scenes.scene import Licence
 from generators.stage import Camera, Stage
 from generators.surface_points import SurfaceSampler
-from generators.trajectory import line_of_sight, walk
+from generators.watcher import line_of_sight
 from generators.writer import ObservationWriter
 
 #: Impulse responses from which an observation's reverberation time is read.
 T30_RESPONSES = 8
 #: Seconds of the source before the first frame, so that the first clip holds reverberation too.
 PRE_ROLL = 2
-#: Places that are tried for an object that is to move.
-PLACES_TO_MOVE = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,22 +75,12 @@ def generate_observation(
     spec, camera = plan.spec, plan.camera
     home = open_home(plan, cache).for_room(spec.room)
 
-    # What stands where, and the path of the agent.
+    # What can be seen, decided for all objects alike; then, independently of it, what sounds.
     sight = vision_backend(plan.vision)
-    placements, motion = place_objects(plan, home)
-    poses, notes = walk(
-        home,
-        spec.room,
-        placements,
-        frames=camera.frames,
-        height=camera.height,
-        hfov=camera.hfov,
-        rng=plan.rng("path"),
-        motion=motion,
-        navigable=sight.navigable(home),
-    )
-    stage = Stage(home, placements, motion)
-    sounding = stage.sounding_id
+    seen = arrange(plan, home, sight.navigable(home))
+    placements, poses = seen.placements, seen.poses
+    sounding = draw_sounding(plan, placements)
+    stage = Stage(home, placements, sounding, seen.motion)
 
     # What is seen and heard from each pose.
     intrinsics = Intrinsics.from_fov(camera.size, camera.hfov)
@@ -119,7 +101,7 @@ def generate_observation(
                 check_clip(clip, f"{plan.key}, frame {index}")
                 mask = frame.instance_ids == sounding
                 writer.add_frame(index, frame, mask, clip, response)
-                points.add(frame, pose, sounding if stage.moves else None)
+                points.add(frame, pose, instances=not stage.moves)
                 clips.append(clip)
                 if index % max(1, len(poses) // T30_RESPONSES) == 0:
                     decays.append(response)
@@ -142,12 +124,12 @@ def generate_observation(
                 category=spec.category,
                 seed=plan.seed,
                 plan_sha256=plan.digest,
-                notes=notes,
+                notes=seen.notes,
                 variant_of=spec.like,
                 source_motion="path" if stage.moves else None,
                 source_position=stage.source(0).source_position,
                 intrinsics=IntrinsicsRecord.of(intrinsics),
-                instances=tuple(describe_instance(n, p) for n, p in enumerate(placements, start=1)),
+                instances=tuple(describe_instance(n, p, sounding == n) for n, p in enumerate(placements, start=1)),
                 sound=SoundRecord(asset=sound.asset, licence=licence_record(sound.licence)),
                 acoustics=AcousticsRecord(
                     backend=sound_engine.name,
@@ -162,26 +144,6 @@ def generate_observation(
                 files={},
             )
         )
-
-
-def place_objects(plan: ObservationPlan, home: Scene) -> tuple[tuple[Placement, ...], Motion | None]:
-    """The objects at time 0, and the motion of the sounding one if it is to move."""
-    spec, rng = plan.spec, plan.rng("placement")
-    sounding, silent = choose_models(plan)
-    if not plan.moves:
-        return place(home, spec.room, sounding, instances=spec.copies, silent=silent, rng=rng), None
-    site, model = Site.of(home, spec.room), movable(sounding)
-    for attempt in range(PLACES_TO_MOVE):
-        placements = place(home, spec.room, model, instances=spec.copies, silent=silent, rng=rng)
-        try:
-            motion = plan_motion(site, placements, seconds=plan.camera.frames, rng=plan.rng("motion"))
-        except Avs3dError:
-            # Another place may leave more room.
-            if attempt == PLACES_TO_MOVE - 1:
-                raise
-            continue
-        break
-    return tuple(motion.start if placement.sounding else placement for placement in placements), motion
 
 
 def hear(
@@ -202,28 +164,6 @@ def hear(
     return moving_clip(sound.samples, responses, distances, index + PRE_ROLL), responses[-2]
 
 
-def choose_models(plan: ObservationPlan) -> tuple[Model, tuple[Model, ...]]:
-    """The sounding model and the silent others, from the manifest's files or the procedural catalogue."""
-    rng = plan.rng("models")
-
-    def choose(category: str, variant: str | None = None) -> Model:
-        files = plan.objects.get(category, ())
-        if files:
-            chosen = files[int(rng.integers(len(files)))]
-            if chosen.asset is not None:
-                path, entry = open_asset(plan.lock, chosen.asset)
-                licence = Licence(entry.licence, entry.author, entry.url or entry.ref)
-                model = load_model(path, category, licence=licence, height=entry.height, mount=entry.mount)
-                return replace(model, name=entry.id)
-            licence = file_licence(chosen)
-            path = resolve_file(plan.base, str(chosen.file), f"mesh for {category}")
-            return load_model(path, category, licence=licence, height=chosen.height)
-        known = variants(category)
-        return build_model(category, variant or known[int(rng.integers(len(known)))], rng)
-
-    return choose(plan.spec.category, plan.spec.variant), tuple(choose(name) for name in plan.spec.silent)
-
-
 def choose_sound(plan: ObservationPlan) -> Sound:
     """The source signal: as long as the observation plus the pre-roll that the first clip remembers."""
     rng = plan.rng("sound")
@@ -241,13 +181,6 @@ def choose_sound(plan: ObservationPlan) -> Sound:
     return Sound(
         synthesise(plan.spec.category, seconds, rng), f"procedural:{plan.spec.category}", Licence(source="synthesised")
     )
-
-
-def file_licence(spec: ObjectSpec | SoundSpec) -> Licence:
-    """The licence that the manifest gives for a file."""
-    assert spec.file is not None
-    assert spec.licence is not None
-    return Licence(spec.licence.name, spec.licence.author, spec.licence.source or spec.file)
 
 
 def describe_frame(
@@ -280,14 +213,14 @@ def describe_frame(
     )
 
 
-def describe_instance(number: int, placement: Placement) -> InstanceRecord:
+def describe_instance(number: int, placement: Placement, sounding: bool) -> InstanceRecord:
     """What observation.json says about one placed object."""
     low, high = placement.bounds.tolist()
     pose = Pose.from_yaw(placement.position, placement.yaw)
     return InstanceRecord(
         id=number,
         category=cast(InstanceCategory, placement.model.category),
-        sounding=placement.sounding,
+        sounding=sounding,
         position=pose.position,
         rotation=pose.rotation,
         bounds=(tuple(low), tuple(high)),

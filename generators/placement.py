@@ -1,8 +1,10 @@
 """Objects where they belong: on their support, clear of everything, facing the room, in sight of a walking agent.
 
 `place` collects spots for a model (generators/spots.py), tries them in random order and keeps the first that passes
-every test of generators/fitting.py. Twins (identical copies, one of which sounds) stand at least a metre apart where
-the room allows; a silent oven joins a sounding microwave (the paper's hard pair).
+every test of generators/fitting.py. Twins (identical copies) stand at least a metre apart where the room allows; an
+oven and a microwave stand side by side (the paper's hard pair).
+
+Nothing here knows which object sounds: that is drawn later (generators/arrangement.py), so that no place can tell it.
 """
 
 from __future__ import annotations
@@ -35,14 +37,14 @@ Fit = tuple[Spot, Body]
 
 #: Twins stand this far apart (centres, metres); the later ones are tried only if the room has no place for the first.
 TWIN_DISTANCES = (1.0, 0.7, 0.5)
-#: The silent oven stands this near the sounding microwave (centres, metres).
-HARD_PAIR = ("microwave", "oven", 0.5, 1.0)
+#: Two categories that are easily confused, and how near to one another they stand (centres, metres).
+HARD_PAIR, PAIR_DISTANCE = ("microwave", "oven"), (0.5, 1.0)
 #: Spots of a model that are judged, at first and at most; two of them are at least this far apart, metres.
 _POOLS, _THINNING = (40, 160), 0.08
 #: Branches followed, and complete sets judged, in the search for twins.
 _BRANCHES, _SETS = 20_000, 24
-#: How often the copies may move to make room for a companion.
-_ATTEMPTS = 4
+#: How often the objects placed first may move to make room for those placed later.
+_ATTEMPTS = 6
 
 
 @dataclass(frozen=True)
@@ -88,15 +90,13 @@ class Placement:
         support: what it stands on or hangs from.
         position: world coordinates of the model's origin, metres.
         yaw: radians about +Y; the front looks along (sin yaw, 0, cos yaw).
-        sounding: whether it is the one that sounds.
-        relaxed: what could not be had as asked ("" = nothing).
+        relaxed: which constraint was relaxed ("" = none).
     """
 
     model: Model
     support: Support
     position: Vector
     yaw: float
-    sounding: bool
     relaxed: str = ""
 
     @cached_property
@@ -132,51 +132,56 @@ class Placement:
         return Part(name, self.mesh, instance_id=instance_id, category=model.category, licence=model.licence)
 
 
-def place(
-    scene: Scene,
-    room: str,
-    sounding: Model,
-    *,
-    instances: int = 1,
-    silent: Sequence[Model] = (),
-    rng: Generator,
-) -> tuple[Placement, ...]:
+def place(scene: Scene, room: str, models: Sequence[Model], *, rng: Generator) -> tuple[Placement, ...]:
     """Find places for all objects of an observation.
+
+    The order of ``models`` does not influence the places: copies of one model are placed first, the others in an order
+    that is drawn, so that no model has a right before another.
 
     Args:
         scene: the home, without objects.
         room: name of the room.
-        sounding: the sounding model.
-        instances: number of identical copies of it; which one sounds is random.
-        silent: further models that stand by silently.
+        models: one per object; a model that is listed several times stands there in as many identical copies.
         rng: the only source of randomness.
 
     Returns:
-        The copies, then the silent others, in the order given.
+        The places, in the order of ``models``.
 
     Raises:
         Avs3dError: one line with the category, the room, what failed how often, and what to do.
     """
-    if instances < 1:
-        raise Avs3dError(f"{scene.name}/{room}: {instances} instances of {sounding.category} asked for; expected ≥ 1")
+    if not models:
+        raise Avs3dError(f"{scene.name}/{room}: no objects to place; expected at least one")
+    groups = _groups(models)
     placer = Placer(Site.of(scene, room))
+    found: dict[int, list[Placement]] = {}
     for attempt in range(_ATTEMPTS):
         last = attempt == _ATTEMPTS - 1
-        copies = placer.twins(sounding, instances, rng)
-        chosen = int(rng.integers(instances))
-        copies = [replace(copy, sounding=index == chosen) for index, copy in enumerate(copies)]
-        others: list[Placement] = []
+        order = sorted(rng.permutation(len(groups)).tolist(), key=lambda number: -len(groups[number]))
+        found = {}
+        placed: list[Placement] = []
         try:
-            for model in silent:
-                others.append(placer.companion(model, copies[chosen], [*copies, *others], rng))
+            for number in order:
+                found[number] = placer.copies(models[groups[number][0]], len(groups[number]), placed, rng)
+                placed += found[number]
         except Avs3dError:
-            if last:
+            # A model that finds no place in the empty room will not find one later.
+            if last or not placed:
                 raise
             continue
-        # The copies may have taken the place of a companion: they move before it goes without.
-        if last or not any(other.relaxed for other in others):
+        # The first may have taken the place of the others: they move before a constraint is relaxed.
+        if last or not any(placement.relaxed for placement in placed[len(found[order[0]]) :]):
             break
-    return (*copies, *others)
+    where = {index: place for n, group in enumerate(groups) for index, place in zip(group, found[n], strict=True)}
+    return tuple(where[index] for index in range(len(models)))
+
+
+def _groups(models: Sequence[Model]) -> list[list[int]]:
+    """Indices of the copies of each model; the groups are in an order that does not depend on that of ``models``."""
+    groups: dict[int, list[int]] = {}
+    for index, model in enumerate(models):
+        groups.setdefault(id(model), []).append(index)
+    return sorted(groups.values(), key=lambda group: (models[group[0]].category, models[group[0]].name))
 
 
 class Placer:
@@ -187,19 +192,21 @@ class Placer:
         self.fitting = Fitting(site)
         self.refused: Counter[str] = Counter()
 
-    def twins(self, model: Model, count: int, rng: Generator) -> list[Placement]:
-        """``count`` copies of ``model``, far enough from one another.
+    def copies(self, model: Model, count: int, placed: Sequence[Placement], rng: Generator) -> list[Placement]:
+        """``count`` copies of ``model`` beside what is ``placed``.
 
         Raises:
             Avs3dError: if the room has no room for them.
         """
         self.refused.clear()
+        bodies = [_body(other.model, other.position, other.yaw) for other in placed]
+        if count == 1:
+            return [self._single(model, placed, bodies, rng)]
         tiers = [_Pool(self, model, spots) for spots in self.spots(model, rng)]
-        distances = TWIN_DISTANCES if count > 1 else TWIN_DISTANCES[:1]
-        for distance in distances:
-            for depth, most in itertools.product(range(1, len(tiers) + 1), _POOLS if count > 1 else (1,)):
+        for distance in TWIN_DISTANCES:
+            for depth, most in itertools.product(range(1, len(tiers) + 1), _POOLS):
                 fits = [fit for tier in tiers[:depth] for fit in tier.first(most)]
-                chosen = self._apart(fits, count, distance)
+                chosen = self._apart(fits, count, distance, bodies)
                 if chosen:
                     found = [_placement(model, spot) for spot, _ in chosen]
                     if distance < TWIN_DISTANCES[0]:
@@ -208,25 +215,22 @@ class Placer:
                     return found
         places = sum(len(tier.first(_POOLS[-1])) for tier in tiers)
         if places:
-            self.refused[f"would do for one, but no {count} of them together, {distances[-1]} m apart"] = places
+            self.refused[f"would do for one, but no {count} of them together, {TWIN_DISTANCES[-1]} m apart"] = places
         raise self._error(model, count, sum(len(tier.spots) for tier in tiers))
 
-    def companion(self, model: Model, source: Placement, placed: Sequence[Placement], rng: Generator) -> Placement:
-        """A silent model; an oven stands near a sounding microwave.
-
-        Raises:
-            Avs3dError: if the room has no room for it.
-        """
-        self.refused.clear()
+    def _single(self, model: Model, placed: Sequence[Placement], bodies: Sequence[Body], rng: Generator) -> Placement:
+        """One object; half of a hard pair stands near the other half, whichever was placed first."""
         pool = _Pool(self, model, [spot for tier in self.spots(model, rng) for spot in tier])
-        bodies = [_body(other.model, other.position, other.yaw) for other in placed]
-        loud, quiet, least, most = HARD_PAIR
-        pair = (source.model.category, model.category) == (loud, quiet)
-        rounds = [(least, most, "")] if pair else []
-        note = f"the silent {quiet} does not stand {least}–{most} m from the sounding {loud}: no room" if pair else ""
-        for near, far, relaxed in (*rounds, (0.0, math.inf, note)):
-            for spot, body in pool.between(source.box.centre, near, far):
-                reason = self.fitting.fault_together([body, *bodies])
+        partners = _partners(model, placed)
+        rounds = [(np.zeros(3), 0.0, math.inf, "")]
+        if partners:
+            partner = partners[int(rng.integers(len(partners)))]
+            one, other = HARD_PAIR
+            note = f"no {one} and {other} stand {PAIR_DISTANCE[0]}–{PAIR_DISTANCE[1]} m from one another: no room"
+            rounds = [(partner.box.centre, *PAIR_DISTANCE, ""), (np.zeros(3), 0.0, math.inf, note)]
+        for centre, near, far, relaxed in rounds:
+            for spot, body in pool.between(centre, near, far):
+                reason = self.fitting.fault_together([body, *bodies]) if bodies else ""
                 if not reason:
                     return replace(_placement(model, spot), relaxed=relaxed)
                 self.refused[reason] += 1
@@ -253,12 +257,13 @@ class Placer:
             tiers.insert(int(rng.integers(2)) if tiers else 0, hung)
         return [sorted(tier, key=lambda spot: spot.rank) for tier in tiers if tier]
 
-    def _apart(self, fits: Sequence[Fit], count: int, distance: float) -> list[Fit]:
-        """The first ``count`` of ``fits`` that are ``distance`` apart and fit together, or none (depth-first)."""
+    def _apart(self, fits: Sequence[Fit], count: int, distance: float, bodies: Sequence[Body]) -> list[Fit]:
+        """The first ``count`` of ``fits`` that are ``distance`` apart and fit together with ``bodies``, or none.
+
+        The search is depth-first.
+        """
         if len(fits) < count:
             return []
-        if count == 1:
-            return [fits[0]]
         centres = np.array([body.centre for _, body in fits])
         apart = np.linalg.norm(centres[:, None] - centres, axis=2) >= distance
         branches, sets = 0, 0
@@ -269,7 +274,7 @@ class Placer:
                 branches += 1
                 if len(chosen) == count:
                     sets += 1
-                    if not self.fitting.fault_together([fits[k][1] for k in chosen]):
+                    if not self.fitting.fault_together([*(fits[k][1] for k in chosen), *bodies]):
                         return [fits[k] for k in chosen]
                     break
                 if branches > _BRANCHES or sets > _SETS:
@@ -337,6 +342,14 @@ class _Pool:
                     yield spot, body
 
 
+def _partners(model: Model, placed: Sequence[Placement]) -> list[Placement]:
+    """What forms a hard pair with ``model``."""
+    if model.category not in HARD_PAIR:
+        return []
+    wanted = HARD_PAIR[1 - HARD_PAIR.index(model.category)]
+    return [placement for placement in placed if placement.model.category == wanted]
+
+
 def _body(model: Model, position: ArrayLike, yaw: float) -> Body:
     return Body.of(model.mesh, front_points(model.mesh), position, yaw)
 
@@ -347,4 +360,4 @@ def _size(model: Model) -> str:
 
 def _placement(model: Model, spot: Spot) -> Placement:
     x, y, z = (float(c) for c in spot.position)
-    return Placement(model, spot.support, (x, y, z), spot.yaw, sounding=False)
+    return Placement(model, spot.support, (x, y, z), spot.yaw)

@@ -71,7 +71,7 @@ class ObservationPlan:
         return self.spec.source_motion == "path"
 
     def rng(self, purpose: str) -> np.random.Generator:
-        """The generator for one purpose (``models``, ``placement``, ``motion``, ``path``, ``sound``, ``points``).
+        """The generator for one purpose, such as ``placement``, ``ids``, ``path``, ``sounding`` or ``sound``.
 
         An acoustic variant draws everything as its original does: no draw depends on the acoustics.
         """

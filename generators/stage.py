@@ -25,6 +25,7 @@ class Stage:
     Args:
         home: lit, without the objects.
         placements: the objects, at time 0; instance ids count from 1.
+        sounding_id: instance id of the sounding one. Nothing that is seen depends on it.
         motion: of the sounding one, if it moves.
 
     Attributes:
@@ -34,11 +35,13 @@ class Stage:
         caster: rays against everything that stands still (all there is, where nothing moves).
     """
 
-    def __init__(self, home: Scene, placements: Sequence[Placement], motion: Motion | None = None) -> None:
+    def __init__(
+        self, home: Scene, placements: Sequence[Placement], sounding_id: int, motion: Motion | None = None
+    ) -> None:
         self.placements = tuple(placements)
         self._motion = motion
         self.moves = motion is not None
-        self.sounding_id = next(n for n, p in enumerate(self.placements, start=1) if p.sounding)
+        self.sounding_id = sounding_id
         parts = tuple(p.part(n) for n, p in enumerate(self.placements, start=1))
         self._still = insert(home, tuple(p for p in parts if motion is None or p.instance_id != self.sounding_id))
         self._light = None if motion is None else MovingLight(self._still, motion.seconds, self.sounding_id)

@@ -48,18 +48,19 @@ class SurfaceSampler:
         self._positions: list[NDArray[np.float64]] = []
         self._colours: list[NDArray[np.uint8]] = []
 
-    def add(self, frame: Frame, pose: Pose, moving: int | None = None) -> None:
-        """Sample one frame; pixels where nothing was hit, and those of the instance ``moving``, are left out.
+    def add(self, frame: Frame, pose: Pose, *, instances: bool = True) -> None:
+        """Sample one frame, but no pixel where nothing was hit; without ``instances``, none of any instance either.
 
-        Points on something that moves are in no one place: a model of a rigid scene cannot hold them.
+        Points on an object that moves are in no one place: a model of a rigid scene cannot hold them. They are then
+        left out on every object, since the one without points would be the one that sounds.
         """
         k = self._intrinsics
         rows = self._rng.integers(0, k.height, self._per_frame)
         columns = self._rng.integers(0, k.width, self._per_frame)
         depth = frame.depth[rows, columns].astype(np.float64)
         hit = depth > 0
-        if moving is not None:
-            hit &= frame.instance_ids[rows, columns] != moving
+        if not instances:
+            hit &= frame.instance_ids[rows, columns] == 0
         rows, columns, depth = rows[hit], columns[hit], depth[hit]
         camera = np.stack(
             [(columns + 0.5 - k.cx) / k.fx * depth, -(rows + 0.5 - k.cy) / k.fy * depth, -depth],

@@ -1,12 +1,14 @@
-"""Lines of sight from floor positions to the sounding object, which may stand or move."""
+"""Lines of sight from floor positions to the candidates (all placed objects), which may stand or move."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from avs3d_bench.geometry import Pose
 from generators import gaze
 from generators.boxes import yaw_matrix
 from generators.fitting import spread_points
@@ -25,8 +27,26 @@ _SAMPLES = 64
 FAR = 3.0
 
 
+def watchers(
+    caster: RayCaster,
+    placements: Sequence[Placement],
+    motion: Motion | None,
+    *,
+    frames: int,
+    eye: float,
+    extent: float,
+) -> tuple[Watcher, ...]:
+    """One watcher for each of ``placements``, in their order; see `StillWatcher` and `MovingWatcher`."""
+    return tuple(
+        MovingWatcher(caster, motion, frames, eye, extent)
+        if motion is not None and motion.index == index
+        else StillWatcher(caster, placement, eye, extent)
+        for index, placement in enumerate(placements)
+    )
+
+
 class Watcher(Protocol):
-    """What a walk needs to know of the sounding object.
+    """What a walk needs to know of one candidate.
 
     Attributes:
         far: how far the walk goes from it, metres.
@@ -41,7 +61,7 @@ class Watcher(Protocol):
         ...
 
     def ground(self, phase: int = 0) -> Array:
-        """(2,) x and z of the place where the sound comes from in a phase."""
+        """(2,) x and z of the place where its sound would come from in a phase."""
         ...
 
     def sight(self, track: Array) -> Sight:
@@ -54,7 +74,7 @@ class StillWatcher:
 
     Args:
         caster: rays against the room and all objects in it.
-        source: the sounding object.
+        source: the object.
         eye: height of the sensor, world.
         extent: tangent of half the field of view.
     """
@@ -92,7 +112,7 @@ class MovingWatcher:
     """Looks at an object that moves.
 
     Args:
-        caster: rays against the room and the silent objects.
+        caster: rays against the room and the objects that stand.
         motion: of the object.
         frames: one per second.
         eye: height of the sensor, world.
@@ -162,3 +182,29 @@ def outer_samples(mesh: Mesh, count: int, off: float = 0.01) -> Array:
     free = ~RayCaster(mesh.positions).occluded(points, unit)
     outer = points[free] if free.any() else points
     return np.asarray(outer[np.linspace(0, len(outer) - 1, min(count, len(outer))).round().astype(int)])
+
+
+def line_of_sight(caster: RayCaster, pose: Pose, source: Placement) -> bool:
+    """Whether nothing but the object itself stands between the sensor and where its sound comes from.
+
+    Args:
+        caster: rays against the scene with the placed objects.
+        pose: the sensor.
+        source: the instance; hits within 5 cm of its source, or on its own body, do not count.
+    """
+    start, end = np.asarray(pose.position), np.asarray(source.source_position)
+    length = float(np.linalg.norm(end - start))
+    if length < 0.05:
+        return True
+    direction = (end - start) / length
+    distance = float(caster.closest(start[None], direction[None])[0][0])
+    if distance >= length - 0.05:
+        return True
+    return bool(source.box.distance(start + direction * distance) < 0.01)
+
+
+def visible_fraction(caster: RayCaster, pose: Pose, points: ArrayLike) -> float:
+    """Share of ``points`` (N, 3) with a free line to the sensor; points should lie a little off their surface."""
+    ends = np.asarray(points, dtype=np.float64)
+    start = np.asarray(pose.position)
+    return float(1.0 - caster.occluded(np.broadcast_to(start, ends.shape), ends - start, 0.999).mean())

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from avs3d_bench.geometry import Intrinsics, Pose
-from generators.observation import choose_models
+from generators.arrangement import choose_models, draw_sounding
 from generators.placement import Placement, place
 from generators.plan import make_plans, read_manifest
 from generators.scenes.apartment import build_apartment
@@ -29,11 +29,10 @@ def view() -> tuple[Scene, tuple[Placement, ...], Pose, Frame]:
     (plan,) = make_plans(read_manifest(MANIFEST), only=["part_2/*"], audio="analytic")
     assert plan.scan.seed is not None
     home = bake(build_apartment(plan.spec.scan, plan.scan.seed), quality="preview").for_room(plan.spec.room)
-    sounding, silent = choose_models(plan)
-    placed = place(home, plan.spec.room, sounding, instances=plan.spec.copies, silent=silent, rng=plan.rng("placement"))
+    placed = place(home, plan.spec.room, choose_models(plan), rng=plan.rng("placement"))
     poses, _ = walk(home, plan.spec.room, placed, frames=120, rng=plan.rng("path"))
     scene = insert(home, tuple(p.part(number) for number, p in enumerate(placed, start=1)))
-    source = next(placement for placement in placed if placement.sounding)
+    source = placed[draw_sounding(plan, placed) - 1]
     ahead = [float(pose.rotation_matrix[:, 2] @ (np.array(pose.position) - source.source_position)) for pose in poses]
     pose = poses[int(np.argmin(np.abs(np.array(ahead) - 1.5)))]
     return scene, placed, pose, EmbreeBackend().open(scene, CAMERA).render(pose)

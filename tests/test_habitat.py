@@ -251,7 +251,7 @@ def test_the_navigation_mesh_agrees_with_free_space_and_keeps_off_holes(
     assert not navigable(np.array([[2.0, 1.5, 2.0]])).any(), "in mid-air"
     # And a walk that asks it stays a step away from the hole, where free space alone would go up to its rim.
     rng = np.random.default_rng(4)
-    placements = place(toy.scene, "kitchen", box_model("washing_machine"), instances=1, silent=(), rng=rng)
+    placements = place(toy.scene, "kitchen", [box_model("washing_machine")], rng=rng)
     poses, _ = walk(toy.scene, "kitchen", placements, frames=24, rng=rng, navigable=navigable)
     track = np.array([(pose.position[0], pose.position[2]) for pose in poses])
     hole = np.array([[2.8, 1.4], [4.0, 1.4], [4.0, 2.6], [2.8, 2.6]])

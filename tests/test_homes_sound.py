@@ -11,13 +11,13 @@ import pytest
 from avs3d_bench.geometry import direction_to
 from generators.acoustics.clips import binaural_clip, rms
 from generators.acoustics.decay import reverberation_time
-from generators.observation import PRE_ROLL, choose_models, choose_sound
-from generators.placement import place
+from generators.arrangement import arrange, draw_sounding
+from generators.observation import PRE_ROLL, choose_sound
 from generators.plan import make_plans, read_manifest
 from generators.scenes.apartment import build_apartment
 from generators.scenes.scene import Scene
-from generators.trajectory import line_of_sight, walk
 from generators.vision.rays import RayCaster
+from generators.watcher import line_of_sight
 
 pytest.importorskip(
     "rlr_audio_propagation", reason="the SoundSpaces engine is not installed: pip install 'avs3d-bench[soundspaces]'"
@@ -45,10 +45,9 @@ def test_the_louder_ear_is_on_the_sources_side(manifest: str, key: str) -> None:
     (plan,) = make_plans(read_manifest(MANIFESTS / f"{manifest}.yaml"), only=[key])
     assert plan.scan.seed is not None
     flat = home(plan.spec.scan, plan.scan.seed)
-    sounding, silent = choose_models(plan)
-    placed = place(flat, plan.spec.room, sounding, instances=plan.spec.copies, silent=silent, rng=plan.rng("placement"))
-    poses, _ = walk(flat, plan.spec.room, placed, frames=plan.camera.frames, rng=plan.rng("path"))
-    source = next(placement for placement in placed if placement.sounding)
+    seen = arrange(plan, flat)
+    placed, poses = seen.placements, seen.poses
+    source = placed[draw_sounding(plan, placed) - 1]
     scene = flat.with_parts(tuple(p.part(number) for number, p in enumerate(placed, start=1)))
     caster, sound = RayCaster(scene), choose_sound(plan).samples
     session = SoundSpacesBackend().open(scene, source.source_position, room=plan.spec.room)

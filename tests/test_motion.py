@@ -34,7 +34,8 @@ from generators.pacing import pace
 from generators.placement import Placement, place
 from generators.scenes.scene import Texture
 from generators.site import Site
-from generators.trajectory import MOST_STEP, MOST_TURN, OBJECT_DISTANCE, distances, plan_walk
+from generators.tours import OBJECT_DISTANCE, distances
+from generators.trajectory import MOST_STEP, MOST_TURN, plan_walk
 from generators.vision.textures_pool import build_pool, mip_chain
 from tests.homes import tree_digest, write_manifest
 
@@ -46,8 +47,8 @@ RATE_HZ = 44_100
 def moved(room: str, category: str, count: int = 1) -> tuple[Toy, tuple[Placement, ...], Motion]:
     toy = {"kitchen": kitchen, "living_room": living_room}[room]()
     model = movable(box_model(category))
-    placed = place(toy.scene, room, model, instances=count, rng=np.random.default_rng(1))
-    motion = plan_motion(Site.of(toy.scene, room), placed, seconds=SECONDS, rng=np.random.default_rng(2))
+    placed = place(toy.scene, room, [model] * count, rng=np.random.default_rng(1))
+    motion = plan_motion(Site.of(toy.scene, room), placed, 0, seconds=SECONDS, rng=np.random.default_rng(2))
     return toy, placed, motion
 
 
@@ -66,7 +67,7 @@ def test_a_path_is_slow_continuous_and_touches_nothing(room: str, category: str,
     box = motion.start.box
     bottom, top = box.bounds[:, 1]
     solid = toy.ground(bottom + 0.01, top)
-    others = [Polygon(p.box.footprint) for p in placed if not p.sounding]
+    others = [Polygon(p.box.footprint) for p in placed[1:]]
     for second in np.arange(0, SECONDS, 0.25):
         outline = Polygon(motion.outline(float(second)))
         assert outline.buffer(-SKIN - 1e-4).intersection(solid).area < 1e-9
@@ -103,30 +104,30 @@ def test_on_a_worktop_it_slides_to_and_fro_without_turning() -> None:
 def test_a_path_is_the_same_for_the_same_seed_and_another_for_another() -> None:
     toy, placed, motion = moved("living_room", "vacuum_cleaner")
     site = Site.of(toy.scene, "living_room")
-    again = plan_motion(site, placed, seconds=SECONDS, rng=np.random.default_rng(2))
+    again = plan_motion(site, placed, 0, seconds=SECONDS, rng=np.random.default_rng(2))
     assert (again.positions == motion.positions).all()
     assert (again.yaws == motion.yaws).all()
-    other = plan_motion(site, placed, seconds=SECONDS, rng=np.random.default_rng(3))
+    other = plan_motion(site, placed, 0, seconds=SECONDS, rng=np.random.default_rng(3))
     assert not (other.positions == motion.positions).all()
 
 
 def test_what_hangs_on_a_wall_is_refused_and_what_may_stand_is_stood() -> None:
     toy = living_room()
-    hung = place(toy.scene, "living_room", box_model("clock", "wall"), rng=np.random.default_rng(1))
+    hung = place(toy.scene, "living_room", [box_model("clock", "wall")], rng=np.random.default_rng(1))
     with pytest.raises(Avs3dError, match=r"clock .* hangs on the wall: choose another"):
-        plan_motion(Site.of(toy.scene, "living_room"), hung, seconds=5, rng=np.random.default_rng(0))
+        plan_motion(Site.of(toy.scene, "living_room"), hung, 0, seconds=5, rng=np.random.default_rng(0))
     assert movable(box_model("clock", "wall_or_surface")).mount == "surface"
     assert movable(box_model("clock", "wall")).mount == "wall"
 
 
 def test_a_room_without_room_is_refused_in_one_line() -> None:
     toy = living_room()
-    placed = place(toy.scene, "living_room", box_model("vacuum_cleaner"), rng=np.random.default_rng(1))
+    placed = place(toy.scene, "living_room", [box_model("vacuum_cleaner")], rng=np.random.default_rng(1))
     for x in np.arange(0.3, 5.0, 0.5):
         for z in np.arange(0.3, 4.5, 0.5):
             toy.add((x, 0, z), (x + 0.05, 1.0, z + 0.05))
     with pytest.raises(Avs3dError, match=r"no room for the vacuum_cleaner .* to move") as caught:
-        plan_motion(Site.of(toy.scene, "living_room"), placed, seconds=5, rng=np.random.default_rng(0))
+        plan_motion(Site.of(toy.scene, "living_room"), placed, 0, seconds=5, rng=np.random.default_rng(0))
     assert "\n" not in str(caught.value)
 
 

@@ -23,9 +23,9 @@ from generators.assets.shapes import MeshBuilder
 from generators.gaze import Sight, Views
 from generators.placement import Placement, place
 from generators.scenes.scene import Part, Room, Scene
-from generators.trajectory import Walk, line_of_sight, plan_walk, visible_fraction, walk
+from generators.trajectory import Walk, plan_walk, walk
 from generators.vision.rays import RayCaster
-from generators.watcher import outer_samples
+from generators.watcher import line_of_sight, outer_samples, visible_fraction
 
 ROOMS = {"kitchen": kitchen, "bathroom": bathroom, "living_room": living_room}
 CASES = [
@@ -47,18 +47,14 @@ def rng(seed: int = 0) -> np.random.Generator:
 @cache
 def walked(room: str, category: str, count: int, frames: int) -> tuple[Toy, tuple[Placement, ...], Walk]:
     toy = ROOMS[room]()
-    placed = place(toy.scene, room, box_model(category), instances=count, rng=rng(1))
+    placed = place(toy.scene, room, [box_model(category)] * count, rng=rng(1))
     return toy, placed, plan_walk(toy.scene, room, placed, frames=frames, rng=rng(2))
 
 
-def source_of(placed: tuple[Placement, ...]) -> Placement:
-    return next(p for p in placed if p.sounding)
-
-
 def mask_sizes(toy: Toy, placed: tuple[Placement, ...], poses: tuple[Pose, ...]) -> NDArray[np.float64]:
-    """Share of a small image's pixels that show the sounding instance, per pose."""
+    """(poses, objects) share of a small image's pixels that show each object."""
     caster = RayCaster(toy.scene.with_parts(tuple(p.part(k + 1) for k, p in enumerate(placed))))
-    sounding = len(toy.scene.parts) + placed.index(source_of(placed))
+    first = len(toy.scene.parts)
     camera = Intrinsics.from_fov(RAYS)
     u, v = np.meshgrid(np.arange(RAYS) + 0.5, np.arange(RAYS) + 0.5)
     x, y = (u - camera.cx) / camera.fx, -(v - camera.cy) / camera.fy
@@ -66,7 +62,8 @@ def mask_sizes(toy: Toy, placed: tuple[Placement, ...], poses: tuple[Pose, ...])
     shares = []
     for pose in poses:
         _, face = caster.closest(np.asarray(pose.position), rays @ pose.rotation_matrix.T)
-        shares.append((caster.face_part[face[face >= 0]] == sounding).sum() / len(rays))
+        counts = np.bincount(caster.face_part[face[face >= 0]], minlength=first + len(placed))
+        shares.append(counts[first:] / len(rays))
     return np.array(shares)
 
 
@@ -108,31 +105,31 @@ def test_level_cameras_with_a_mild_tilt(room: str, category: str, count: int) ->
 
 @pytest.mark.parametrize("frames", [16, 120])
 @pytest.mark.parametrize(("room", "category", "count"), CASES)
-def test_both_sides_of_the_source_are_passed(room: str, category: str, count: int, frames: int) -> None:
+def test_both_sides_of_every_candidate_are_passed(room: str, category: str, count: int, frames: int) -> None:
     _, placed, result = walked(room, category, count, frames)
-    azimuth = np.array([direction_to(pose, source_of(placed).source_position).azimuth for pose in result.poses])
-    assert (azimuth >= 20).mean() >= 0.20
-    assert (azimuth <= -20).mean() >= 0.20
-    assert result.report.right_share == pytest.approx((azimuth >= 20).mean())
-    assert result.report.left_share == pytest.approx((azimuth <= -20).mean())
+    for placement, report in zip(placed, result.report.candidates, strict=True):
+        azimuth = np.array([direction_to(pose, placement.source_position).azimuth for pose in result.poses])
+        assert (azimuth >= 20).mean() >= 0.20
+        assert (azimuth <= -20).mean() >= 0.20
+        assert report.right_share == pytest.approx((azimuth >= 20).mean())
+        assert report.left_share == pytest.approx((azimuth <= -20).mean())
 
 
 @pytest.mark.parametrize(("room", "category", "count"), CASES)
-def test_the_source_is_looked_at_and_looked_away_from(room: str, category: str, count: int) -> None:
+def test_every_candidate_is_looked_at_and_looked_away_from(room: str, category: str, count: int) -> None:
     toy, placed, result = walked(room, category, count, 120)
     masks = mask_sizes(toy, placed, result.poses)
-    centre = source_of(placed).box.centre
     camera = Intrinsics.from_fov(1008)
-    inside = []
-    for pose in result.poses:
-        pixel, depth = camera.project(pose, centre[None])
-        inside.append(bool(depth[0] > 0 and (pixel >= 0).all() and (pixel <= 1008).all()))
-    looking = (masks > 0) & np.array(inside)
-    assert 0.40 <= looking.mean() <= 0.80
-    assert result.report.look_share == pytest.approx(looking.mean(), abs=0.06)
-    tests = masks[::8]
-    assert (tests > 0).sum() >= 6
-    assert (tests == 0).sum() >= 2
+    for index, (placement, report) in enumerate(zip(placed, result.report.candidates, strict=True)):
+        shown = masks[:, index] > 0
+        inside = []
+        for pose in result.poses:
+            pixel, depth = camera.project(pose, placement.box.centre[None])
+            inside.append(bool(depth[0] > 0 and (pixel >= 0).all() and (pixel <= 1008).all()))
+        assert 0.20 <= shown.mean() <= 0.70
+        assert report.view_share == pytest.approx(shown.mean(), abs=0.08)
+        assert report.look_share == pytest.approx((shown & np.array(inside)).mean(), abs=0.08)
+        assert 3 <= shown[::8].sum() <= 12
     assert result.report.notes == ()
 
 
@@ -140,18 +137,29 @@ def test_the_source_is_looked_at_and_looked_away_from(room: str, category: str, 
 def test_views_differ_for_a_reconstruction(room: str, category: str, count: int) -> None:
     _, placed, result = walked(room, category, count, 120)
     positions = np.array([pose.position for pose in result.poses])[:, [0, 2]]
-    # Parallax: in any second of ten frames the agent gets somewhere; over the walk the source is seen from all round.
+    # Parallax: in any second of ten frames the agent gets somewhere; over the walk objects are seen from all round.
     for first in range(0, 110, 10):
         assert np.ptp(positions[first : first + 11], axis=0).max() >= 0.15
-    offset = positions - np.asarray(source_of(placed).source_position)[[0, 2]]
-    bearings = np.sort(np.degrees(np.arctan2(*offset.T)) % 360)
-    widest_gap = np.diff(np.append(bearings, bearings[0] + 360)).max()
-    assert 360 - widest_gap >= 45
-    distance = np.linalg.norm(offset, axis=1)
-    assert ((distance >= 0.5) & (distance <= 3.2)).mean() >= 0.9
+    for placement in placed:
+        offset = positions - np.asarray(placement.source_position)[[0, 2]]
+        bearings = np.sort(np.degrees(np.arctan2(*offset.T)) % 360)
+        widest_gap = np.diff(np.append(bearings, bearings[0] + 360)).max()
+        assert 360 - widest_gap >= 45
+        distance = np.linalg.norm(offset, axis=1)
+        assert ((distance >= 0.5) & (distance <= 3.2)).mean() >= (0.9 if count == 1 else 0.3)
     headings = np.array([-pose.rotation_matrix[[0, 2], 2] for pose in result.poses])
     sectors = np.unique(np.floor(np.degrees(np.arctan2(*headings.T)) % 360 / 45))
     assert len(sectors) >= 6
+
+
+def test_a_walk_that_is_planned_for_one_shows_it_more_than_its_twins() -> None:
+    """What the walk must not be: the twin it is planned for is the one in view most often."""
+    toy, placed, fair = walked("living_room", "clock", 3, 120)
+    for index in range(3):
+        biased = plan_walk(toy.scene, "living_room", placed, frames=120, rng=rng(2), watched=[index])
+        shares = [c.look_share for c in biased.report.candidates]
+        assert int(np.argmax(shares)) == index
+        assert shares[index] > min(c.look_share for c in fair.report.candidates)
 
 
 def test_the_same_generator_gives_the_same_walk_and_another_gives_another() -> None:
@@ -163,12 +171,14 @@ def test_the_same_generator_gives_the_same_walk_and_another_gives_another() -> N
 
 def test_notes_tell_what_could_not_be_had() -> None:
     toy = Toy("kitchen", (4.0, 2.6, 4.0)).shell().table("worktop", (0, 0, 0), (1.3, 0.9, 0.6), (0, 0, 1))
-    placed = place(toy.scene, "kitchen", box_model("microwave"), instances=2, rng=rng())
+    placed = place(toy.scene, "kitchen", [box_model("microwave")] * 2, rng=rng())
     poses, notes = walk(toy.scene, "kitchen", placed, frames=2, rng=rng())
     assert len(poses) == 2
     assert notes[0] == "2 × microwave stand 0.7 m apart: no room for 1.0 m"
-    # Two frames cannot have the source on both sides 20° off and turn by at most 30° between them.
+    # Two frames cannot have an object on both sides 20° off and turn by at most 30° between them.
     assert any("clearly on the" in note for note in notes[1:])
+    # Notes are about all objects alike: nothing that a note names is one of several.
+    assert all(note.startswith("every object is ") for note in notes[1:])
 
 
 def test_one_frame_is_a_walk_too() -> None:
@@ -182,16 +192,16 @@ def test_a_room_too_small_to_walk_in() -> None:
     tiny = Toy("kitchen", (0.5, 2.5, 0.5)).shell()
     with pytest.raises(Avs3dError, match=r"toy/kitchen: no room to walk: 0\.0\d m² of free floor"):
         walk(tiny.scene, "kitchen", placed, frames=16, rng=rng())
-    with pytest.raises(Avs3dError, match="0 sounding objects and 16 frames"):
+    with pytest.raises(Avs3dError, match="0 objects and 16 frames"):
         walk(toy.scene, "kitchen", (), frames=16, rng=rng())
-    with pytest.raises(Avs3dError, match="1 sounding objects and 0 frames"):
+    with pytest.raises(Avs3dError, match="1 objects and 0 frames"):
         walk(toy.scene, "kitchen", placed, frames=0, rng=rng())
 
 
 def test_a_corridor_is_walked_within_the_step_limit() -> None:
     """0.9 m wide: half a metre of free floor to walk on, for 120 and for 16 frames."""
     toy = Toy("kitchen", (0.9, 2.5, 4.0)).shell()
-    (placement,) = place(toy.scene, "kitchen", box_model("clock", size=(0.2, 0.2, 0.04)), rng=rng(3))
+    (placement,) = place(toy.scene, "kitchen", [box_model("clock", size=(0.2, 0.2, 0.04))], rng=rng(3))
     for frames in (16, 120):
         result = plan_walk(toy.scene, "kitchen", (placement,), frames=frames, rng=rng())
         ground = np.array([pose.position for pose in result.poses])[:, [0, 2]]
@@ -204,7 +214,7 @@ def test_a_corridor_is_walked_within_the_step_limit() -> None:
 def between() -> tuple[Scene, Placement]:
     """A telephone on a table, a screen 1 m before it from 0.9 to 1.1 m of height."""
     toy = Toy("kitchen", (4.0, 2.6, 4.0)).shell().table("side_table", (1.7, 0, 0), (2.3, 0.5, 0.5), (0, 0, 1))
-    (placement,) = place(toy.scene, "kitchen", box_model("telephone"), rng=rng())
+    (placement,) = place(toy.scene, "kitchen", [box_model("telephone")], rng=rng())
     builder = MeshBuilder().box((0.6, 0.2, 0.02), (2.0, 1.0, 1.5), PLAIN)
     return toy.scene.with_parts((Part("screen", builder.build()), placement.part(1))), placement
 

@@ -122,7 +122,7 @@ def test_a_variant_takes_everything_but_index_and_acoustics(tmp_path: Path) -> N
     assert (original.spec.acoustics.absorption_scale, variant.spec.acoustics.absorption_scale) == (1.0, 0.5)
     assert original.digest != variant.digest
     assert original.home_digest == variant.home_digest
-    for purpose in ("models", "placement", "motion", "path", "sound", "points"):
+    for purpose in ("models/clock", "placement", "ids", "motion", "path", "sounding", "sound", "points"):
         assert original.rng(purpose).integers(1 << 60) == variant.rng(purpose).integers(1 << 60)
 
 

@@ -1,0 +1,146 @@
+"""Everything of an observation that can be seen, and then, independently, what sounds.
+
+The pictures must not tell which object sounds. So `arrange` decides what stands where, the instance ids, the walk and
+the gaze for all objects with equal rights: what it does follows from the set of models, in which the one of the
+sounding category is not marked. `draw_sounding` draws which of its instances sounds from a random stream of its own,
+which nothing visible reads. (With ``source_motion: path`` the motion itself tells: only what sounds moves.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from numpy.random import Generator
+
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.geometry import Pose
+from generators.assets.catalogue import build_model, variants
+from generators.assets.meshfile import load_model
+from generators.assets.model import Model
+from generators.library import open_asset
+from generators.manifest import ObjectSpec, SoundSpec
+from generators.motion import Motion, movable, plan_motion
+from generators.placement import Placement, place
+from generators.plan import ObservationPlan, resolve_file
+from generators.scenes.scene import Licence, Scene
+from generators.site import Site
+from generators.trajectory import walk
+from generators.vision.base import Navigable
+
+#: Places that are tried for an object that is to move.
+PLACES_TO_MOVE = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Arrangement:
+    """What can be seen of an observation, and nothing that cannot.
+
+    Attributes:
+        placements: the objects at time 0; instance n is number n − 1.
+        poses: of the agent, one per frame.
+        notes: constraints that were relaxed; no note tells which object it is about.
+        motion: of the object that moves, if one does.
+    """
+
+    placements: tuple[Placement, ...]
+    poses: tuple[Pose, ...]
+    notes: tuple[str, ...]
+    motion: Motion | None = None
+
+
+def arrange(plan: ObservationPlan, home: Scene, navigable: Navigable | None = None) -> Arrangement:
+    """Decide what stands where, its instance id, and the path of the agent.
+
+    Args:
+        plan: of the observation.
+        home: without the objects.
+        navigable: what the renderer's own navigation mesh says of points on the floor.
+
+    Raises:
+        Avs3dError: if the room has no room for the objects, their motion or the walk.
+    """
+    camera = plan.camera
+    placements, motion = place_objects(plan, home)
+    poses, notes = walk(
+        home,
+        plan.spec.room,
+        placements,
+        frames=camera.frames,
+        height=camera.height,
+        hfov=camera.hfov,
+        rng=plan.rng("path"),
+        motion=motion,
+        navigable=navigable,
+    )
+    return Arrangement(placements, poses, notes, motion)
+
+
+def draw_sounding(plan: ObservationPlan, placements: tuple[Placement, ...]) -> int:
+    """The instance id (from 1) of the object that sounds: one of the plan's category, each as likely as the others."""
+    ids = [number for number, p in enumerate(placements, start=1) if p.model.category == plan.spec.category]
+    return ids[int(plan.rng("sounding").integers(len(ids)))]
+
+
+def place_objects(plan: ObservationPlan, home: Scene) -> tuple[tuple[Placement, ...], Motion | None]:
+    """The objects at time 0 in the order of their ids, and the motion of the sounding one if it is to move."""
+    spec, rng = plan.spec, plan.rng("placement")
+    models = choose_models(plan)
+    # Ids tell neither what was placed first nor what the manifest names first.
+    order = plan.rng("ids").permutation(len(models)).tolist()
+    models = tuple(models[index] for index in order)
+    if not plan.moves:
+        return place(home, spec.room, models, rng=rng), None
+    standing = {id(model): movable(model) for model in models}
+    models = tuple(standing[id(model)] for model in models)
+    site = Site.of(home, spec.room)
+    for attempt in range(PLACES_TO_MOVE):
+        placements = place(home, spec.room, models, rng=rng)
+        index = draw_sounding(plan, placements) - 1
+        try:
+            motion = plan_motion(site, placements, index, seconds=plan.camera.frames, rng=plan.rng("motion"))
+        except Avs3dError:
+            # Another place may leave more room.
+            if attempt == PLACES_TO_MOVE - 1:
+                raise
+            continue
+        break
+    return tuple(motion.start if number == index else p for number, p in enumerate(placements)), motion
+
+
+def choose_models(plan: ObservationPlan) -> tuple[Model, ...]:
+    """One model per object, sorted by category; the identical copies of the sounding category share theirs.
+
+    The model of a category comes from a random stream of that category's own: it is the same whether it sounds or not.
+    """
+    spec = plan.spec
+    models: list[Model] = []
+    for category in sorted({spec.category, *spec.silent}):
+        rng = plan.rng(f"models/{category}")
+        if category == spec.category:
+            models += [_choose_model(plan, category, rng, spec.variant)] * spec.copies
+        else:
+            models += [_choose_model(plan, category, rng) for _ in range(spec.silent.count(category))]
+    return tuple(models)
+
+
+def _choose_model(plan: ObservationPlan, category: str, rng: Generator, variant: str | None = None) -> Model:
+    """A model of a category, from the manifest's files or the procedural catalogue."""
+    files = plan.objects.get(category, ())
+    if files:
+        chosen = files[int(rng.integers(len(files)))]
+        if chosen.asset is not None:
+            path, entry = open_asset(plan.lock, chosen.asset)
+            licence = Licence(entry.licence, entry.author, entry.url or entry.ref)
+            model = load_model(path, category, licence=licence, height=entry.height, mount=entry.mount)
+            return replace(model, name=entry.id)
+        path = resolve_file(plan.base, str(chosen.file), f"mesh for {category}")
+        return load_model(path, category, licence=file_licence(chosen), height=chosen.height)
+    known = variants(category)
+    return build_model(category, variant or known[int(rng.integers(len(known)))], rng)
+
+
+def file_licence(spec: ObjectSpec | SoundSpec) -> Licence:
+    """The licence that the manifest gives for a file."""
+    assert spec.file is not None
+    assert spec.licence is not None
+    return Licence(spec.licence.name, spec.licence.author, spec.licence.source or spec.file)
