@@ -243,7 +243,7 @@ def denseav(
 )
 @click.option(
     "--variant", type=click.Choice(["official", "spatial"]), default="official", show_default=True,
-    help="As released, or with occlusion-aware votes and the likelihood of what both ears heard; both share a training.",
+    help="As released, or with occlusion-aware votes and the likelihood of what both ears heard; the training is one.",
 )  # fmt: skip
 @click.option("--no-aisrm", is_flag=True, help="Keep every labelled Gaussian, whatever is heard.")
 @click.option("--voting-threshold", type=click.FloatRange(0.0, 1.0, max_open=True), default=0.3, show_default=True)

@@ -56,11 +56,12 @@ def seconds(parts: tuple[Gaussians, list[Any], list[np.ndarray], np.ndarray]) ->
     means = gaussians.means.numpy().astype(np.float64)
     inside, total = lift.vote_counts(means, zip(views, masks, strict=True))
     labelled = inside > 0.3 * np.maximum(total, 1)
-    part = decompose(gaussians.select(labelled), views, masks)
+    part = gaussians.select(torch.as_tensor(labelled))
     intensity = aisrm.audio_intensity_map(views, clips, means)
     centre = aisrm.audio_centre(means, intensity)
     if centre is not None:
-        aisrm.refine(part.means.numpy(), centre)
+        part = part.select(torch.as_tensor(aisrm.refine(part.means.numpy(), centre).staying))
+    decompose(part, views, masks)
     return time.perf_counter() - start
 
 

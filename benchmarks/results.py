@@ -1,8 +1,9 @@
 """`python -m benchmarks.results ROOT -o DIR`: EchoSegnet on a GPU, every row of docs/results.md, as files of scores.
 
-Trains each observation once, then lifts, refines and draws with every combination of masks and variant, sweeps the
-voting threshold on one observation, scores everything, and writes `training.json` (PSNR of test views, minutes, sizes,
-hardware) beside the scores.
+Trains each observation once (both variants share the training), then lifts, refines and draws with every combination
+of masks and variant, sweeps the voting threshold on one observation, scores everything, and writes `training.json`
+(PSNR of test views, minutes, sizes, memory, hardware) beside the scores. What is in ``--work`` already is not computed
+again: a run that was stopped goes on, a training from its last checkpoint.
 """
 
 from __future__ import annotations
@@ -10,16 +11,18 @@ from __future__ import annotations
 import json
 import platform
 import time
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
 
 from avs3d_bench.dataset import Dataset, Observation
-from avs3d_bench.files import write_json
-from avs3d_bench.parallel import process_each
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.files import read_json, write_json
+from avs3d_bench.scheduling.tasks import Context
+from baselines.echosegnet.schedule import TrainingSettings
 
 #: File → (instance of the oracle's masks, variant, refined by sound).
 RUNS = {
@@ -32,44 +35,97 @@ RUNS = {
 }
 
 
-def train_some(root: Path, work: Path, iterations: int, share: tuple[str, tuple[str, ...]]) -> list[dict[str, object]]:
-    """Train the observations of one device; what each took."""
+@dataclass(frozen=True)
+class TrainJob:
+    """The training of one observation.
+
+    Attributes:
+        root: the dataset's folder.
+        key: of the observation.
+        work: folder of intermediate results.
+        settings: of the training.
+        devices: of the machine's workers.
+    """
+
+    root: Path
+    key: str
+    work: Path
+    settings: TrainingSettings
+    devices: tuple[str, ...]
+
+
+def train_one(context: Context, job: TrainJob) -> dict[str, Any]:
+    """Train an observation and judge it on its test views; what it took. The record is kept beside the Gaussians."""
     import torch
 
     from baselines.echosegnet.cache import Stages
+    from baselines.echosegnet.jobs import device_of
     from baselines.echosegnet.pictures import view_psnr
     from baselines.echosegnet.pipeline import trained
-    from baselines.echosegnet.rasterise import default_rasteriser
-    from baselines.echosegnet.train import TrainingSettings
+    from baselines.echosegnet.train import Report
     from baselines.echosegnet.views import load_views, test_views, train_views
 
-    device, keys = share
-    rasteriser = default_rasteriser(device)
-    out: list[dict[str, object]] = []
-    for key in keys:
-        views = load_views(Observation(root, key))
-        start = time.perf_counter()
-        said: list[tuple[int, float, float]] = []
-        gaussians, _ = trained(
-            Observation(root, key), views, rasteriser, TrainingSettings(iterations=iterations), Stages(work / key),
-            lambda report, said=said, start=start: said.append(  # type: ignore[misc]
-                (report.iteration, round(time.perf_counter() - start, 1), round(report.psnr, 2))
-            ),
-        )  # fmt: skip
-        seconds = time.perf_counter() - start
-        test = view_psnr(gaussians, test_views(views), rasteriser)
-        train = view_psnr(gaussians, train_views(views)[::8], rasteriser)
-        peak = torch.cuda.max_memory_allocated(rasteriser.device) / 2**30 if rasteriser.device.type == "cuda" else 0.0
-        out.append(
-            {
-                "key": key, "seconds": round(seconds, 1), "gaussians": len(gaussians),
-                "test_psnr": [round(value, 2) for value in test], "train_psnr": [round(value, 2) for value in train],
-                "median_test_psnr": round(float(np.median(test)), 2), "peak_gib": round(peak, 2),
-                "history": said[:: max(1, len(said) // 12)],
-            }
-        )  # fmt: skip
-        print(json.dumps({k: v for k, v in out[-1].items() if k != "history"}), flush=True)
+    rasteriser = device_of(context, job.devices)
+    observation = Observation(job.root, job.key)
+    views, stages = load_views(observation), Stages(job.work / job.key)
+    start = time.perf_counter()
+    said: list[tuple[int, float, float, int]] = []
+
+    def say(report: Report) -> None:
+        said.append((report.iteration, round(time.perf_counter() - start, 1), round(report.psnr, 2), report.gaussians))
+        if report.iteration % 5_000 == 0:
+            context.report("training", f"{job.key}: {report.iteration:,}, {report.psnr:.1f} dB, {report.gaussians:,}")
+
+    gaussians, key, full_at = trained(observation, views, rasteriser, job.settings, stages, say)
+    seconds = time.perf_counter() - start
+    record = stages.path("trained", key, ".json")
+    if not said and record.exists():
+        found: dict[str, Any] = read_json(record)
+        return found
+    test = view_psnr(gaussians, test_views(views), rasteriser)
+    train = view_psnr(gaussians, train_views(views)[::8], rasteriser)
+    peak = torch.cuda.max_memory_allocated(rasteriser.device) / 2**30 if rasteriser.device.type == "cuda" else 0.0
+    out: dict[str, Any] = {
+        "key": job.key, "seconds": round(seconds, 1), "gaussians": len(gaussians), "memory_full_at": full_at,
+        "test_psnr": [round(value, 2) for value in test], "train_psnr": [round(value, 2) for value in train],
+        "median_test_psnr": round(float(np.median(test)), 2), "peak_gib": round(peak, 2),
+        "history": said[:: max(1, len(said) // 12)],
+    }  # fmt: skip
+    write_json(record, out)
+    context.report("done", json.dumps({name: value for name, value in out.items() if name != "history"}))
     return out
+
+
+def train_all(
+    dataset: Dataset, work: Path, settings: TrainingSettings, devices: tuple[str, ...], only: tuple[str, ...]
+) -> dict[str, Any]:
+    """Train every observation; the record for training.json.
+
+    Raises:
+        Avs3dError: if a training failed, after all others are done.
+    """
+    import torch
+
+    from baselines.echosegnet.jobs import run_each, spread
+    from baselines.echosegnet.rasterise import default_rasteriser
+
+    keys = [observation.key for observation in dataset.select(*only)]
+    workers = spread(devices, len(keys))
+    for device in dict.fromkeys(workers):
+        default_rasteriser(device)
+    start = time.perf_counter()
+    jobs = [TrainJob(dataset.root.absolute(), key, work.absolute(), settings, workers) for key in keys]
+    outcome = run_each(train_one, jobs, workers, progress=True)
+    outcome.check(work)
+    found = sorted(outcome.values, key=lambda entry: str(entry["key"]))
+    return {
+        "hardware": torch.cuda.get_device_name() if torch.cuda.is_available() else platform.processor(),
+        "devices": len(set(devices)), "workers": len(workers), "torch": torch.__version__,
+        "iterations": settings.iterations, "max_gaussians": settings.density.max_gaussians,
+        "max_screen": settings.density.max_screen, "observations": found,
+        "training_seconds": round(time.perf_counter() - start, 1),
+        "median_test_psnr": float(np.median([entry["median_test_psnr"] for entry in found])),
+    }  # fmt: skip
 
 
 @click.command()
@@ -77,6 +133,9 @@ def train_some(root: Path, work: Path, iterations: int, share: tuple[str, tuple[
 @click.option("-o", "--output", type=click.Path(path_type=Path), required=True)
 @click.option("--work", type=click.Path(path_type=Path), required=True)
 @click.option("--iterations", default=30_000, show_default=True)
+@click.option("--max-gaussians", type=int, default=None, help="A cap on the number of Gaussians [none].")
+@click.option("--no-screen-pruning", is_flag=True, help="As the reference's code in effect trains (its issue 123).")
+@click.option("--device", "devices", multiple=True, help="As `avs3d baseline echosegnet`: repeat to share [all].")
 @click.option("--only", multiple=True)
 @click.option("--sweep", default=None, help="Key of the observation of Table 3.")
 @click.option("--train-only", is_flag=True, help="Stop after the training.")
@@ -86,37 +145,32 @@ def main(
     output: Path,
     work: Path,
     iterations: int,
+    max_gaussians: int | None,
+    no_screen_pruning: bool,
+    devices: tuple[str, ...],
     only: tuple[str, ...],
     sweep: str | None,
     runs: tuple[str, ...],
     train_only: bool,
 ) -> None:
     """Run everything on the observations of ROOT."""
-    import torch
-
+    from baselines.echosegnet.densify import DensityControl
+    from baselines.echosegnet.jobs import all_devices
     from baselines.echosegnet.pipeline import Settings
-    from baselines.echosegnet.run import all_devices, write_echosegnet, write_sweep
+    from baselines.echosegnet.run import write_echosegnet, write_sweep
     from baselines.echosegnet.sources import OracleMasks
-    from baselines.echosegnet.train import TrainingSettings
     from evaluators import evaluate
 
-    dataset, devices = Dataset(root), all_devices()
-    keys = [observation.key for observation in dataset.select(*only)]
-    shares = [(device, tuple(keys[start :: len(devices)])) for start, device in enumerate(devices)]
-    shares = [share for share in shares if share[1]]
-    start = time.perf_counter()
-    found = process_each(partial(train_some, root, work, iterations), shares, workers=len(shares))
-    trained = sorted((entry for _, entries in found for entry in entries), key=lambda entry: str(entry["key"]))
-    record: dict[str, object] = {
-        "hardware": torch.cuda.get_device_name() if torch.cuda.is_available() else platform.processor(),
-        "devices": len(devices), "torch": torch.__version__, "iterations": iterations, "observations": trained,
-        "training_seconds": round(time.perf_counter() - start, 1),
-        "median_test_psnr": float(np.median([entry["median_test_psnr"] for entry in trained])),  # type: ignore[arg-type]
-    }  # fmt: skip
+    dataset, devices = Dataset(root), devices or all_devices()
+    density = DensityControl(max_gaussians=max_gaussians, max_screen=None if no_screen_pruning else 20.0)
+    settings = Settings(training=TrainingSettings(iterations=iterations, density=density))
+    try:
+        record = train_all(dataset, work, settings.training, devices, only)
+    except Avs3dError as error:
+        raise click.ClickException(str(error)) from None
     write_json(output / "training.json", record)
     if train_only:
         return
-    settings = Settings(training=TrainingSettings(iterations=iterations))
     times: dict[str, float] = {}
     for name in runs:
         instance, variant, refine = RUNS[name]
@@ -146,4 +200,7 @@ def main(
 
 
 if __name__ == "__main__":
-    main()
+    # The module under its own name: worker processes find `train_one` there.
+    from benchmarks.results import main as _main
+
+    _main()

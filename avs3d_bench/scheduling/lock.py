@@ -14,7 +14,8 @@ import secrets
 import shlex
 import socket
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from datetime import datetime
@@ -28,6 +29,8 @@ from avs3d_bench.staging import try_lock
 
 #: How often to try again when a holder removes the file that we are about to lock.
 _TRIES = 50
+#: Between two looks at whether a lock is free, seconds.
+_PAUSE = 0.2
 
 
 @dataclass(frozen=True)
@@ -87,6 +90,33 @@ def held(root: Path, what: str = "avs3d generate") -> Iterator[Holder]:
     finally:
         with suppress(OSError):  # while we still hold the lock: nobody else's file is removed
             path.unlink()
+        os.close(handle)
+
+
+@contextmanager
+def turn(path: Path, waiting: Callable[[], None] = lambda: None) -> Iterator[None]:
+    """Hold the lock file ``path``, after waiting until no other process holds it; the file stays.
+
+    For what several processes need and one should make, such as compiled kernels: who comes second finds it made.
+    Where files cannot be written or locked there, nobody waits.
+
+    Args:
+        path: of the file; missing folders are made.
+        waiting: called once if another process holds it.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError:
+        yield
+        return
+    try:
+        if try_lock(handle) is False:
+            waiting()
+            while try_lock(handle) is False:
+                time.sleep(_PAUSE)
+        yield
+    finally:
         os.close(handle)
 
 

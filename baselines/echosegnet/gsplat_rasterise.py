@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import Any
 
 import torch
@@ -10,6 +9,7 @@ from torch import Tensor
 
 from avs3d_bench.errors import Avs3dError
 from baselines.echosegnet.gaussians import Gaussians
+from baselines.echosegnet.kernels import gsplat
 from baselines.echosegnet.rendering import BLUR, NEAR, CameraCache, Rendering, Splat, compose
 from baselines.echosegnet.views import View
 
@@ -26,14 +26,7 @@ class GsplatRasteriser:
         self._device = torch.device(device)
         if self._device.type != "cuda" or not torch.cuda.is_available():
             raise Avs3dError(f"gsplat draws on CUDA, and device {str(device)!r} is none here; use --device cpu")
-        try:
-            rasterization = import_module("gsplat").rasterization
-            kernels = import_module("gsplat.cuda._backend")._C
-        except ImportError as error:
-            raise Avs3dError(f"gsplat cannot be imported ({error}); pip install gsplat, or use --device cpu") from None
-        if kernels is None:
-            raise Avs3dError("gsplat has no CUDA kernels: install a CUDA toolkit and gsplat again, or use --device cpu")
-        self._rasterization = rasterization
+        self._rasterization = gsplat().rasterization
         self._cameras = CameraCache()
 
     @property

@@ -2,29 +2,28 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterable, Sequence
-from contextlib import closing
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
-
-import torch
 
 from avs3d_bench.cli import missing_extra
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.provenance import provenance
 from avs3d_bench.scheduling.errors import UnfitError
-from avs3d_bench.scheduling.options import Options, scheduler_of
+from avs3d_bench.scheduling.options import Options
 from avs3d_bench.scheduling.software import check_software
-from avs3d_bench.scheduling.tasks import Context, Event, Failure, Task
+from avs3d_bench.scheduling.tasks import Context
 from avs3d_bench.schema import Scalar
 from avs3d_bench.submission import SubmissionFolder, SubmissionWriter
+from baselines.echosegnet.jobs import all_devices, device_of, run_each, spread
 from baselines.echosegnet.pipeline import Settings, predict
-from baselines.echosegnet.rasterise import Rasteriser, default_rasteriser
+from baselines.echosegnet.rasterise import default_rasteriser
 from baselines.echosegnet.sources import MaskSource
 from baselines.echosegnet.train import Report
+
+__all__ = ["SWEEP", "Job", "all_devices", "method_name", "predict_one", "runtime_of", "write_echosegnet", "write_sweep"]
 
 #: What makes a prediction (see `avs3d_bench.provenance`).
 METHOD = (
@@ -34,10 +33,6 @@ METHOD = (
 )
 #: The voting thresholds of the paper's Table 3.
 SWEEP = tuple(round(0.1 * step, 1) for step in range(9, 0, -1))
-
-
-#: An observation takes minutes; one that takes longer than this hangs, seconds.
-LIMIT = 6 * 3600.0
 
 
 @dataclass(frozen=True)
@@ -50,7 +45,7 @@ class Job:
         targets: settings → where their masks and points go.
         source: of the train frames' masks.
         work: folder of intermediate results.
-        devices: what the tasks of a machine share, e.g. ``("cuda:0", "cuda:1")``; empty: every device it has.
+        devices: of the machine's workers (`jobs.spread`), e.g. ``("cuda:0", "cuda:1")``; empty: every device it has.
         software: versions that a worker must have; empty where workers are processes of this machine.
     """
 
@@ -68,12 +63,6 @@ def software() -> dict[str, str]:
     return provenance(*METHOD).versions
 
 
-def all_devices() -> tuple[str, ...]:
-    """Every CUDA device, else the CPU."""
-    count = torch.cuda.device_count() if torch.cuda.is_available() else 0
-    return tuple(f"cuda:{index}" for index in range(count)) or ("cpu",)
-
-
 def method_name(settings: Settings, source: MaskSource) -> str:
     """E.g. ``EchoSegnet, spatial, masks: oracle (category)``."""
     kind = settings.variant if settings.refine else f"{settings.variant} without AISRM"
@@ -89,6 +78,7 @@ def runtime_of(settings: Settings, source: MaskSource) -> dict[str, Scalar]:
         "masks": source.name,
         "voting_threshold": settings.voting_threshold,
         "iterations": settings.training.iterations,
+        "max_gaussians": settings.training.density.max_gaussians,
         "seed": settings.training.seed,
     }
 
@@ -114,8 +104,9 @@ def write_echosegnet(
         source: of the train frames' 2D masks.
         settings: of the pipeline.
         work: folder of intermediate results; a second run with other settings reuses what they do not change.
-        devices: of this machine, e.g. ``("cuda:0", "cuda:1")``: one process each; with one device and no time limit,
-            in this process. Dask workers use the devices that they have.
+        devices: of this machine, e.g. ``("cuda:0", "cuda:1")``: one process each; one that is named twice works on two
+            observations at a time. With one device and no time limit, in this process. Dask workers use the devices
+            that they have.
         only: shell patterns of observation keys.
         overwrite: take the place of a submission that stands there.
         progress: report on stderr.
@@ -123,7 +114,8 @@ def write_echosegnet(
 
     Raises:
         UsageError: if no observation matches, the target is not free, or a device does not exist.
-        Avs3dError: if something that the pipeline needs is missing, damaged or too large.
+        Avs3dError: if something that the pipeline needs is missing, damaged or too large. The other observations are
+            done all the same, and a rerun with the same ``work`` takes them from there.
     """
     writer = _writer(dataset, path, source, settings, only, overwrite)
     with writer:
@@ -131,7 +123,11 @@ def write_echosegnet(
             writer.observations, dataset, ((settings, writer.folder),), source, work, devices, progress, scheduling
         )
         seconds = sum(float(figure[name] or 0) for figure in figures for name in figure if name.endswith("_seconds"))
-        writer.set_runtime(runtime_of(settings, source) | {"seconds": round(seconds, 1)})
+        grown = {
+            "gaussians": max(int(figure["gaussians"] or 0) for figure in figures),
+            "stopped_by_memory": sum(figure["memory_full_at"] is not None for figure in figures),
+        }
+        writer.set_runtime(runtime_of(settings, source) | grown | {"seconds": round(seconds, 1)})
     return writer
 
 
@@ -192,46 +188,19 @@ def _run(
 ) -> list[dict[str, Scalar]]:
     options = scheduling or Options()
     here = options.address is None and options.jobqueue is None
+    workers = spread(devices, len(observations))
     if here:
-        for device in devices:
-            default_rasteriser(device)  # a device that is not there is named before anything starts
-    mine = tuple(devices) if here else ()
+        for device in dict.fromkeys(workers):
+            default_rasteriser(device)  # a device that is not there is named, and kernels compiled, before all else
+    mine = workers if here else ()
     wanted = () if here else tuple(software().items())
     jobs = [
         Job(dataset.root.absolute(), observation.key, targets, source, Path(work).absolute(), mine, wanted)
         for observation in observations
     ]
-
-    def say(kind: str, text: str) -> None:
-        if progress:
-            print("  ".join(filter(None, (kind, text))), file=sys.stderr)
-
-    if not options.remote and len(devices) == 1 and options.time_limit is None:
-        return [predict_one(Context(0, lambda _, text: say("", text)), job) for job in jobs]
-
-    def listen(event: Event) -> None:
-        say("" if event.kind in ("training", "done") else event.kind, event.text)
-
-    tasks = [Task(job.key, predict_one, (job,), limit=options.limit(LIMIT)) for job in jobs]
-    figures: list[dict[str, Scalar]] = []
-    failed: list[Failure] = []
-    gpus = any(device != "cpu" for device in devices)
-    with scheduler_of(options, min(len(devices), len(jobs)), gpus=gpus) as pool:
-        results = pool.run(tasks, options.policy(one_thread=False), listen)
-        with closing(results):
-            for result in results:
-                if isinstance(result, Failure):
-                    failed.append(result)
-                    say("failed", f"{result.task.name}: {result.message}")
-                    if options.max_failures is not None and len(failed) > options.max_failures:
-                        break
-                else:
-                    figures.append(result.value)
-    if failed:
-        more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
-        text, key = failed[0].message, failed[0].task.name
-        raise Avs3dError((text if key in text else f"{key}: {text}") + more)
-    return figures
+    outcome = run_each(predict_one, jobs, workers, progress=progress, scheduling=scheduling)
+    outcome.check(Path(work))
+    return outcome.values
 
 
 def predict_one(context: Context, job: Job) -> dict[str, Scalar]:
@@ -239,8 +208,7 @@ def predict_one(context: Context, job: Job) -> dict[str, Scalar]:
     try:
         if job.software:
             check_software(software(), dict(job.software))
-        devices = job.devices or all_devices()
-        rasteriser = _rasteriser(devices[context.slot % len(devices)])
+        rasteriser = device_of(context, job.devices)
         observation = Observation(job.root, job.key)
         figures: dict[str, Scalar] = {}
         for settings, folder in job.targets:
@@ -250,7 +218,8 @@ def predict_one(context: Context, job: Job) -> dict[str, Scalar]:
                 folder.write_mask(frame, prediction.masks[frame.name])
             folder.write_points(observation, prediction.points)
             figures = {"key": job.key, **prediction.figures}
-            said = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in prediction.figures.items())
+            told = {name.replace("_", " "): value for name, value in prediction.figures.items() if value is not None}
+            said = ", ".join(f"{name} {value}" for name, value in told.items())
             context.report("done", f"{job.key}: {said}")
         return figures
     except ModuleNotFoundError as error:
@@ -258,11 +227,6 @@ def predict_one(context: Context, job: Job) -> dict[str, Scalar]:
     except Avs3dError as error:
         text = str(error)
         raise type(error)(text if job.key in text else f"{job.key}: {text}") from None
-
-
-@lru_cache(maxsize=1)
-def _rasteriser(device: str) -> Rasteriser:
-    return default_rasteriser(device)
 
 
 #: Iterations between two lines of progress.
