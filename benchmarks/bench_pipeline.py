@@ -16,6 +16,7 @@ from typing import Any
 from unittest.mock import patch
 
 from avs3d_bench.parallel import available_cores
+from generators import hearing
 from generators import observation as story
 from generators.folders import default_cache
 from generators.homes import prepare_home
@@ -29,16 +30,23 @@ REPEATS = 5
 
 
 @contextmanager
-def timed_engines(spent: dict[str, float]) -> Iterator[None]:
-    """Add the CPU seconds inside each engine to ``spent``: rendering, impulse responses, convolution, encoding."""
+def timed_engines(spent: dict[str, float], wall: dict[str, float] | None = None) -> Iterator[None]:
+    """Add the CPU seconds inside each engine to ``spent``: rendering, impulse responses, convolution, encoding.
+
+    Args:
+        spent: gets CPU seconds of this process.
+        wall: gets wall seconds.
+    """
 
     def timed(name: str, call: Callable[..., Any]) -> Callable[..., Any]:
         def wrapper(*args: Any, **kwargs: Any) -> Any:
-            start = time.process_time()
+            start, begun = time.process_time(), time.perf_counter()
             try:
                 return call(*args, **kwargs)
             finally:
                 spent[name] += time.process_time() - start
+                if wall is not None:
+                    wall[name] += time.perf_counter() - begun
 
         return wrapper
 
@@ -61,10 +69,11 @@ def timed_engines(spent: dict[str, float]) -> Iterator[None]:
     with (
         patch.object(story, "vision_backend", backend(story.vision_backend, "render", "render")),
         patch.object(
-            story, "acoustic_backend", backend(story.acoustic_backend, "impulse_response", "impulse response")
+            hearing, "acoustic_backend", backend(hearing.acoustic_backend, "impulse_response", "impulse response")
         ),
-        patch.object(story, "binaural_clip", timed("convolve", story.binaural_clip)),
-        patch.object(story.ObservationWriter, "add_frame", timed("encode", story.ObservationWriter.add_frame)),
+        patch.object(hearing, "binaural_clip", timed("convolve", hearing.binaural_clip)),
+        patch.object(story.ObservationWriter, "add_pictures", timed("encode", story.ObservationWriter.add_pictures)),
+        patch.object(story.ObservationWriter, "add_sound", timed("encode", story.ObservationWriter.add_sound)),
         patch.object(story.ObservationWriter, "add_mono", timed("encode", story.ObservationWriter.add_mono)),
     ):
         yield

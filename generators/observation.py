@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
@@ -24,12 +24,12 @@ from avs3d_bench.schema import (
     SoundRecord,
     VisionRecord,
 )
-from generators.acoustics.base import AcousticSession
-from generators.acoustics.clips import GAIN, binaural_clip, check_clip, mono_clip, moving_clip, rms
+from generators.acoustics.clips import GAIN, check_clip, mono_clip, rms
 from generators.acoustics.decay import reverberation_time
 from generators.arrangement import arrange, draw_sounding, file_licence
 from generators.assets.sounds import load_sound, synthesise
 from generators.backends import acoustic_backend, vision_backend
+from generators.hearing import PRE_ROLL, Listening, heard
 from generators.homes import open_home
 from generators.library import open_asset
 from generators.placement import Placement
@@ -37,13 +37,12 @@ from generators.plan import ObservationPlan, resolve_file
 from generators.scenes.scene import Licence
 from generators.stage import Camera, Stage
 from generators.surface_points import SurfaceSampler
+from generators.vision.base import Frame
 from generators.watcher import line_of_sight
 from generators.writer import ObservationWriter
 
 #: Impulse responses from which an observation's reverberation time is read.
 T30_RESPONSES = 8
-#: Seconds of the source before the first frame, so that the first clip holds reverberation too.
-PRE_ROLL = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +55,12 @@ class Sound:
 
 
 def generate_observation(
-    plan: ObservationPlan, root: Path, cache: Path, on_frame: Callable[[int], None] = lambda _: None
+    plan: ObservationPlan,
+    root: Path,
+    cache: Path,
+    on_frame: Callable[[int], None] = lambda _: None,
+    *,
+    threads: int = 1,
 ) -> ObservationRecord:
     """Make one observation below ``root``; nothing appears under its final name before it is whole.
 
@@ -65,6 +69,8 @@ def generate_observation(
         root: the dataset's folder.
         cache: folder of baked homes.
         on_frame: called with the index of each finished frame.
+        threads: that many frames are rendered at the same time, with the sound in another process beside, where more
+            than 1; the bytes are the same.
 
     Returns:
         The record that was written as observation.json.
@@ -86,30 +92,39 @@ def generate_observation(
     intrinsics = Intrinsics.from_fov(camera.size, camera.hfov)
     sound_engine = acoustic_backend(plan.audio, absorption_scale=spec.acoustics.absorption_scale)
     sound = choose_sound(plan)
+    seconds = range(len(poses) + 1 if stage.moves else 1)
+    listening = Listening(
+        backend=plan.audio,
+        absorption_scale=spec.acoustics.absorption_scale,
+        scene=stage.scene(0),
+        room=spec.room,
+        samples=sound.samples,
+        poses=tuple(poses),
+        sources=tuple(stage.source(second).source_position for second in seconds),
+    )
     points = SurfaceSampler(intrinsics, plan.rng("points"))
     frames: list[FrameRecord] = []
     clips: list[NDArray[np.float32]] = []
     decays: list[NDArray[np.float32]] = []
-    with ObservationWriter(root / plan.key, depth=plan.depth, rirs=plan.rirs) as writer:
-        view = Camera(sight, stage, intrinsics)
-        start = stage.source(0).source_position
-        hearing = sound_engine.open(stage.scene(0), start, room=spec.room, sample_rate=layout.SAMPLE_RATE)
-        try:
-            for index, pose in enumerate(poses):
-                frame = view.render(index, pose)
-                clip, response = hear(hearing, stage, sound, index, pose)
-                check_clip(clip, f"{plan.key}, frame {index}")
-                mask = frame.instance_ids == sounding
-                writer.add_frame(index, frame, mask, clip, response)
-                points.add(frame, pose, instances=not stage.moves)
-                clips.append(clip)
-                if index % max(1, len(poses) // T30_RESPONSES) == 0:
-                    decays.append(response)
-                frames.append(describe_frame(index, pose, mask, clip, stage))
-                on_frame(index)
-        finally:
-            hearing.close()
-            view.close()
+    with (
+        ObservationWriter(root / plan.key, depth=plan.depth, rirs=plan.rirs) as writer,
+        closing(Camera(sight, stage, intrinsics)) as view,
+        heard(listening, beside=threads > 1) as sounds,
+    ):
+
+        def write_pictures(index: int, frame: Frame) -> None:
+            writer.add_pictures(index, frame, frame.instance_ids == sounding)
+
+        pictures = view.frames(poses, write_pictures, threads)
+        for index, (pose, frame, (clip, response)) in enumerate(zip(poses, pictures, sounds, strict=False)):
+            check_clip(clip, f"{plan.key}, frame {index}")
+            writer.add_sound(index, clip, response)
+            points.add(frame, pose, instances=not stage.moves)
+            clips.append(clip)
+            if index % max(1, len(poses) // T30_RESPONSES) == 0:
+                decays.append(response)
+            frames.append(describe_frame(index, pose, frame.instance_ids == sounding, clip, stage))
+            on_frame(index)
         for index in range(len(clips)):
             writer.add_mono(index, mono_clip(clips, index))
         writer.add_model(intrinsics, poses, points.link(poses, stage.hidden))
@@ -144,24 +159,6 @@ def generate_observation(
                 files={},
             )
         )
-
-
-def hear(
-    hearing: AcousticSession, stage: Stage, sound: Sound, index: int, pose: Pose
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """The clip (2, 44100) of a frame, and the impulse response (2, n) from where the source is at its beginning."""
-    if not stage.moves:
-        response = hearing.impulse_response(pose)
-        return binaural_clip(sound.samples, response, index + PRE_ROLL), response
-    # Before the first frame it stands where it begins.
-    seconds = range(max(index - 1, 0), index + 2)
-    places = [stage.source(second).source_position for second in seconds]
-    responses = []
-    for place_then in places:
-        hearing.move_source(place_then)
-        responses.append(hearing.impulse_response(pose))
-    distances = [math.dist(place_then, pose.position) for place_then in places]
-    return moving_clip(sound.samples, responses, distances, index + PRE_ROLL), responses[-2]
 
 
 def choose_sound(plan: ObservationPlan) -> Sound:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from queue import SimpleQueue
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +20,9 @@ from generators.vision.base import Frame, VisionBackend, VisionSession
 from generators.vision.rays import RayCaster
 
 Array = NDArray[np.float64]
+
+#: Frames in flight per thread: enough that no thread waits for the one that consumes them, few enough for the memory.
+_AHEAD = 2
 
 
 class Stage:
@@ -78,11 +84,58 @@ class Camera:
 
     def render(self, second: int, pose: Pose) -> Frame:
         """What is seen from ``pose`` at the beginning of a second."""
+        return self._open(second).render(pose)
+
+    def _open(self, second: int) -> VisionSession:
         scene = self._stage.scene(second)
         if self._session is None or scene is not self._scene:
             self.close()
             self._session, self._scene = self._backend.open(scene, self._intrinsics), scene
-        return self._session.render(pose)
+        return self._session
+
+    def frames(self, poses: Sequence[Pose], then: Callable[[int, Frame], None], threads: int = 1) -> Iterator[Frame]:
+        """Yield the frame of each second in order, after ``then(second, frame)`` has run on it.
+
+        Args:
+            poses: of the camera at the beginning of each second.
+            then: work on a frame, done in the thread that has drawn it.
+            threads: that many frames are drawn at the same time where the renderer can and nothing moves; the frames
+                are the same.
+        """
+        sessions: SimpleQueue[VisionSession] = SimpleQueue()
+        if threads > 1 and not self._stage.moves and poses:
+            first = self._open(0)
+            shared = [session for _ in range(threads) if (session := first.share()) is not None]
+            for session in shared:
+                sessions.put(session)
+        if sessions.empty():
+            for second, pose in enumerate(poses):
+                frame = self.render(second, pose)
+                then(second, frame)
+                yield frame
+            return
+
+        def draw(second: int, pose: Pose) -> Frame:
+            session = sessions.get()
+            try:
+                frame = session.render(pose)
+            finally:
+                sessions.put(session)
+            then(second, frame)
+            return frame
+
+        ahead: deque[Future[Frame]] = deque()
+        with ThreadPoolExecutor(threads) as pool:
+            try:
+                for second, pose in enumerate(poses):
+                    ahead.append(pool.submit(draw, second, pose))
+                    if len(ahead) >= _AHEAD * threads:
+                        yield ahead.popleft().result()
+                while ahead:
+                    yield ahead.popleft().result()
+            finally:
+                for waiting in ahead:
+                    waiting.cancel()
 
     def close(self) -> None:
         """Free what the renderer holds."""

@@ -47,8 +47,8 @@ def prepare(context: Context, plan: ObservationPlan, place: Place, threads: int)
         _warm_up(plan.vision)
 
 
-def make_observation(context: Context, plan: ObservationPlan, place: Place) -> str:
-    """Make one observation.
+def make_observation(context: Context, plan: ObservationPlan, place: Place, threads: int) -> str:
+    """Make one observation, rendering with ``threads``.
 
     Returns:
         a line about it.
@@ -57,7 +57,9 @@ def make_observation(context: Context, plan: ObservationPlan, place: Place) -> s
         _warm_up(plan.vision)
         started = time.perf_counter()
         context.report("start", str(plan.camera.frames))
-        record = generate_observation(plan, place.root, place.cache, lambda index: context.report("frame", str(index)))
+        record = generate_observation(
+            plan, place.root, place.cache, lambda index: context.report("frame", str(index)), threads=threads
+        )
     visible = sum(frame.visible_pixels > 0 for frame in record.frames)
     return (
         f"{record.category}, {len(record.instances)} objects, visible in {visible} of {len(record.frames)} frames, "

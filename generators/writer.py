@@ -78,26 +78,22 @@ class ObservationWriter:
     ) -> None:
         shutil.rmtree(self._partial, ignore_errors=True)
 
-    def add_frame(
-        self,
-        index: int,
-        frame: Frame,
-        mask: NDArray[np.bool_],
-        clip: NDArray[np.float32],
-        response: NDArray[np.float32],
-    ) -> None:
-        """Write everything of frame ``index`` but its mono clip: ``clip`` is (2, 44100), ``response`` (2, n)."""
+    def add_pictures(self, index: int, frame: Frame, mask: NDArray[np.bool_]) -> None:
+        """Write the pictures of frame ``index``; several threads may write different frames."""
         here = self._partial
         picture = here / layout.image_path(layout.INPUT, index)
         media.write_png_rgb(picture, frame.rgb)
         files.link_or_copy(picture, here / layout.image_path(layout.IMAGES, index))
         media.write_png_mask(here / layout.image_path(layout.SEMANTIC_MASKS, index), mask)
         media.write_png_ids(here / layout.image_path(layout.INSTANCE_MASKS, index), frame.instance_ids)
-        media.write_wav(here / layout.audio_path(layout.BINAURAL, index), clip)
         if self._depth:
             media.write_png_depth_mm(here / layout.image_path(layout.DEPTH, index), frame.depth)
+
+    def add_sound(self, index: int, clip: NDArray[np.float32], response: NDArray[np.float32]) -> None:
+        """Write the binaural clip (2, 44100) of frame ``index``, and its impulse response (2, n) if it is kept."""
+        media.write_wav(self._partial / layout.audio_path(layout.BINAURAL, index), clip)
         if self._rirs:
-            media.write_rir(here / layout.rir_path(index), response)
+            media.write_rir(self._partial / layout.rir_path(index), response)
         self._frames = max(self._frames, index + 1)
 
     def add_mono(self, index: int, clip: NDArray[np.float32]) -> None:

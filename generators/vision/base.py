@@ -35,7 +35,14 @@ class VisionSession(Protocol):
     """An open scene."""
 
     def render(self, pose: Pose) -> Frame:
-        """Render the scene from ``pose``; the same pose gives the same bytes."""
+        """Render the scene from ``pose``; the same pose gives the same bytes. For one thread at a time."""
+        ...
+
+    def share(self) -> VisionSession | None:
+        """A session of the same open scene for another thread at the same time; None if the renderer has none.
+
+        It is valid while this one is open.
+        """
         ...
 
     def close(self) -> None:

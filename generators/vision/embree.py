@@ -6,6 +6,7 @@ the colour inside surfaces. Only pixels at edges are shot again, with several ra
 
 from __future__ import annotations
 
+import copy
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
@@ -58,7 +59,7 @@ class EmbreeBackend:
 
 
 class EmbreeSession:
-    """An open scene. Not for several threads at once: frames share working memory."""
+    """An open scene. For one thread at a time, since frames share working memory; `share` serves another thread."""
 
     def __init__(self, scene: Scene, intrinsics: Intrinsics) -> None:
         _check_camera(intrinsics)
@@ -72,11 +73,15 @@ class EmbreeSession:
         self._thin = triangles[thin_faces(triangles, tables.normal, self._embree)]
         self._tone = tone_table()
         self._srgb = srgb_table()
-        pixels = intrinsics.width * intrinsics.height
         self._rows = max(1, CHUNK // intrinsics.width)
-        self._face = np.empty(pixels, dtype=np.int32)
-        self._directions = np.empty((max(CHUNK, intrinsics.width), 3), dtype=np.float32)
-        self._light = np.empty((max(CHUNK, intrinsics.width), 3), dtype=np.float32)
+        self._allocate()
+
+    def _allocate(self) -> None:
+        """Make the working memory of a frame."""
+        width, height = self._intrinsics.width, self._intrinsics.height
+        self._face = np.empty(width * height, dtype=np.int32)
+        self._directions = np.empty((max(CHUNK, width), 3), dtype=np.float32)
+        self._light = np.empty((max(CHUNK, width), 3), dtype=np.float32)
 
     def render(self, pose: Pose) -> Frame:
         """Render the scene from ``pose``; the same pose gives the same bytes.
@@ -98,6 +103,12 @@ class EmbreeSession:
             depth=depth.reshape(height, width),
             instance_ids=ids.reshape(height, width),
         )
+
+    def share(self) -> EmbreeSession:
+        """The same scene and tables with working memory of its own: Embree and the kernels only read them."""
+        other = copy.copy(self)
+        other._allocate()
+        return other
 
     def close(self) -> None:
         """Free what the session holds; closing twice is fine."""

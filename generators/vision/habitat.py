@@ -155,6 +155,10 @@ class HabitatSession:
             raise Avs3dError(f"habitat-sim rendered {rgb.shape}, {depth.shape}, {ids.shape}; expected {self._shape}")
         return Frame(rgb=rgb, depth=depth, instance_ids=ids)
 
+    def share(self) -> None:
+        """None: habitat-sim draws one frame at a time."""
+        return
+
     def close(self) -> None:
         """End the worker and remove its files; closing twice is fine."""
         self._client.close()
