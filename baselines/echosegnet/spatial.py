@@ -169,37 +169,77 @@ def judge(
 ) -> SpatialChoice:
     """`choose` with the cues already read: camera-to-world rotations (V, 3, 3) and positions (V, 3) of their views."""
     points, labels = clusters.checked(points, labels)
+    evidence = gather(points, labels, rotation, position, cues)
+    if not len(evidence.labels):
+        empty = np.zeros(0)
+        chosen = np.zeros(len(points), np.bool_)
+        return SpatialChoice(chosen, evidence.labels, empty, empty, -1, np.nan, np.nan, 0.0, 0)
+    joint, posterior = evidence.weigh(weights or CueWeights())
+    best = int(posterior.argmax())
+    scale_weight = np.exp(joint[:, best] - logsumexp(joint[:, best]))
+    gain = evidence.gain[evidence.start[best] : evidence.start[best + 1]]
+    return SpatialChoice(
+        chosen=labels == evidence.labels[best],
+        labels=evidence.labels,
+        scores=_log_mean(joint.T),
+        posterior=posterior,
+        best=best,
+        head_scale=float(scale_weight @ HEAD_SCALES) if cues.phasors.any() else np.nan,
+        ild_gain=float(gain.mean()) if gain.size else np.nan,
+        concentration=evidence.concentration,
+        heard=int(cues.heard.sum()),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """The likelihoods of each cue before they are weighed, at P points spread over K clusters.
+
+    Attributes:
+        labels: (K,) the clusters' labels, ascending.
+        count: (K,) points of each cluster.
+        start: (K + 1,) where each cluster's points begin among the P.
+        resultant: (S, P) sum over the views of the phasors' resultants, for every head scale.
+        concentration: κ of the interaural phase.
+        ild: (P,) log-likelihood of the level differences.
+        level: (P,) log-likelihood of the loudness.
+        gain: (P, B) fitted ILD over the sphere's.
+    """
+
+    labels: NDArray[np.int64]
+    count: NDArray[np.int64]
+    start: NDArray[np.int64]
+    resultant: Array
+    concentration: float
+    ild: Array
+    level: Array
+    gain: Array
+
+    def weigh(self, weights: CueWeights) -> tuple[Array, Array]:
+        """Joint log-likelihood of every head scale and cluster (S, K), and the clusters' posterior (K,)."""
+        phase = weights.phase * self.concentration * self.resultant
+        rest = weights.ild_beside(self.concentration) * self.ild + weights.level * self.level
+        joint = np.stack([_log_mean(phase[:, a:b] + rest[a:b]) for a, b in pairwise(self.start)], axis=1)
+        log_posterior = _log_mean(joint.T) + np.log(self.count)
+        return joint, np.exp(log_posterior - logsumexp(log_posterior))
+
+
+def gather(
+    points: NDArray[np.floating], labels: NDArray[np.integer], rotation: Array, position: Array, cues: binaural.Cues
+) -> Evidence:
+    """The evidence of ``cues`` for every cluster; shapes as in `judge`."""
     found, count = np.unique(labels[labels >= 0], return_counts=True)
     if not len(found):
-        empty = np.zeros(0)
-        return SpatialChoice(np.zeros(len(points), np.bool_), found, empty, empty, -1, np.nan, np.nan, 0.0, 0)
+        none = np.zeros(0)
+        return Evidence(found, count, np.zeros(1, np.int64), none, 0.0, none, none, none)
     spread = [clusters.representatives(points[labels == label]) for label in found]
     start = np.concatenate([[0], np.cumsum([len(s) for s in spread])])
     offset = np.concatenate(spread)[:, None, :] - position
     lateral = binaural.lateral_angle(np.einsum("pvi,vij->pvj", offset, rotation))
     distance = np.linalg.norm(offset, axis=-1)
-
-    weights = weights or CueWeights()
-    phase, kappa = _phase_likelihood(cues, lateral, weights.phase)  # (S, P)
+    resultant, kappa = _resultants(cues, lateral)
     ild, gain = _ild_likelihood(cues, lateral)
-    rest = weights.ild_beside(kappa) * ild + weights.level * _level_likelihood(cues, distance)
-    joint = np.stack([_log_mean(phase[:, a:b] + rest[a:b]) for a, b in pairwise(start)], axis=1)
-    scores = _log_mean(joint.T)
-    log_posterior = scores + np.log(count)
-    posterior = np.exp(log_posterior - logsumexp(log_posterior))
-    best = int(posterior.argmax())
-    scale_weight = np.exp(joint[:, best] - logsumexp(joint[:, best]))
-    return SpatialChoice(
-        chosen=labels == found[best],
-        labels=found,
-        scores=scores,
-        posterior=posterior,
-        best=best,
-        head_scale=float(scale_weight @ HEAD_SCALES) if cues.phasors.any() else np.nan,
-        ild_gain=float(gain[start[best] : start[best + 1]].mean()) if gain.size else np.nan,
-        concentration=kappa,
-        heard=int(cues.heard.sum()),
-    )
+    return Evidence(found, count, start, resultant, kappa, ild, _level_likelihood(cues, distance), gain)
 
 
 def _listeners(views: Sequence[Pose], clips: NDArray[np.floating]) -> tuple[Array, Array, NDArray[np.floating]]:
@@ -218,8 +258,8 @@ def _listeners(views: Sequence[Pose], clips: NDArray[np.floating]) -> tuple[Arra
     return rotation, position, clips[order]
 
 
-def _phase_likelihood(cues: binaural.Cues, lateral: Array, weight: float) -> tuple[Array, float]:
-    """(S, P) log-likelihood for every head scale and point (lateral (P, V)), and the concentration κ."""
+def _resultants(cues: binaural.Cues, lateral: Array) -> tuple[Array, float]:
+    """(S, P) sum of the resultants for every head scale and point (lateral (P, V)), and the concentration κ."""
     place = (lateral - _GRID[0]) / (_GRID[1] - _GRID[0])
     left = np.clip(place.astype(np.intp), 0, len(_GRID) - 2)
     share = place - left
@@ -232,7 +272,7 @@ def _phase_likelihood(cues: binaural.Cues, lateral: Array, weight: float) -> tup
     resultant = np.stack(resultants)
     frames = max(1, int(cues.phasors.any(axis=1).sum()))
     kappa = _concentration(float(resultant.max()) / frames)
-    return weight * kappa * resultant, kappa
+    return resultant, kappa
 
 
 def _concentration(mean_resultant: float) -> float:

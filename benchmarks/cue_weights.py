@@ -1,0 +1,188 @@
+"""The weights of the `spatial` variant's cues: chosen on some homes, measured on others.
+
+    python -m benchmarks.cue_weights collect ROOT… -o FILE.npz    # what is heard and the candidates, from datasets
+    python -m benchmarks.cue_weights fit FILE.npz                 # choose the weights
+    python -m benchmarks.cue_weights score FILE.npz [--json OUT]  # accuracy and calibration of the weights in use
+
+The weights are those with the least cross-entropy: the mean, over observations, of −log(posterior of the instance that
+sounds). That asks for right answers and for honest posteriors at once. Every observation counts once, whatever the
+number of its cases; cases are `benchmarks.instance_selection`'s twins and invented twins, with all train frames and
+with a quarter of them.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from avs3d_bench.dataset import Dataset
+from avs3d_bench.parallel import process_each
+from baselines.echosegnet.spatial import CueWeights, Evidence, gather
+from benchmarks.instance_selection import cases_of, observed, room_of
+
+GRID = {
+    "phase": (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0),
+    "ild": (0.0, 0.01, 0.03, 0.1, 0.3),
+    "level": (0.0, 0.02, 0.05, 0.1, 0.2, 0.4),
+}
+#: Shares of the train frames; of the smaller one so many random subsets.
+SHARES, SUBSETS = (1.0, 0.25), 4
+#: Edges of the bins in which a posterior is compared with how often it is right.
+BINS = (0.0, 0.5, 0.7, 0.9, 0.99, 1.0 + 1e-9)
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One choice among candidates, of which the first is right."""
+
+    key: str
+    experiment: str
+    share: float
+    evidence: Evidence
+
+
+def collect_one(item: tuple[Path, str]) -> list[Trial]:
+    """The trials of one observation."""
+    root, key = item
+    dataset = Dataset(root)
+    observation = dataset[key]
+    heard = observed(observation)
+    trials = []
+    for share in SHARES:
+        for seed in range(1 if share == 1.0 else SUBSETS):
+            index = heard.subset(share, seed)
+            cues = heard.cues.select(index)
+            for case in cases_of(observation, heard, room_of(dataset, observation)):
+                labels = np.repeat(np.arange(len(case.candidates)), [len(c) for c in case.candidates])
+                evidence = gather(
+                    np.concatenate(case.candidates), labels, heard.rotation[index], heard.position[index], cues
+                )
+                trials.append(Trial(f"{dataset.name}/{key}", case.experiment, share, evidence))
+    return trials
+
+
+def save(trials: Sequence[Trial], path: Path) -> None:
+    """Write trials as one .npz without pickles."""
+    arrays: dict[str, np.ndarray] = {}
+    about = []
+    for number, trial in enumerate(trials):
+        e = trial.evidence
+        about.append([trial.key, trial.experiment, trial.share, e.concentration])
+        arrays |= {
+            f"{number}.count": e.count, f"{number}.start": e.start, f"{number}.resultant": e.resultant.astype("f4"),
+            f"{number}.ild": e.ild.astype("f4"), f"{number}.level": e.level.astype("f4"),
+        }  # fmt: skip
+    np.savez_compressed(path, about=np.array(json.dumps(about)), **arrays)  # type: ignore[arg-type]
+
+
+def load(path: Path) -> list[Trial]:
+    """Read what `save` has written."""
+    with np.load(path) as stored:
+        about = json.loads(str(stored["about"]))
+        return [
+            Trial(
+                key, experiment, share,
+                Evidence(
+                    np.arange(len(stored[f"{n}.count"])), stored[f"{n}.count"], stored[f"{n}.start"],
+                    stored[f"{n}.resultant"].astype(np.float64), kappa, stored[f"{n}.ild"].astype(np.float64),
+                    stored[f"{n}.level"].astype(np.float64), np.zeros(0),
+                ),
+            )
+            for n, (key, experiment, share, kappa) in enumerate(about)
+        ]  # fmt: skip
+
+
+def cross_entropy(trials: Sequence[Trial], weights: CueWeights) -> float:
+    """Mean over observations of the mean of −ln(posterior of the right candidate), nats."""
+    losses: dict[str, list[float]] = defaultdict(list)
+    for trial in trials:
+        _, posterior = trial.evidence.weigh(weights)
+        losses[trial.key].append(-float(np.log(max(posterior[0], 1e-12))))
+    return float(np.mean([np.mean(each) for each in losses.values()]))
+
+
+@click.group()
+def main() -> None:
+    """Choose and measure the weights of the spatial variant's cues."""
+
+
+@main.command()
+@click.argument("roots", nargs=-1, required=True, type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path))
+@click.option("--only", multiple=True)
+def collect(roots: tuple[Path, ...], output: Path, only: tuple[str, ...]) -> None:
+    """Write what is heard in the datasets ROOTS, and the candidates."""
+    items = [(root, observation.key) for root in roots for observation in Dataset(root).select(*only)]
+    found = dict(process_each(collect_one, items))
+    save([trial for item in items for trial in found[item]], output)
+
+
+@main.command()
+@click.argument("path", type=click.Path(path_type=Path, exists=True))
+def fit(path: Path) -> None:
+    """Print the weights with the least cross-entropy, and their neighbours."""
+    trials = load(path)
+    table = Table("phase", "ild", "level", "cross-entropy (nats)")
+    rows = [
+        (cross_entropy(trials, CueWeights(phase, ild, level)), phase, ild, level)
+        for phase, ild, level in itertools.product(*GRID.values())
+    ]
+    for loss, *weights in sorted(rows)[:12]:
+        table.add_row(*(f"{value:g}" for value in weights), f"{loss:.4f}")
+    now = CueWeights()
+    table.add_row(f"{now.phase:g}", f"{now.ild:g}", f"{now.level:g}", f"{cross_entropy(trials, now):.4f} (in use)")
+    Console(width=100).print(table)
+
+
+@main.command()
+@click.argument("path", type=click.Path(path_type=Path, exists=True))
+@click.option("--json", "output", type=click.Path(path_type=Path), default=None)
+def score(path: Path, output: Path | None) -> None:
+    """Print how often the weights in use are right, and how often they are right when they are that sure."""
+    trials, weights = load(path), CueWeights()
+    rates: dict[tuple[str, float], list[tuple[str, bool]]] = defaultdict(list)
+    posteriors: list[tuple[float, bool]] = []
+    for trial in trials:
+        _, posterior = trial.evidence.weigh(weights)
+        right = bool(posterior.argmax() == 0)
+        rates[trial.experiment, trial.share].append((trial.key, right))
+        posteriors.append((float(posterior.max()), right))
+    table = Table("experiment", "train frames", "observations", "cases", "right (%)")
+    for (experiment, share), found in sorted(rates.items(), key=lambda item: (item[0][0], -item[0][1])):
+        right = f"{100 * np.mean([r for _, r in found]):.1f}"
+        table.add_row(experiment, f"{share:.0%}", str(len({key for key, _ in found})), str(len(found)), right)
+    Console(width=100).print(table)
+    sure = Table("posterior of the choice", "cases", "mean posterior (%)", "right (%)")
+    bins = []
+    for low, high in itertools.pairwise(BINS):
+        part = [(p, r) for p, r in posteriors if low <= p < high]
+        if part:
+            mean, right = (100 * float(np.mean(column)) for column in zip(*part, strict=True))
+            bins.append({"from": low, "to": min(high, 1.0), "cases": len(part), "posterior": mean, "right": right})
+            sure.add_row(f"{low:g}–{min(high, 1.0):g}", str(len(part)), f"{mean:.1f}", f"{right:.1f}")
+    Console(width=100).print(sure)
+    if output is not None:
+        document = {
+            "weights": vars(weights),
+            "cross_entropy": cross_entropy(trials, weights),
+            "rates": {
+                f"{experiment} | {share:.0%}": {"cases": len(found), "right": float(np.mean([r for _, r in found]))}
+                for (experiment, share), found in sorted(rates.items())
+            },
+            "calibration": bins,
+            "wrong_twins": sorted({key for key, right in rates["twins", 1.0] if not right}),
+        }
+        output.write_text(json.dumps(document, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
