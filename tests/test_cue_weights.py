@@ -1,4 +1,4 @@
-"""How the weights of the spatial variant's cues are chosen: what is kept of a dataset, and what the choice minimises."""
+"""How the weights of the spatial cues are chosen: what is kept of a dataset, and what the choice minimises."""
 
 from __future__ import annotations
 
