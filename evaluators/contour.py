@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -34,19 +35,26 @@ class Contour:
     Attributes:
         top: row of the crop's first pixel in the image.
         left: its column.
-        boundary: (h, w) uint8, non-zero on boundary pixels.
-        near: (h, w) uint8, non-zero within the tolerance of one.
+        boundary: (h, w) uint8, 255 on boundary pixels, 0 elsewhere.
         length: number of boundary pixels.
+        reach: the tolerance, pixels.
     """
 
     top: int
     left: int
     boundary: U8
-    near: U8
     length: int
+    reach: int
+
+    @cached_property
+    def near(self) -> U8:
+        """(h, w) uint8, non-zero within the tolerance of a boundary pixel. Costs the most of all, so only on demand."""
+        distance = cv2.distanceTransform(cv2.bitwise_not(self.boundary), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        # Squared distances are whole numbers: half a thousandth decides no tie.
+        return (distance < self.reach + 5e-4).view(np.uint8)
 
 
-_EMPTY = Contour(0, 0, np.zeros((0, 0), np.uint8), np.zeros((0, 0), np.uint8), 0)
+_EMPTY = Contour(0, 0, np.zeros((0, 0), np.uint8), 0, 0)
 
 
 def contour(mask: U8) -> Contour:
@@ -68,22 +76,22 @@ def contour(mask: U8) -> Contour:
     length = away.size - cv2.countNonZero(away)
     if length == 0:
         return _EMPTY
-    distance = cv2.distanceTransform(away, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    # Squared distances are whole numbers: half a thousandth decides no tie.
-    near = (distance < reach + 5e-4).view(np.uint8)
-    return Contour(top, left, cv2.bitwise_not(away).astype(np.uint8), near.astype(np.uint8), length)
+    return Contour(top, left, np.asarray(cv2.bitwise_not(away), np.uint8), length, reach)
 
 
 def found(of: Contour, by: Contour) -> int:
     """How many boundary pixels of one contour lie near the other."""
     top, left = max(of.top, by.top), max(of.left, by.left)
-    bottom = min(of.top + of.boundary.shape[0], by.top + by.near.shape[0])
-    right = min(of.left + of.boundary.shape[1], by.left + by.near.shape[1])
+    bottom = min(of.top + of.boundary.shape[0], by.top + by.boundary.shape[0])
+    right = min(of.left + of.boundary.shape[1], by.left + by.boundary.shape[1])
     if bottom <= top or right <= left:
         return 0
     mine = of.boundary[top - of.top : bottom - of.top, left - of.left : right - of.left]
-    other = by.near[top - by.top : bottom - by.top, left - by.left : right - by.left]
-    return cv2.countNonZero(cv2.min(mine, other))
+    there = slice(top - by.top, bottom - by.top), slice(left - by.left, right - by.left)
+    # A pixel of both boundaries is near without a look at distances; often that is all of them.
+    if cv2.countNonZero(cv2.min(mine, by.boundary[there])) == of.length:
+        return of.length
+    return cv2.countNonZero(cv2.min(mine, by.near[there]))
 
 
 def boundary_f(truth: Contour, prediction: Contour) -> float:
