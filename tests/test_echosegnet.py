@@ -125,7 +125,7 @@ def test_the_truth_of_test_frames_is_not_for_it(data: Path):
         OracleMasks().mask(Dataset(data)[tiny.SINGLE].test[0])
 
 
-def test_the_truth_and_the_pictures_of_test_frames_change_nothing(data: Path, tmp_path: Path, work: Path):
+def test_truth_pictures_and_sound_of_test_frames_change_nothing(data: Path, tmp_path: Path, work: Path):
     first = write_echosegnet(
         Dataset(data), tmp_path / "a", OracleMasks("sounding"), SETTINGS, work=work, devices=("cpu",), only=["part_1/*"]
     )
@@ -133,6 +133,8 @@ def test_the_truth_and_the_pictures_of_test_frames_change_nothing(data: Path, tm
     for frame in Dataset(other)[tiny.SINGLE].test:
         tiny.replace(frame.path(layout.SEMANTIC_MASKS), b"no truth")
         tiny.replace(frame.path(layout.INSTANCE_MASKS), b"no truth")
+        tiny.replace(frame.path(layout.IMAGES), b"no picture")
+        tiny.replace(frame.observation.path / layout.audio_path(layout.BINAURAL, frame.index), b"no sound")
     assert inputs_digest(Dataset(other)[tiny.SINGLE]) == inputs_digest(Dataset(data)[tiny.SINGLE])
     second = write_echosegnet(
         Dataset(other), tmp_path / "b", OracleMasks("sounding"), SETTINGS, work=tmp_path / "work2", devices=("cpu",),

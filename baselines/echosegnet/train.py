@@ -165,10 +165,12 @@ class _Job:
             if growing:
                 self.pull.add(splat)
         self.optimiser.param_groups[0]["lr"] = settings.means_rate(self.iteration, self.extent)
-        self.optimiser.step()
-        self.optimiser.zero_grad(set_to_none=True)
         if settings.densifies(self.iteration):
+            # In place of the step: in the reference too, new parameters have no gradient when it is taken.
             self._densify()
+        else:
+            self.optimiser.step()
+        self.optimiser.zero_grad(set_to_none=True)
         if settings.resets(self.iteration):
             reset_opacities(self.optimiser, settings.density.reset_opacity)
 
