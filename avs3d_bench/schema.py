@@ -233,7 +233,7 @@ class FrameRecord(Record):
 class ObservationRecord(Record):
     """`observation.json`."""
 
-    left_out: ClassVar[frozenset[str]] = frozenset({"variant_of", "source_motion"})
+    left_out: ClassVar[frozenset[str]] = frozenset({"variant_of", "source_motion", "sizes"})
 
     schema_version: Literal["1.0"] = "1.0"
     key: Text
@@ -263,6 +263,9 @@ class ObservationRecord(Record):
     vision: VisionRecord
     frames: Annotated[tuple[FrameRecord, ...], Field(min_length=1, max_length=layout.MAX_FRAMES)]
     files: dict[RelativePath, Sha256] = Field(description="sha256 of every file beside observation.json")
+    sizes: dict[RelativePath, Annotated[int, Field(ge=0)]] | None = Field(
+        default=None, description="bytes of every file in files; absent in trees of older versions"
+    )
 
     @property
     def sounding(self) -> InstanceRecord:
@@ -308,6 +311,8 @@ class ObservationRecord(Record):
                 raise ValueError(f"frames[{position}].name is {frame.name}, expected {layout.frame_name(position)}")
         if any(a.time >= b.time for a, b in zip(self.frames, self.frames[1:], strict=False)):
             raise ValueError("frame times do not increase")
+        if self.sizes is not None and self.sizes.keys() != self.files.keys():
+            raise ValueError("sizes and files do not name the same files")
         for frame in self.frames:
             if (frame.source_position is not None) != self.moves:
                 found = "missing, but source_motion is path" if self.moves else "given, but source_motion is not"
@@ -358,7 +363,7 @@ class DatasetRecord(Record):
     computes it again.
     """
 
-    left_out: ClassVar[frozenset[str]] = frozenset({"digest"})
+    left_out: ClassVar[frozenset[str]] = frozenset({"digest", "provenance"})
 
     schema_version: Literal["1.0"] = "1.0"
     name: Text
@@ -370,6 +375,7 @@ class DatasetRecord(Record):
     backends: dict[str, Text] = Field(description="backend name → version")
     licence: Text
     attributions: tuple[AttributionRecord, ...] = ()
+    provenance: ProvenanceRecord | None = Field(default=None, description="software that made the observations")
     observations: tuple[DatasetEntry, ...]
     digest: Sha256 | None = Field(
         default=None, description="sha256 of all other fields as canonical JSON; absent in trees of older versions"
@@ -405,6 +411,8 @@ class DatasetRecord(Record):
 class SubmissionRecord(Record):
     """`submission.json`."""
 
+    left_out: ClassVar[frozenset[str]] = frozenset({"provenance"})
+
     method: Text
     dataset: Text
     dataset_version: Text
@@ -412,6 +420,9 @@ class SubmissionRecord(Record):
     authors: str | tuple[str, ...] | None = None
     notes: str | None = None
     runtime: float | str | dict[str, Scalar] | None = None
+    provenance: ProvenanceRecord | None = Field(
+        default=None, description="software that made the masks; only of the baselines of this toolkit"
+    )
 
 
 _R = TypeVar("_R", bound=Record)

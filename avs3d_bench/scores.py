@@ -7,11 +7,21 @@ guessed. docs/metrics.md has the formulas.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from avs3d_bench.schema import NonNegative, Record, RelativePath, Room, Scan, Sha256, SubmissionRecord, Text
+from avs3d_bench.schema import (
+    NonNegative,
+    ProvenanceRecord,
+    Record,
+    RelativePath,
+    Room,
+    Scan,
+    Sha256,
+    SubmissionRecord,
+    Text,
+)
 
 Protocol = Literal["official", "strict"]
 #: Protocol → version. It changes when a figure changes for the same masks.
@@ -157,11 +167,14 @@ class GroupScores(Record):
 class Evaluator(Record):
     """What computed the figures."""
 
+    left_out: ClassVar[frozenset[str]] = frozenset({"provenance"})
+
     version: Text
     protocols: dict[Protocol, str] = Field(description="the protocols asked for → their version")
     bootstrap_resamples: Count
     bootstrap_seed: Count
     voxel_size: NonNegative = Field(description="edge of the voxels of the 3D figures, metres")
+    provenance: ProvenanceRecord | None = None
 
 
 class ScoredSubmission(SubmissionRecord):
@@ -177,11 +190,14 @@ class ScoredSubmission(SubmissionRecord):
 class ScoredDataset(Record):
     """What the submission was held against."""
 
+    left_out: ClassVar[frozenset[str]] = frozenset({"provenance"})
+
     name: Text
     version: str | None = Field(description="null in the official release")
     sha256: Sha256 | None = Field(description="of dataset.json; null in the official release")
     observations: Count = Field(description="in the dataset")
     scored: Count = Field(description="of these, how many were scored; fewer only with --only")
+    provenance: ProvenanceRecord | None = Field(default=None, description="as dataset.json has it")
 
 
 class Scores(Record):

@@ -31,7 +31,7 @@ from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import write_json
 from avs3d_bench.media import png_header, write_ply_points, write_png_mask
-from avs3d_bench.schema import Scalar, SubmissionRecord, describe
+from avs3d_bench.schema import ProvenanceRecord, Scalar, SubmissionRecord, describe
 from avs3d_bench.staging import staged_folder
 
 #: `dataset_version` of a submission for data without dataset.json (the official release).
@@ -168,6 +168,7 @@ class SubmissionWriter:
         url: str | None = None,
         authors: str | tuple[str, ...] | None = None,
         notes: str | None = None,
+        provenance: ProvenanceRecord | None = None,
         only: Iterable[str] = (),
         overwrite: bool = False,
     ) -> None:
@@ -180,6 +181,7 @@ class SubmissionWriter:
             url: where the method is described.
             authors: one text or several.
             notes: settings, whatever a reader must know.
+            provenance: the software that makes the masks, where `avs3d_bench.provenance` knows it.
             only: shell patterns of observation keys; a submission of a part is scored with the same `--only`.
             overwrite: take the place of a submission that stands there.
 
@@ -196,7 +198,13 @@ class SubmissionWriter:
         version = self.dataset.record.version if self.dataset.record else UNVERSIONED
         try:
             self.record = SubmissionRecord(
-                method=method, dataset=self.dataset.name, dataset_version=version, url=url, authors=authors, notes=notes
+                method=method,
+                dataset=self.dataset.name,
+                dataset_version=version,
+                url=url,
+                authors=authors,
+                notes=notes,
+                provenance=provenance,
             )
         except ValidationError as error:
             raise UsageError(f"{layout.SUBMISSION_JSON}: {describe(error)[0]}") from None

@@ -33,6 +33,8 @@ from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.parallel import process_each
+from avs3d_bench.provenance import provenance
+from avs3d_bench.schema import ProvenanceRecord
 from avs3d_bench.submission import SubmissionWriter, frame_size
 from baselines.checkpoints import find_checkpoint, has_package, loading, require_packages
 from baselines.owod_bind.device import enough_memory, inference, pick_device
@@ -243,7 +245,10 @@ def write_denseav(
     """
     only = tuple(only)
     notes = model.notes + (f"; only {' '.join(only)}" if only else "")
-    with SubmissionWriter(path, dataset, method="DenseAV", notes=notes, only=only, overwrite=overwrite) as writer:
+    made_by = ProvenanceRecord.of(provenance("baselines.denseav:write_denseav"))
+    with SubmissionWriter(
+        path, dataset, method="DenseAV", notes=notes, provenance=made_by, only=only, overwrite=overwrite
+    ) as writer:
         job = partial(_write_observation, writer, model)
         for _ in process_each(job, writer.observations, workers=1, label="DenseAV", progress=progress):
             pass

@@ -19,7 +19,8 @@ from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import UsageError
 from avs3d_bench.parallel import process_each
-from avs3d_bench.schema import InstanceRecord, ObservationRecord
+from avs3d_bench.provenance import provenance
+from avs3d_bench.schema import InstanceRecord, ObservationRecord, ProvenanceRecord
 from avs3d_bench.submission import SubmissionFolder, SubmissionWriter, frame_size
 from baselines.errors import CONFUSABLE, ErrorModel
 
@@ -233,7 +234,10 @@ def write_oracle(
     """
     only = tuple(only)
     method, notes = describe(instance, errors, points, only)
-    writer = SubmissionWriter(path, dataset, method=method, notes=notes, only=only, overwrite=overwrite)
+    made_by = ProvenanceRecord.of(provenance("baselines.oracle:write_oracle"))
+    writer = SubmissionWriter(
+        path, dataset, method=method, notes=notes, provenance=made_by, only=only, overwrite=overwrite
+    )
     for observation in writer.observations:
         check_truth(observation, instance=instance, errors=errors, points=points)
     with writer:

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.parallel import process_each
+from avs3d_bench.provenance import provenance
+from avs3d_bench.schema import ProvenanceRecord
 from avs3d_bench.submission import SubmissionFolder, SubmissionWriter, frame_size
 
 Mask = NDArray[np.bool_]
@@ -82,7 +84,10 @@ def write_trivial(
     """
     only = tuple(only)
     notes = _NOTES[name] + (f"; only {' '.join(only)}" if only else "")
-    with SubmissionWriter(path, dataset, method=name, notes=notes, only=only, overwrite=overwrite) as writer:
+    made_by = ProvenanceRecord.of(provenance("baselines.trivial:write_trivial"))
+    with SubmissionWriter(
+        path, dataset, method=name, notes=notes, provenance=made_by, only=only, overwrite=overwrite
+    ) as writer:
         job = partial(_write_observation, writer.folder, TRIVIAL[name])
         # Writing a uniform mask takes a millisecond: more processes would only take time to start.
         for _ in process_each(job, writer.observations, workers=1, label=name, progress=progress):

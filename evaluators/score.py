@@ -24,7 +24,9 @@ from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import sha256_file
 from avs3d_bench.parallel import process_each
+from avs3d_bench.provenance import provenance
 from avs3d_bench.report import Problem, Report, ordered
+from avs3d_bench.schema import ProvenanceRecord
 from avs3d_bench.scores import (
     BLIND_REFERENCES,
     PROTOCOLS,
@@ -58,6 +60,8 @@ from evaluators.records import Evaluation, FrameScore, InvalidSubmission, Submis
 from evaluators.submission import open_submission
 from evaluators.volume import VOXEL_SIZE, VolumeScore, score_points, true_volume
 
+#: What computes the figures (see `avs3d_bench.provenance`).
+SCORING = "evaluators.score:evaluate"
 #: Frames that the report shows: so many of each kind, and at most so many of one observation.
 SHOWN_FRAMES = 12
 SHOWN_PER_OBSERVATION = 2
@@ -316,6 +320,7 @@ def _record(
             bootstrap_resamples=bootstrap.RESAMPLES,
             bootstrap_seed=bootstrap.SEED,
             voxel_size=VOXEL_SIZE,
+            provenance=ProvenanceRecord.of(provenance(SCORING)),
         ),
         submission=ScoredSubmission(
             **submission.record.model_dump(), layout=submission.layout, masks=submission.masks, points=points
@@ -326,6 +331,7 @@ def _record(
             sha256=sha256_file(dataset.root / layout.DATASET_JSON) if record else None,
             observations=len(dataset),
             scored=len(scored),
+            provenance=record.provenance if record else None,
         ),
         observations=tuple(scored),
         overall=summarise(scored),

@@ -1,7 +1,7 @@
 """Runs a manifest: what is to be made goes to a scheduler, what is made is kept, and the dataset is sealed.
 
 Observations are independent of one another and of the number of workers. A finished one is recognised by the digest
-of its plan; whatever was interrupted lies in a temporary folder and is made again.
+of its plan and the sizes of its files; whatever was interrupted lies in a temporary folder and is made again.
 """
 
 from __future__ import annotations
@@ -14,15 +14,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from avs3d_bench import layout
-from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.errors import Avs3dError
 from avs3d_bench.scheduling.failures import FailureLog
 from avs3d_bench.scheduling.local import LocalScheduler
 from avs3d_bench.scheduling.lock import held
 from avs3d_bench.scheduling.tasks import Event, Failure, Policy, Scheduler, Task
+from generators.backends import observation_provenance
+from generators.finished import discard, find_damage, find_finished
 from generators.manifest import CameraSpec, ManifestFile
 from generators.plan import ObservationPlan, check_scans
 from generators.scenes.cache import check_writable, is_stored
-from generators.seal import check, read_observation, seal
+from generators.seal import check, seal
 from generators.work import Place, make_observation, prepare
 from generators.writer import sweep
 
@@ -106,12 +108,9 @@ def run(
     root, cache = root.absolute(), cache.absolute()
     with held(root) as me:
         sweep(root)
-        # What is there already must be of one piece with what is to come, selected or not.
-        every = [
-            replace(plans[0], spec=spec, scan=source.manifest.scans[spec.scan]) for spec in source.manifest.observations
-        ]
-        done = {plan.key for plan in every if _is_done(root, plan)}
-        log = FailureLog(root, {plan.key: plan.seed for plan in every})
+        # Existing observations must come from the same manifest and software, selected or not.
+        done = _finished(source, plans, root, listen)
+        log = FailureLog(root, {spec.key: plans[0].seed for spec in source.manifest.observations})
         log.tidy(done)
         todo = [plan for plan in plans if plan.key not in done]
         kept = tuple(plan.key for plan in plans if plan.key in done)
@@ -147,7 +146,7 @@ def run(
                     sweep(root)
         log.tidy({*done, *made})
         _await(root, made)
-        seal(source, root)
+        seal(source, root, observation_provenance(plans[0].vision, plans[0].audio))
         return Outcome(tuple(made), kept, tuple(failed), stopped)
 
 
@@ -217,16 +216,17 @@ def _await(root: Path, made: Sequence[str]) -> None:
                 os.listdir((root / key).parent)
 
 
-def _is_done(root: Path, plan: ObservationPlan) -> bool:
-    folder = root / plan.key
-    if not folder.exists():
-        return False
-    record = read_observation(folder)
-    if record.plan_sha256 != plan.digest:
-        if plan.scan.source == "scan":
-            _ = plan.scan_files  # a scan that is not there has another digest, too: that is what is to be said then
-        raise UsageError(
-            f"{folder}: was generated from another manifest, other options or another version; "
-            "choose another folder with -o, or delete it to have it made again"
-        )
-    return True
+def _finished(source: ManifestFile, plans: Sequence[ObservationPlan], root: Path, listen: Listener) -> set[str]:
+    """Keys of the manifest's observations that are there; what is damaged among ``plans`` is removed, and said."""
+    every = (
+        replace(plans[0], spec=spec, scan=source.manifest.scans[spec.scan]) for spec in source.manifest.observations
+    )
+    found = {plan.key: record for plan in every if (record := find_finished(root, plan)) is not None}
+    # Nothing is removed before everything has been found to be of one piece.
+    for plan in plans:
+        damage = find_damage(root / plan.key, found[plan.key]) if plan.key in found else ""
+        if damage:
+            listen(("note", plan.key, f"made again: {damage}"))
+            discard(root / plan.key)
+            del found[plan.key]
+    return set(found)

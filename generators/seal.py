@@ -13,12 +13,14 @@ from pydantic import ValidationError
 
 from avs3d_bench import __version__, files, layout
 from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.provenance import Provenance
 from avs3d_bench.schema import (
     AttributionRecord,
     DatasetEntry,
     DatasetRecord,
     LicenceRecord,
     ObservationRecord,
+    ProvenanceRecord,
     describe,
     parse_record,
     unique_attributions,
@@ -63,8 +65,13 @@ def _of_asset(item: AssetSpec, base: Path) -> AttributionRecord | None:
     return AttributionRecord(asset=entry.id, name=entry.licence, author=entry.author, source=entry.url or entry.ref)
 
 
-def seal(source: ManifestFile, root: Path) -> None:
+def seal(source: ManifestFile, root: Path, software: Provenance) -> None:
     """Write dataset.json over every observation of the manifest that is there; nothing if there is none.
+
+    Args:
+        source: the manifest.
+        root: the dataset's folder.
+        software: what made the observations.
 
     Raises:
         Avs3dError: if an observation.json cannot be read, or the folder not be written.
@@ -84,7 +91,7 @@ def seal(source: ManifestFile, root: Path) -> None:
             used.append((record.sound.asset, record.sound.licence))
         attributions += [AttributionRecord(asset=asset, **licence.model_dump()) for asset, licence in used]
     if entries:
-        record_of_all = _record(source, entries, [*attributions, *_of_scans(source)], backends)
+        record_of_all = _record(source, entries, [*attributions, *_of_scans(source)], backends, software)
         files.write_json(root / layout.DATASET_JSON, record_of_all)
 
 
@@ -107,6 +114,7 @@ def _record(
     entries: Iterable[DatasetEntry],
     attributions: list[AttributionRecord],
     backends: dict[str, str],
+    software: Provenance | None = None,
 ) -> DatasetRecord:
     terms = [
         "CC-BY-NC-4.0 (the sound was computed with RLRAudioPropagation, whose licence is non-commercial)"
@@ -124,6 +132,7 @@ def _record(
         backends=dict(sorted(backends.items())),
         licence="; ".join(terms),
         attributions=unique_attributions(attributions),
+        provenance=None if software is None else ProvenanceRecord.of(software),
         observations=tuple(entries),
     ).sealed()
 

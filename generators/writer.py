@@ -35,13 +35,13 @@ def sweep(root: Path) -> None:
     folder that is half gone.
     """
     for partial in root.glob("part_*/*/*/.*.partial"):
-        doomed = _hidden(partial, "swept")
+        doomed = hidden_name(partial, "swept")
         with suppress(OSError):
             partial.rename(doomed)
         shutil.rmtree(doomed, ignore_errors=True)
 
 
-def _hidden(folder: Path, what: str) -> Path:
+def hidden_name(folder: Path, what: str) -> Path:
     """A name beside ``folder`` that no other process or attempt uses."""
     stem = folder.name.strip(".").partition(".")[0]
     host = socket.gethostname().partition(".")[0]
@@ -61,7 +61,7 @@ class ObservationWriter:
 
     def __init__(self, folder: Path, *, depth: bool = False, rirs: bool = False) -> None:
         self._final = folder
-        self._partial = _hidden(folder, "new")
+        self._partial = hidden_name(folder, "new")
         self._depth = depth
         self._rirs = rirs
         self._frames = 0
@@ -124,17 +124,19 @@ class ObservationWriter:
         ply.write_ply_mesh(self._partial / layout.SOUNDING_OBJECT, vertices, index.reshape(-1, 3).astype(np.int32))
 
     def finish(self, record: ObservationRecord) -> ObservationRecord:
-        """Write the split and observation.json with the sha256 of every file, and give the folder its name."""
+        """Write the split and observation.json with sha256 and size of every file, and give the folder its name."""
         files.write_json(self._partial / layout.SPLITS_JSON, CameraSplits.of(self._frames))
         digests: dict[str, str] = {}
+        sizes: dict[str, int] = {}
         paths = layout.expected_files(self._frames, depth=self._depth, rirs=self._rirs)
         for path in paths:
+            sizes[path] = (self._partial / path).stat().st_size
             if not path.startswith(f"{layout.IMAGES}/"):
                 digests[path] = files.sha256_file(self._partial / path)
         for path in set(paths) - set(digests):
             # images/ holds the pictures of input/ under a second name.
             digests[path] = digests[path.replace(layout.IMAGES, layout.INPUT, 1)]
-        whole = record.model_copy(update={"files": digests})
+        whole = record.model_copy(update={"files": digests, "sizes": sizes})
         files.write_json(self._partial / layout.OBSERVATION_JSON, whole)
         try:
             self._partial.rename(self._final)

@@ -13,15 +13,23 @@ from pathlib import Path
 
 import pytest
 
+from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.files import dump_json
 from avs3d_bench.provenance import PACKAGES, SOFTWARE, Provenance, Sources, provenance
 from avs3d_bench.scheduling.errors import UnfitError
 from avs3d_bench.scheduling.software import check_software
-from avs3d_bench.schema import ProvenanceRecord
+from avs3d_bench.schema import DatasetRecord, ObservationRecord, ProvenanceRecord, SubmissionRecord, parse_record
+from avs3d_bench.scores import Scores
 from baselines.echosegnet.cache import LIFTING, TRAINING
-from generators.backends import OBSERVATION, unused_backends
+from baselines.trivial import write_trivial
+from evaluators import evaluate, open_submission, write_report
+from evaluators.score import SCORING
+from generators.backends import OBSERVATION, observation_provenance, unused_backends
+from generators.finished import find_damage
 from generators.library.store import CLEANING
 from generators.scenes.cache import BUILDER
+from generators.seal import read_observation
 from tests.homes import tree_digest, write_manifest
 
 ROOT = Path(__file__).parent.parent
@@ -335,13 +343,21 @@ def generate(packages: Path, manifest: Path, out: Path, *more: str) -> tuple[int
     return done.returncode, done.stdout + done.stderr
 
 
-def test_an_observation_is_kept_while_its_software_is_the_same_and_refused_after_an_edit(
-    packages: Path, tmp_path: Path
-) -> None:
-    manifest, out = write_manifest(tmp_path), tmp_path / "out"
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A manifest, and a dataset of one small observation made from it."""
+    folder = tmp_path_factory.mktemp("made")
+    manifest, out = write_manifest(folder), folder / "out"
     code, output = generate(ROOT, manifest, out)
     assert code == 0, output
     assert "1 made, 0 kept, 0 failed" in output
+    return manifest, out
+
+
+def test_an_observation_is_kept_while_its_software_is_the_same_and_refused_after_an_edit(
+    packages: Path, made: tuple[Path, Path]
+) -> None:
+    manifest, out = made
     before = tree_digest(out)
     clips, runner = packages / "generators/acoustics/clips.py", packages / "generators/runner.py"
     texts = {path: path.read_text() for path in (clips, runner)}
@@ -360,3 +376,75 @@ def test_an_observation_is_kept_while_its_software_is_the_same_and_refused_after
     finally:
         for path, text in texts.items():
             path.write_text(text)
+
+
+def test_a_finished_observation_with_a_missing_or_cut_off_file_is_made_again(
+    made: tuple[Path, Path], tmp_path: Path
+) -> None:
+    manifest, out = made[0], tmp_path / "out"
+    shutil.copytree(made[1], out)
+    before = tree_digest(out)
+    observation = out / "part_1/box/kitchen/1"
+    picture, size = observation / "input/frame_002.png", (observation / "input/frame_002.png").stat().st_size
+    picture.write_bytes(b"")
+    (observation / "sparse/0/points3D.bin").unlink()
+    code, output = generate(ROOT, manifest, out)
+    assert code == 0, output
+    assert f"made again: input/frame_002.png has 0 bytes, expected {size:,} (and 1 more files)" in output
+    assert "1 made, 0 kept, 0 failed" in output
+    assert tree_digest(out) == before
+
+
+def test_damage_is_found_by_existence_size_and_kind(made: tuple[Path, Path], tmp_path: Path) -> None:
+    folder = tmp_path / "1"
+    shutil.copytree(made[1] / "part_1/box/kitchen/1", folder)
+    record = read_observation(folder)
+    assert record.sizes is not None
+    assert set(record.sizes) == set(record.files)
+    older = record.model_copy(update={"sizes": None})
+    assert find_damage(folder, record) == find_damage(folder, older) == ""
+    clip = folder / "audio_clips_mono/frame_0.wav"
+    content = clip.read_bytes()
+    clip.write_bytes(content[:-2])
+    name = "audio_clips_mono/frame_0.wav"
+    assert find_damage(folder, record) == f"{name} has {len(content) - 2:,} bytes, expected {len(content):,}"
+    assert find_damage(folder, older) == ""
+    clip.write_bytes(b"")
+    assert find_damage(folder, older) == f"{name} is empty"
+    clip.unlink()
+    assert find_damage(folder, record) == find_damage(folder, older) == f"{name} is missing"
+    clip.mkdir()
+    assert find_damage(folder, record) == f"{name} is no regular file"
+
+
+def test_files_say_which_software_made_them(made: tuple[Path, Path], tmp_path: Path) -> None:
+    dataset = Dataset(made[1])
+    assert dataset.record is not None
+    said = dataset.record.provenance
+    assert said == ProvenanceRecord.of(observation_provenance("embree", "analytic"))
+    write_trivial("all-black", dataset, tmp_path / "black")
+    evaluation = evaluate(tmp_path / "black", made[1])
+    scores = Scores.model_validate_json(evaluation.scores.model_dump_json())
+    assert scores.avs3d_eval.provenance == ProvenanceRecord.of(provenance(SCORING))
+    assert scores.dataset.provenance == said
+    assert scores.submission.provenance == ProvenanceRecord.of(provenance("baselines.trivial:write_trivial"))
+    with open_submission(tmp_path / "black") as submission:
+        write_report(tmp_path / "report.html", evaluation, dataset, submission)
+    page = (tmp_path / "report.html").read_text()
+    for record in (scores.avs3d_eval.provenance, scores.dataset.provenance, scores.submission.provenance):
+        assert record is not None
+        assert f"<code>{record.digest[:12]}</code>" in page
+
+
+def test_files_without_provenance_are_read_and_keep_their_bytes(made: tuple[Path, Path]) -> None:
+    dataset = Dataset(made[1])
+    assert dataset.record is not None
+    plain = dataset.record.model_copy(update={"provenance": None, "digest": None})
+    text = dump_json(plain)
+    assert "provenance" not in text
+    assert parse_record(text, DatasetRecord, "dataset.json") == plain
+    record = SubmissionRecord(method="a", dataset="b", dataset_version="1")
+    assert "provenance" not in dump_json(record)
+    observation = read_observation(made[1] / "part_1/box/kitchen/1").model_copy(update={"sizes": None})
+    assert '"sizes"' not in dump_json(observation)
+    assert parse_record(dump_json(observation), ObservationRecord, "observation.json") == observation

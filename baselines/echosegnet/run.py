@@ -15,7 +15,7 @@ from avs3d_bench.scheduling.errors import UnfitError
 from avs3d_bench.scheduling.options import Options
 from avs3d_bench.scheduling.software import check_software
 from avs3d_bench.scheduling.tasks import Context
-from avs3d_bench.schema import Scalar
+from avs3d_bench.schema import ProvenanceRecord, Scalar
 from avs3d_bench.submission import SubmissionFolder, SubmissionWriter
 from baselines.echosegnet.jobs import all_devices, device_of, run_each, spread
 from baselines.echosegnet.pipeline import Settings, predict
@@ -172,8 +172,9 @@ def _writer(
     if source.name.startswith("oracle"):
         notes += "; uses the ground truth of train frames"
     return SubmissionWriter(
-        path, dataset, method=method_name(settings, source), notes=notes, only=tuple(only), overwrite=overwrite
-    )
+        path, dataset, method=method_name(settings, source), notes=notes, only=tuple(only), overwrite=overwrite,
+        provenance=ProvenanceRecord.of(provenance(*METHOD)),
+    )  # fmt: skip
 
 
 def _run(

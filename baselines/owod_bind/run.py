@@ -16,6 +16,8 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import dump_json, read_json, write_json
 from avs3d_bench.media import write_png_mask
 from avs3d_bench.parallel import process_each
+from avs3d_bench.provenance import provenance
+from avs3d_bench.schema import ProvenanceRecord
 from avs3d_bench.submission import SubmissionWriter
 from baselines.checkpoints import find_checkpoint, has_package, require_packages
 from baselines.owod_bind import select
@@ -206,7 +208,10 @@ def write_owod_bind(
     """
     only = tuple(only)
     notes = model.notes + (f"; only {' '.join(only)}" if only else "")
-    with SubmissionWriter(path, dataset, method=model.method, notes=notes, only=only, overwrite=overwrite) as writer:
+    made_by = ProvenanceRecord.of(provenance("baselines.owod_bind.run:write_owod_bind"))
+    with SubmissionWriter(
+        path, dataset, method=model.method, notes=notes, provenance=made_by, only=only, overwrite=overwrite
+    ) as writer:
         job = partial(_write_masks, writer, model)
         frames = [frame for observation in writer.observations for frame in observation.test]
         for _ in process_each(job, _batches(frames), workers=1, label="OWOD-BIND", progress=progress):
