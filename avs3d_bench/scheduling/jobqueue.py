@@ -180,6 +180,9 @@ def make_cluster(kind: str, options: dict[str, Any], path: Path) -> Any:
             near = get_close_matches(option, known, n=1)
             hint = f"; did you mean {near[0]!r}?" if near else f"; expected one of {', '.join(sorted(known))}"
             raise UsageError(f"{path}: unknown option {option!r} of {name}{hint}")
+    if "protocol" in known and import_module("dask.config").get("distributed.comm.require-encryption", None):
+        # Without it, the scheduler would try to listen without TLS, and be refused.
+        options = {"protocol": "tls://"} | options
     try:
         return found(**options)
     except (ValueError, TypeError) as error:

@@ -123,7 +123,7 @@ def scheduling_options(command: _F) -> _F:
                      help="YAML: how to start a job (cores, memory, queue, walltime, …)."),
         click.option("--jobqueue", type=click.Choice(list(KINDS)), default=None, help="Start a Dask cluster there."),
         click.option("--scheduler-address", "address", default=None, metavar="tcp://HOST:PORT",
-                     help="Join a Dask cluster that runs."),
+                     help="Join a Dask cluster that runs (tls://… where it asks for certificates)."),
         click.option("--scheduler", type=click.Choice(["local", "dask"]), default="local", show_default=True,
                      help="Processes of this machine, or a Dask cluster (docs/cluster.md)."),
     ):  # fmt: skip
