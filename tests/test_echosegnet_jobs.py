@@ -177,6 +177,7 @@ def test_workers_are_spread_over_devices_before_any_is_shared():
 
 def test_trainings_that_share_a_device_share_its_memory(monkeypatch: pytest.MonkeyPatch):
     asked: list[tuple[float, str]] = []
+    monkeypatch.setattr(memory, "_PARTS", {})
     monkeypatch.setattr(
         torch.cuda, "set_per_process_memory_fraction", lambda share, device: asked.append((share, str(device)))
     )

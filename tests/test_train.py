@@ -350,7 +350,7 @@ def test_the_room_on_a_device_is_what_is_free_less_what_a_step_needs(monkeypatch
     gib = 2**30
     figures: dict[str, Any] = {
         "mem_get_info": (60 * gib, 100 * gib), "memory_allocated": 4 * gib, "memory_reserved": 8 * gib,
-        "max_memory_allocated": 6 * gib, "get_per_process_memory_fraction": 1.0,
+        "max_memory_allocated": 6 * gib,
     }  # fmt: skip
     for name in figures:
         monkeypatch.setattr(torch.cuda, name, lambda *_, name=name: figures[name])
@@ -358,7 +358,7 @@ def test_the_room_on_a_device_is_what_is_free_less_what_a_step_needs(monkeypatch
     # Free: 60 and the 4 that the process holds back; a tenth of 100 and 1.25 × 2 for a step are taken off.
     per_gaussian = memory.BYTES + 2.5 * gib / 1_000_000
     assert memory.room_for(1_000_000, device) == int(51.5 * gib / per_gaussian)
-    figures["get_per_process_memory_fraction"] = 0.25  # four trainings on the device
+    monkeypatch.setitem(memory._PARTS, device, 0.25)  # four trainings on the device
     assert memory.room_for(1_000_000, device) == int((25 - 4 - 2.5 - 2.5) * gib / per_gaussian)
     figures["mem_get_info"] = (gib, 100 * gib)
     assert memory.room_for(1_000_000, device) == 0

@@ -17,10 +17,15 @@ RESERVE = 0.1
 _MARGIN = 1.25
 
 
+#: Device → this process's part of its memory.
+_PARTS: dict[torch.device, float] = {}
+
+
 def share_device(device: torch.device, trainings: int) -> None:
     """Have this process take no more than its part of a CUDA device that so many trainings use at a time."""
     if device.type == "cuda":
-        torch.cuda.set_per_process_memory_fraction(1.0 / trainings, device)
+        _PARTS[device] = 1.0 / trainings
+        torch.cuda.set_per_process_memory_fraction(_PARTS[device], device)
 
 
 def begin(device: torch.device) -> None:
@@ -38,7 +43,7 @@ def room_for(count: int, device: torch.device) -> int | None:
         return None
     free, total = torch.cuda.mem_get_info(device)
     used, reserved = torch.cuda.memory_allocated(device), torch.cuda.memory_reserved(device)
-    mine = total * torch.cuda.get_per_process_memory_fraction(device)
+    mine = total * _PARTS.get(device, 1.0)
     # What this process holds back for later is free to it; what others use is not.
     available = min(mine - used, free + reserved - used) - RESERVE * mine
     passing = _MARGIN * (torch.cuda.max_memory_allocated(device) - used)
