@@ -91,7 +91,7 @@ def generate(
             plans,
             root,
             workers=count,
-            cache=cache or default_cache(),
+            cache=user_path(cache) if cache else default_cache(),
             listen=listen,
             scheduler=lambda: scheduler_of(scheduling, count),
             shared=scheduling.remote,

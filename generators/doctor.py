@@ -7,6 +7,8 @@ import shutil
 from pathlib import Path
 
 from avs3d_bench.doctor import Check, Finding, constant, has_module, package_check
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.files import user_path
 
 _EXTRA = "pip install 'avs3d-bench[generate]'"
 #: Scans of the paper's benchmark (their ids are published).
@@ -101,12 +103,14 @@ def _scans() -> tuple[Finding, ...]:
     named = os.environ.get("AVS3D_SCANS")
     if not named:
         return (Finding("scans", "scans", "missing", "AVS3D_SCANS is not set; procedural homes need none", fix),)
-    root = Path(named).expanduser()
+    try:
+        root = user_path(named)
+    except Avs3dError as error:
+        return (Finding("scans", "scans", "broken", str(error), fix),)
     if not root.is_dir():
         return (Finding("scans", "scans", "broken", f"{root}: no such folder", fix),)
     if not has_module("trimesh"):
         return (Finding("scans", "scans", "note", f"{root}: looked at once [generate] is there", _EXTRA),)
-    from avs3d_bench.errors import Avs3dError
     from generators.scenes.scanfiles import find_scan_files
 
     found = []

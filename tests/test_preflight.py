@@ -13,7 +13,9 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import user_path
 from generators.acoustics.materialfile import read_material_file
 from generators.assets.meshfile import load_model
+from generators.folders import default_cache
 from generators.library.hygiene import clean
+from generators.library.store import default_store
 from generators.manifest import LicenceSpec, ManifestFile, ScanSpec, read_manifest
 from generators.plan import make_plans, resolve_file
 from generators.runner import run
@@ -95,6 +97,9 @@ def test_a_home_folder_is_spelled_out_and_an_unknown_one_is_refused(
     assert user_path("~/bell.wav") == tmp_path / "bell.wav"
     assert user_path("a~b/~") == Path("a~b/~")
     assert resolve_file(tmp_path / "else", "~/bell.wav", "sound") == tmp_path / "bell.wav"
+    monkeypatch.setenv("AVS3D_CACHE", "~/homes")
+    monkeypatch.setenv("AVS3D_ASSETS", "~/models")
+    assert (default_cache(), default_store()) == (tmp_path / "homes", tmp_path / "models")
     with pytest.raises(UsageError, match=r"~nobody-here/bell\.wav: no home folder is known for '~nobody-here'"):
         resolve_file(tmp_path, "~nobody-here/bell.wav", "sound")
     with pytest.raises(UsageError, match="too long"):

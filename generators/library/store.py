@@ -39,7 +39,7 @@ def default_store() -> Path:
     """``$AVS3D_ASSETS``, else ``assets`` in ``$AVS3D_CACHE`` or the user's cache folder."""
     named = os.environ.get("AVS3D_ASSETS")
     if named:
-        return Path(named)
+        return files.user_path(named)
     from generators.folders import default_cache
 
     return default_cache() / "assets"

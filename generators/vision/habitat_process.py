@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.files import user_path
 from generators.vision import habitat_worker
 from generators.vision.habitat_worker import PROTOCOL, Channel
 
@@ -66,7 +67,7 @@ def find_interpreter(named: str | None = None) -> str:
     chosen = named or os.environ.get(VARIABLE)
     if not chosen:
         raise Avs3dError(f"vision backend habitat: no interpreter is named; {HOW}")
-    path = Path(chosen).expanduser()
+    path = user_path(chosen)
     if not path.is_file() or not os.access(path, os.X_OK):
         found = "is not there" if not path.exists() else "is no program that can be run"
         raise Avs3dError(f"vision backend habitat: the interpreter {chosen} {found}; {HOW}")
