@@ -211,3 +211,35 @@ def expected_files(frames: int, *, depth: bool = False, rirs: bool = False) -> t
         if rirs:
             files.append(rir_path(index))
     return tuple(sorted(files))
+
+
+def mono_window(index: int, count: int) -> list[tuple[int, int, int]]:
+    """Which samples of which clips make the 2 s mono clip of frame ``index`` of ``count``.
+
+    The frame's own second with the half second before and after it. A train frame never borrows from a test frame; it
+    takes the missing half from its other neighbour, which then gives its whole second. So does the first and the last
+    frame of a sequence. A frame that may borrow from nobody (one frame; or frames 0 and 1 alone, for frame 1) is
+    repeated: its second half, itself, its first half, as if it were played in a loop.
+
+    Returns:
+        pieces (frame, start, stop) in the order in which they are joined; their lengths add up to 88,200 samples.
+
+    Raises:
+        Avs3dError: if ``index`` is not in 0 … count − 1.
+    """
+    if not 0 <= index < count:
+        raise Avs3dError(f"mono clip: frame {index} of {count} does not exist; expected 0 to {count - 1}")
+    half, whole = BINAURAL_SAMPLES // 2, BINAURAL_SAMPLES
+
+    def lends(frame: int) -> bool:
+        return 0 <= frame < count and (is_test(index) or not is_test(frame))
+
+    before, after = index - 1, index + 1
+    own = (index, 0, whole)
+    if lends(before) and lends(after):
+        return [(before, half, whole), own, (after, 0, half)]
+    if lends(before):
+        return [(before, 0, whole), own]
+    if lends(after):
+        return [own, (after, 0, whole)]
+    return [(index, half, whole), own, (index, 0, half)]

@@ -44,7 +44,7 @@ FRAMES, SIZE = 10, 64
 RATE = layout.SAMPLE_RATE
 LICENCE = LicenceRecord(name="CC0-1.0", author="avs3d-bench", source="procedural")
 _ROOM = np.array([[-3.0, 0.0, -4.0], [3.0, 2.6, 3.0]])
-_MANIFEST = "name: tiny\n"
+_MANIFEST = 'name: tiny\nversion: "1"\nseed: 1\n'
 
 
 @dataclass(frozen=True)
@@ -124,10 +124,15 @@ def clips_of(poses: list[Pose], source: Any, seed: int = 0) -> list[NDArray[np.f
     signal = np.random.default_rng(seed).uniform(-0.2, 0.2, (len(poses), RATE))
     out = []
     for pose, second in zip(poses, signal, strict=True):
-        where = direction_to(pose, source)
-        half = 10 ** (12 * math.sin(math.radians(where.azimuth)) / 40)
-        out.append((second / where.distance * np.array([[1 / half], [half]])).astype(np.float32))
+        out.append((second * response_of(pose, source)[:, :1]).astype(np.float32))
     return out
+
+
+def response_of(pose: Pose, source: Any) -> NDArray[np.float64]:
+    """(2, 8) the impulse response of `clips_of`: one tap."""
+    where = direction_to(pose, source)
+    half = 10 ** (12 * math.sin(math.radians(where.azimuth)) / 40)
+    return np.array([[1 / half], [half]]) / where.distance * np.eye(1, 8)
 
 
 def mono_of(clips: list[NDArray[np.float32]], index: int) -> NDArray[np.float32]:
@@ -146,13 +151,12 @@ def mono_of(clips: list[NDArray[np.float32]], index: int) -> NDArray[np.float32]
     return np.concatenate([mix[index][half:], mix[index], mix[index][:half]])
 
 
-def colmap_model(camera: Intrinsics, poses: list[Pose], boxes: tuple[Box, ...]) -> ColmapModel:
-    """The sparse model of these poses, with exact points."""
+def colmap_model(camera: Intrinsics, poses: list[Pose], boxes: tuple[Box, ...], points: int = 4) -> ColmapModel:
+    """The sparse model of these poses, with exact points: ``points``² of each frame."""
     positions, colours, tracks = [], [], []
-    depths = [render(camera, pose, boxes)[2] for pose in poses]
     for number, pose in enumerate(poses):
         rgb, _, depth = render(camera, pose, boxes)
-        step = max(2, camera.height // 4)
+        step = max(2, camera.height // points)
         rows, columns = np.mgrid[1 : camera.height : step, 1 : camera.width : step].reshape(2, -1)
         centres = np.stack([columns, rows], axis=1) + 0.5
         for xyz, colour in zip(camera.unproject(pose, centres, depth[rows, columns]), rgb[rows, columns], strict=True):
@@ -161,7 +165,7 @@ def colmap_model(camera: Intrinsics, poses: list[Pose], boxes: tuple[Box, ...]) 
                 (pixel,), (z,) = camera.project(there, xyz[None])
                 if not (z > 0 and 0 <= pixel[0] < camera.width and 0 <= pixel[1] < camera.height):
                     continue
-                if other == number or abs(depths[other][int(pixel[1]), int(pixel[0])] - z) < 0.02:
+                if other == number or _sees(there.position, xyz, boxes):
                     seen.append((len(positions), other, *pixel))
             if len(seen) >= min(2, len(poses)):
                 tracks += seen
@@ -175,7 +179,7 @@ def colmap_model(camera: Intrinsics, poses: list[Pose], boxes: tuple[Box, ...]) 
 
 
 def _observation(
-    folder: Path, key: str, frames: int, size: int, *, ours: bool, extras: bool
+    folder: Path, key: str, frames: int, size: int, *, ours: bool, extras: bool, points: int = 4
 ) -> ObservationRecord | None:
     place, boxes = layout.parse_key(key), BOXES[key]
     sounding = next(box for box in boxes if box.sounding)
@@ -195,7 +199,7 @@ def _observation(
             media.write_png_ids(folder / layout.image_path("instance_masks", i), ids)
         if extras:
             media.write_png_depth_mm(folder / layout.image_path("depth", i), depth)
-            media.write_rir(folder / layout.rir_path(i), np.eye(2, 8))
+            media.write_rir(folder / layout.rir_path(i), response_of(pose, sounding.source))
         where = direction_to(pose, sounding.source)
         rms = np.sqrt(np.mean(clips[i].astype(float) ** 2, axis=1))
         records.append(
@@ -206,7 +210,7 @@ def _observation(
                 rms_left=rms[0], rms_right=rms[1],
             )
         )  # fmt: skip
-    write_model(folder / "sparse/0", colmap_model(camera, poses, boxes))
+    write_model(folder / "sparse/0", colmap_model(camera, poses, boxes, points))
     if not ours:
         return None
     media.write_json(folder / "camera_splits.json", CameraSplits.of(frames))
@@ -246,14 +250,17 @@ def write_dataset_json(root: Path, records: list[ObservationRecord]) -> None:
         DatasetRecord(
             name="tiny", version="1", toolkit_version=__version__, manifest=_MANIFEST,
             manifest_sha256=hashlib.sha256(_MANIFEST.encode()).hexdigest(), backends={"tiny": "1"}, licence="CC0-1.0",
-            attributions=(AttributionRecord(asset="box", **LICENCE.model_dump()),), observations=tuple(entries),
+            attributions=tuple(AttributionRecord(asset=one, **LICENCE.model_dump()) for one in ("box", "noise")),
+            observations=tuple(entries),
         ).sealed(),
     )  # fmt: skip
 
 
-def write_dataset(root: Path, *, frames: int = FRAMES, size: int = SIZE, extras: bool = False) -> Path:
-    """A valid tree of ours; with ``extras`` also depth/ and rirs/."""
-    records = [_observation(root / key, key, frames, size, ours=True, extras=extras) for key in (SINGLE, MULTI)]
+def write_dataset(root: Path, *, frames: int = FRAMES, size: int = SIZE, extras: bool = False, points: int = 4) -> Path:
+    """A valid tree of ours; with ``extras`` also depth/ and rirs/; from each frame come ``points``² sparse points."""
+    records = [
+        _observation(root / key, key, frames, size, ours=True, extras=extras, points=points) for key in (SINGLE, MULTI)
+    ]
     write_dataset_json(root, [record for record in records if record])
     return root
 

@@ -3,14 +3,30 @@
 from __future__ import annotations
 
 from avs3d_bench import layout, media
-from avs3d_bench.dataset import Observation
+from avs3d_bench.dataset import Frame, Observation
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.schema import ObservationRecord
+from avs3d_bench.schema import FrameRecord, ObservationRecord
 from avs3d_bench.validation.findings import Findings, read
-from avs3d_bench.validation.masks import check_mesh, check_pictures, check_visibility
+from avs3d_bench.validation.masks import (
+    Contents,
+    check_masks,
+    check_mesh,
+    check_visibility,
+    frame_paths,
+    read_contents,
+)
 from avs3d_bench.validation.model import check_model
 from avs3d_bench.validation.pictures import check_twin
-from avs3d_bench.validation.sound import check_clip, check_levels, check_mono
+from avs3d_bench.validation.sightings import Labels, Sightings, colour_problem, depth_problem, sightings_by_frame
+from avs3d_bench.validation.solid import Boxes, Tally, check_solid
+from avs3d_bench.validation.sound import (
+    check_clip,
+    check_delays,
+    check_directions,
+    check_levels,
+    check_mono,
+    check_response,
+)
 
 
 def check_contents(
@@ -32,22 +48,76 @@ def check_contents(
     except Avs3dError:
         return  # no or odd pictures: already named
     mesh = check_mesh(observation, record, files, findings)
+    sightings = _sightings(observation, files) if record else {}
+    labels, boxes = Labels(), Boxes(record) if record else None
+    tally = Tally()
     for frame in frames:
-        check_pictures(frame, record, mesh, files, findings)
+        found = read_contents(frame, record, files, findings)
         if ours:
             check_twin(frame, files, findings)
+        entry, seen = frame.record, sightings.get(frame.name)
+        if record is None or entry is None:
+            continue
+        check_masks(frame, entry, record, found, findings)
+        if mesh is not None:
+            check_solid(frame, entry, record, found, mesh, seen, tally, findings)
+        if seen is not None:
+            _check_witnesses(frame, entry, found, seen, findings)
+            if found.ids is not None and boxes is not None:
+                labels.add(frame.name, seen, found.ids)
+                boxes.add(frame, seen, found.ids, findings)
+    _check_labels(labels, findings)
+    tally.finish(findings)
+    if boxes is not None:
+        boxes.finish(findings)
     check_visibility(observation, record, files, findings)
     clips = [check_clip(frame, files, findings) for frame in frames]
     check_levels(frames, clips, findings)
+    check_directions(frames, clips, findings)
+    check_delays(frames, clips, findings)
     try:
         splits = observation.splits
     except Avs3dError:
         splits = {}  # already named
     for position, frame in enumerate(frames):
-        check_mono(frames, clips, splits, position, files, findings, severity="error" if ours else "warning")
+        check_mono(frames, clips, splits, position, files, findings, ours=ours)
         path = layout.rir_path(frame.index)
-        read(findings, files, path, frame.impulse_response)
+        response = read(findings, files, path, frame.impulse_response)
+        if record and not record.moves and response is not None:
+            check_response(frame, clips[position], response, findings)
     check_model(observation, record, files, findings, ours=ours)
+
+
+def _sightings(observation: Observation, files: set[str]) -> dict[str, Sightings]:
+    """The witnesses among the sparse points; none if the model is missing or damaged, which is named elsewhere."""
+    if not files.issuperset(layout.COLMAP_FILES):
+        return {}
+    try:
+        return sightings_by_frame(observation.colmap, observation.intrinsics)
+    except Avs3dError:
+        return {}
+
+
+def _check_witnesses(
+    frame: Frame, entry: FrameRecord, found: Contents, sightings: Sightings, findings: Findings
+) -> None:
+    """Hold picture and depth of one frame to the points that it sees."""
+    paths = frame_paths(frame)
+    if found.rgb is not None:
+        problem = colour_problem(found.rgb, sightings)
+        if problem:
+            findings.add(paths[layout.INPUT], problem)
+    if found.depth is not None:
+        problem = depth_problem(found.depth, -entry.pose.to_camera(sightings.position)[:, 2], sightings)
+        if problem:
+            findings.add(paths[layout.DEPTH], problem)
+
+
+def _check_labels(labels: Labels, findings: Findings) -> None:
+    for name, instance, wrong, seen in labels.contradictions():
+        what = f"instance {instance}" if instance else "no instance"
+        text = f"{wrong} of {seen} sparse points are on {what} in other frames, but not here"
+        findings.add(f"{layout.INSTANCE_MASKS}/{name}.png", text)
 
 
 def _check_hashes(observation: Observation, record: ObservationRecord, files: set[str], findings: Findings) -> None:

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from avs3d_bench import layout
 from avs3d_bench.dataset import Frame, Observation
 from avs3d_bench.ply import Ply
-from avs3d_bench.schema import ObservationRecord
-from avs3d_bench.silhouette import silhouette
+from avs3d_bench.schema import FrameRecord, ObservationRecord
 from avs3d_bench.validation.findings import Findings, read
 
-#: Pixels by which the projected mesh is widened before the mask must lie inside it.
-SILHOUETTE_MARGIN = 2
-#: gt_3d against the bounds of the record, and depth/ against gt_3d: metres.
+#: gt_3d against the bounds of the record (m).
 BOUNDS_TOLERANCE = 5e-3
 
 
@@ -37,14 +38,32 @@ def check_mesh(
     return mesh
 
 
-def check_pictures(
-    frame: Frame, record: ObservationRecord | None, mesh: Ply | None, files: set[str], findings: Findings
-) -> None:
-    """Decode the pictures of one frame, and hold its masks and depth to each other, the record and the mesh."""
-    paths = {
-        folder: f"{folder}/{frame.name}.png"
-        for folder in (layout.INPUT, layout.SEMANTIC_MASKS, layout.INSTANCE_MASKS, layout.DEPTH)
-    }
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """What was decoded of one frame; None where a file is missing, damaged or of another size than the record says.
+
+    Attributes:
+        rgb: (H, W, 3) uint8.
+        mask: (H, W) bool, the sounding instance.
+        ids: (H, W) uint16 instance ids.
+        depth: (H, W) float32, metres.
+    """
+
+    rgb: NDArray[np.uint8] | None
+    mask: NDArray[np.bool_] | None
+    ids: NDArray[np.uint16] | None
+    depth: NDArray[np.float32] | None
+
+
+def frame_paths(frame: Frame) -> dict[str, str]:
+    """The paths of a frame's pictures by folder, relative to the observation."""
+    folders = (layout.INPUT, layout.SEMANTIC_MASKS, layout.INSTANCE_MASKS, layout.DEPTH)
+    return {folder: f"{folder}/{frame.name}.png" for folder in folders}
+
+
+def read_contents(frame: Frame, record: ObservationRecord | None, files: set[str], findings: Findings) -> Contents:
+    """Decode the pictures of one frame, naming what cannot be read."""
+    paths = frame_paths(frame)
     rgb = read(findings, files, paths[layout.INPUT], frame.rgb)
     if rgb is not None and int(rgb.max()) == int(rgb.min()):
         findings.add(paths[layout.INPUT], f"every value is {int(rgb.min())}: an empty picture", "warning")
@@ -52,38 +71,66 @@ def check_pictures(
     ids = read(findings, files, paths[layout.INSTANCE_MASKS], frame.instance_ids)
     depth = read(findings, files, paths[layout.DEPTH], frame.depth)
     if record is None:
-        return
+        return Contents(rgb, mask, ids, depth)
     size = (record.intrinsics.height, record.intrinsics.width)
+
+    def fits(picture: NDArray[Any] | None) -> bool:
+        return picture is not None and picture.shape[:2] == size
+
+    return Contents(
+        rgb if fits(rgb) else None,
+        mask if fits(mask) else None,
+        ids if fits(ids) else None,
+        depth if fits(depth) else None,
+    )
+
+
+def check_masks(
+    frame: Frame,
+    entry: FrameRecord,
+    record: ObservationRecord,
+    found: Contents,
+    findings: Findings,
+) -> None:
+    """Hold the masks of one frame to each other and to the record."""
+    paths = frame_paths(frame)
+    mask, ids = found.mask, found.ids
     if ids is not None:
         strange = sorted(set(np.unique(ids).tolist()) - {0} - {instance.id for instance in record.instances})
         if strange:
             text = f"ids {strange} are no instances of {layout.OBSERVATION_JSON}"
             findings.add(paths[layout.INSTANCE_MASKS], text)
-    if mask is None or mask.shape != size:
+        _check_line_of_sight(frame, entry, record, ids, findings)
+    if mask is None:
         return
-    if ids is not None and ids.shape == size:
+    if ids is not None:
         differ = int((mask != (ids == record.sounding.id)).sum())
         if differ:
             text = f"{differ} pixels differ from id {record.sounding.id} in {paths[layout.INSTANCE_MASKS]}"
             findings.add(paths[layout.SEMANTIC_MASKS], text)
-    area, entry = int(mask.sum()), frame.record
-    if entry and entry.visible_pixels != area:
+    area = int(mask.sum())
+    if entry.visible_pixels != area:
         text = f"{area} pixels are marked, visible_pixels of {frame.name} is {entry.visible_pixels}"
         findings.add(paths[layout.SEMANTIC_MASKS], text)
-    if entry and mesh is not None and area:
-        vertices = record.to_frame(entry, mesh.vertices).astype(np.float32)
-        reach = silhouette(frame.observation.intrinsics, entry.pose, vertices, mesh.faces, SILHOUETTE_MARGIN)
-        outside = int((mask & ~reach).sum())
-        if outside:
-            text = f"{outside} of {area} marked pixels lie outside the projected sounding object"
-            findings.add(paths[layout.SEMANTIC_MASKS], text)
-        elif depth is not None and depth.shape == size:
-            z = -entry.pose.to_camera(vertices)[:, 2]
-            seen = depth[mask]
-            wrong = int(((seen < z.min() - BOUNDS_TOLERANCE) | (seen > z.max() + BOUNDS_TOLERANCE)).sum())
-            if wrong:
-                text = f"{wrong} of {area} pixels of the sounding object are nearer or farther than its mesh"
-                findings.add(paths[layout.DEPTH], text)
+
+
+def _check_line_of_sight(
+    frame: Frame, entry: FrameRecord, record: ObservationRecord, ids: NDArray[np.uint16], findings: Findings
+) -> None:
+    """Where the pixel that shows the source, and all around it, belong to the sounding object, the line is free.
+
+    The opposite may be: what stands close before the source hides its pixel but does not count.
+    """
+    if entry.line_of_sight:
+        return
+    camera = frame.observation.intrinsics
+    (pixel,), (z,) = camera.project(entry.pose, np.asarray([record.source_at(entry)]))
+    if not (z > 0 and 1 <= pixel[0] < camera.width - 1 and 1 <= pixel[1] < camera.height - 1):
+        return
+    column, row = np.floor(pixel).astype(int)
+    if (ids[row - 1 : row + 2, column - 1 : column + 2] == record.sounding.id).all():
+        text = f"line_of_sight of {frame.name} is false, but the pixel of the source shows the sounding object"
+        findings.add(layout.OBSERVATION_JSON, text)
 
 
 def check_visibility(

@@ -16,6 +16,10 @@ ANGLE_TOLERANCE = 0.1
 DISTANCE_TOLERANCE = 2e-3
 #: The sound may come from a little outside the instance's box (a horn, a speaker grille): metres.
 SOURCE_MARGIN = 0.1
+#: So may a model's origin (m).
+ORIGIN_MARGIN = 0.1
+#: Frames are one second apart (s).
+TIME_TOLERANCE = 1e-6
 
 
 def check_record(observation: Observation, record: ObservationRecord, files: set[str], findings: Findings) -> None:
@@ -34,12 +38,21 @@ def check_record(observation: Observation, record: ObservationRecord, files: set
     outside = float(np.linalg.norm(np.maximum(np.maximum(low - source, source - high), 0.0)))
     if outside > SOURCE_MARGIN:
         findings.add(where, f"source_position lies {outside:.2f} m outside the bounds of the sounding instance")
+    for instance in record.instances:
+        origin, box = np.asarray(instance.position), np.asarray(instance.bounds)
+        if (origin < box[0] - ORIGIN_MARGIN).any() or (origin > box[1] + ORIGIN_MARGIN).any():
+            findings.add(where, f"the origin of instance {instance.id} lies outside its bounds")
+    if record.acoustics.sample_rate != layout.SAMPLE_RATE:
+        text = f"acoustics.sample_rate is {record.acoustics.sample_rate}, expected {layout.SAMPLE_RATE}"
+        findings.add(where, text)
     if record.moves:
         for path, text in motion_problems(record):
             findings.add(path, text)
     pixels = record.intrinsics.width * record.intrinsics.height
     for number, frame in enumerate(record.frames):
         field = f"frames[{number}]"
+        if abs(frame.time - number / layout.FRAME_RATE) > TIME_TOLERANCE:
+            findings.add(where, f"{field}.time is {frame.time:g} s, expected {number / layout.FRAME_RATE:g} s")
         truth = direction_to(frame.pose, record.source_at(frame))
         turn = abs((frame.azimuth - truth.azimuth + 180.0) % 360.0 - 180.0)
         # Straight above or below, azimuth means nothing.

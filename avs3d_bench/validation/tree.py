@@ -20,8 +20,9 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import read_bytes, sha256_file
 from avs3d_bench.parallel import process_each
 from avs3d_bench.report import Problem, Report, ordered
-from avs3d_bench.schema import DatasetRecord, describe
+from avs3d_bench.schema import DatasetRecord, ObservationRecord, describe
 from avs3d_bench.taxonomy import PARTS, ROOMS
+from avs3d_bench.validation.catalogue import check_catalogue
 from avs3d_bench.validation.structure import check_structure
 
 #: Files that may stand beside dataset.json.
@@ -32,7 +33,7 @@ _COMPANIONS = ("README", "LICENCE", "LICENSE", "CITATION", "CHANGELOG", "CROISSA
 class _Outcome:
     problems: tuple[Problem, ...]
     files: int
-    category: str | None
+    record: ObservationRecord | None
 
 
 def validate(root: str | Path, *, deep: bool = False, workers: int | None = 1, progress: bool = False) -> Report:
@@ -92,7 +93,7 @@ def _look(root: str | Path, key: str, ours: bool, deep: bool) -> _Outcome:
         if ours and record is None:
             observation = Observation(root, key, use_record=False)  # broken: check the files for themselves
         check_contents(observation, record, files, findings, ours=ours)
-    return _Outcome(tuple(findings.problems), len(files), record.category if record else None)
+    return _Outcome(tuple(findings.problems), len(files), record)
 
 
 def _check_tree(root: Path) -> Iterator[Problem]:
@@ -142,12 +143,8 @@ def _read_dataset_record(root: Path) -> tuple[DatasetRecord | None, list[Problem
 
 
 def _check_entries(root: Path, record: DatasetRecord, outcomes: dict[str, _Outcome]) -> Iterable[Problem]:
-    """dataset.json against itself and the observations on disk."""
-    if record.digest is None:
-        yield Problem("note", layout.DATASET_JSON, "has no digest of its own: an edited name or licence cannot be seen")
-    elif record.digest != record.contents_digest():
-        text = "digest is not that of the other fields: the file was changed after it was written"
-        yield Problem("error", layout.DATASET_JSON, text)
+    """dataset.json against itself, its manifest and the observations on disk."""
+    yield from check_catalogue(record, {key: one.record for key, one in outcomes.items() if one.record})
     listed = {entry.key: entry for entry in record.observations}
     for key in sorted(set(listed) - set(outcomes)):
         yield Problem("error", key, f"listed in {layout.DATASET_JSON}, but missing")
@@ -159,9 +156,9 @@ def _check_entries(root: Path, record: DatasetRecord, outcomes: dict[str, _Outco
             continue  # already named as missing
         if sha256_file(root / path) != listed[key].digest:
             yield Problem("error", path, f"sha256 differs from the digest in {layout.DATASET_JSON}: file changed")
-        category = outcomes[key].category
-        if category and category != listed[key].category:
-            text = f"category of {key} is {listed[key].category}, observation.json says {category}"
+        found = outcomes[key].record
+        if found and found.category != listed[key].category:
+            text = f"category of {key} is {listed[key].category}, observation.json says {found.category}"
             yield Problem("error", layout.DATASET_JSON, text)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.signal import oaconvolve
 
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.layout import BINAURAL_SAMPLES, SAMPLE_RATE, is_test
+from avs3d_bench.layout import BINAURAL_SAMPLES, SAMPLE_RATE, mono_window
 from generators.acoustics.geometry import SPEED_OF_SOUND
 
 #: The fixed gain of every clip: keeps a full-scale source from 0.3 m on below full scale (0.76 at worst).
@@ -172,38 +172,6 @@ def _checked(
     if not np.isfinite(heard).all() or not np.isfinite(response).all():
         raise Avs3dError(f"binaural clip {index}: the source or its impulse response holds NaN or infinite samples")
     return response
-
-
-def mono_window(index: int, count: int) -> list[tuple[int, int, int]]:
-    """Which samples of which clips make the 2 s mono clip of frame ``index`` of ``count``.
-
-    The frame's own second with the half second before and after it. A train frame never borrows from a test frame; it
-    takes the missing half from its other neighbour, which then gives its whole second. So does the first and the last
-    frame of a sequence. A frame that may borrow from nobody (one frame; or frames 0 and 1 alone, for frame 1) is
-    repeated: its second half, itself, its first half, as if it were played in a loop.
-
-    Returns:
-        pieces (frame, start, stop) in the order in which they are joined; their lengths add up to 88,200 samples.
-
-    Raises:
-        Avs3dError: if ``index`` is not in 0 … count − 1.
-    """
-    if not 0 <= index < count:
-        raise Avs3dError(f"mono clip: frame {index} of {count} does not exist; expected 0 to {count - 1}")
-    half, whole = BINAURAL_SAMPLES // 2, BINAURAL_SAMPLES
-
-    def lends(frame: int) -> bool:
-        return 0 <= frame < count and (is_test(index) or not is_test(frame))
-
-    before, after = index - 1, index + 1
-    own = (index, 0, whole)
-    if lends(before) and lends(after):
-        return [(before, half, whole), own, (after, 0, half)]
-    if lends(before):
-        return [(before, 0, whole), own]
-    if lends(after):
-        return [own, (after, 0, whole)]
-    return [(index, half, whole), own, (index, 0, half)]
 
 
 def mono_clip(clips: Sequence[NDArray[np.floating]], index: int) -> NDArray[np.float32]:
