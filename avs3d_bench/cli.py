@@ -7,18 +7,22 @@ imported only when it is called or asked for its own help, so that ``avs3d --hel
 from __future__ import annotations
 
 import io
+import os
 import signal
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import click
 
 from avs3d_bench import __version__
 from avs3d_bench.errors import Avs3dError, UsageError
+
+if TYPE_CHECKING:
+    from avs3d_bench.report import Problem
 
 GROUP = "avs3d.commands"
 #: One line per command of this project, so that the list of commands needs no import.
@@ -118,15 +122,34 @@ def avs3d() -> None:
 @click.option("--deep", is_flag=True, help="Decode every file: contents, hashes, sound against geometry.")
 @click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write the findings to this file as well.")
 @click.option("--workers", type=click.IntRange(1, 256), default=None, help="Processes of --deep [one per core].")
-def validate(root: Path, deep: bool, json_file: Path | None, workers: int | None) -> None:
+@click.option("--regenerate", type=click.IntRange(1, 100_000), metavar="N", help="Make N random frames again, compare.")
+@click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=None, help="Which frames --regenerate takes.")
+@click.option("--manifest", type=click.Path(path_type=Path), help="Of --regenerate, if the manifest names files.")
+def validate(
+    root: Path,
+    deep: bool,
+    json_file: Path | None,
+    workers: int | None,
+    regenerate: int | None,
+    seed: int | None,
+    manifest: Path | None,
+) -> None:
     """Check the dataset at ROOT and name every problem by file.
 
-    Exit status: 0 valid, 1 problems found, 2 usage. The official release is checked as what it is.
+    Exit status: 0 valid, 1 problems found, 2 usage (also: made by other versions than --regenerate finds here). The
+    official release is checked as what it is.
     """
+    again = _regenerate(root, regenerate, seed, manifest) if regenerate else ()
     from avs3d_bench.report import print_report
     from avs3d_bench.validate import validate as check
 
     report = check(root, deep=deep, workers=workers, progress=sys.stderr.isatty())
+    if again:
+        from dataclasses import replace
+
+        from avs3d_bench.report import ordered
+
+        report = replace(report, problems=ordered([*report.problems, *again]))
     if json_file is not None:
         from avs3d_bench.files import write_json
 
@@ -134,6 +157,19 @@ def validate(root: Path, deep: bool, json_file: Path | None, workers: int | None
     print_report(report)
     if not report.valid:
         raise SystemExit(1)
+
+
+def _regenerate(root: Path, count: int, seed: int | None, manifest: Path | None) -> tuple[Problem, ...]:
+    """Make frames again, saying which; threads are bounded before numpy starts them, as the generator does."""
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ[variable] = "1"
+    import secrets
+
+    from avs3d_bench.validation.regenerate import regenerate
+
+    number = secrets.randbelow(2**32) if seed is None else seed
+    click.echo(f"making {count} random frames again (--seed {number})")
+    return regenerate(root, count, seed=number, manifest=manifest, say=click.echo)
 
 
 @avs3d.command(short_help=SUMMARIES["schema"])

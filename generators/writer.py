@@ -66,6 +66,11 @@ class ObservationWriter:
         self._rirs = rirs
         self._frames = 0
 
+    @property
+    def folder(self) -> Path:
+        """Where the files lie until `finish`."""
+        return self._partial
+
     def __enter__(self) -> Self:
         try:
             self._partial.mkdir(parents=True)

@@ -1,0 +1,184 @@
+"""Makes single frames of a finished dataset again from the manifest in it, and compares their bytes: the last check.
+
+Home, placement, path and source are made as for the whole observation. Pictures of a frame depend on nothing else, so
+only those of the chosen frames are rendered. An acoustic engine may draw random numbers from call to call (SoundSpaces
+does), so impulse responses are computed in order from the first frame on.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench import __version__, files, layout
+from avs3d_bench.dataset import Dataset, Observation
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.geometry import Intrinsics
+from avs3d_bench.report import Problem
+from avs3d_bench.schema import DatasetRecord, ObservationRecord
+from generators.acoustics.clips import mono_clip
+from generators.arrangement import arrange, draw_sounding
+from generators.backends import acoustic_backend, vision_backend
+from generators.folders import default_cache
+from generators.homes import open_home
+from generators.manifest import ManifestFile, read_manifest
+from generators.observation import choose_sound, describe_frame, describe_instance, hear, licence_record
+from generators.plan import ObservationPlan, make_plans
+from generators.stage import Camera, Stage
+from generators.writer import ObservationWriter
+
+
+def regenerate(
+    root: Path, chosen: Mapping[str, Sequence[int]], manifest: Path | None, say: Callable[[str], None]
+) -> Iterator[Problem]:
+    """Make frames again and name every file and record that differs.
+
+    Args:
+        root: the dataset.
+        chosen: key of each observation → indices of its frames.
+        manifest: the manifest's file, where it names files beside it; else the text in dataset.json is taken.
+        say: is told what is being made.
+
+    Raises:
+        UsageError: if the dataset has no manifest, or was made by other versions, or with other options, than are here.
+        Avs3dError: if a file that the manifest names is missing.
+    """
+    dataset = Dataset(root)
+    record = dataset.record
+    if record is None:
+        raise UsageError(f"{root}: no {layout.DATASET_JSON}, so no manifest to make frames again from")
+    with tempfile.TemporaryDirectory(prefix="avs3d-regenerate-") as folder:
+        source = _manifest(record, manifest, Path(folder))
+        plans = {key: _plan(source, dataset[key], record) for key in chosen}
+        for key, indices in chosen.items():
+            say(f"{key}: frames {', '.join(map(str, indices))}")
+            yield from _compare(plans[key], dataset[key], tuple(indices), Path(folder))
+
+
+def _manifest(record: DatasetRecord, manifest: Path | None, folder: Path) -> ManifestFile:
+    if manifest is not None:
+        source = read_manifest(manifest)
+        if source.sha256 != record.manifest_sha256:
+            raise UsageError(f"{manifest}: is not the manifest that the dataset was made from (its sha256 differs)")
+        return source
+    path = folder / "manifest.yaml"
+    files.write_bytes(path, record.manifest.encode())
+    return read_manifest(path)
+
+
+def _plan(source: ManifestFile, observation: Observation, dataset: DatasetRecord) -> ObservationPlan:
+    """The plan of an observation as it was made.
+
+    Raises:
+        UsageError: if this software would not make the same bytes.
+    """
+    record = observation.record
+    if record is None or record.plan_sha256 is None:
+        raise UsageError(f"{observation.path}: {layout.OBSERVATION_JSON} has no plan_sha256: made by something else")
+    camera = record.intrinsics
+    (plan,) = make_plans(
+        source,
+        only=(observation.key,),
+        vision=record.vision.backend,
+        audio=record.acoustics.backend,
+        frames=len(record.frames),
+        size=camera.width,
+        depth=layout.image_path(layout.DEPTH, 0) in record.files,
+        rirs=layout.rir_path(0) in record.files,
+    )
+    if plan.digest != record.plan_sha256:
+        raise UsageError(f"{observation.key}: {_difference(plan, record, dataset)}")
+    return plan
+
+
+def _difference(plan: ObservationPlan, record: ObservationRecord, dataset: DatasetRecord) -> str:
+    pairs = [
+        ("avs3d-bench", dataset.toolkit_version, __version__),
+        (record.vision.backend, record.vision.version, plan.backends.get(record.vision.backend, "none")),
+        (record.acoustics.backend, record.acoustics.version, plan.backends.get(record.acoustics.backend, "none")),
+    ]
+    said = [f"{name} {there}, here {here}" for name, there, here in pairs if there != here]
+    known = f" ({'; '.join(said)})" if said else ""
+    return (
+        f"was made by other software{known}, from another manifest or with other files: bytes would differ anyway; "
+        "run this with the versions that made the dataset, and --manifest if it names files"
+    )
+
+
+def _compare(
+    plan: ObservationPlan, observation: Observation, indices: tuple[int, ...], scratch: Path
+) -> Iterator[Problem]:
+    """Problems of one observation."""
+    record = observation.record
+    assert record is not None
+    home = open_home(plan, default_cache()).for_room(plan.spec.room)
+    sight = vision_backend(plan.vision)
+    sight.warm_up()
+    seen = arrange(plan, home, sight.navigable(home))
+    sounding = draw_sounding(plan, seen.placements)
+    stage = Stage(home, seen.placements, sounding, seen.motion)
+    intrinsics = Intrinsics.from_fov(plan.camera.size, plan.camera.hfov)
+    sound = choose_sound(plan)
+    said = {
+        "notes": seen.notes,
+        "source_position": stage.source(0).source_position,
+        "instances": [describe_instance(n, p, sounding == n) for n, p in enumerate(seen.placements, start=1)],
+        "sound": {"asset": sound.asset, "licence": licence_record(sound.licence)},
+    }
+    yield from _fields(observation.key, "", said, record)
+    needed = {frame for index in indices for frame, _, _ in layout.mono_window(index, len(seen.poses))}
+    engine = acoustic_backend(plan.audio, absorption_scale=plan.spec.acoustics.absorption_scale)
+    clips: list[NDArray[np.float32]] = [np.zeros((2, layout.BINAURAL_SAMPLES), dtype=np.float32) for _ in seen.poses]
+    with ObservationWriter(scratch / plan.key, depth=plan.depth, rirs=plan.rirs) as writer:
+        view = Camera(sight, stage, intrinsics)
+        start = stage.source(0).source_position
+        hearing = engine.open(stage.scene(0), start, room=plan.spec.room, sample_rate=layout.SAMPLE_RATE)
+        try:
+            for index in range(max(needed) + 1):
+                pose = seen.poses[index]
+                clip, response = hear(hearing, stage, sound, index, pose)
+                clips[index] = clip
+                if index not in indices:
+                    continue
+                frame = view.render(index, pose)
+                mask = frame.instance_ids == sounding
+                writer.add_frame(index, frame, mask, clip, response)
+                described = describe_frame(index, pose, mask, clip, stage)
+                yield from _fields(observation.key, f"frames[{index}]", {"frames": described}, record, index)
+        finally:
+            hearing.close()
+            view.close()
+        for index in indices:
+            writer.add_mono(index, mono_clip(clips, index))
+        writer.add_sounding_mesh(stage.source(0).mesh)
+        yield from _files(observation, writer.folder)
+
+
+def _fields(
+    key: str, where: str, made: Mapping[str, object], record: ObservationRecord, index: int | None = None
+) -> Iterator[Problem]:
+    """Fields of observation.json that are not what was made, as JSON has them."""
+    for name, value in made.items():
+        there = getattr(record, name)
+        if index is not None:
+            there = there[index]
+        if files.dump_json(value) != files.dump_json(there):
+            text = f"{where or name} differs from what the manifest makes"
+            yield Problem("error", f"{key}/{layout.OBSERVATION_JSON}", text)
+
+
+def _files(observation: Observation, made: Path) -> Iterator[Problem]:
+    for path in sorted(path for path in made.rglob("*") if path.is_file()):
+        name = path.relative_to(made).as_posix()
+        try:
+            same = files.read_bytes(observation.path / name) == files.read_bytes(path)
+        except Avs3dError as error:
+            text = str(error).removeprefix(f"{observation.path / name}: ")
+            yield Problem("error", f"{observation.key}/{name}", text)
+            continue
+        if not same:
+            yield Problem("error", f"{observation.key}/{name}", "differs from what the manifest makes")
