@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench import layout
+from avs3d_bench.ahead import process_ahead
 from avs3d_bench.geometry import Pose
-from avs3d_bench.parallel import process_ahead
 from generators.acoustics.base import AcousticSession
 from generators.acoustics.clips import binaural_clip, moving_clip
 from generators.backends import acoustic_backend

@@ -50,6 +50,7 @@ TABLE: dict[str, str] = {
     "avs3d_bench/ply.py": "observation training lifting",
     "avs3d_bench/colmap.py": "observation training lifting",
     "avs3d_bench/cli.py": "",
+    "avs3d_bench/parallel.py": "",
     "avs3d_bench/report.py": "",
     "avs3d_bench/exports/shards.py": "",
     "avs3d_bench/inspector/site.py": "",

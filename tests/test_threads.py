@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from avs3d_bench.ahead import process_ahead
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.parallel import process_ahead
 from generators.observation import generate_observation
 from generators.plan import make_plans, read_manifest
 from generators.runner import threads_each
