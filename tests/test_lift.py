@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics
 from baselines.echosegnet import aisrm, lift
+from baselines.echosegnet import decompose as decomposition
 from baselines.echosegnet.decompose import decompose
 from baselines.echosegnet.gaussians import Gaussians
 
@@ -188,6 +189,22 @@ def test_no_sign_of_an_axis_and_no_direction_of_a_line_matters(degrees: float):
         assert np.linalg.norm(moved) == pytest.approx(0.5 * (1 - factor / 0.8) * 0.6, rel=1e-5)
         reach = 1.5 * 64 * abs(half[0])
         assert factor / 0.8 == pytest.approx((reach - 19.5) / (2 * reach), abs=1.5 / (2 * reach))
+
+
+def test_lines_are_counted_as_one_by_one(monkeypatch: pytest.MonkeyPatch):
+    """Against a loop over lines and pixels; and the same in blocks."""
+    rng = np.random.default_rng(0)
+    mask = rng.random((30, 40)) < 0.5
+    start, end = rng.integers(0, 30, (2, 50, 2))
+    start[(start == end).all(axis=1)] += 1
+    expected = []
+    for a, b in zip(start, end, strict=True):
+        steps = max(abs(b - a))
+        pixels = [np.rint(a + k * ((b - a) / steps)).astype(int) for k in range(steps + 1)]
+        expected.append(np.mean([mask[row, column] for column, row in pixels]))
+    for block in (50_000, 7):
+        monkeypatch.setattr(decomposition, "_BLOCK", block)
+        assert decomposition._shares(mask, start, end).tolist() == pytest.approx(expected, abs=1e-12)
 
 
 def test_the_three_d_axis_is_projected_as_a_direction():

@@ -45,6 +45,8 @@ AXIS_SIGMAS = 3.0
 SHRINK = 0.8
 #: Nearer to the camera's plane than this a centre has no pixel, metres.
 _NEAR = 1e-6
+#: Lines that are looked at together: bounds memory.
+_BLOCK = 50_000
 
 
 def decompose(gaussians: Gaussians, views: Sequence[Camera], masks: Sequence[Mask], *, every: int = 4) -> Gaussians:
@@ -117,9 +119,9 @@ def _crossing(means: Array, logs: Array, turns: Array, view: Camera, mask: Mask)
     inside = mask[ends[..., 1], ends[..., 0]]
     crossing = np.flatnonzero(inside[0] != inside[1])
     first = inside[0, crossing]
-    ratio = np.array(
-        [_share(mask, ends[0 if a else 1, k], ends[1 if a else 0, k]) for k, a in zip(crossing, first, strict=True)]
-    )
+    place = np.arange(len(crossing))
+    chosen = ends[:, crossing]
+    ratio = _shares(mask, chosen[np.where(first, 0, 1), place], chosen[np.where(first, 1, 0), place])
     towards = np.where(first, 1.0, -1.0)[:, None] * reach[crossing]
     return _Crossing(index[crossing], ratio, towards, jacobian[crossing])
 
@@ -147,11 +149,24 @@ def _pixel(points: Array, mask: Mask) -> NDArray[np.int64]:
     return np.rint(np.clip(points, 0, [width - 1, height - 1])).astype(np.int64)
 
 
-def _share(mask: Mask, start: NDArray[np.int64], end: NDArray[np.int64]) -> float:
-    """Share of the pixels of the line between two pixels that lie inside the mask: one per step of its longer side."""
-    steps = int(np.abs(end - start).max())
-    line = np.rint(start + np.arange(steps + 1)[:, None] * ((end - start) / steps)).astype(np.int64)
-    return float(mask[line[:, 1], line[:, 0]].mean())
+def _shares(mask: Mask, start: NDArray[np.int64], end: NDArray[np.int64]) -> Array:
+    """(n,) share of the pixels of each line that lie inside the mask: one pixel per step along its longer side.
+
+    Args:
+        mask: (H, W).
+        start: (n, 2) pixels as (column, row).
+        end: (n, 2), other ones.
+    """
+    out = np.empty(len(start))
+    for low in range(0, len(start), _BLOCK):
+        part = np.s_[low : low + _BLOCK]
+        steps = np.abs(end[part] - start[part]).max(axis=1)
+        owner = np.repeat(np.arange(len(steps)), steps + 1)
+        step = np.arange(len(owner)) - np.repeat(np.cumsum(steps + 1) - steps - 1, steps + 1)
+        stride = (end[part] - start[part]) / steps[:, None]
+        line = np.rint(start[part][owner] + step[:, None] * stride[owner]).astype(np.int64)
+        out[part] = np.bincount(owner, mask[line[:, 1], line[:, 0]], len(steps)) / (steps + 1)
+    return out
 
 
 def _sign(axis: Array, cut: _Crossing) -> Array:
