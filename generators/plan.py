@@ -20,12 +20,18 @@ import numpy as np
 from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError, UsageError
 from generators.library.lock import LOCK_NAME
-from generators.manifest import AssetSpec, CameraSpec, Manifest, ManifestFile, ObservationSpec, ScanSpec, select
-
-# Known by these names, too.
-from generators.manifest import ObjectSpec as ObjectSpec
-from generators.manifest import SoundSpec as SoundSpec
-from generators.manifest import read_manifest as read_manifest
+from generators.manifest import (
+    AssetSpec,
+    CameraSpec,
+    Manifest,
+    ManifestFile,
+    ObjectSpec,
+    ObservationSpec,
+    ScanSpec,
+    SoundSpec,
+    select,
+)
+from generators.manifest import read_manifest as read_manifest  # known by this name, too
 from generators.scenes.scanfiles import ScanFiles, digest, find_scan_files, scan_files_of
 
 

@@ -31,8 +31,8 @@ Array = NDArray[np.float64]
 
 #: Models larger or smaller than this (longest side, metres) are not in metres.
 PLAUSIBLE = (0.02, 5.0)
-#: Largest coordinate (the file's own units): a street in millimetres; single precision holds no more of it.
-FARTHEST = 1e7
+#: Largest coordinate (the file's own units): a street in nanometres; products of larger ones leave single precision.
+FARTHEST = 1e12
 #: Height a category's model gets if its file's units are wrong, how it is mounted, how far up its front it sounds.
 _DEFAULTS: dict[str, tuple[float, Mount, float]] = {
     "washing_machine": (0.85, "floor", 0.5),
@@ -159,7 +159,7 @@ def world_vertices(file: Path, name: str, part: Any, matrix: Array) -> Array:
         reach = float(np.abs(world).max(initial=0.0))
     if not reach <= FARTHEST:
         raise Avs3dError(
-            f"{file}: vertices of {name!r} have coordinates up to {reach:.3g}; expected at most {FARTHEST:,.0f} of the "
+            f"{file}: vertices of {name!r} have coordinates up to {reach:.3g}; expected at most {FARTHEST:.0e} of the "
             "file's units; repair or rescale the mesh"
         )
     return world
