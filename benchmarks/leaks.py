@@ -1,0 +1,325 @@
+"""`python -m benchmarks.leaks --observations N --json FILE`: do the pictures tell which object sounds?
+
+Observations in homes that no manifest uses are arranged as the generator arranges them (placement, ids, walk, points,
+then the draw of what sounds) and seen as small pictures of instance ids. Rules that cannot hear choose one of the
+candidates in each: the instances of the sounding category in part_2, all instances of the seven categories in part_1.
+Each rule should be right as often as chance, the mean of 1 / (number of candidates).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.geometry import Intrinsics, Pose
+from avs3d_bench.taxonomy import CATEGORIES
+from benchmarks.unseen_homes import home_of, plans_of, sample_manifest
+from generators.arrangement import arrange, draw_sounding
+from generators.placement import Placement
+from generators.plan import ObservationPlan
+from generators.scenes.scene import Scene
+from generators.surface_points import SurfaceSampler
+from generators.trajectory import plan_walk
+from generators.vision.base import Frame
+from generators.vision.rays import RayCaster
+
+Array = NDArray[np.float64]
+
+#: Standard errors beyond which a rule counts as better than chance.
+LIMIT = 2.5
+#: Share of the frames in which a candidate should be in view.
+IN_VIEW = (0.20, 0.70)
+#: Rules that cannot hear: each takes the candidate with the largest value.
+RULES = (
+    "share of frames in view",
+    "mean area",
+    "largest area",
+    "mean area where in view",
+    "centrality where in view",
+    "time in the middle third of the picture",
+    "longest look",
+    "number of looks",
+    "early first view",
+    "late last view",
+    "share of test frames in view",
+    "nearness to the path, mean",
+    "nearness to the path, least",
+    "nearness to the first position",
+    "path length within 1.5 m",
+    "height above the floor",
+    "low instance id",
+    "sparse points per visible pixel",
+    "sparse points",
+    "right–left balance",
+    "distance from the other objects",
+)
+TRAINED = "trained (logistic regression over all)"
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """One observation as rules see it.
+
+    Attributes:
+        part, home, key: where it stands.
+        features: (K, len(RULES)) of each candidate that could sound.
+        truth: index of the one that sounds.
+        in_view: (M,) share of frames in view of every placed object.
+    """
+
+    part: str
+    home: str
+    key: str
+    features: Array
+    truth: int
+    in_view: Array
+
+
+def observe(plan: ObservationPlan, size: int, *, biased: bool = False) -> Seen | None:
+    """Arrange and look at one observation; None if its room is too tight.
+
+    Args:
+        plan: of the observation.
+        size: of the pictures, pixels.
+        biased: plan the walk for the sounding object alone, as it must not be: the control of this experiment.
+    """
+    home, camera = home_of(plan), plan.camera
+    try:
+        seen = arrange(plan, home)
+        sounding = draw_sounding(plan, seen.placements)
+        poses: Sequence[Pose] = seen.poses
+        if biased:
+            poses = plan_walk(
+                home, plan.spec.room, seen.placements, frames=camera.frames, rng=plan.rng("path"),
+                watched=[sounding - 1],
+            ).poses  # fmt: skip
+    except Avs3dError:
+        return None
+    ids, points = _pictures(plan, home, seen.placements, poses, size)
+    everyone = range(1, len(seen.placements) + 1)
+    if plan.spec.part == "part_2":
+        candidates = [n for n in everyone if seen.placements[n - 1].model.category == plan.spec.category]
+    else:
+        candidates = [n for n in everyone if seen.placements[n - 1].model.category in CATEGORIES]
+    features = np.array([_features(n, ids, poses, seen.placements, points) for n in candidates])
+    in_view = np.array([(ids == n).any(axis=(1, 2)).mean() for n in everyone])
+    return Seen(plan.spec.part, plan.spec.scan, plan.key, features, candidates.index(sounding), in_view)
+
+
+def _pictures(
+    plan: ObservationPlan, home: Scene, placements: Sequence[Placement], poses: Sequence[Pose], size: int
+) -> tuple[NDArray[np.uint16], Array]:
+    """(n, size, size) instance ids and (P, 3) sparse points, which are drawn as the generator draws them."""
+    scene = home.with_parts(tuple(p.part(n) for n, p in enumerate(placements, start=1)))
+    caster, camera = RayCaster(scene), Intrinsics.from_fov(size, plan.camera.hfov)
+    number = np.array([part.instance_id for part in scene.parts], dtype=np.uint16)
+    u, v = np.meshgrid(np.arange(size) + 0.5, np.arange(size) + 0.5)
+    rays = np.stack([(u - camera.cx) / camera.fx, -(v - camera.cy) / camera.fy, -np.ones_like(u)], axis=-1)
+    sampler = SurfaceSampler(camera, plan.rng("points"))
+    ids = np.zeros((len(poses), size, size), dtype=np.uint16)
+    for index, pose in enumerate(poses):
+        ways = rays.reshape(-1, 3) @ pose.rotation_matrix.T
+        depth, face = caster.closest(np.broadcast_to(np.asarray(pose.position), ways.shape), ways)
+        hit = face >= 0
+        flat = np.zeros(size * size, dtype=np.uint16)
+        flat[hit] = number[caster.face_part[face[hit]]]
+        ids[index] = flat.reshape(size, size)
+        shown = np.where(hit, depth, 0.0).astype(np.float32).reshape(size, size)
+        sampler.add(Frame(np.zeros((size, size, 3), dtype=np.uint8), shown, ids[index]), pose)
+    linked = sampler.link(poses, lambda _, origins, ways, distance: caster.occluded(origins, ways, distance))
+    return ids, linked.positions
+
+
+def _features(
+    number: int, ids: NDArray[np.uint16], poses: Sequence[Pose], placements: Sequence[Placement], points: Array
+) -> list[float]:
+    """The values of `RULES` for one candidate."""
+    mask, size = ids == number, ids.shape[1]
+    area = mask.mean(axis=(1, 2))
+    shown = area > 0
+    times = np.flatnonzero(shown)
+    offset = np.abs(np.arange(size) + 0.5 - size / 2)
+    off_centre = np.hypot(offset[:, None], offset[None])
+    where = mask[shown]
+    centrality = -(where * off_centre).sum() / max(int(where.sum()), 1)
+    third = slice(size // 3, size - size // 3)
+    middle = mask[:, third, third].any(axis=(1, 2)).mean()
+    runs = np.diff(np.flatnonzero(np.diff(np.concatenate([[0], shown.astype(int), [0]]))))[::2]
+    place = placements[number - 1]
+    box, track = place.box, np.array([pose.position for pose in poses])
+    distance = np.linalg.norm((track - box.centre)[:, [0, 2]], axis=1)
+    steps = np.linalg.norm(np.diff(track, axis=0), axis=1)
+    near = float(steps[distance[1:] < 1.5].sum())
+    local = np.array([(np.asarray(pose.rotation_matrix).T @ (box.centre - pose.position)) for pose in poses])
+    azimuth = np.degrees(np.arctan2(local[:, 0], -local[:, 2]))
+    on_it = float((box.distance(points) < 0.01).sum()) if len(points) else 0.0
+    others = [np.linalg.norm(box.centre - o.box.centre) for k, o in enumerate(placements, start=1) if k != number]
+    return [
+        float(shown.mean()), float(area.mean()), float(area.max()), float(area[shown].mean()) if shown.any() else 0.0,
+        float(centrality), float(middle), float(runs.max(initial=0)), float(len(runs)),
+        -float(times.min(initial=len(poses))), float(times.max(initial=-1)), float(shown[::8].mean()),
+        -float(distance.mean()), -float(distance.min()), -float(distance[0]), near, float(box.centre[1]),
+        -float(number), on_it / max(float(mask.sum()), 1.0), on_it,
+        float((azimuth > 20).mean() - (azimuth < -20).mean()), float(np.mean(others)) if others else 0.0,
+    ]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """How often a rule is right, beside chance.
+
+    Attributes:
+        part, rule: of what.
+        observations: how many it was tried on.
+        accuracy, chance: shares.
+        deviation: (accuracy − chance) / standard error of chance.
+    """
+
+    part: str
+    rule: str
+    observations: int
+    accuracy: float
+    chance: float
+    deviation: float
+
+    @property
+    def leaks(self) -> bool:
+        """Whether the rule is better than chance."""
+        return self.deviation > LIMIT
+
+
+def judge(seen: Sequence[Seen]) -> list[Verdict]:
+    """The verdicts on all rules, part by part; observations with one candidate are left out."""
+    out = []
+    for part in sorted({each.part for each in seen}):
+        cases = [each for each in seen if each.part == part and len(each.features) > 1]
+        if not cases:
+            continue
+        p = np.array([1 / len(case.features) for case in cases])
+        error = math.sqrt(float((p * (1 - p)).sum())) / len(cases)
+        scores = [[case.features[:, k] for case in cases] for k in range(len(RULES))]
+        for rule, values in (*zip(RULES, scores, strict=True), (TRAINED, _trained(cases))):
+            right = float(np.mean([_credit(v, case.truth) for v, case in zip(values, cases, strict=True)]))
+            out.append(Verdict(part, rule, len(cases), right, float(p.mean()), float((right - p.mean()) / error)))
+    return out
+
+
+def _credit(values: Array, truth: int) -> float:
+    """1 if the largest value is the right one's, a share where several are equal."""
+    best = values >= values.max() - 1e-12
+    return float(best[truth] / best.sum())
+
+
+def _trained(cases: Sequence[Seen]) -> list[Array]:
+    """Scores of the candidates by a logistic regression that was trained on other homes."""
+    from sklearn.linear_model import LogisticRegression
+    from sklearn.model_selection import GroupKFold
+
+    # Within an observation: what a rule can compare. Unit variance where the candidates differ at all.
+    rows = [(c.features - c.features.mean(axis=0)) / np.maximum(c.features.std(axis=0), 1e-9) for c in cases]
+    homes = np.array([case.home for case in cases])
+    scores: list[Array] = [np.zeros(len(row)) for row in rows]
+    for train, test in GroupKFold(min(5, len(set(homes)))).split(homes, groups=homes):
+        x = np.concatenate([rows[k] for k in train])
+        y = np.concatenate([np.arange(len(rows[k])) == cases[k].truth for k in train])
+        model = LogisticRegression(C=0.1, max_iter=2000).fit(x, y)
+        for k in test:
+            scores[k] = model.decision_function(rows[k])
+    return scores
+
+
+def _observe_home(task: tuple[list[ObservationPlan], int, bool]) -> list[Seen | None]:
+    plans, size, biased = task
+    return [observe(plan, size, biased=biased) for plan in plans]
+
+
+def survey(
+    observations: int,
+    *,
+    homes: int,
+    seed: int,
+    frames: int = 60,
+    size: int = 48,
+    workers: int = 2,
+    parts: Sequence[str] = ("part_1", "part_2"),
+    biased: bool = False,
+) -> list[Seen]:
+    """Arrange and look at ``observations`` observations in ``homes`` homes, less those whose room is too tight."""
+    plans = plans_of(sample_manifest(homes, observations, seed, parts=parts, frames=frames, size=size))
+    tasks = [
+        ([plan for plan in plans if plan.spec.scan == home], size, biased)
+        for home in dict.fromkeys(plan.spec.scan for plan in plans)
+    ]
+    if workers <= 1:
+        found = [_observe_home(task) for task in tasks]
+    else:
+        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+            found = list(pool.map(_observe_home, tasks))
+    return [each for home in found for each in home if each is not None]
+
+
+def summary(seen: Sequence[Seen], verdicts: Sequence[Verdict]) -> dict[str, Any]:
+    """What goes into the JSON file."""
+    share = np.concatenate([each.in_view for each in seen])
+    low, high = IN_VIEW
+    return {
+        "observations": len(seen),
+        "homes": len({each.home for each in seen}),
+        "objects": len(share),
+        "in view": {
+            "least": float(share.min()),
+            "quartiles": np.percentile(share, [25, 50, 75]).tolist(),
+            "most": float(share.max()),
+            f"share of objects in view in {low:.0%}–{high:.0%} of the frames": float(
+                ((share >= low) & (share <= high)).mean()
+            ),
+        },
+        "rules": [{**vars(v), "leaks": v.leaks} for v in verdicts],
+    }
+
+
+@click.command()
+@click.option("--observations", default=216, show_default=True, type=click.IntRange(1))
+@click.option("--homes", default=18, show_default=True, type=click.IntRange(2))
+@click.option("--seed", default=1, show_default=True)
+@click.option("--frames", default=60, show_default=True, type=click.IntRange(2))
+@click.option("--size", default=48, show_default=True, type=click.IntRange(16), help="Of the pictures, pixels.")
+@click.option("--workers", default=2, show_default=True, type=click.IntRange(1))
+@click.option("--biased", is_flag=True, help="Plan each walk for the sounding object alone: every rule should find it.")
+@click.option("--json", "output", type=click.Path(path_type=Path), default=None, help="Also write the figures here.")
+def main(
+    observations: int, homes: int, seed: int, frames: int, size: int, workers: int, biased: bool, output: Path | None
+) -> None:
+    """Print how often rules that cannot hear find the sounding object."""
+    seen = survey(
+        observations, homes=homes, seed=seed, frames=frames, size=size, workers=workers, biased=biased
+    )  # fmt: skip
+    verdicts = judge(seen)
+    table = Table("part", "rule", "observations", "right", "chance", "standard errors")
+    for v in verdicts:
+        mark = " leaks" if v.leaks else ""
+        table.add_row(
+            v.part, v.rule, str(v.observations), f"{v.accuracy:.3f}", f"{v.chance:.3f}", f"{v.deviation:+.2f}{mark}"
+        )
+    Console(width=130).print(table)
+    document = summary(seen, verdicts)
+    print(json.dumps(document["in view"], indent=1))
+    if output:
+        output.write_text(json.dumps(document, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

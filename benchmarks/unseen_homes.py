@@ -1,0 +1,168 @@
+"""`python -m benchmarks.unseen_homes -o FILE`: a manifest of plausible observations in homes that no manifest uses.
+
+What is drawn (homes, rooms, categories, counts, silent objects) depends on the seed alone. In part_1, the category that
+sounds is drawn among those that stand in the room, each as likely as the others; in part_2 several instances of one
+model stand there. With ``--check`` (the default of the command), an observation that its room is too tight for is
+replaced by another.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+import yaml
+
+from avs3d_bench.errors import Avs3dError
+from generators.arrangement import arrange
+from generators.plan import ObservationPlan, make_plans, read_manifest
+from generators.scenes.apartment import build_apartment
+from generators.scenes.scene import Scene
+
+MANIFESTS = Path(__file__).parent.parent / "scenes_manifest"
+PARTS = ("part_1", "part_2")
+#: What stands in which room, with the most instances in part_2.
+ROOMS: dict[str, dict[str, int]] = {
+    "bathroom": {"washing_machine": 2, "toilet": 2},
+    "kitchen": {"microwave": 3, "coffee_machine": 3, "clock": 4},
+    "living_room": {"telephone": 3, "clock": 4, "vacuum_cleaner": 3},
+}
+#: Look-alikes, which never sound, and the probability that one stands by.
+LOOK_ALIKES, LOOK_ALIKE_SHARE = {"kitchen": "oven"}, 0.5
+#: Probability that something silent of another category stands beside the instances of part_2.
+SILENT_SHARE = 0.4
+#: Seeds of homes are drawn from this range: those of committed manifests are small.
+SEEDS = (1_000, 1_000_000)
+
+
+def used_seeds() -> set[int]:
+    """Seeds of the homes of all committed manifests."""
+    documents = [yaml.safe_load(path.read_text()) for path in MANIFESTS.glob("*.yaml")]
+    return {scan["seed"] for d in documents for scan in (d.get("scans") or {}).values() if "seed" in scan}
+
+
+def sample_homes(homes: int, seed: int) -> dict[str, dict[str, Any]]:
+    """``scans`` of a manifest: home_1, home_2, … with seeds that no committed manifest uses."""
+    rng, taken = np.random.default_rng([seed, 1]), used_seeds()
+    scans: dict[str, dict[str, Any]] = {}
+    while len(scans) < homes:
+        drawn = int(rng.integers(*SEEDS))
+        if drawn not in taken:
+            taken.add(drawn)
+            scans[f"home_{len(scans) + 1}"] = {"source": "apartment", "seed": drawn}
+    return scans
+
+
+def draw_entries(home: str, parts: Sequence[str], seed: int) -> Iterator[dict[str, Any]]:
+    """Endless entries of a manifest for one home, the parts by turns; indices count up within a room."""
+    number = int(home.removeprefix("home_"))
+    rng = np.random.default_rng([seed, 2, number])
+    counts: dict[tuple[str, str], int] = {}
+    turn = number
+    while True:
+        part = parts[turn % len(parts)]
+        turn += 1
+        room = str(rng.choice(list(ROOMS)))
+        known = list(ROOMS[room])
+        category = str(rng.choice(known))
+        others = [str(name) for name in rng.permutation([name for name in known if name != category])]
+        entry: dict[str, Any] = {"part": part, "scan": home, "room": room, "category": category}
+        if part == "part_2":
+            entry["instances"] = int(rng.integers(2, ROOMS[room][category] + 1))
+            silent = others[: int(rng.uniform() < SILENT_SHARE)]
+        else:
+            silent = others[: int(rng.integers(1, len(others) + 1))]
+        if room in LOOK_ALIKES and rng.uniform() < LOOK_ALIKE_SHARE:
+            silent.append(LOOK_ALIKES[room])
+        counts[part, room] = counts.get((part, room), 0) + 1
+        yield entry | {"index": counts[part, room], "silent": silent}
+
+
+def sample_manifest(
+    homes: int, observations: int, seed: int, *, parts: Sequence[str] = PARTS, check: bool = False, **camera: Any
+) -> dict[str, Any]:
+    """A manifest document.
+
+    Args:
+        homes: number of homes.
+        observations: number of observations, spread evenly over the homes.
+        seed: of everything that is drawn, and the manifest's own.
+        parts: which parts to draw for.
+        check: replace observations that cannot be placed or walked (places every one of them: seconds each).
+        camera: fields of the manifest's ``camera`` that differ from the usual ones.
+    """
+    usual = {"size": 1008, "hfov": 90.0, "height": 1.5, "frames": 120}
+    document: dict[str, Any] = {
+        "name": f"unseen-homes-{seed}",
+        "version": "2.0.0",
+        "seed": seed,
+        "camera": usual | camera,
+        "scans": sample_homes(homes, seed),
+        "observations": [],
+    }
+    for number, home in enumerate(document["scans"]):
+        wanted = (number + 1) * observations // homes - number * observations // homes
+        for entry in draw_entries(home, parts, seed):
+            if wanted == 0:
+                break
+            if entry["index"] > 99:
+                raise Avs3dError(f"{home}: no room for more observations; ask for more homes")
+            if not check or is_plannable(document, entry):
+                document["observations"].append(entry)
+                wanted -= 1
+    return document
+
+
+def plans_of(document: dict[str, Any]) -> list[ObservationPlan]:
+    """The plans of a manifest document."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "manifest.yaml"
+        path.write_text(yaml.safe_dump(document, sort_keys=False))
+        return list(make_plans(read_manifest(path), audio="analytic"))
+
+
+@lru_cache(maxsize=1)
+def unlit_home(name: str, seed: int) -> Scene:
+    """A home without its light, which placement and walk do not need."""
+    return build_apartment(name, seed)
+
+
+def home_of(plan: ObservationPlan) -> Scene:
+    """The plan's home without its light."""
+    assert plan.scan.seed is not None
+    return unlit_home(plan.spec.scan, plan.scan.seed)
+
+
+def is_plannable(document: dict[str, Any], entry: dict[str, Any]) -> bool:
+    """Whether the room has room for an observation's objects and its walk."""
+    (plan,) = plans_of(document | {"observations": [entry]})
+    try:
+        arrange(plan, home_of(plan))
+    except Avs3dError:
+        return False
+    return True
+
+
+@click.command()
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="The manifest to write.")
+@click.option("--homes", default=12, show_default=True, type=click.IntRange(1))
+@click.option("--observations", default=36, show_default=True, type=click.IntRange(1))
+@click.option("--seed", default=1, show_default=True, type=click.IntRange(0))
+@click.option("--parts", multiple=True, type=click.Choice(PARTS), default=PARTS, show_default=True)
+@click.option("--check/--no-check", default=True, show_default=True, help="Replace what its room is too tight for.")
+def main(output: Path, homes: int, observations: int, seed: int, parts: tuple[str, ...], check: bool) -> None:
+    """Write a manifest of OBSERVATIONS observations in HOMES homes that no committed manifest uses."""
+    document = sample_manifest(homes, observations, seed, parts=parts, check=check)
+    command = f"python -m benchmarks.unseen_homes {' '.join(sys.argv[1:])}"
+    output.write_text(f"# {command}\n{yaml.safe_dump(document, sort_keys=False)}")
+    print(f"{output}: {len(document['observations'])} observations in {len(document['scans'])} homes")
+
+
+if __name__ == "__main__":
+    main()
