@@ -61,8 +61,8 @@ def train_one(context: Context, job: TrainJob) -> dict[str, Any]:
     from baselines.echosegnet.cache import Stages
     from baselines.echosegnet.jobs import device_of
     from baselines.echosegnet.pictures import view_psnr
-    from baselines.echosegnet.pipeline import trained
     from baselines.echosegnet.train import Report
+    from baselines.echosegnet.training_stage import trained
     from baselines.echosegnet.views import load_views, test_views, train_views
 
     rasteriser = device_of(context, job.devices)

@@ -21,7 +21,7 @@ from avs3d_bench.geometry import Intrinsics
 from avs3d_bench.scheduling.errors import UnfitError
 from avs3d_bench.scheduling.tasks import Context
 from avs3d_bench.scores import Scores
-from baselines.echosegnet import cache, pipeline
+from baselines.echosegnet import cache, pipeline, training_stage, voting_stage
 from baselines.echosegnet.cache import inputs_digest
 from baselines.echosegnet.densify import DensityControl
 from baselines.echosegnet.gaussians import from_points, read_audio_intensity, read_ply
@@ -96,8 +96,8 @@ def test_another_threshold_trains_nothing_again(
     def refuse(*_: object, **__: object) -> None:
         raise AssertionError("trained or voted again")
 
-    monkeypatch.setattr(pipeline, "train", refuse)
-    monkeypatch.setattr(pipeline.lift, "vote_counts", refuse)
+    monkeypatch.setattr(training_stage, "train", refuse)
+    monkeypatch.setattr(voting_stage.lift, "vote_counts", refuse)
     writers = write_sweep(
         Dataset(data), tmp_path / "sweep", OracleMasks("sounding"), SETTINGS, work=work, devices=("cpu",),
         thresholds=(0.9, 0.1), only=["part_1/*"],
@@ -264,14 +264,16 @@ def test_what_is_missing_is_said_in_one_line(data: Path, tmp_path: Path, work: P
 
 def test_a_stage_is_kept_only_while_its_inputs_and_its_software_are_the_same(data: Path, tmp_path: Path):
     rasteriser = TorchRasteriser()
-    training, lifting = (cache.software_digest(roots, rasteriser) for roots in (cache.TRAINING, cache.LIFTING))
+    training, lifting = (
+        cache.software_digest(roots, rasteriser) for roots in (training_stage.TRAINING, voting_stage.LIFTING)
+    )
     assert training != lifting
 
     class Other(TorchRasteriser):
         pass
 
-    assert cache.software_digest(cache.TRAINING, Other()) != training
-    assert cache.software_digest(cache.LIFTING, Other()) != lifting
+    assert cache.software_digest(training_stage.TRAINING, Other()) != training
+    assert cache.software_digest(voting_stage.LIFTING, Other()) != lifting
 
     other = tiny.clone(data, tmp_path / "data")
     observation, clone = Dataset(data)[tiny.SINGLE], Dataset(other)[tiny.SINGLE]

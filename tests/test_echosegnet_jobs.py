@@ -18,7 +18,7 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.scheduling.errors import UnfitError
 from avs3d_bench.scheduling.lock import turn
 from avs3d_bench.scheduling.options import Options
-from baselines.echosegnet import kernels, memory, pipeline
+from baselines.echosegnet import kernels, memory, training_stage
 from baselines.echosegnet.densify import DensityControl
 from baselines.echosegnet.jobs import run_each, spread
 from baselines.echosegnet.pipeline import Settings
@@ -141,7 +141,7 @@ def test_what_others_finished_outlives_a_killed_worker_and_a_rerun_takes_it_up(
     assert not (tmp_path / "s").exists()
     kept = {path: path.stat().st_mtime_ns for path in work.rglob("*") if path.is_file()}
     assert {path.name.partition("-")[0] for path in kept if tiny.SINGLE in str(path)} == {"gaussians", "votes", "audio"}
-    monkeypatch.setattr(pipeline, "train", None)  # both were trained: nothing is trained again
+    monkeypatch.setattr(training_stage, "train", None)  # both were trained: nothing is trained again
     source = OracleMasks("sounding")
     writer = write_echosegnet(Dataset(data), tmp_path / "s", source, SETTINGS, work=work, devices=("cpu",))
     assert len(list(writer.path.rglob("frame_*.png"))) == 4

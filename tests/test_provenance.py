@@ -9,6 +9,7 @@ import subprocess
 import sys
 import zipfile
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -19,17 +20,22 @@ from avs3d_bench.files import dump_json
 from avs3d_bench.provenance import PACKAGES, SOFTWARE, Provenance, Sources, provenance
 from avs3d_bench.scheduling.errors import UnfitError
 from avs3d_bench.scheduling.software import check_software
+from avs3d_bench.scheduling.tasks import Context
 from avs3d_bench.schema import DatasetRecord, ObservationRecord, ProvenanceRecord, SubmissionRecord, parse_record
 from avs3d_bench.scores import Scores
-from baselines.echosegnet.cache import LIFTING, TRAINING
+from baselines.echosegnet.training_stage import TRAINING
+from baselines.echosegnet.voting_stage import LIFTING
 from baselines.trivial import write_trivial
 from evaluators import evaluate, open_submission, write_report
 from evaluators.score import SCORING
 from generators.backends import OBSERVATION, observation_provenance, unused_backends
 from generators.finished import find_damage
 from generators.library.store import CLEANING
+from generators.manifest import read_manifest
+from generators.plan import make_plans
 from generators.scenes.cache import BUILDER
 from generators.seal import read_observation
+from generators.work import Place, make_observation, prepare
 from tests.homes import tree_digest, write_manifest
 
 ROOT = Path(__file__).parent.parent
@@ -85,6 +91,10 @@ TABLE: dict[str, str] = {
     "baselines/errors.py": "",
     "baselines/trivial.py": "",
     "baselines/owod_bind/select.py": "",
+    "baselines/echosegnet/cache.py": "training lifting",
+    "baselines/echosegnet/training_stage.py": "training",
+    "baselines/echosegnet/voting_stage.py": "lifting",
+    "baselines/echosegnet/pipeline.py": "",
     "baselines/echosegnet/train.py": "training",
     "baselines/echosegnet/densify.py": "training",
     "baselines/echosegnet/lift.py": "lifting",
@@ -449,3 +459,17 @@ def test_files_without_provenance_are_read_and_keep_their_bytes(made: tuple[Path
     observation = read_observation(made[1] / "part_1/box/kitchen/1").model_copy(update={"sizes": None})
     assert '"sizes"' not in dump_json(observation)
     assert parse_record(dump_json(observation), ObservationRecord, "observation.json") == observation
+
+
+def test_a_worker_of_another_machine_compares_its_software_before_it_does_anything(tmp_path: Path) -> None:
+    source = read_manifest(write_manifest(tmp_path))
+    plan = make_plans(source, audio="analytic", only=["part_1/*"])[0]
+    mine = plan.backends[SOFTWARE]
+    assert mine == observation_provenance("embree", "analytic").digest
+    other = replace(plan, backends=plan.backends | {SOFTWARE: "0" * 64})
+    assert other.digest != plan.digest
+    place = Place(tmp_path / "out", tmp_path / "cache", token="run")
+    for work in (prepare, make_observation):
+        with pytest.raises(UnfitError, match=f"has the software {mine[:12]}, the run 000000000000"):
+            work(Context(0, lambda *_: None), other, place, 1)
+    assert not (tmp_path / "out").exists()

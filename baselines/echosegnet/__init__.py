@@ -1,7 +1,8 @@
 """EchoSegnet: 3D Gaussian splatting, 2D masks lifted into it, and binaural sound to choose among them.
 
 `pipeline` reads as the story of the job; `views`, `gaussians`, `rasterise` and `train` make the scene, `lift` and
-`decompose` bring masks into it, `aisrm` and `spatial` listen, `render` writes the masks of the test views. `run` and
-`jobs` do that for a dataset on several devices, `kernels` and `memory` are what their processes share. Everything lives
-in the world of `sparse/0` (Y down, metres, OpenCV cameras). Importing the package itself imports no torch.
+`decompose` bring masks into it, `aisrm` and `spatial` listen, `render` writes the masks of the test views.
+`training_stage` and `voting_stage` keep what takes long. `run` and `jobs` do that for a dataset on several devices,
+`kernels` and `memory` are what their processes share. Everything lives in the world of `sparse/0` (Y down, metres,
+OpenCV cameras). Importing the package itself imports no torch.
 """

@@ -23,9 +23,6 @@ from baselines.echosegnet.views import picture_folder
 
 #: Pictures that are read at a time.
 _READERS = 8
-#: What trains the Gaussians and what lifts masks into them (see `avs3d_bench.provenance`), besides the rasteriser.
-TRAINING = ("baselines.echosegnet.train:train", "baselines.echosegnet.views:load_points")
-LIFTING = ("baselines.echosegnet.lift:vote_counts", "baselines.echosegnet.contributions:contributions")
 
 
 def software_digest(roots: tuple[str, ...], rasteriser: Rasteriser) -> str:

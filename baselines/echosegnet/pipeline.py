@@ -20,10 +20,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -32,20 +31,19 @@ from scipy.spatial import cKDTree
 
 from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import read_json, write_json
 from avs3d_bench.geometry import flip_world
 from avs3d_bench.schema import Scalar
-from baselines.echosegnet import aisrm, clusters, lift, spatial
-from baselines.echosegnet.cache import LIFTING, TRAINING, Stages, arrays_digest, digest, inputs_digest, software_digest
+from baselines.echosegnet import aisrm, clusters, spatial
+from baselines.echosegnet.cache import Stages, digest
 from baselines.echosegnet.decompose import decompose
-from baselines.echosegnet.gaussians import Gaussians, read_ply, write_ply
-from baselines.echosegnet.rasterise import Rasteriser, contributions
+from baselines.echosegnet.gaussians import Gaussians, write_ply
+from baselines.echosegnet.rasterise import Rasteriser
 from baselines.echosegnet.render import amodal_mask, visible_mask
 from baselines.echosegnet.sources import Mask, MaskSource
-from baselines.echosegnet.train import Progress, Report, TrainingSettings, train
-from baselines.echosegnet.views import View, input_views, load_points, load_views, test_views, train_views
-
-Variant = Literal["official", "spatial"]
+from baselines.echosegnet.train import Progress, TrainingSettings
+from baselines.echosegnet.training_stage import trained
+from baselines.echosegnet.views import View, input_views, load_views, test_views, train_views
+from baselines.echosegnet.voting_stage import Variant, vote_share
 
 
 @dataclass(frozen=True)
@@ -138,81 +136,6 @@ def predict(
         **{f"{stage}_seconds": round(seconds, 2) for stage, seconds in clock.seconds.items()},
     }
     return Prediction(_complete(observation, drawn), flip_world(_numpy(part.means)), figures)
-
-
-def trained(
-    observation: Observation,
-    views: Sequence[View],
-    rasteriser: Rasteriser,
-    settings: TrainingSettings,
-    stages: Stages,
-    progress: Progress | None = None,
-) -> tuple[Gaussians, str, int | None]:
-    """Train an observation's Gaussians, or find them on disk.
-
-    Returns:
-        The Gaussians on the rasteriser's device, the key of their file, and the iteration at which memory ended their
-        growth (None: it did not).
-    """
-    software = software_digest(TRAINING, rasteriser)
-    key = digest({"inputs": inputs_digest(observation), "training": asdict(settings), "software": software})
-    path, record = stages.path("gaussians", key, ".ply"), stages.path("gaussians", key, ".json")
-    if path.exists():
-        full_at = read_json(record).get("memory_full_at") if record.exists() else None
-        return read_ply(path).to(rasteriser.device), key, full_at
-    points, colours = load_points(observation)
-    checkpoint = stages.path("training", key, ".pt")
-    last: list[Report] = []
-
-    def note(report: Report) -> None:
-        last[:] = [report]
-        if progress is not None:
-            progress(report)
-
-    gaussians = train(train_views(views), points, colours, rasteriser, settings, checkpoint=checkpoint, progress=note)
-    full_at = last[0].full_at if last else None
-    write_json(record, {"gaussians": len(gaussians), "memory_full_at": full_at})
-    write_ply(path, gaussians)
-    checkpoint.unlink(missing_ok=True)
-    return gaussians.to(rasteriser.device), key, full_at
-
-
-def vote_share(
-    gaussians: Gaussians,
-    views: Sequence[View],
-    masks: Sequence[Mask],
-    rasteriser: Rasteriser,
-    variant: Variant,
-    stages: Stages,
-    key: str,
-) -> NDArray[np.float64]:
-    """(N,) share of each Gaussian's votes that are for it; 0 where nobody votes.
-
-    ``official``: one vote per train view that has the centre in its picture. ``spatial``: a view's vote weighs as much
-    as the Gaussian contributes to its pixels, so that what is hidden there has no say.
-    """
-    software = software_digest(LIFTING, rasteriser)
-    name = digest({"gaussians": key, "masks": arrays_digest(masks), "votes": variant, "software": software})
-    kept = stages.load_arrays("votes", name)
-    if kept is None:
-        if variant == "official":
-            counts = lift.vote_counts(_numpy(gaussians.means), zip(views, masks, strict=True))
-        else:
-            counts = _weighted_votes(gaussians, views, masks, rasteriser)
-        kept = dict(zip(("inside", "total"), counts, strict=True))
-        stages.save_arrays("votes", name, kept)
-    return lift.vote_share(kept["inside"], kept["total"])
-
-
-def _weighted_votes(
-    gaussians: Gaussians, views: Sequence[View], masks: Sequence[Mask], rasteriser: Rasteriser
-) -> tuple[NDArray[Any], NDArray[Any]]:
-    sums = torch.zeros(len(gaussians), 2, device=gaussians.device)
-    for view, mask in zip(views, masks, strict=True):
-        marked = torch.as_tensor(mask, device=gaussians.device).to(gaussians.means)
-        sums += contributions(rasteriser, gaussians, view, torch.stack([marked, torch.ones_like(marked)], dim=-1))
-    inside, total = _numpy(sums).T
-    return inside, total
 
 
 def _masks(observation: Observation, views: Sequence[View], source: MaskSource) -> list[Mask]:

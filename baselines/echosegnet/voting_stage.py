@@ -1,0 +1,65 @@
+"""The second stage: the masks' votes for every Gaussian, counted once and kept."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from baselines.echosegnet import lift
+from baselines.echosegnet.cache import Stages, arrays_digest, digest, software_digest
+from baselines.echosegnet.contributions import contributions
+from baselines.echosegnet.gaussians import Gaussians
+from baselines.echosegnet.lift import Mask
+from baselines.echosegnet.rendering import Rasteriser
+from baselines.echosegnet.views import View
+
+Variant = Literal["official", "spatial"]
+#: What makes the stage's result, besides the rasteriser (see `avs3d_bench.provenance`).
+LIFTING = ("baselines.echosegnet.voting_stage:vote_share",)
+
+
+def vote_share(
+    gaussians: Gaussians,
+    views: Sequence[View],
+    masks: Sequence[Mask],
+    rasteriser: Rasteriser,
+    variant: Variant,
+    stages: Stages,
+    key: str,
+) -> NDArray[np.float64]:
+    """(N,) share of each Gaussian's votes that are for it; 0 where nobody votes.
+
+    ``official``: one vote per train view that has the centre in its picture. ``spatial``: a view's vote weighs as much
+    as the Gaussian contributes to its pixels, so that what is hidden there has no say.
+    """
+    software = software_digest(LIFTING, rasteriser)
+    name = digest({"gaussians": key, "masks": arrays_digest(masks), "votes": variant, "software": software})
+    kept = stages.load_arrays("votes", name)
+    if kept is None:
+        if variant == "official":
+            counts = lift.vote_counts(_numpy(gaussians.means), zip(views, masks, strict=True))
+        else:
+            counts = _weighted_votes(gaussians, views, masks, rasteriser)
+        kept = dict(zip(("inside", "total"), counts, strict=True))
+        stages.save_arrays("votes", name, kept)
+    return lift.vote_share(kept["inside"], kept["total"])
+
+
+def _weighted_votes(
+    gaussians: Gaussians, views: Sequence[View], masks: Sequence[Mask], rasteriser: Rasteriser
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    sums = torch.zeros(len(gaussians), 2, device=gaussians.device)
+    for view, mask in zip(views, masks, strict=True):
+        marked = torch.as_tensor(mask, device=gaussians.device).to(gaussians.means)
+        sums += contributions(rasteriser, gaussians, view, torch.stack([marked, torch.ones_like(marked)], dim=-1))
+    inside, total = _numpy(sums).T
+    return inside, total
+
+
+def _numpy(tensor: Tensor) -> NDArray[np.float64]:
+    return tensor.detach().cpu().numpy().astype(np.float64)
