@@ -139,10 +139,13 @@ def validate(
     Exit status: 0 valid, 1 problems found, 2 usage (also: made by other versions than --regenerate finds here). The
     official release is checked as what it is.
     """
-    again = _regenerate(root, regenerate, seed, manifest) if regenerate else ()
+    from avs3d_bench.files import is_stream, write_json
     from avs3d_bench.report import print_report
     from avs3d_bench.validate import validate as check
 
+    if json_file is not None:
+        is_stream(json_file)  # refuses a folder before any work is done
+    again = _regenerate(root, regenerate, seed, manifest) if regenerate else ()
     report = check(root, deep=deep, workers=workers, progress=sys.stderr.isatty())
     if again:
         from dataclasses import replace
@@ -150,11 +153,11 @@ def validate(
         from avs3d_bench.report import ordered
 
         report = replace(report, problems=ordered([*report.problems, *again]))
-    if json_file is not None:
-        from avs3d_bench.files import write_json
-
-        write_json(json_file, report.as_dict())
-    print_report(report)
+    try:
+        if json_file is not None:
+            write_json(json_file, report.as_dict())
+    finally:
+        print_report(report)
     if not report.valid:
         raise SystemExit(1)
 
@@ -195,7 +198,10 @@ def doctor(json_file: Path | None) -> None:
     from rich.console import Console
 
     from avs3d_bench.doctor import Finding, all_checks, as_dict, examine, print_finding, print_summary
+    from avs3d_bench.files import is_stream, write_json
 
+    if json_file is not None:
+        is_stream(json_file)  # refuses a folder before any work is done
     console = Console(highlight=False)
     group = ""
 
@@ -209,8 +215,6 @@ def doctor(json_file: Path | None) -> None:
     findings = examine(all_checks(), show)
     print_summary(findings, console)
     if json_file is not None:
-        from avs3d_bench.files import write_json
-
         write_json(json_file, as_dict(findings))
 
 

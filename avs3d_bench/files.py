@@ -2,7 +2,8 @@
 
 A file appears under its final name only when all of its bytes are there: they go to a temporary file in the same
 folder, which is then renamed (no fsync: a crash of the machine may lose a file, a crash of the program cannot halve
-one). What the operating system refuses becomes one line that names the path, the cause and the way out.
+one). A device or FIFO under that name is written to instead. What the operating system refuses becomes one line that
+names the path, the cause and the way out.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ import json
 import math
 import os
 import stat
+import sys
+import tempfile
 import threading
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -31,6 +34,10 @@ _R = TypeVar("_R", bound=Record)
 #: Floats in JSON keep nine significant digits (a ten-millionth of a metre in a flat).
 JSON_DIGITS = 9
 _INLINE = 110
+#: Symbolic links that are followed from one name, as Linux does.
+_MAX_LINKS = 40
+#: Bytes copied at a time.
+_BLOCK = 2**20
 
 _WAY_OUT = {
     errno.ENOSPC: "free some space and run again",
@@ -56,37 +63,118 @@ def os_error_line(error: OSError, path: str | os.PathLike[str] | None = None, ac
 
 @contextlib.contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
-    """A temporary path beside ``path`` that takes its name when the block ends well, and vanishes otherwise.
+    """A temporary path that takes the name of ``path`` when the block ends well, and vanishes otherwise.
 
-    Missing parent folders are made.
+    Missing parent folders are made. A symbolic link is followed: its target is replaced and the link stays. A character
+    device, a FIFO or an open descriptor (``/dev/stdout``) is never renamed over: the bytes are written to it when the
+    block has ended.
 
     Raises:
-        Avs3dError: if the system refuses (full disk, read-only folder, …).
+        Avs3dError: if the system refuses (full disk, read-only folder, …), ``path`` is a folder, socket or block device,
+            or it is a FIFO that nobody reads.
     """
     final = Path(path)
-    temporary = final.with_name(f".{final.name}.{os.getpid()}-{threading.get_ident()}.tmp")
+    with contextlib.ExitStack() as cleanup:
+        try:
+            if is_stream(final):
+                folder = Path(cleanup.enter_context(tempfile.TemporaryDirectory(prefix="avs3d-output-")))
+                yield folder / "output"
+                _write_through(final, folder / "output")
+                return
+            target = Path(os.path.realpath(final))
+            temporary = target.with_name(f".{target.name}.{os.getpid()}-{threading.get_ident()}.tmp")
+            cleanup.callback(_remove, temporary)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            yield temporary
+            os.replace(temporary, target)
+        except OSError as error:
+            raise Avs3dError(os_error_line(error, final, "write")) from error
+
+
+def is_stream(path: str | Path) -> bool:
+    """Whether an output is written through what stands under the name: a character device, a FIFO, a descriptor.
+
+    Raises:
+        UsageError: if a folder, a socket or a block device stands there.
+        Avs3dError: if a link leads in a circle, or the name holds a NUL character.
+    """
     try:
-        final.parent.mkdir(parents=True, exist_ok=True)
-        yield temporary
-        os.replace(temporary, final)
+        if _descriptor(path) is not None:
+            return True
+        kind = stat.S_IFMT(os.stat(path).st_mode)
+    except FileNotFoundError:
+        return False
+    except ValueError as error:
+        raise Avs3dError(f"{str(path)!r}: cannot write: {error}; expected the path of a file") from None
     except OSError as error:
-        raise Avs3dError(os_error_line(error, final, "write")) from error
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink()
+        raise Avs3dError(os_error_line(error, path, "write")) from error
+    if kind in (stat.S_IFREG, stat.S_IFCHR, stat.S_IFIFO):
+        return kind != stat.S_IFREG
+    found = "a block device" if kind == stat.S_IFBLK else _KINDS.get(kind, "no file")
+    raise UsageError(f"{path}: cannot write: {found} stands there, expected a file; choose another name")
+
+
+def _descriptor(path: str | Path) -> int | None:
+    """The number of this process's open file that a path such as ``/dev/stdout`` or ``/dev/fd/5`` means, else None."""
+    place = Path(path)
+    own = f"/proc/{os.getpid()}/fd"
+    for _ in range(_MAX_LINKS):
+        if not place.is_symlink():
+            return None
+        parent = os.path.realpath(place.parent)
+        if parent == own and place.name.isdecimal():
+            return int(place.name)
+        place = Path(parent) / os.readlink(place)
+    return None
+
+
+def _write_through(path: Path, source: Path) -> None:
+    """Copy a file's bytes to a device, a FIFO or an open descriptor.
+
+    Raises:
+        Avs3dError: if nobody reads from the FIFO.
+        OSError: if the system refuses.
+    """
+    number = _descriptor(path)
+    if number is not None:
+        for printed in (sys.stdout, sys.stderr):
+            if printed is not None:
+                printed.flush()  # what was printed before comes before
+        descriptor = os.dup(number)
+    else:
+        try:
+            # Without O_NONBLOCK, opening a FIFO waits for a reader, for ever if there is none.
+            descriptor = os.open(path, os.O_WRONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0))
+        except OSError as error:
+            if error.errno != errno.ENXIO:
+                raise
+            raise Avs3dError(f"{path}: cannot write: nobody reads from this FIFO; start its reader first") from None
+        os.set_blocking(descriptor, True)
+    with open(descriptor, "wb", buffering=0) as stream, open(source, "rb") as contents:
+        while block := contents.read(_BLOCK):
+            _write_all(stream, block)
+
+
+def _write_all(stream: io.RawIOBase, data: bytes | bytearray | memoryview) -> None:
+    view = memoryview(data).cast("B")
+    while view:
+        # An unbuffered write may take only a part, e.g. just before the disk is full.
+        view = view[stream.write(view) or 0 :]
+
+
+def _remove(path: Path) -> None:
+    with contextlib.suppress(OSError):
+        path.unlink()
 
 
 def write_bytes(path: str | Path, data: bytes | bytearray | memoryview) -> None:
-    """Write ``data`` atomically.
+    """Write ``data`` atomically; through a device or FIFO, see `atomic_path`.
 
     Raises:
         Avs3dError: if the system refuses.
     """
     with atomic_path(path) as temporary, open(temporary, "wb", buffering=0) as stream:
-        view = memoryview(data).cast("B")
-        while view:
-            # An unbuffered write may take only a part, e.g. just before the disk is full.
-            view = view[stream.write(view) :]
+        _write_all(stream, data)
 
 
 _KINDS = {

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from avs3d_bench.dataset import Dataset
+from avs3d_bench.files import write_bytes
 from avs3d_bench.layout import is_test
 from avs3d_bench.schema import ObservationRecord
 
@@ -73,7 +74,7 @@ def main(root: Path, output: Path | None) -> None:
     worst = min((row["louder ear right (%)"] for row in rows.values()), default=0.0)
     print(f"louder ear on the source's side: {right:.1f} % of {judged:.0f} frames; worst observation {worst:.0f} %")
     if output:
-        output.write_text(json.dumps(rows, indent=1) + "\n")
+        write_bytes(output, f"{json.dumps(rows, indent=1)}\n".encode())
 
 
 if __name__ == "__main__":

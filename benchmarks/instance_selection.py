@@ -31,6 +31,7 @@ from rich.console import Console
 from rich.table import Table
 
 from avs3d_bench.dataset import Dataset, Observation
+from avs3d_bench.files import write_bytes
 from avs3d_bench.geometry import Intrinsics, Pose, flip_world
 from avs3d_bench.yamlfile import parse_yaml
 from baselines.echosegnet import binaural, spatial
@@ -299,7 +300,7 @@ def report(
             "wrong": wrong,
             "seconds": {"median": float(np.median(seconds)), "max": max(seconds)},
         }
-        output.write_text(json.dumps(document, indent=1) + "\n")
+        write_bytes(output, f"{json.dumps(document, indent=1)}\n".encode())
 
 
 if __name__ == "__main__":

@@ -74,8 +74,9 @@ def main(output: Path, repeats: int, only: str | None) -> None:
                 target = f"≤ {most:g}" if most is not None else f"≥ {least:g}" if least is not None else ""
                 table.add_row(what, f"{value:.3g}", f"{target} {'met' if met else 'MISSED'}" if target else "")
     Console(width=110).print(table)
-    output.parent.mkdir(parents=True, exist_ok=True)
-    output.write_text(json.dumps({"repeats": repeats, "figures": figures}, indent=1) + "\n")
+    from avs3d_bench.files import write_bytes  # numpy must not be imported before the settings above
+
+    write_bytes(output, (json.dumps({"repeats": repeats, "figures": figures}, indent=1) + "\n").encode())
     print(output)
 
 

@@ -93,14 +93,14 @@ def _aisrm(official_folder: str | None) -> bool | None:
 
 
 def _beside(html_file: Path | None, json_file: Path) -> str | None:
-    """The report's path relative to the file of scores, where it lies at or below it."""
-    from evaluators.archive import printable
+    """The report's name, where it lies in the same folder as the file of scores."""
+    from avs3d_bench.report import printable
 
-    if html_file is None:
+    if html_file is None or not html_file.is_file() or json_file.resolve().parent != html_file.resolve().parent:
         return None
-    relative = Path(os.path.relpath(html_file.resolve(), json_file.resolve().parent)).as_posix()
+    name = html_file.resolve().name
     # A name that is no UTF-8 cannot stand in a file of scores.
-    return None if relative.startswith("..") or printable(relative) != relative else relative
+    return name if printable(name) == name else None
 
 
 def _check_targets(targets: Sequence[Path | None], submission: Path, dataset: Path) -> None:
@@ -108,13 +108,14 @@ def _check_targets(targets: Sequence[Path | None], submission: Path, dataset: Pa
 
     Raises:
         UsageError: naming the file.
+        Avs3dError: if something stands there that cannot be written to.
     """
-    places = [Path(os.path.realpath(target)) for target in targets if target is not None]
+    from avs3d_bench.files import is_stream
+
+    places = [Path(os.path.realpath(target)) for target in targets if target is not None and not is_stream(target)]
     if len(set(places)) < len(places):
         raise UsageError(f"{places[0]}: named twice; expected a file each for --json and --html")
     for place in places:
-        if place.is_dir():
-            raise UsageError(f"{place}: a folder stands there, expected a file")
         for root, record in ((submission, layout.SUBMISSION_JSON), (dataset, layout.DATASET_JSON)):
             home = Path(os.path.realpath(root))
             inside = place.relative_to(home).parts if place.is_relative_to(home) else None
@@ -162,9 +163,11 @@ def check(
         workers=workers,
         progress=sys.stderr.isatty(),
     )
-    if json_file is not None:
-        write_json(json_file, report.as_dict())
-    print_report(report, shown=_SCREENFUL)
+    try:
+        if json_file is not None:
+            write_json(json_file, report.as_dict())
+    finally:
+        print_report(report, shown=_SCREENFUL)
     if not report.valid:
         raise SystemExit(1)
 
