@@ -70,8 +70,8 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     block has ended.
 
     Raises:
-        Avs3dError: if the system refuses (full disk, read-only folder, …), ``path`` is a folder, socket or block device,
-            or it is a FIFO that nobody reads.
+        Avs3dError: if the system refuses (full disk, read-only folder, …), ``path`` is a folder, socket or block
+            device, or it is a FIFO that nobody reads.
     """
     final = Path(path)
     with contextlib.ExitStack() as cleanup:

@@ -51,9 +51,7 @@ def test_a_device_stays_a_device(tmp_path: Path):
 
 
 @pytest.mark.parametrize("command", ["validate", "check", "avs3d-eval"])
-def test_a_device_as_output_of_a_command(
-    data: Path, tmp_path: Path, command: str, capsys: pytest.CaptureFixture[str]
-):
+def test_a_device_as_output_of_a_command(data: Path, tmp_path: Path, command: str, capsys: pytest.CaptureFixture[str]):
     device, submission = null_device(tmp_path / "null"), submit(tmp_path / "s", data, true_mask)
     words = {
         "validate": ["validate", data],
@@ -94,7 +92,8 @@ def _until_written(write: Callable[[], None]) -> None:
         try:
             return write()
         except Avs3dError as error:
-            assert "nobody reads" in str(error)
+            if "nobody reads" not in str(error):
+                raise
             threading.Event().wait(0.005)
     raise AssertionError("the reader never came")
 
@@ -129,9 +128,14 @@ def test_links_are_followed_and_stay(tmp_path: Path):
 def test_a_failure_leaves_a_links_target_alone(tmp_path: Path):
     (tmp_path / "a").write_bytes(b"old")
     (tmp_path / "link").symlink_to("a")
-    with pytest.raises(RuntimeError), atomic_path(tmp_path / "link") as temporary:
-        temporary.write_bytes(b"half")
-        raise RuntimeError
+
+    def fail() -> None:
+        with atomic_path(tmp_path / "link") as temporary:
+            temporary.write_bytes(b"half")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail()
     assert (tmp_path / "link").read_bytes() == b"old"
     assert len(list(tmp_path.iterdir())) == 2
 
