@@ -20,6 +20,7 @@ import click
 
 from avs3d_bench import __version__
 from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.memory_limit import check_address_space, out_of_memory
 
 if TYPE_CHECKING:
     from avs3d_bench.report import Problem
@@ -232,9 +233,9 @@ def run(command: click.Command, arguments: Sequence[str] | None = None, *, progr
     """Run a click command as a program of this project and exit.
 
     An `Avs3dError` becomes the one line ``<program>: error: …`` on stderr and the process ends with its exit code; so
-    do errors of the operating system (full disk, read-only folder; 1), a missing extra (1) and click's own usage
-    errors (2). An interrupt ends with 130; SIGTERM (`timeout`, job schedulers) unwinds the program as Ctrl-C does, so
-    that nothing temporary is left, and ends with 143. Anything else is a bug and keeps its traceback.
+    do errors of the operating system (full disk, read-only folder; 1), too little memory (1), a missing extra (1) and
+    click's own usage errors (2). An interrupt ends with 130; SIGTERM (`timeout`, job schedulers) unwinds the program as
+    Ctrl-C does, so that nothing temporary is left, and ends with 143. Anything else is a bug and keeps its traceback.
 
     Args:
         command: e.g. the group of `avs3d`, or the command of another entry point of the project.
@@ -247,6 +248,7 @@ def run(command: click.Command, arguments: Sequence[str] | None = None, *, progr
     with suppress(ValueError):  # only the main thread may ask for signals
         signal.signal(signal.SIGTERM, _terminate)
     try:
+        check_address_space(sys.argv[1:] if arguments is None else arguments)
         code = command.main(
             args=None if arguments is None else list(arguments), prog_name=program, standalone_mode=False
         )
@@ -269,6 +271,11 @@ def run(command: click.Command, arguments: Sequence[str] | None = None, *, progr
         if package in ("avs3d_bench", "generators", "evaluators", "baselines", ""):
             raise
         _fail(missing_extra(error, _package_of(error)), 1, program)
+    except (MemoryError, ImportError) as error:
+        line = out_of_memory(error)
+        if line is None:
+            raise
+        _fail(line, 1, program)
     except OSError as error:
         from avs3d_bench.files import os_error_line
 

@@ -34,6 +34,8 @@ _R = TypeVar("_R", bound=Record)
 #: Floats in JSON keep nine significant digits (a ten-millionth of a metre in a flat).
 JSON_DIGITS = 9
 _INLINE = 110
+#: Largest JSON file that is read (bytes): ten thousand observations are listed in a tenth of it.
+MAX_JSON_BYTES = 128 * 2**20
 #: Symbolic links that are followed from one name, as Linux does.
 _MAX_LINKS = 40
 #: Bytes copied at a time.
@@ -233,13 +235,16 @@ def open_regular(path: str | Path) -> Iterator[io.BufferedReader]:
         os.close(descriptor)
 
 
-def read_bytes(path: str | Path) -> bytes:
-    """All bytes of a regular file.
+def read_bytes(path: str | Path, most: int | None = None) -> bytes:
+    """All bytes of a regular file, which may have at most so many.
 
     Raises:
-        Avs3dError: if it is missing, is no regular file or cannot be read.
+        Avs3dError: if it is missing, is no regular file, is larger or cannot be read.
     """
     with open_regular(path) as stream:
+        size = os.fstat(stream.fileno()).st_size
+        if most is not None and size > most:
+            raise Avs3dError(f"{path}: {size:,} bytes, expected at most {most:,}")
         return stream.read()
 
 
@@ -339,12 +344,14 @@ def read_json(path: str | Path) -> Any:
     """Parse a JSON file.
 
     Raises:
-        Avs3dError: if it is missing or is no JSON.
+        Avs3dError: if it is missing, too large or no JSON.
     """
-    data = read_bytes(path)
+    data = read_bytes(path, MAX_JSON_BYTES)
     try:
         return json.loads(data)
-    except (ValueError, RecursionError) as error:
+    except RecursionError:
+        raise Avs3dError(f"{path}: JSON that is nested too deeply; expected a file of this toolkit") from None
+    except ValueError as error:
         raise Avs3dError(f"{path}: no valid JSON: {error}; the file may be truncated") from None
 
 
@@ -352,6 +359,6 @@ def read_record(path: str | Path, record: type[_R]) -> _R:
     """Read a JSON file into its record.
 
     Raises:
-        Avs3dError: if it is missing, is no JSON or does not fit the schema; the first wrong field is named.
+        Avs3dError: if it is missing, too large, no JSON or does not fit the schema; the first wrong field is named.
     """
-    return parse_record(read_bytes(path), record, path)
+    return parse_record(read_bytes(path, MAX_JSON_BYTES), record, path)

@@ -28,6 +28,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from avs3d_bench import __version__, layout
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
+from avs3d_bench.report import printable
 
 if TYPE_CHECKING:
     from avs3d_bench.provenance import Provenance
@@ -61,6 +62,8 @@ def _unit(q: tuple[float, float, float, float]) -> tuple[float, float, float, fl
 def _relative(path: str) -> str:
     if not path or path.startswith("/") or "\\" in path or any(p in ("", ".", "..") for p in path.split("/")):
         raise ValueError(f"{path!r} is not a relative path with forward slashes")
+    if any(ord(character) < ord(" ") for character in path):
+        raise ValueError(f"{path!r} holds a control character; expected a relative path")
     return path
 
 
@@ -426,6 +429,8 @@ class SubmissionRecord(Record):
 
 
 _R = TypeVar("_R", bound=Record)
+#: Characters of a finding: what is wrong may be as long as the file.
+_LONGEST_LINE = 1000
 
 
 def describe(error: ValidationError) -> list[str]:
@@ -436,7 +441,8 @@ def describe(error: ValidationError) -> list[str]:
         message = finding["msg"].removeprefix("Value error, ")
         value = repr(finding.get("input"))
         found = f" (found {value})" if len(value) <= 60 and finding["type"] != "missing" else ""
-        lines.append(f"{where}: {message}{found}" if where else f"{message}")
+        line = printable(f"{where}: {message}{found}" if where else f"{message}")
+        lines.append(line if len(line) <= _LONGEST_LINE else f"{line[:_LONGEST_LINE]}…")
     return lines
 
 

@@ -32,6 +32,8 @@ BLIND_REFERENCES = ("all_black", "all_white", "centre_box")
 DEAF_REFERENCES = ("deaf_category", "deaf_most_seen")
 REFERENCES = (*BLIND_REFERENCES, *DEAF_REFERENCES)
 
+#: E.g. ``1.0``.
+ProtocolVersion = Annotated[str, Field(pattern=r"^[0-9]{1,4}(\.[0-9]{1,4}){0,3}$")]
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=0)]
 PartName = Literal["part_1", "part_2"]
@@ -170,7 +172,7 @@ class Evaluator(Record):
     left_out: ClassVar[frozenset[str]] = frozenset({"provenance"})
 
     version: Text
-    protocols: dict[Protocol, str] = Field(description="the protocols asked for → their version")
+    protocols: dict[Protocol, ProtocolVersion] = Field(description="the protocols asked for → their version")
     bootstrap_resamples: Count
     bootstrap_seed: Count
     voxel_size: NonNegative = Field(description="edge of the voxels of the 3D figures, metres")
@@ -207,7 +209,7 @@ class Scores(Record):
     submission: ScoredSubmission
     dataset: ScoredDataset
     report: RelativePath | None = Field(
-        default=None, description="the HTML report, where it lies at or below this file"
+        default=None, description="name of the HTML report, where it lies in the same folder as this file"
     )
     observations: tuple[ObservationScores, ...]
     overall: GroupScores

@@ -15,12 +15,17 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.report import Problem
 from avs3d_bench.report import printable as printable
 
-#: More than any submission needs: members, bytes of one member, bytes of all.
-MAX_MEMBERS = 500_000
+#: More than any submission needs (3,000 observations have 45,000 masks): members, bytes of one member, bytes of all.
+MAX_MEMBERS = 50_000
 MAX_MEMBER_BYTES = 64 * 2**20
 MAX_BYTES = 64 * 2**30
-#: Python holds some ten times this in memory before a single member can be looked at.
-MAX_DIRECTORY_BYTES = 64 * 2**20
+#: Bytes of the list of members: 200 each. Python holds some ten times this in memory before one can be looked at.
+MAX_DIRECTORY_BYTES = 10 * 2**20
+#: Bytes of the records that close an archive (APPNOTE.TXT 4.3.14 to 4.3.16).
+_RECORD_BYTES, _LOCATOR_BYTES, _END_BYTES = 56, 20, 22
+_ALONE = "pack the submission alone, or name its folder"
+#: Extra field with another name for the member (APPNOTE.TXT 4.6.9): some programs unpack it under this one.
+_UNICODE_PATH = 0x7075
 #: PNG and PLY files do not shrink much further; what does is a bomb.
 _MAX_RATIO = 200
 _SMALL = 2**20
@@ -36,39 +41,56 @@ _DRIVE = re.compile(r"^[A-Za-z]:")
 def check_directory(path: Path) -> None:
     """Refuse an archive whose directory, the list of its members at its end, is too long to be read.
 
+    Only the records that close the archive are looked at; zipfile parses the whole list as soon as it opens one.
+
     Raises:
-        UsageError: naming the size found.
+        UsageError: naming the number of members or the size found.
     """
-    with path.open("rb") as stream:
-        size = stream.seek(0, os.SEEK_END)
-        # The closing record is 22 bytes and a comment of up to 65,535 (APPNOTE.TXT 4.3.16); zip64 puts its locator
-        # (4.3.15, 20 bytes) before it, which says where the record with the large numbers begins (4.3.14).
-        start = max(0, size - 22 - 65_535 - 20)
-        stream.seek(start)
-        tail = stream.read()
-        at = tail.rfind(b"PK\5\6")
-        if at < 0 or len(tail) < at + 22:
-            return  # zipfile says what is wrong
-        (length,) = struct.unpack_from("<I", tail, at + 12)
-        if at >= 20 and tail.startswith(b"PK\6\7", at - 20):
-            (where,) = struct.unpack_from("<Q", tail, at - 12)
-            # Something may stand before the archive, as in one that unpacks itself; zipfile looks here then.
-            for place in (where, start + at - 20 - 56):
-                stream.seek(min(max(place, 0), size))
-                record = stream.read(56)
-                if len(record) == 56 and record.startswith(b"PK\6\6"):
-                    length = max(length if length != 2**32 - 1 else 0, *struct.unpack_from("<Q", record, 40))
+    members, length = _announced(path)
+    if members > MAX_MEMBERS:
+        raise UsageError(f"{path}: {members:,} members, expected at most {MAX_MEMBERS:,}; {_ALONE}")
     if length > MAX_DIRECTORY_BYTES:
         raise UsageError(
-            f"{path}: a list of members of {length:,} bytes, expected at most {MAX_DIRECTORY_BYTES:,}; "
-            "pack the submission alone"
+            f"{path}: a list of members of {length:,} bytes, expected at most {MAX_DIRECTORY_BYTES:,}; {_ALONE}"
         )
+
+
+def _announced(path: Path) -> tuple[int, int]:
+    """Members and bytes of the directory: the most that any of the closing records says.
+
+    The closing record is 22 bytes and a comment of up to 65,535 (APPNOTE.TXT 4.3.16); zip64 puts its locator (4.3.15,
+    20 bytes) before it, which says where the record with the large numbers begins (4.3.14, 56 bytes). Readers differ in
+    which signature they take for the record when there are several, so that all of them count.
+    """
+    members, length = 0, 0
+    with path.open("rb") as stream:
+        size = stream.seek(0, os.SEEK_END)
+        start = max(0, size - _END_BYTES - 65_535 - _LOCATOR_BYTES)
+        stream.seek(start)
+        tail = stream.read()
+        at = tail.find(b"PK\5\6")
+        while 0 <= at <= len(tail) - _END_BYTES:
+            *counts, said = struct.unpack_from("<HHI", tail, at + 8)
+            # All bits set: zip64 has the number.
+            members = max(members, *(0 if count == 2**16 - 1 else count for count in counts))
+            length = max(length, 0 if said == 2**32 - 1 else said)
+            if at >= _LOCATOR_BYTES and tail.startswith(b"PK\6\7", at - _LOCATOR_BYTES):
+                (where,) = struct.unpack_from("<Q", tail, at - _LOCATOR_BYTES + 8)
+                # Something may stand before the archive, as in one that unpacks itself; zipfile looks here then.
+                for place in (where, start + at - _LOCATOR_BYTES - _RECORD_BYTES):
+                    stream.seek(min(max(place, 0), size))
+                    record = stream.read(_RECORD_BYTES)
+                    if len(record) == _RECORD_BYTES and record.startswith(b"PK\6\6"):
+                        members = max(members, *struct.unpack_from("<QQ", record, 24))
+                        length = max(length, *struct.unpack_from("<Q", record, 40))
+            at = tail.find(b"PK\5\6", at + 1)
+    return members, length
 
 
 def vet(archive: zipfile.ZipFile) -> Iterator[Problem]:
     """Everything that speaks against unpacking an archive, by member."""
     members = archive.infolist()
-    if len(members) > MAX_MEMBERS:
+    if len(members) > MAX_MEMBERS:  # more than its end says
         yield Problem("error", ".", f"{len(members):,} members, expected at most {MAX_MEMBERS:,}")
         return
     unpacked = sum(member.file_size for member in members)
@@ -89,11 +111,13 @@ def vet(archive: zipfile.ZipFile) -> Iterator[Problem]:
 
 def _fault(member: zipfile.ZipInfo, seen: set[str]) -> str | None:
     # zipfile cuts names at a NUL, turns backslashes on Windows and, in later versions, takes another name from an extra
-    # field: the name in the archive and the one it would be written under must both do.
+    # field: the name in the archive and the one it would be written under must both do, and be the same.
     name = member.orig_filename
     fault = _name_fault(name) or _name_fault(member.filename)
     if fault:
         return fault
+    if name != member.filename or _UNICODE_PATH in _extra_fields(member.extra):
+        return "has a second name in an extra field; pack it anew, with plain names"
     kind = stat.S_IFMT(member.external_attr >> 16)
     if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
         return "a symlink or device; expected files and folders only"
@@ -108,6 +132,15 @@ def _fault(member: zipfile.ZipInfo, seen: set[str]) -> str | None:
         return "stands twice in the archive (upper and lower case do not tell files apart everywhere)"
     seen.add(lower)
     return None
+
+
+def _extra_fields(extra: bytes) -> Iterator[int]:
+    """The ids of a member's extra fields."""
+    at = 0
+    while at + 4 <= len(extra):
+        kind, length = struct.unpack_from("<HH", extra, at)
+        yield kind
+        at += 4 + length
 
 
 def _name_fault(name: str) -> str | None:

@@ -179,7 +179,8 @@ def leaderboard(scores: tuple[Path, ...], folder: Path) -> None:
     """Rank any number of files of scores (avs3d-eval --json) on one static page, with links to their reports."""
     from evaluators.leaderboard import write_leaderboard
 
-    write_leaderboard(folder, scores)
+    for note in write_leaderboard(folder, scores):
+        click.echo(f"avs3d leaderboard: note: {note}", err=True)
     click.echo(str(folder / "index.html"))
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -18,20 +19,30 @@ from dataclasses import replace
 from pathlib import Path
 
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.files import dump_json, read_bytes, read_record, write_bytes
+from avs3d_bench.files import dump_json, read_bytes, write_bytes
+from avs3d_bench.report import printable
+from avs3d_bench.schema import parse_record
 from avs3d_bench.scores import Scores
 from evaluators.pages import write_page
 from evaluators.ranking import Entry, leaderboard_values
+from evaluators.report_check import read_report
 
 _SLUG_LENGTH = 60
+#: Largest file of scores (bytes): an observation takes about one KB.
+MAX_SCORES_BYTES = 64 * 2**20
+#: Characters of a name in a message.
+_NAMED = 200
 
 
-def write_leaderboard(folder: Path, score_files: Sequence[Path]) -> None:
+def write_leaderboard(folder: Path, score_files: Sequence[Path]) -> tuple[str, ...]:
     """Write the page, and copies of the score files and their reports, into a folder.
 
     Args:
         folder: made if missing; files of other names in it stay.
         score_files: written by ``avs3d-eval --json``; a file given twice counts once.
+
+    Returns:
+        a line for each report that is not copied, since it lies elsewhere or is none that this toolkit wrote.
 
     Raises:
         UsageError: if there is no score file, or one would be overwritten by another's copy.
@@ -44,10 +55,11 @@ def write_leaderboard(folder: Path, score_files: Sequence[Path]) -> None:
         report = None
         if entry.report is not None:
             report = f"{entry.name}.html"
-            _write(folder / "reports" / report, read_bytes(entry.report))
+            _write(folder / "reports" / report, read_report(entry.report))
         scores = entry.scores.model_copy(update={"report": report})
         _write(folder / "reports" / f"{entry.name}.json", dump_json(scores).encode())
     write_page(folder / "index.html", "leaderboard.html.j2", leaderboard_values(entries))
+    return tuple(entry.note for entry in entries if entry.note)
 
 
 def _write(path: Path, data: bytes) -> None:
@@ -55,8 +67,12 @@ def _write(path: Path, data: bytes) -> None:
         write_bytes(path, data)
 
 
-def read_entries(score_files: Sequence[Path]) -> tuple[Entry, ...]:
+def read_entries(score_files: Sequence[Path], *, reports: bool = True) -> tuple[Entry, ...]:
     """The entries of a board, each with its name, sorted by method.
+
+    Args:
+        score_files: written by ``avs3d-eval --json``.
+        reports: look for their reports as well.
 
     Raises:
         UsageError: if there is none.
@@ -66,7 +82,7 @@ def read_entries(score_files: Sequence[Path]) -> tuple[Entry, ...]:
         raise UsageError("no file of scores: expected at least one file written by avs3d-eval --json")
     found: dict[str, Entry] = {}
     for path in sorted(map(Path, score_files)):
-        entry = _read_entry(path)
+        entry = _read_entry(path, reports)
         known = found.get(entry.digest)
         if known is None or (known.report is None and entry.report is not None):
             found[entry.digest] = entry
@@ -82,8 +98,8 @@ def read_entries(score_files: Sequence[Path]) -> tuple[Entry, ...]:
     return tuple(named)
 
 
-def _read_entry(path: Path) -> Entry:
-    scores = read_record(path, Scores)
+def _read_entry(path: Path, reports: bool) -> Entry:
+    scores = parse_record(read_bytes(path, MAX_SCORES_BYTES), Scores, path)
     if len(scores.observations) != scores.dataset.scored:
         raise Avs3dError(
             f"{path}: observations: {len(scores.observations)} in the list, but dataset.scored is "
@@ -99,16 +115,27 @@ def _read_entry(path: Path) -> Entry:
     # Without the report's place and the order of keys, so that a copy in a leaderboard counts as the same entry.
     contents = json.dumps(scores.model_dump(mode="json", exclude={"report"}), sort_keys=True)
     digest = hashlib.sha256(contents.encode()).hexdigest()
-    return Entry(scores, path, digest, _report(path, scores))
+    report, why = _report(path, scores) if reports else (None, None)
+    return Entry(scores, path, digest, report, note=why)
 
 
-def _report(path: Path, scores: Scores) -> Path | None:
-    """The report that lies beside the file of scores; None where it is gone, or a link leads elsewhere."""
+def _report(path: Path, scores: Scores) -> tuple[Path | None, str | None]:
+    """The report that lies beside the file of scores, or why there is none that may be copied; both None if gone."""
     if scores.report is None:
-        return None
+        return None, None
     folder = path.resolve().parent  # a link to a file of scores has no report beside it
-    report = (folder / scores.report).resolve()
-    return report if report.is_file() and report.is_relative_to(folder) else None
+    report = folder / scores.report
+    if "/" in scores.report:
+        return None, f"{path}: report {printable(scores.report[:_NAMED])!r} is not copied: expected one beside the file"
+    if not os.path.lexists(report):
+        return None, None
+    if report.is_symlink():
+        return None, f"{report}: not copied: a link; expected the report itself"
+    try:
+        read_report(report)
+    except Avs3dError as error:
+        return None, f"not copied: {error}"
+    return report, None
 
 
 def _slug(method: str) -> str:

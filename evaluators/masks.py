@@ -14,7 +14,7 @@ from avs3d_bench.predictions import check_file, read_mask
 from avs3d_bench.submission import MAX_POINTS
 
 MAX_POINTS_BYTES = 64 * 2**20
-#: Text is parsed at some 5 MB/s: a few seconds at most.
+#: Text takes longer to read than binary: this much, some seconds.
 MAX_ASCII_BYTES = 8 * 2**20
 #: No home is as large as this, metres: points beyond are in another unit.
 MAX_COORDINATE = 1000.0

@@ -32,6 +32,8 @@ REFERENCE_TITLES = {
     "all_black": "all black", "all_white": "all white", "centre_box": "centre box",
     "deaf_category": "deaf: every instance", "deaf_most_seen": "deaf: most seen",
 }  # fmt: skip
+#: Template → what its pages say that they are (``<meta name="generator">``).
+GENERATORS = {"report.html.j2": "avs3d-bench score report", "leaderboard.html.j2": "avs3d-bench leaderboard"}
 _UNSEEN = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]")
 
 
@@ -99,11 +101,30 @@ def render(template: str, values: Mapping[str, Any]) -> str:
     """The page that a template in `evaluators/templates` makes of ``values``."""
     from markupsafe import Markup
 
-    folder = files("evaluators") / "templates"
-    style, script = ((folder / name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
-    script_hash = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    style, script = Markup(_asset("page.css")), Markup(page_script())
+    generator = GENERATORS.get(template, "avs3d-bench")
     page = _environment().get_template(template)
-    return page.render(values, style=Markup(style), script=Markup(script), script_hash=script_hash)
+    return page.render(values, style=style, script=script, script_hash=_script_hash(), generator=generator)
+
+
+def report_head() -> str:
+    """How every report begins: up to its title, with the policy that lets run nothing but `page_script`."""
+    page = _environment().get_template("head.html.j2")
+    return page.render(script_hash=_script_hash(), generator=GENERATORS["report.html.j2"])
+
+
+def page_script() -> str:
+    """The one script of every page."""
+    return _asset("page.js")
+
+
+@lru_cache(maxsize=2)
+def _asset(name: str) -> str:
+    return (files("evaluators") / "templates" / name).read_text(encoding="utf-8")
+
+
+def _script_hash() -> str:
+    return base64.b64encode(hashlib.sha256(page_script().encode()).digest()).decode()
 
 
 def write_page(path: Path, template: str, values: Mapping[str, Any]) -> None:

@@ -33,6 +33,7 @@ class Entry:
         name: what its files in the folder are called.
         twin: whether another entry has the same method name.
         report: its report, None where there is none.
+        note: why its report is not copied, None where it is, or there is none.
     """
 
     scores: Scores
@@ -41,6 +42,7 @@ class Entry:
     report: Path | None
     name: str = ""
     twin: bool = False
+    note: str | None = None
 
     @property
     def whole(self) -> bool:

@@ -55,13 +55,13 @@ def open_submission(path: str | Path, *, aisrm: bool | None = None) -> Iterator[
         return
     if not source.exists():
         raise UsageError(f"{source}: no such folder or archive; expected a submission")
-    if not source.is_file() or not zipfile.is_zipfile(source):
+    if not source.is_file() or not zipfile.is_zipfile(source):  # which looks for the closing record only
         raise UsageError(f"{source}: neither a folder nor a .zip; expected a submission")
+    check_directory(source)
     with ExitStack() as stack:
         with _undisturbed():
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="avs3d-submission-"))
         try:
-            check_directory(source)
             with zipfile.ZipFile(source) as archive:
                 problems = list(vet(archive)) or list(unpack(archive, Path(folder)))
                 members = len(archive.infolist())

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import write_bytes
+from avs3d_bench.report import printable
 from avs3d_bench.schema import Scalar
 from avs3d_bench.scores import METRICS, REFERENCES, GroupScores, Metric, Scores
 from avs3d_bench.taxonomy import PARTS
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 Which = Literal["2", "3", "all"]
+#: First characters of a formula in spreadsheets, in their full width too; white space before them is skipped.
+_FORMULA = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")
 #: The figures in both tables.
 COLUMNS: tuple[Metric, ...] = tuple(
     metric
@@ -140,7 +143,7 @@ def write_tables(folder: Path, score_files: Sequence[Path], *, which: Which = "a
 
     if plot:
         _need_matplotlib()
-    entries = read_entries(score_files)
+    entries = read_entries(score_files, reports=False)
     tables = []
     if which in ("2", "all"):
         tables.append(table_2(entries))
@@ -272,7 +275,16 @@ def frame(table: Table) -> DataFrame:
     """A table as it stands in its CSV: one line per row and part, full precision, intervals as ``_low``, ``_high``."""
     import pandas as pd
 
-    return pd.DataFrame([_record(section, row, table) for section in table.sections for row in section.rows])
+    records = [_record(section, row, table) for section in table.sections for row in section.rows]
+    return pd.DataFrame([{name: _inert(value) for name, value in record.items()} for record in records])
+
+
+def _inert(value: Scalar) -> Scalar:
+    """Text of one line that is no formula: an apostrophe precedes what a spreadsheet would take for one (OWASP)."""
+    if not isinstance(value, str):
+        return value
+    text = printable(value)
+    return f"'{text}" if text.lstrip().startswith(_FORMULA) else text
 
 
 def csv(table: Table) -> str:

@@ -33,7 +33,7 @@ def masks(root: Path) -> list[Path]:
 
 def one(root: Path, rng: Rng) -> Path:
     """A mask that no mutation has touched yet."""
-    untouched = [p for p in masks(root) if sane(p)]
+    untouched = [p for p in masks(root) if p.name != TRAIN_MASK and sane(p)]
     return untouched[int(rng.integers(len(untouched)))]
 
 
@@ -79,6 +79,10 @@ def with_header(data: bytes, **fields: int) -> bytes:
     width, height = fields.get("width", width), fields.get("height", height)
     bits, colour = fields.get("bits", bits), fields.get("colour", colour)
     return png([(b"IHDR", struct.pack(">IIBBBBB", width, height, bits, colour, *rest)), *parts[1:]])
+
+
+#: What `train_mask` makes: no later mutation touches it, so that it stays to be named.
+TRAIN_MASK = "frame_001.png"
 
 
 @mutation
@@ -189,6 +193,22 @@ def pixels_cut(root: Path, rng: Rng) -> list[str]:
     header = chunks(path.read_bytes())[0]
     rows = bytes(int(rng.integers(0, tiny.SIZE)) * (tiny.SIZE + 1))
     tiny.replace(path, png([header, (b"IDAT", zlib.compress(rows)), (b"IEND", b"")]))
+    return [name(root, path)]
+
+
+@mutation
+def pixels_surplus(root: Path, rng: Rng) -> list[str]:
+    """Rows, a stream or rubbish after the last row, or a wrong Adler-32; every checksum of a chunk is right."""
+    path = one(root, rng)
+    header = chunks(path.read_bytes())[0]
+    rows = bytes(tiny.SIZE * (tiny.SIZE + 1))
+    good = zlib.compress(rows)
+    wrong = good[:-1] + bytes([good[-1] ^ 1])
+    data = [zlib.compress(rows + bytes(int(rng.integers(1, 200)))), good + b"rubbish", good + good, wrong, good[:-2]]
+    chosen = data[int(rng.integers(len(data)))]
+    cut = int(rng.integers(0, len(chosen)))
+    parts = [(b"IDAT", chosen[:cut]), (b"IDAT", chosen[cut:])] if rng.integers(2) else [(b"IDAT", chosen)]
+    tiny.replace(path, png([header, *parts, (b"IEND", b"")]))
     return [name(root, path)]
 
 
@@ -331,7 +351,7 @@ def deeper(root: Path, rng: Rng) -> list[str]:
 @mutation
 def train_mask(root: Path, rng: Rng) -> list[str]:
     path = one(root, rng)
-    other = path.with_name("frame_001.png")
+    other = path.with_name(TRAIN_MASK)
     other.write_bytes(path.read_bytes())
     return [name(root, other)]
 
@@ -410,7 +430,12 @@ def bad_cloud(root: Path, rng: Rng) -> list[str]:
         head.format(1).replace("element", f"element nothing {10**30}\nelement", 1).encode() + point,
         head.format(1).replace("format", f"comment {'x' * 70_000}\nformat").encode() + point,
         head.format(1).replace("float", "double").encode() + struct.pack("<3d", 1, 1e300, 3),
-    ][int(rng.integers(17))])  # fmt: skip
+        head.format(1).replace("float", "list uchar float").encode() + (b"\3" + struct.pack("<3f", 1, 2, 3)) * 3,
+        head.format(1).encode() + point + b"\0",
+        *(head.format(1).replace("binary_little_endian", "ascii").encode() + text for text in (
+            b"1 2 3_0\n", b"1 2 +3\n", b"1 2\r3\n", b"1 2 3\r4\n", b"1 2 3\njunk\n", b"1 2 3 4\n", b"1\n2\n3\n",
+        )),
+    ][int(rng.integers(26))])  # fmt: skip
     return [name(root, path)]
 
 
@@ -426,9 +451,9 @@ def one_cloud_missing(root: Path, rng: Rng) -> list[str]:
 #: What the released pipeline's own folders can have: there is no record, no cloud, and only masks/test/ is looked at.
 IN_RELEASED = (
     "flip_bytes", "truncate", "empty", "delete", "rename", "resize", "grey_and_alpha", "transparent", "animated",
-    "after_the_end", "pixels_cut", "palette", "colour", "grey_values", "zero_and_one", "gigantic", "no_pixels",
-    "not_a_picture", "enormous_file", "fifo", "folder", "link_out", "link_broken", "folder_link_out", "deeper",
-    "train_mask", "undecodable_name",
+    "after_the_end", "pixels_cut", "pixels_surplus", "palette", "colour", "grey_values", "zero_and_one", "gigantic",
+    "no_pixels", "not_a_picture", "enormous_file", "fifo", "folder", "link_out", "link_broken", "folder_link_out",
+    "deeper", "train_mask", "undecodable_name",
 )  # fmt: skip
 
 

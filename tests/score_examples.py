@@ -113,6 +113,18 @@ def example_scores(
     return Scores.model_validate(record)
 
 
+def report_page(title: str) -> str:
+    """The least that is a report: head, title, style sheet and script of `evaluators.pages`."""
+    from html import escape
+
+    from evaluators.pages import page_script, report_head
+
+    return (
+        f"{report_head()}{escape(title)}</title>\n<style></style>\n<script>{page_script()}</script>\n</head>\n"
+        f"<body><main><h1>{escape(title)}</h1></main></body>\n</html>\n"
+    )
+
+
 def _observation(
     rng: np.random.Generator, key: str, index: int, skill: float, protocols: list[str], release: bool, points: bool,
     categories: dict[str, str],

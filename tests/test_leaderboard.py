@@ -10,7 +10,7 @@ import pytest
 from browser import column, launch, visit
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from score_examples import example_scores
+from score_examples import example_scores, report_page
 
 from avs3d_bench import media
 from avs3d_bench.errors import Avs3dError, UsageError
@@ -31,7 +31,7 @@ def save(folder: Path, scores: Scores, *, report: str | None = None) -> Path:
     """A file of scores, with a report beside it that says ``report``."""
     if report is not None:
         folder.mkdir(parents=True)
-        (folder / "report.html").write_text(f"<!doctype html><title>{report}</title>", encoding="utf-8")
+        (folder / "report.html").write_text(report_page(report), encoding="utf-8")
         scores = scores.model_copy(update={"report": "report.html"})
     media.write_json(folder / "scores.json", scores)
     return folder / "scores.json"
@@ -132,7 +132,7 @@ def test_one_method_twice_is_told_apart_and_one_file_twice_counts_once(tmp_path:
     assert len({entry.name for entry in entries}) == len({entry.short_digest for entry in entries}) == 2
     write_leaderboard(tmp_path / "board", files)
     reports = {path.read_text() for path in (tmp_path / "board" / "reports").glob("*.html")}
-    assert reports == {f"<!doctype html><title>report {seed}</title>" for seed in (1, 2)}
+    assert reports == {report_page(f"report {seed}") for seed in (1, 2)}
 
 
 @given(st.permutations(range(5)))

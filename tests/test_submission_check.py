@@ -29,6 +29,7 @@ from test_score import shifted, submit, true_mask
 from avs3d_bench import layout, media
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.report import print_report
+from avs3d_bench.validate import validate
 from evaluators import archive, masks
 from evaluators.checks import check_submission
 from evaluators.masks import read_mask, read_points
@@ -355,6 +356,85 @@ def test_interlaced_masks_and_comments_pass(submission: Path, data: Path):
     assert (read_mask(submission / FIRST, 64, 64, released=False) == 255).all()
 
 
+def picture(data: bytes, split: int = 0) -> bytes:
+    """A PNG of 64×64 pixels of eight bits with that stream."""
+    header = struct.pack(">IIBBBBB", 64, 64, 8, 0, 0, 0, 0)
+    return mutants.png([(b"IHDR", header), (b"IDAT", data[:split]), (b"IDAT", data[split:]), (b"IEND", b"")])
+
+
+ROWS = bytes(64 * 65)
+STREAM = zlib.compress(ROWS)
+
+
+@pytest.mark.parametrize(
+    ("stream", "says"),
+    [
+        (zlib.compress(ROWS + b"\0"), "more than the 4,160 of its size"),
+        (zlib.compress(ROWS + bytes(2**24)), "more than the 4,160 of its size"),
+        (zlib.compress(ROWS[:-1]), "4,159 bytes of pixels, not the 4,160 of its size"),
+        (STREAM[:-4], "damaged PNG"),
+        (STREAM[:-1] + bytes([STREAM[-1] ^ 1]), "incorrect data check"),
+        (STREAM + b"\0", "data after the end of its pixels"),
+        (STREAM + STREAM, "data after the end of its pixels"),
+    ],
+)
+@pytest.mark.parametrize("split", [0, 1, -1])
+def test_pixels_are_as_many_as_the_rows_and_pass_their_checksum(submission: Path, stream: bytes, says: str, split: int):
+    tiny.replace(submission / FIRST, picture(stream, split=split % len(stream)))
+    with pytest.raises(Avs3dError, match=says):
+        read_mask(submission / FIRST, 64, 64, released=False)
+    with pytest.raises(Avs3dError, match=says):
+        media.check_png(submission / FIRST)
+
+
+def test_whole_pictures_pass(submission: Path, tmp_path: Path):
+    for split in (0, 1, len(STREAM) - 1, len(STREAM)):
+        tiny.replace(submission / FIRST, picture(STREAM, split=split))
+        assert not read_mask(submission / FIRST, 64, 64, released=False).any()
+    image = pytest.importorskip("PIL.Image", reason="pillow comes with the extra 'generate'")
+    rng = np.random.default_rng(0)
+    for mode, shape in [("1", (5, 7)), ("L", (1, 1)), ("RGB", (9, 13)), ("RGBA", (3, 2)), ("P", (8, 8))]:
+        channels = len(mode) if mode.startswith("RGB") else 1
+        pixels = rng.integers(0, 256, (*shape, channels)).astype(np.uint8)
+        picture_of = image.fromarray(pixels if channels > 1 else pixels[..., 0]).convert(mode)
+        picture_of.save(tmp_path / "p.png")
+        media.check_png(tmp_path / "p.png")
+
+
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (2, 3), (5, 4), (8, 8), (9, 17)])
+def test_interlaced_pictures_pass(tmp_path: Path, width: int, height: int):
+    """Adam7, row by row as the recommendation draws it: a pixel's pass by its place in squares of 8 × 8."""
+    square = np.array(
+        [[1, 6, 4, 6, 2, 6, 4, 6], [7] * 8, [5, 6] * 4, [7] * 8, [3, 6, 4, 6] * 2, [7] * 8, [5, 6] * 4, [7] * 8]
+    )
+    passes = np.tile(square, (3, 2))[:height, :width]
+    rows = b"".join(
+        b"\0" + bytes(int((row == number).sum())) for number in range(1, 8) for row in passes if (row == number).any()
+    )
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 1)
+    for data, good in ((rows, True), (rows + b"\0", False), (rows[:-1], False)):
+        (tmp_path / "p.png").write_bytes(
+            mutants.png([(b"IHDR", header), (b"IDAT", zlib.compress(data)), (b"IEND", b"")])
+        )
+        if good:
+            media.check_png(tmp_path / "p.png")
+            assert cv2.imread(str(tmp_path / "p.png"), cv2.IMREAD_UNCHANGED).shape == (height, width)
+        else:
+            with pytest.raises(Avs3dError, match="of its size"):
+                media.check_png(tmp_path / "p.png")
+
+
+def test_deep_validation_looks_at_the_pixels_of_pictures(tmp_path: Path):
+    root = tiny.write_release(tmp_path / "release")
+    path = next(iter(sorted(root.rglob("input/frame_003.png"))))
+    parts = mutants.chunks(path.read_bytes())
+    stream = zlib.decompress(b"".join(body for kind, body in parts if kind == b"IDAT"))
+    tiny.replace(path, mutants.png([parts[0], (b"IDAT", zlib.compress(stream + b"more")), (b"IEND", b"")]))
+    found = validate(root, deep=True, workers=1).problems
+    said = [p.message for p in found if p.path.endswith("input/frame_003.png") and p.severity == "error"]
+    assert any("more than the" in message for message in said), found
+
+
 # Clouds whose header is not to be trusted
 
 
@@ -589,8 +669,81 @@ def test_a_damaged_member_is_named(good: Path, data: Path, tmp_path: Path):
 
 
 def test_too_many_members(good: Path, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    path = pack(good, tmp_path / "s.zip")
     monkeypatch.setattr(archive, "MAX_MEMBERS", 3)
-    assert "7 members, expected at most 3" in findings(pack(good, tmp_path / "s.zip"), data)["."]
+    with pytest.raises(UsageError, match=r"s\.zip: 7 members, expected at most 3"):
+        check_submission(path, data, workers=1)
+    raw = bytearray(path.read_bytes())
+    at = raw.rfind(b"PK\5\6")
+    raw[at + 8 : at + 12] = b"\1\0\1\0"  # zipfile reads the whole list, whatever its end says
+    path.write_bytes(raw)
+    assert "7 members, expected at most 3" in findings(path, data)["."]
+
+
+def closed(members: int, length: int, *, zip64: bool, comment: bytes = b"") -> bytes:
+    """The records that close an archive."""
+    end = struct.pack(
+        "<4s4H2IH", b"PK\5\6", 0, 0, *([0xFFFF] * 2 if zip64 else [min(members, 0xFFFF)] * 2),
+        0xFFFFFFFF if zip64 else length, 0, len(comment)
+    )  # fmt: skip
+    if not zip64:
+        return end + comment
+    record = struct.pack("<4sQ2H2I4Q", b"PK\6\6", 44, 45, 45, 0, 0, members, members, length, 0)
+    return record + struct.pack("<4sIQI", b"PK\6\7", 0, 0, 1) + end + comment
+
+
+@pytest.mark.parametrize(
+    ("end", "says"),
+    [
+        (closed(500_000, 30_000_000, zip64=True), "500,000 members, expected at most 50,000"),
+        (closed(60_000, 3_000_000, zip64=False), "60,000 members, expected at most 50,000"),
+        (closed(10, 60 * 2**20, zip64=False), "a list of members of 62,914,560 bytes, expected at most 10,485,760"),
+        (closed(10, 60 * 2**20, zip64=True), "a list of members of 62,914,560 bytes"),
+        (closed(10, 60 * 2**20, zip64=True, comment=b"a comment" * 1000), "a list of members of 62,914,560 bytes"),
+        # The signature stands again inside the record, in the offset of the list.
+        (closed(10, 60 * 2**20, zip64=False)[:16] + b"PK\5\6\0\0", "a list of members of 62,914,560 bytes"),
+    ],
+)  # fmt: skip
+def test_the_end_of_an_archive_is_enough_to_refuse_it(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: bytes, says: str
+):
+    path = tmp_path / "s.zip"
+    path.write_bytes(end)
+
+    def refuse(*_: object) -> None:
+        raise AssertionError("opened")
+
+    monkeypatch.setattr(zipfile, "ZipFile", refuse)
+    monkeypatch.setattr(zipfile, "is_zipfile", lambda _: True)
+    with pytest.raises(UsageError, match=says):
+        check_submission(path, data, workers=1)
+
+
+def test_zip64_of_a_few_members_is_read(good: Path, data: Path, tmp_path: Path):
+    """Writers may put zip64 records at the end of a small archive, with every count of the old one all ones."""
+    path = pack(good, tmp_path / "s.zip")
+    raw = path.read_bytes()
+    at = raw.rfind(b"PK\5\6")
+    members, length, start = struct.unpack_from("<HII", raw, at + 10)
+    record = struct.pack("<4sQ2H2I4Q", b"PK\6\6", 44, 45, 45, 0, 0, members, members, length, start)
+    locator = struct.pack("<4sIQI", b"PK\6\7", 0, at, 1)
+    end = struct.pack("<4s4H2IH", b"PK\5\6", 0, 0, 0xFFFF, 0xFFFF, 0xFFFFFFFF, 0xFFFFFFFF, 0)
+    path.write_bytes(raw[:at] + record + locator + end)
+    assert findings(path, data) == {}
+
+
+def test_a_second_name_in_an_extra_field(good: Path, data: Path, tmp_path: Path):
+    """Info-ZIP's unicode path: later versions of zipfile, and other programs, unpack the member under that name."""
+    path = tmp_path / "s.zip"
+    with zipfile.ZipFile(path, "w") as out:
+        for file in sorted(good.rglob("*.*")):
+            member = zipfile.ZipInfo(file.relative_to(good).as_posix())
+            if member.filename == FIRST:
+                new = FIRST.replace("frame_000", "frame_900").encode()
+                body = struct.pack("<BI", 1, zlib.crc32(FIRST.encode())) + new
+                member.extra = struct.pack("<HHI", 0x5455, 4, 0) + struct.pack("<HH", 0x7075, len(body)) + body
+            out.writestr(member, file.read_bytes())
+    assert findings(path, data) == {FIRST: "has a second name in an extra field; pack it anew, with plain names"}
 
 
 def test_names_are_printable():

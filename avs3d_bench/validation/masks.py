@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout
+from avs3d_bench import layout, media
 from avs3d_bench.dataset import Frame, Observation
 from avs3d_bench.ply import Ply
 from avs3d_bench.schema import FrameRecord, ObservationRecord
@@ -64,6 +65,8 @@ def frame_paths(frame: Frame) -> dict[str, str]:
 def read_contents(frame: Frame, record: ObservationRecord | None, files: set[str], findings: Findings) -> Contents:
     """Decode the pictures of one frame, naming what cannot be read."""
     paths = frame_paths(frame)
+    for path in paths.values():
+        read(findings, files, path, partial(media.check_png, frame.observation.path / path))
     rgb = read(findings, files, paths[layout.INPUT], frame.rgb)
     if rgb is not None and int(rgb.max()) == int(rgb.min()):
         findings.add(paths[layout.INPUT], f"every value is {int(rgb.min())}: an empty picture", "warning")
