@@ -209,7 +209,7 @@ class Scores(Record):
     submission: ScoredSubmission
     dataset: ScoredDataset
     report: RelativePath | None = Field(
-        default=None, description="name of the HTML report, where it lies in the same folder as this file"
+        default=None, description="the HTML report, where it lies at or below this file"
     )
     observations: tuple[ObservationScores, ...]
     overall: GroupScores

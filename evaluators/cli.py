@@ -93,14 +93,14 @@ def _aisrm(official_folder: str | None) -> bool | None:
 
 
 def _beside(html_file: Path | None, json_file: Path) -> str | None:
-    """The report's name, where it lies in the same folder as the file of scores."""
+    """The report's path relative to the file of scores, where it lies at or below it."""
     from avs3d_bench.report import printable
 
-    if html_file is None or not html_file.is_file() or json_file.resolve().parent != html_file.resolve().parent:
+    if html_file is None or not html_file.is_file():  # a device, for one
         return None
-    name = html_file.resolve().name
+    relative = Path(os.path.relpath(html_file.resolve(), json_file.resolve().parent)).as_posix()
     # A name that is no UTF-8 cannot stand in a file of scores.
-    return name if printable(name) == name else None
+    return None if relative.startswith("..") or printable(relative) != relative else relative
 
 
 def _check_targets(targets: Sequence[Path | None], submission: Path, dataset: Path) -> None:
