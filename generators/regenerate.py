@@ -22,7 +22,7 @@ from avs3d_bench.report import Problem
 from avs3d_bench.schema import DatasetRecord, ObservationRecord
 from generators.acoustics.clips import mono_clip
 from generators.arrangement import arrange, draw_sounding
-from generators.backends import acoustic_backend, vision_backend
+from generators.backends import acoustic_backend, observation_provenance, vision_backend
 from generators.folders import default_cache
 from generators.homes import open_home
 from generators.manifest import ManifestFile, read_manifest
@@ -96,12 +96,19 @@ def _plan(source: ManifestFile, observation: Observation, dataset: DatasetRecord
 
 
 def _difference(plan: ObservationPlan, record: ObservationRecord, dataset: DatasetRecord) -> str:
+    there, here = dataset.provenance, observation_provenance(plan.vision, plan.audio)
     pairs = [
         ("avs3d-bench", dataset.toolkit_version, __version__),
+        *(
+            (name, version, here.libraries.get(name, "none"))
+            for name, version in (there.libraries if there else {}).items()
+        ),
         (record.vision.backend, record.vision.version, plan.backends.get(record.vision.backend, "none")),
         (record.acoustics.backend, record.acoustics.version, plan.backends.get(record.acoustics.backend, "none")),
     ]
-    said = [f"{name} {there}, here {here}" for name, there, here in pairs if there != here]
+    said = [f"{name} {then}, here {now}" for name, then, now in dict.fromkeys(pairs) if then != now]
+    if not said and there is not None and there.digest != here.digest:
+        said = ["its sources differ"]
     known = f" ({'; '.join(said)})" if said else ""
     return (
         f"was made by other software{known}, from another manifest or with other files: bytes would differ anyway; "

@@ -312,6 +312,8 @@ def edit_record(root: Path, key: str, change: Callable[[dict[str, Any]], None], 
     change(data)
     if rehash:
         data["files"] = hashes(root / key)
+        if data.get("sizes") is not None:
+            data["sizes"] = {name: (root / key / name).stat().st_size for name in data["files"]}
     replace(path, media.dump_json(data).encode())
     if rehash and (root / "dataset.json").exists():
         dataset = media.read_json(root / "dataset.json")

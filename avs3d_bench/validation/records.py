@@ -33,6 +33,9 @@ def check_record(observation: Observation, record: ObservationRecord, files: set
     unlisted = sorted(path for path in on_disk - set(record.files) if not path.endswith(".tmp"))
     for path in unlisted:
         findings.add(path, f"has no sha256 in {where}")
+    for path, expected in sorted((record.sizes or {}).items()):
+        if path in on_disk and (found := (observation.path / path).stat().st_size) != expected:
+            findings.add(path, f"{found:,} bytes, expected {expected:,} ({where})")
     source = np.asarray(record.source_position)
     low, high = (np.asarray(corner) for corner in record.sounding.bounds)
     outside = float(np.linalg.norm(np.maximum(np.maximum(low - source, source - high), 0.0)))
