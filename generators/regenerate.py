@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -22,11 +23,12 @@ from avs3d_bench.report import Problem
 from avs3d_bench.schema import DatasetRecord, ObservationRecord
 from generators.acoustics.clips import mono_clip
 from generators.arrangement import arrange, draw_sounding
-from generators.backends import acoustic_backend, observation_provenance, vision_backend
+from generators.backends import observation_provenance, vision_backend
 from generators.folders import default_cache
+from generators.hearing import Listening, heard
 from generators.homes import open_home
 from generators.manifest import ManifestFile, read_manifest
-from generators.observation import choose_sound, describe_frame, describe_instance, hear, licence_record
+from generators.observation import choose_sound, describe_frame, describe_instance, licence_record
 from generators.plan import ObservationPlan, make_plans
 from generators.stage import Camera, Stage
 from generators.writer import ObservationWriter
@@ -138,27 +140,33 @@ def _compare(
     }
     yield from _fields(observation.key, "", said, record)
     needed = {frame for index in indices for frame, _, _ in layout.mono_window(index, len(seen.poses))}
-    engine = acoustic_backend(plan.audio, absorption_scale=plan.spec.acoustics.absorption_scale)
+    seconds = range(len(seen.poses) + 1 if stage.moves else 1)
+    listening = Listening(
+        backend=plan.audio,
+        absorption_scale=plan.spec.acoustics.absorption_scale,
+        scene=stage.scene(0),
+        room=plan.spec.room,
+        samples=sound.samples,
+        poses=tuple(seen.poses),
+        sources=tuple(stage.source(second).source_position for second in seconds),
+    )
     clips: list[NDArray[np.float32]] = [np.zeros((2, layout.BINAURAL_SAMPLES), dtype=np.float32) for _ in seen.poses]
-    with ObservationWriter(scratch / plan.key, depth=plan.depth, rirs=plan.rirs) as writer:
-        view = Camera(sight, stage, intrinsics)
-        start = stage.source(0).source_position
-        hearing = engine.open(stage.scene(0), start, room=plan.spec.room, sample_rate=layout.SAMPLE_RATE)
-        try:
-            for index in range(max(needed) + 1):
-                pose = seen.poses[index]
-                clip, response = hear(hearing, stage, sound, index, pose)
-                clips[index] = clip
-                if index not in indices:
-                    continue
-                frame = view.render(index, pose)
-                mask = frame.instance_ids == sounding
-                writer.add_frame(index, frame, mask, clip, response)
-                described = describe_frame(index, pose, mask, clip, stage)
-                yield from _fields(observation.key, f"frames[{index}]", {"frames": described}, record, index)
-        finally:
-            hearing.close()
-            view.close()
+    with (
+        ObservationWriter(scratch / plan.key, depth=plan.depth, rirs=plan.rirs) as writer,
+        closing(Camera(sight, stage, intrinsics)) as view,
+        heard(listening, beside=False) as sounds,
+    ):
+        for index, (clip, response) in zip(range(max(needed) + 1), sounds, strict=False):
+            clips[index] = clip
+            if index not in indices:
+                continue
+            pose = seen.poses[index]
+            frame = view.render(index, pose)
+            mask = frame.instance_ids == sounding
+            writer.add_pictures(index, frame, mask)
+            writer.add_sound(index, clip, response)
+            described = describe_frame(index, pose, mask, clip, stage)
+            yield from _fields(observation.key, f"frames[{index}]", {"frames": described}, record, index)
         for index in indices:
             writer.add_mono(index, mono_clip(clips, index))
         writer.add_sounding_mesh(stage.source(0).mesh)
