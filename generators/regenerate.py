@@ -23,7 +23,7 @@ from avs3d_bench.report import Problem
 from avs3d_bench.schema import DatasetRecord, ObservationRecord
 from generators.acoustics.clips import mono_clip
 from generators.arrangement import arrange, draw_sounding
-from generators.backends import observation_provenance, vision_backend
+from generators.backends import acoustic_backend, observation_provenance, vision_backend
 from generators.folders import default_cache
 from generators.hearing import Listening, heard
 from generators.homes import open_home
@@ -139,6 +139,10 @@ def _compare(
         "sound": {"asset": sound.asset, "licence": licence_record(sound.licence)},
     }
     yield from _fields(observation.key, "", said, record)
+    engine = acoustic_backend(plan.audio, absorption_scale=plan.spec.acoustics.absorption_scale)
+    if files.dump_json(engine.describe()) != files.dump_json(record.acoustics.settings):
+        text = "acoustics.settings differ from those of the engine"
+        yield Problem("error", f"{observation.key}/{layout.OBSERVATION_JSON}", text)
     needed = {frame for index in indices for frame, _, _ in layout.mono_window(index, len(seen.poses))}
     seconds = range(len(seen.poses) + 1 if stage.moves else 1)
     listening = Listening(

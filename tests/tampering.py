@@ -594,7 +594,7 @@ _add("record", "seed", lambda tree: tree.record.update(seed=tree.record["seed"] 
 _add("record", "sample rate", field("acoustics", "sample_rate", to=48000))
 _add("record", "version of the acoustic engine", field("acoustics", "version", to="9"))
 _add("record", "version of the renderer", field("vision", "version", to="9"))
-_add("record", "reverberation time", field("acoustics", "t30", to=9.0), unseen=_REGENERATE)
+_add("record", "reverberation time", field("acoustics", "t30", to=9.0), unseen="nothing else in the dataset says it")
 _add("record", "settings of the engine", field("acoustics", "settings", to={"law": "2/r"}), unseen=_REGENERATE)
 _add("record", "notes", field("notes", to=["all is well"]), unseen=_REGENERATE)
 _add("record", "asset of the sound", field("sound", "asset", to="other"))

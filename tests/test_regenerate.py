@@ -69,6 +69,7 @@ def test_untouched_frames_are_the_same_bytes(root: Path, manifest: Path):
         ("sound", "one louder by 2 dB", "audio_clips_binaural/frame_"),
         ("mesh", "corners moved by less than 1 mm", "gt_3d/sounding_object.ply"),
         ("record", "notes", "observation.json"),
+        ("record", "settings of the engine", "observation.json"),
         ("record", "rotation of a silent instance", "observation.json"),
     ],
 )
@@ -77,7 +78,7 @@ def test_what_deep_cannot_see_is_found(root: Path, manifest: Path, tmp_path: Pat
     assert seen == ()
     found = regenerate(target, 2 * FRAMES, seed=1, manifest=manifest)
     assert any(p.severity == "error" and p.path.startswith(f"{KEY}/{file}") for p in found), found
-    assert all("differs from what the manifest makes" in p.message for p in found)
+    assert all("differ" in p.message for p in found)
 
 
 def test_deep_finds_no_fault_in_generated_trees_and_falsified_ones_are_named(root: Path, tmp_path: Path):
