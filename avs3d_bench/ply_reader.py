@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import open_regular
-from avs3d_bench.report import printable
+from avs3d_bench.text import printable
 
 _TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from avs3d_bench.text import printable as printable
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -81,12 +83,6 @@ class Report:
             "counts": {severity: self.count(severity) for severity in _RANK},
             "problems": [{"severity": p.severity, "path": p.path, "message": p.message} for p in self.problems],
         }
-
-
-def printable(text: str) -> str:
-    """Text that stays on one line and cannot steer a terminal, whatever bytes a file name or a field holds."""
-    utf8 = text.encode("utf-8", "backslashreplace").decode()
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in utf8)
 
 
 def ordered(problems: list[Problem]) -> tuple[Problem, ...]:

@@ -28,7 +28,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from avs3d_bench import __version__, layout
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
-from avs3d_bench.report import printable
+from avs3d_bench.text import printable
 
 if TYPE_CHECKING:
     from avs3d_bench.provenance import Provenance
