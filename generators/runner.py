@@ -6,6 +6,7 @@ of its plan and the sizes of its files; whatever was interrupted lies in a tempo
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -35,9 +36,6 @@ Listener = Callable[[tuple[str, str, str]], None]
 #: A home is built and lit once for all its observations and has this many times their time limit, but at most so many
 #: seconds.
 HOME_FACTOR, HOME_LIMIT = 10.0, 4 * 3600.0
-#: An observation renders at most so many frames at the same time: its sound, which one process computes, then takes as
-#: long as they do.
-MOST_THREADS = 4
 #: A network file system shows a new folder to other machines after a while: seconds that are waited for it.
 VISIBLE_WITHIN = 90.0
 
@@ -165,28 +163,14 @@ def _tasks(todo: Sequence[ObservationPlan], place: Place, *, threads: int, limit
     homes: dict[str, list[ObservationPlan]] = {}
     for plan in todo:
         homes.setdefault(plan.home_digest, []).append(plan)
-    each = max(1, threads // len(homes))
-    wide = dict(zip((plan.key for plan in todo), threads_each(len(todo), threads), strict=True))
+    each = math.ceil(threads / len(homes))
     home_limit = None if limit is None else min(HOME_FACTOR * limit, HOME_LIMIT)
     tasks = []
     for digest, group in homes.items():
         home = Task(f"home {digest[:16]}", prepare, (group[0], place, each), limit=home_limit)
         tasks.append(home)
-        tasks += [
-            Task(plan.key, make_observation, (plan, place, wide[plan.key]), after=home.name, limit=limit)
-            for plan in group
-        ]
+        tasks += [Task(plan.key, make_observation, (plan, place), after=home.name, limit=limit) for plan in group]
     return tasks
-
-
-def threads_each(count: int, workers: int) -> list[int]:
-    """How many frames each of ``count`` observations renders at the same time with that many ``workers``.
-
-    One while there are enough observations for all workers. The last ones, with which most workers would have nothing
-    to do, share the cores: 36 observations on 32 cores would otherwise take as long as 64.
-    """
-    last = count % workers
-    return [1] * (count - last) + [min(MOST_THREADS, round(workers / last)) if last else 1] * last
 
 
 def _told(event: Event) -> tuple[str, str, str]:

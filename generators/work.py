@@ -20,6 +20,9 @@ from generators.homes import prepare_home
 from generators.observation import generate_observation
 from generators.plan import ObservationPlan
 
+#: An observation renders at most so many frames at the same time: its sound, which one process computes, then takes as
+#: long as they do.
+MOST_THREADS = 4
 #: How often a worker looks for the run's folder before it says that it cannot see it, and seconds in between.
 _LOOKS, _PAUSE = 5, 1.0
 
@@ -47,8 +50,8 @@ def prepare(context: Context, plan: ObservationPlan, place: Place, threads: int)
         _warm_up(plan.vision)
 
 
-def make_observation(context: Context, plan: ObservationPlan, place: Place, threads: int) -> str:
-    """Make one observation, rendering with ``threads``.
+def make_observation(context: Context, plan: ObservationPlan, place: Place) -> str:
+    """Make one observation; with the last ones of a run, each renders several frames at the same time.
 
     Returns:
         a line about it.
@@ -58,7 +61,11 @@ def make_observation(context: Context, plan: ObservationPlan, place: Place, thre
         started = time.perf_counter()
         context.report("start", str(plan.camera.frames))
         record = generate_observation(
-            plan, place.root, place.cache, lambda index: context.report("frame", str(index)), threads=threads
+            plan,
+            place.root,
+            place.cache,
+            lambda index: context.report("frame", str(index)),
+            threads=min(context.width, MOST_THREADS),
         )
     visible = sum(frame.visible_pixels > 0 for frame in record.frames)
     return (

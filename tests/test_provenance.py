@@ -469,7 +469,7 @@ def test_a_worker_of_another_machine_compares_its_software_before_it_does_anythi
     other = replace(plan, backends=plan.backends | {SOFTWARE: "0" * 64})
     assert other.digest != plan.digest
     place = Place(tmp_path / "out", tmp_path / "cache", token="run")
-    for work in (prepare, make_observation):
+    for work, more in ((prepare, (1,)), (make_observation, ())):
         with pytest.raises(UnfitError, match=f"has the software {mine[:12]}, the run 000000000000"):
-            work(Context(0, lambda *_: None), other, place, 1)
+            work(Context(0, lambda *_: None), other, place, *more)
     assert not (tmp_path / "out").exists()

@@ -359,8 +359,12 @@ def test_the_file_of_a_killed_process_is_taken_over(tmp_path: Path) -> None:
 def test_the_file_of_another_user_is_named_though_it_cannot_be_opened(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuse(path: Path, *_: object) -> int:
-        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+    really_open = os.open
+
+    def refuse(path: Path, flags: int, *mode: int) -> int:
+        if flags & os.O_RDWR:
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return really_open(path, flags, *mode)
 
     with held(tmp_path) as other:
         monkeypatch.setattr(os, "open", refuse)

@@ -6,14 +6,17 @@ import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from avs3d_bench.ahead import process_ahead
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.scheduling.local import LocalScheduler
+from avs3d_bench.scheduling.tasks import Context, Policy, Task
+from generators import work
 from generators.observation import generate_observation
 from generators.plan import make_plans, read_manifest
-from generators.runner import threads_each
 from tests.homes import write_manifest
 
 
@@ -40,14 +43,31 @@ def test_threads_change_no_byte(tmp_path: Path, audio: str) -> None:
     assert one == three
 
 
-def test_the_last_observations_share_the_cores() -> None:
-    assert threads_each(36, 32) == [1] * 32 + [4] * 4
-    assert threads_each(34, 2) == [1] * 34
-    assert threads_each(3, 2) == [1, 1, 2]
-    assert threads_each(20, 32) == [2] * 20
-    assert threads_each(31, 32) == [1] * 31
-    assert threads_each(1, 1) == [1]
-    assert threads_each(1, 16) == [4]
+def test_the_last_observations_of_a_run_share_the_cores(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The last of nine tasks on four workers are told of the workers that will have nothing to do."""
+    tasks = [Task(f"part_1/home/kitchen/{n}", _width, (), after="home") for n in range(9)]
+    with LocalScheduler(4) as pool:
+        found = [r.value for r in pool.run([Task("home", _width, ()), *tasks], Policy(), lambda _: None)]
+    assert len(found) == 10
+    # Nine wait for the first task; then 8, 7, … of nine are left to start: round(4 / 9) → 1 … 4 / 1 → 4.
+    assert sorted(found) == [1, 1, 1, 1, 1, 1, 1, 1, 2, 4]
+    handed: list[int] = []
+    monkeypatch.setattr(work, "generate_observation", lambda *_, threads: handed.append(threads) or _Nothing())
+    monkeypatch.setattr(work, "_warm_up", lambda *_: None)
+    plan = make_plans(read_manifest(write_manifest(tmp_path)), only=["part_2/*"], audio="analytic")[0]
+    for width in (1, 3, 32):
+        work.make_observation(Context(0, lambda *_: None, width), plan, work.Place(tmp_path, tmp_path))
+    assert handed == [1, 3, work.MOST_THREADS]
+
+
+def _width(context: Context) -> int:
+    return context.width
+
+
+class _Nothing:
+    """A record with no frames."""
+
+    category, instances, frames, acoustics = "clock", (), (), SimpleNamespace(t30=None)
 
 
 def _count(until: int) -> Iterator[int]:

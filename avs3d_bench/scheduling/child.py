@@ -49,8 +49,8 @@ def _attempt(connection: Connection[Any, Any], work: bytes) -> tuple[str, Any]:
     from avs3d_bench.scheduling.tasks import Context
 
     try:
-        call, arguments, slot = pickle.loads(work)
-        context = Context(slot, lambda kind, text: connection.send(("event", (kind, text))))
+        call, arguments, slot, width = pickle.loads(work)
+        context = Context(slot, lambda kind, text: connection.send(("event", (kind, text))), width)
         value = call(context, *arguments)
         pickle.dumps(value)
         return "done", value

@@ -49,6 +49,11 @@ class Ledger:
         return self._open
 
     @property
+    def unstarted(self) -> int:
+        """How many tasks have not been taken, those included that wait for others."""
+        return len(self._leaders) + len(self._ready) + sum(len(tasks) for tasks in self._waiting.values())
+
+    @property
     def finished(self) -> bool:
         """Whether every task is done or given up."""
         return self._open == 0

@@ -39,7 +39,7 @@ class LocalScheduler:
             while not ledger.finished:
                 while free and (item := ledger.take()):
                     worker = _choose(free, item)
-                    worker.start(item.task)
+                    worker.start(item.task, max(1, round(self.slots / (ledger.unstarted + 1))))
                     busy[worker] = item
                 limits = [left for worker in busy if (left := worker.remaining) is not None]
                 wait([worker.connection for worker in busy], min([_TICK, *limits]))

@@ -21,10 +21,13 @@ class Context:
             a device.
         report: ``report(kind, text)`` sends an event to the one who started the run. Of several of one kind in short
             order, only the last may arrive.
+        width: how many workers there are for this task and each one that has not started yet, at least 1: with the last
+            tasks of a run, most workers have nothing to do, and a task may use several cores. 1 where that is unknown.
     """
 
     slot: int
     report: Callable[[str, str], None]
+    width: int = 1
 
 
 @dataclass(frozen=True)
