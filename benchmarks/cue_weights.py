@@ -36,6 +36,8 @@ GRID = {
 }
 #: Shares of the train frames; of the smaller one so many random subsets.
 SHARES, SUBSETS = (1.0, 0.25), 4
+#: Trials that count in a choice of weights, at most, per observation, experiment and share.
+PER_KIND = 4
 #: Edges of the bins in which a posterior is compared with how often it is right.
 BINS = (0.0, 0.5, 0.7, 0.9, 0.99, 1.0 + 1e-9)
 
@@ -110,6 +112,16 @@ def cross_entropy(trials: Sequence[Trial], weights: CueWeights) -> float:
     return float(np.mean([np.mean(each) for each in losses.values()]))
 
 
+def thinned(trials: Sequence[Trial], most: int) -> list[Trial]:
+    """At most ``most`` trials of every observation, experiment and share, evenly spread."""
+    kinds: dict[tuple[str, str, float], list[Trial]] = defaultdict(list)
+    for trial in trials:
+        kinds[trial.key, trial.experiment, trial.share].append(trial)
+    return [
+        group[len(group) * n // min(most, len(group))] for group in kinds.values() for n in range(min(most, len(group)))
+    ]
+
+
 @click.group()
 def main() -> None:
     """Choose and measure the weights of the spatial variant's cues."""
@@ -130,7 +142,7 @@ def collect(roots: tuple[Path, ...], output: Path, only: tuple[str, ...]) -> Non
 @click.argument("path", type=click.Path(path_type=Path, exists=True))
 def fit(path: Path) -> None:
     """Print the weights with the least cross-entropy, and their neighbours."""
-    trials = load(path)
+    trials = thinned(load(path), PER_KIND)
     table = Table("phase", "ild", "level", "cross-entropy (nats)")
     rows = [
         (cross_entropy(trials, CueWeights(phase, ild, level)), phase, ild, level)
