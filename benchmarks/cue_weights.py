@@ -4,8 +4,9 @@
     python -m benchmarks.cue_weights fit FILE.npz                 # choose the weights
     python -m benchmarks.cue_weights score FILE.npz [--json OUT]  # accuracy and calibration of the weights in use
 
-The weights are those with the least cross-entropy: the mean, over observations, of −log(posterior of the instance that
-sounds). That asks for right answers and for honest posteriors at once. Every observation counts once, whatever the
+Weights are judged by their cross-entropy: the mean, over observations, of −log(posterior of the instance that sounds).
+That asks for right answers and for honest posteriors at once. Of those that are within one standard error (over homes)
+of the best, the smallest are chosen. Every observation counts once, whatever the
 number of its cases; cases are `benchmarks.instance_selection`'s twins and invented twins, with all train frames and
 with a quarter of them.
 """
@@ -15,7 +16,7 @@ from __future__ import annotations
 import itertools
 import json
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,14 +31,14 @@ from baselines.echosegnet.spatial import CueWeights, Evidence, gather
 from benchmarks.instance_selection import cases_of, observed, room_of
 
 GRID = {
-    "phase": (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0),
-    "ild": (0.0, 0.01, 0.03, 0.1, 0.3),
-    "level": (0.0, 0.02, 0.05, 0.1, 0.2, 0.4),
+    "phase": (2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0),
+    "ild": (0.0, 0.03, 0.1, 0.3, 1.0),
+    "level": (0.0, 0.05, 0.1, 0.2, 0.4, 0.8),
 }
 #: Shares of the train frames; of the smaller one so many random subsets.
 SHARES, SUBSETS = (1.0, 0.25), 4
 #: Trials that count in a choice of weights, at most, per observation, experiment and share.
-PER_KIND = 4
+PER_KIND = 2
 #: Edges of the bins in which a posterior is compared with how often it is right.
 BINS = (0.0, 0.5, 0.7, 0.9, 0.99, 1.0 + 1e-9)
 
@@ -103,13 +104,27 @@ def load(path: Path) -> list[Trial]:
         ]  # fmt: skip
 
 
-def cross_entropy(trials: Sequence[Trial], weights: CueWeights) -> float:
-    """Mean over observations of the mean of −ln(posterior of the right candidate), nats."""
-    losses: dict[str, list[float]] = defaultdict(list)
+def losses(trials: Sequence[Trial], weights: CueWeights) -> dict[str, float]:
+    """Observation → mean of −ln(posterior of the right candidate) over its trials, nats."""
+    found: dict[str, list[float]] = defaultdict(list)
     for trial in trials:
         _, posterior = trial.evidence.weigh(weights)
-        losses[trial.key].append(-float(np.log(max(posterior[0], 1e-12))))
-    return float(np.mean([np.mean(each) for each in losses.values()]))
+        found[trial.key].append(-float(np.log(max(posterior[0], 1e-12))))
+    return {key: float(np.mean(values)) for key, values in found.items()}
+
+
+def cross_entropy(trials: Sequence[Trial], weights: CueWeights) -> float:
+    """Mean of `losses` over the observations."""
+    return float(np.mean(list(losses(trials, weights).values())))
+
+
+def error_over_homes(by_observation: Mapping[str, float]) -> float:
+    """Standard error of a mean of `losses`, of homes: observations of one home share its rooms."""
+    homes: dict[str, list[float]] = defaultdict(list)
+    for key, value in by_observation.items():
+        homes[key.rsplit("/", 2)[0]].append(value)
+    means = [float(np.mean(values)) for values in homes.values()]
+    return float(np.std(means, ddof=1) / np.sqrt(len(means)))
 
 
 def thinned(trials: Sequence[Trial], most: int) -> list[Trial]:
@@ -141,18 +156,24 @@ def collect(roots: tuple[Path, ...], output: Path, only: tuple[str, ...]) -> Non
 @main.command()
 @click.argument("path", type=click.Path(path_type=Path, exists=True))
 def fit(path: Path) -> None:
-    """Print the weights with the least cross-entropy, and their neighbours."""
+    """Print the weights with the least cross-entropy, and those to use: the smallest within one standard error of it.
+
+    The rule of one standard error (Breiman, Friedman, Olshen, Stone, *Classification and Regression Trees*, 1984,
+    section 3.4.3), with the phase's weight compared first: it decides how sure a posterior is.
+    """
     trials = thinned(load(path), PER_KIND)
-    table = Table("phase", "ild", "level", "cross-entropy (nats)")
-    rows = [
-        (cross_entropy(trials, CueWeights(phase, ild, level)), phase, ild, level)
-        for phase, ild, level in itertools.product(*GRID.values())
-    ]
-    for loss, *weights in sorted(rows)[:12]:
-        table.add_row(*(f"{value:g}" for value in weights), f"{loss:.4f}")
-    now = CueWeights()
-    table.add_row(f"{now.phase:g}", f"{now.ild:g}", f"{now.level:g}", f"{cross_entropy(trials, now):.4f} (in use)")
+    tried = [CueWeights(*weights) for weights in itertools.product(*GRID.values())]
+    found = {weights: losses(trials, weights) for weights in tried}
+    mean = {weights: float(np.mean(list(values.values()))) for weights, values in found.items()}
+    best = min(tried, key=mean.__getitem__)
+    limit = mean[best] + error_over_homes(found[best])
+    chosen = next(weights for weights in tried if mean[weights] <= limit)
+    table = Table("", "phase", "ild", "level", "cross-entropy (nats)")
+    for name, weights in (("least", best), ("chosen", chosen), ("in use", CueWeights())):
+        loss = mean[weights] if weights in mean else cross_entropy(trials, weights)
+        table.add_row(name, *(f"{value:g}" for value in vars(weights).values()), f"{loss:.4f}")
     Console(width=100).print(table)
+    print(f"within one standard error of the least: up to {limit:.4f}")
 
 
 @main.command()

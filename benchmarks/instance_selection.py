@@ -49,7 +49,7 @@ METHODS: dict[str, CueWeights] = {
     "spatial": CueWeights(),
     "phase alone": CueWeights(ild=0.0, level=0.0),
     "ILD alone": CueWeights(phase=0.0, level=0.0),
-    "loudness alone": CueWeights(phase=0.0, ild=0.0),
+    "loudness alone": CueWeights(phase=0.0, ild=0.0, level=0.05),
 }
 DISTANCES = (0.5, 1.0, 2.0)
 DIRECTIONS = 16

@@ -14,7 +14,7 @@ from baselines.echosegnet.clusters import dbscan, merge_fragments, representativ
 from baselines.echosegnet.spatial import CueWeights, candidates, choose, student_fit
 
 SR = 44_100
-PHASE, ILD, LEVEL = CueWeights(ild=0, level=0), CueWeights(phase=0, level=0), CueWeights(phase=0, ild=0)
+PHASE, ILD, LEVEL = CueWeights(3.0, 0.0, 0.0), CueWeights(0.0, 0.03, 0.0), CueWeights(0.0, 0.0, 0.05)
 
 
 @dataclass(frozen=True)
