@@ -11,9 +11,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +23,7 @@ from rich.table import Table
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
+from avs3d_bench.parallel import process_each
 from avs3d_bench.taxonomy import CATEGORIES
 from benchmarks.unseen_homes import home_of, plans_of, sample_manifest
 from generators.arrangement import arrange, draw_sounding
@@ -263,12 +262,8 @@ def survey(
         ([plan for plan in plans if plan.spec.scan == home], size, biased)
         for home in dict.fromkeys(plan.spec.scan for plan in plans)
     ]
-    if workers <= 1:
-        found = [_observe_home(task) for task in tasks]
-    else:
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-            found = list(pool.map(_observe_home, tasks))
-    return [each for home in found for each in home if each is not None]
+    found = {task[0][0].spec.scan: seen for task, seen in process_each(_observe_home, tasks, workers=workers)}
+    return [each for task in tasks for each in found[task[0][0].spec.scan] if each is not None]
 
 
 def summary(seen: Sequence[Seen], verdicts: Sequence[Verdict]) -> dict[str, Any]:
