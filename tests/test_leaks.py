@@ -10,8 +10,8 @@ pytest.importorskip("sklearn", reason="the trained rule needs scikit-learn (extr
 from benchmarks.leaks import IN_VIEW, LIMIT, RULES, TRAINED, Seen, judge, survey
 from benchmarks.unseen_homes import plans_of, sample_manifest, used_seeds
 
-#: Of the survey: about 200 CPU seconds a hundred.
-OBSERVATIONS, HOMES = 200, 14
+#: Of the survey: the second sample of docs/leaks.md, and the one that is drawn where a rule exceeds the limit on it.
+OBSERVATIONS, HOMES, SEEDS = 216, 18, (2, 3)
 
 
 def planted(rule: int | None, share: float, count: int = 200) -> list[Seen]:
@@ -74,11 +74,11 @@ def test_sampled_homes_are_unseen_and_follow_from_the_seed() -> None:
 @pytest.mark.slow
 def test_rules_that_cannot_hear_stay_at_chance() -> None:
     """Several dozen rules and parts: one of them may exceed the limit by chance, but not again on other homes."""
-    seen = survey(OBSERVATIONS, homes=HOMES, seed=1)
+    seen = survey(OBSERVATIONS, homes=HOMES, seed=SEEDS[0])
     assert len(seen) >= 0.9 * OBSERVATIONS
     leaks = {(v.part, v.rule) for v in judge(seen) if v.leaks}
     if leaks:
-        again = judge(survey(OBSERVATIONS, homes=HOMES, seed=2))
+        again = judge(survey(OBSERVATIONS, homes=HOMES, seed=SEEDS[1]))
         leaks &= {(v.part, v.rule) for v in again if v.leaks}
     assert leaks == set()
     share = np.concatenate([each.in_view for each in seen])
