@@ -41,7 +41,7 @@ class Ledger:
             raise ValueError(f"tasks wait for what is no task, or waits itself: {sorted(self._waiting.keys() - names)}")
         self._leaders = deque(task for task in tasks if task.name in self._waiting)
         self._ready = deque(Next(task) for task in tasks if task.name not in self._waiting and task.after is None)
-        self._open = len(tasks)
+        self._open = self._unstarted = len(tasks)
 
     @property
     def left(self) -> int:
@@ -51,7 +51,7 @@ class Ledger:
     @property
     def unstarted(self) -> int:
         """How many tasks have not been taken, those included that wait for others."""
-        return len(self._leaders) + len(self._ready) + sum(len(tasks) for tasks in self._waiting.values())
+        return self._unstarted
 
     @property
     def finished(self) -> bool:
@@ -61,12 +61,18 @@ class Ledger:
     def take(self) -> Next | None:
         """The next task to start; None if there is none now."""
         if self._leaders and len(self._ready) < self.ahead:
-            return Next(self._leaders.popleft())
-        return self._ready.popleft() if self._ready else None
+            item = Next(self._leaders.popleft())
+        elif self._ready:
+            item = self._ready.popleft()
+        else:
+            return None
+        self._unstarted -= 1
+        return item
 
     def give_back(self, item: Next) -> None:
         """Put a task that was taken but not tried back at the head."""
         self._ready.appendleft(item)
+        self._unstarted += 1
 
     def done(self, task: Task) -> None:
         """Note that ``task`` is done; what waited for it is ready."""
@@ -77,10 +83,11 @@ class Ledger:
         """Note a failed attempt: the task is put at the head of the queue, or given up with all that wait for it."""
         attempts = (*item.failed, attempt)
         if attempt.cause != "refused" and len(attempts) <= self._retries:
-            self._ready.appendleft(Next(item.task, attempts))
+            self.give_back(Next(item.task, attempts))
             return
         self._open -= 1
         yield Failure(item.task, attempts)
         for follower in self._waiting.pop(item.task.name, ()):
             self._open -= 1
+            self._unstarted -= 1
             yield Failure(follower, attempts)
