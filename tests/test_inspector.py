@@ -27,6 +27,7 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from viewing import served
 
 from avs3d_bench import layout, media
 from avs3d_bench.dataset import Dataset, Observation
@@ -86,19 +87,6 @@ def site(root: Path, submissions: tuple[ShownSubmission, ...]) -> Path:
 def browser() -> Iterator[Any]:
     with launch() as found:
         yield found
-
-
-@contextmanager
-def served(root: Path, submissions: tuple[ShownSubmission, ...] = ()) -> Iterator[ViewServer]:
-    dataset = Dataset(root)
-    with ViewServer(dataset, dataset.keys, submissions, port=0) as server:
-        thread = threading.Thread(target=server.serve)
-        thread.start()
-        try:
-            yield server
-        finally:
-            server.stop()
-            thread.join()
 
 
 def tree(folder: Path) -> dict[str, str]:

@@ -23,6 +23,7 @@ import pytest
 import tiny
 from browser import launch
 from click.testing import CliRunner
+from viewing import served
 
 from avs3d_bench import layout
 from avs3d_bench.cli import avs3d
@@ -31,7 +32,7 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.inspector.cli import view
 from avs3d_bench.inspector.live import KeptFiles
 from avs3d_bench.inspector.server import HEADERS, ViewServer
-from avs3d_bench.inspector.submissions import ShownSubmission, open_submissions
+from avs3d_bench.inspector.submissions import open_submissions
 from avs3d_bench.submission import SubmissionWriter
 
 KEY, OTHER = tiny.SINGLE, tiny.MULTI
@@ -49,19 +50,6 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def root(source: Path, tmp_path: Path) -> Path:
     """A copy whose files may be replaced."""
     return tiny.clone(source, tmp_path / "copy")
-
-
-@contextmanager
-def served(root: Path, submissions: tuple[ShownSubmission, ...] = ()) -> Iterator[ViewServer]:
-    dataset = Dataset(root)
-    with ViewServer(dataset, dataset.keys, submissions, port=0) as server:
-        thread = threading.Thread(target=server.serve)
-        thread.start()
-        try:
-            yield server
-        finally:
-            server.stop()
-            thread.join()
 
 
 def ask(server: ViewServer, path: str) -> tuple[int, dict[str, str], str]:
