@@ -198,7 +198,7 @@ def main() -> int:
     parser.add_argument("--key", action="append", default=[], help="observation; repeatable; default: the first")
     parser.add_argument("--iterations", type=int, default=30_000)
     parser.add_argument("--max-gaussians", type=int, default=None, help="a cap; default: none")
-    parser.add_argument("--no-screen-pruning", action="store_true", help="as the reference's code in effect trains")
+    parser.add_argument("--screen-pruning", action="store_true", help="apply the limit of 20 px the reference names")
     parser.add_argument("--cold", action="store_true", help="two processes compile gsplat's kernels at once")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--ply", type=Path, help="where to write the Gaussians (of the last key)")
@@ -213,7 +213,7 @@ def main() -> int:
         if options.dataset is not None:
             keys = options.key or list(Dataset(options.dataset).keys[:1])
             density = DensityControl(
-                max_gaussians=options.max_gaussians, max_screen=None if options.no_screen_pruning else 20.0
+                max_gaussians=options.max_gaussians, max_screen=20.0 if options.screen_pruning else None
             )
             settings = TrainingSettings(iterations=options.iterations, density=density, seed=options.seed)
             trainings = [training(options.dataset, key, settings, options.ply, options.loud) for key in keys]

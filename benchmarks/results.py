@@ -134,7 +134,7 @@ def train_all(
 @click.option("--work", type=click.Path(path_type=Path), required=True)
 @click.option("--iterations", default=30_000, show_default=True)
 @click.option("--max-gaussians", type=int, default=None, help="A cap on the number of Gaussians [none].")
-@click.option("--no-screen-pruning", is_flag=True, help="As the reference's code in effect trains (its issue 123).")
+@click.option("--screen-pruning", is_flag=True, help="Apply the limit of 20 pixels that the reference names.")
 @click.option("--device", "devices", multiple=True, help="As `avs3d baseline echosegnet`: repeat to share [all].")
 @click.option("--only", multiple=True)
 @click.option("--sweep", default=None, help="Key of the observation of Table 3.")
@@ -146,7 +146,7 @@ def main(
     work: Path,
     iterations: int,
     max_gaussians: int | None,
-    no_screen_pruning: bool,
+    screen_pruning: bool,
     devices: tuple[str, ...],
     only: tuple[str, ...],
     sweep: str | None,
@@ -162,7 +162,7 @@ def main(
     from evaluators import evaluate
 
     dataset, devices = Dataset(root), devices or all_devices()
-    density = DensityControl(max_gaussians=max_gaussians, max_screen=None if no_screen_pruning else 20.0)
+    density = DensityControl(max_gaussians=max_gaussians, max_screen=20.0 if screen_pruning else None)
     settings = Settings(training=TrainingSettings(iterations=iterations, density=density))
     try:
         record = train_all(dataset, work, settings.training, devices, only)

@@ -141,8 +141,8 @@ def test_large_ones_are_pruned_after_the_first_reset() -> None:
     sizes = [0.01, 0.01, 0.01, 0.21, 0.19, 0.4, 0.3]  # the last two are split: halves of 0.25 m and of 0.1875 m
     pull = _pull([0, 0, 0, 0, 0, 1, 1])
     pull.radius = torch.tensor([5.0, 20.0, 20.5, 5.0, 5.0, 5.0, 5.0])
-    control = DensityControl(gradient=0.5)
-    assert (control.max_screen, control.max_size) == (20.0, 0.1)
+    control = DensityControl(gradient=0.5, max_screen=20.0)
+    assert control.max_size == 0.1
     for prune, expected in ((True, [0, 1, 4, 6, 6]), (False, [0, 1, 2, 3, 4, 5, 5, 6, 6])):
         optimiser = _optimiser(_values(sizes, [0.5] * 7))
         mark = parameters(optimiser)["sh0"][:, 0, 0].tolist()
@@ -150,6 +150,7 @@ def test_large_ones_are_pruned_after_the_first_reset() -> None:
         found = [mark.index(value) for value in parameters(optimiser)["sh0"][:, 0, 0].tolist()]
         assert sorted(found) == expected
     optimiser = _optimiser(_values(sizes, [0.5] * 7))
+    assert DensityControl().max_screen is None  # the reference's own limit never acts
     densify(optimiser, pull, replace(control, max_screen=None), 2.0, torch.Generator(), prune_large=True)
     assert len(parameters(optimiser)["means"]) == 6
 
@@ -159,7 +160,7 @@ def test_a_clone_of_one_that_is_large_on_screen_stays() -> None:
     optimiser = _optimiser(_values([0.005], [0.5]))
     pull = _pull([1.0])
     pull.radius[:] = 30.0
-    densify(optimiser, pull, DensityControl(), 1.0, torch.Generator(), prune_large=True)
+    densify(optimiser, pull, DensityControl(max_screen=20.0), 1.0, torch.Generator(), prune_large=True)
     assert len(parameters(optimiser)["means"]) == 1
 
 

@@ -2,12 +2,11 @@
 
 Where the picture pulls a Gaussian's centre about, the scene lacks detail: small Gaussians are cloned, large ones are
 split into two. Those that have become transparent are removed, and, once opacities have been reset for the first time,
-those that are large on screen or in the scene.
+those that are large in the scene.
 
-The rules and their constants are those of the reference implementation, and there is no cap on the number of Gaussians
-unless one is asked for. In one respect the intent is followed rather than the code: the reference clears the radii on
-screen just before it compares them (its issue 123), so that its own limit of 20 pixels never removes anything.
-``max_screen=None`` gives that behaviour.
+The rules and their constants are those of the reference implementation, as it runs, and there is no cap on the number
+of Gaussians unless one is asked for. The reference also names a limit of 20 pixels on screen, but clears the radii just
+before it compares them (its issue 123), so that this limit never removes anything. ``max_screen=20`` applies it.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ class DensityControl:
         min_opacity: below this it is removed.
         reset_opacity: what a reset lowers opacities to.
         max_screen: after the first reset, a Gaussian is removed if its radius on screen (3σ, pixels) was above this in
-            a view since the last densification; None: whatever its radius.
+            a view since the last densification; None: whatever its radius, which is what the reference does in effect.
         max_size: after the first reset, it is removed if its largest scale is above this share of the camera extent.
         max_gaussians: growth ends here, and the strongest gradients go first; None: no cap, as in the reference.
         pixels_per_gaussian: nor are there ever more Gaussians than train pixels divided by this; None: no such cap. In
@@ -49,7 +48,7 @@ class DensityControl:
     size: float = 0.01
     min_opacity: float = 0.005
     reset_opacity: float = 0.01
-    max_screen: float | None = 20.0
+    max_screen: float | None = None
     max_size: float = 0.1
     max_gaussians: int | None = None
     pixels_per_gaussian: int | None = None
