@@ -60,7 +60,8 @@ def generate_observation(
     cache: Path,
     on_frame: Callable[[int], None] = lambda _: None,
     *,
-    threads: int = 1,
+    cores: Callable[[], int] = lambda: 1,
+    beside: bool = False,
 ) -> ObservationRecord:
     """Make one observation below ``root``; nothing appears under its final name before it is whole.
 
@@ -69,8 +70,8 @@ def generate_observation(
         root: the dataset's folder.
         cache: folder of baked homes.
         on_frame: called with the index of each finished frame.
-        threads: that many frames are rendered at the same time, with the sound in another process beside, where more
-            than 1; the bytes are the same.
+        cores: how many frames may be rendered at the same time, asked before each; the bytes are the same.
+        beside: compute the sound in another process.
 
     Returns:
         The record that was written as observation.json.
@@ -109,13 +110,13 @@ def generate_observation(
     with (
         ObservationWriter(root / plan.key, depth=plan.depth, rirs=plan.rirs) as writer,
         closing(Camera(sight, stage, intrinsics)) as view,
-        heard(listening, beside=threads > 1) as sounds,
+        heard(listening, beside=beside) as sounds,
     ):
 
         def write_pictures(index: int, frame: Frame) -> None:
             writer.add_pictures(index, frame, frame.instance_ids == sounding)
 
-        pictures = view.frames(poses, write_pictures, threads)
+        pictures = view.frames(poses, write_pictures, cores)
         for index, (pose, frame, (clip, response)) in enumerate(zip(poses, pictures, sounds, strict=False)):
             check_clip(clip, f"{plan.key}, frame {index}")
             writer.add_sound(index, clip, response)

@@ -21,6 +21,9 @@ from generators.vision.rays import RayCaster
 
 Array = NDArray[np.float64]
 
+#: An observation draws at most so many frames at the same time: its sound, which one process computes, then takes as
+#: long as they do.
+MOST_THREADS = 4
 #: Frames in flight per thread: enough that no thread waits for the one that consumes them, few enough for the memory.
 _AHEAD = 2
 
@@ -93,46 +96,47 @@ class Camera:
             self._session, self._scene = self._backend.open(scene, self._intrinsics), scene
         return self._session
 
-    def frames(self, poses: Sequence[Pose], then: Callable[[int, Frame], None], threads: int = 1) -> Iterator[Frame]:
+    def frames(
+        self, poses: Sequence[Pose], then: Callable[[int, Frame], None], cores: Callable[[], int] = lambda: 1
+    ) -> Iterator[Frame]:
         """Yield the frame of each second in order, after ``then(second, frame)`` has run on it.
 
         Args:
             poses: of the camera at the beginning of each second.
             then: work on a frame, done in the thread that has drawn it.
-            threads: that many frames are drawn at the same time where the renderer can and nothing moves; the frames
-                are the same.
+            cores: how many frames may be drawn at the same time, asked before each; more than `MOST_THREADS` never
+                are, nor where the renderer cannot or something moves. The frames are the same.
         """
         sessions: SimpleQueue[VisionSession] = SimpleQueue()
-        if threads > 1 and not self._stage.moves and poses:
-            first = self._open(0)
-            shared = [session for _ in range(threads) if (session := first.share()) is not None]
-            for session in shared:
-                sessions.put(session)
-        if sessions.empty():
-            for second, pose in enumerate(poses):
-                frame = self.render(second, pose)
-                then(second, frame)
-                yield frame
-            return
+        shared, begun = 0, 0
 
-        def draw(second: int, pose: Pose) -> Frame:
+        def draw(second: int) -> Frame:
             session = sessions.get()
             try:
-                frame = session.render(pose)
+                frame = session.render(poses[second])
             finally:
                 sessions.put(session)
             then(second, frame)
             return frame
 
         ahead: deque[Future[Frame]] = deque()
-        with ThreadPoolExecutor(threads) as pool:
+        with ThreadPoolExecutor(MOST_THREADS) as pool:
             try:
                 for second, pose in enumerate(poses):
-                    ahead.append(pool.submit(draw, second, pose))
-                    if len(ahead) >= _AHEAD * threads:
+                    wanted = 1 if self._stage.moves else min(cores(), MOST_THREADS)
+                    while shared < wanted > 1 and (session := self._open(0).share()) is not None:
+                        sessions.put(session)
+                        shared += 1
+                    while shared > 1 and begun < min(len(poses), second + _AHEAD * shared):
+                        ahead.append(pool.submit(draw, begun))
+                        begun += 1
+                    if ahead:
                         yield ahead.popleft().result()
-                while ahead:
-                    yield ahead.popleft().result()
+                    else:
+                        frame = self.render(second, pose)
+                        then(second, frame)
+                        begun = second + 1
+                        yield frame
             finally:
                 for waiting in ahead:
                     waiting.cancel()

@@ -20,9 +20,6 @@ from generators.homes import prepare_home
 from generators.observation import generate_observation
 from generators.plan import ObservationPlan
 
-#: An observation renders at most so many frames at the same time: its sound, which one process computes, then takes as
-#: long as they do.
-MOST_THREADS = 4
 #: How often a worker looks for the run's folder before it says that it cannot see it, and seconds in between.
 _LOOKS, _PAUSE = 5, 1.0
 
@@ -51,7 +48,7 @@ def prepare(context: Context, plan: ObservationPlan, place: Place, threads: int)
 
 
 def make_observation(context: Context, plan: ObservationPlan, place: Place) -> str:
-    """Make one observation; with the last ones of a run, each renders several frames at the same time.
+    """Make one observation; the last ones of a run share the cores that have nothing else to do.
 
     Returns:
         a line about it.
@@ -65,7 +62,8 @@ def make_observation(context: Context, plan: ObservationPlan, place: Place) -> s
             place.root,
             place.cache,
             lambda index: context.report("frame", str(index)),
-            threads=min(context.width, MOST_THREADS),
+            cores=context.cores,
+            beside=context.last,
         )
     visible = sum(frame.visible_pixels > 0 for frame in record.frames)
     return (

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from collections.abc import Iterator
+from contextlib import closing
+from itertools import chain, repeat
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,6 +20,7 @@ from avs3d_bench.scheduling.tasks import Context, Policy, Task
 from generators import work
 from generators.observation import generate_observation
 from generators.plan import make_plans, read_manifest
+from generators.stage import MOST_THREADS, Camera
 from tests.homes import write_manifest
 
 
@@ -35,33 +39,93 @@ def test_threads_change_no_byte(tmp_path: Path, audio: str) -> None:
     seen: dict[int, list[int]] = {1: [], 3: []}
     for threads, indices in seen.items():
         generate_observation(
-            plan, tmp_path / str(threads), tmp_path / "cache", indices.append, threads=threads
+            plan, tmp_path / str(threads), tmp_path / "cache", indices.append, cores=lambda n=threads: n,
+            beside=threads > 1,
         )  # fmt: skip
+    growing = chain([1, 1, 1, 2, 2], repeat(32))
+    generate_observation(plan, tmp_path / "growing", tmp_path / "cache", cores=lambda: next(growing), beside=True)
     assert seen[1] == seen[3] == list(range(10))
-    one, three = _files(tmp_path / "1"), _files(tmp_path / "3")
+    one = _files(tmp_path / "1")
     assert len(one) > 60
-    assert one == three
+    assert one == _files(tmp_path / "3") == _files(tmp_path / "growing")
 
 
-def test_the_last_observations_of_a_run_share_the_cores(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The last of nine tasks on four workers are told of the workers that will have nothing to do."""
-    tasks = [Task(f"part_1/home/kitchen/{n}", _width, (), after="home") for n in range(9)]
+class _Drawing:
+    """A renderer's session that counts how many frames are drawn at the same time."""
+
+    def __init__(self, counts: list[int], drawn: list[int]) -> None:
+        self.counts, self.drawn = counts, drawn
+
+    def open(self, *_: object) -> _Drawing:
+        return self
+
+    def share(self) -> _Drawing:
+        return _Drawing(self.counts, self.drawn)
+
+    def render(self, pose: int) -> int:
+        self.counts.append(+1)
+        time.sleep(0.02)
+        self.drawn.append(sum(self.counts))
+        self.counts.append(-1)
+        return pose
+
+    def close(self) -> None:
+        pass
+
+
+def test_frames_are_drawn_on_as_many_cores_as_there_are_now() -> None:
+    drawn: list[int] = []
+    at = {0: 1, 10: 2, 20: 3, 30: 99}
+    cores = [at[max(start for start in at if start <= n)] for n in range(50)]
+    given, finished = iter(cores), list[int]()
+    still = SimpleNamespace(moves=False, scene=lambda _: None)
+    with closing(Camera(_Drawing([], drawn), still, None)) as camera:  # type: ignore[arg-type]
+        shown = list(camera.frames(range(50), lambda second, _: finished.append(second), lambda: next(given)))  # type: ignore[arg-type]
+    assert shown == sorted(finished) == list(range(50))
+    assert finished[:10] == list(range(10))
+    assert max(drawn[:10]) == 1
+    assert max(drawn[:18]) == 2
+    assert max(drawn) == MOST_THREADS
+
+
+def test_the_last_tasks_of_a_run_are_lent_the_cores_of_those_that_have_nothing_to_do() -> None:
+    """Six tasks on four workers: while all four work each has one core; the last one alone has all four."""
+    tasks = [Task(str(n), _cores_seen, (0.1 if n < 4 else 0.5 if n == 4 else 2.0,)) for n in range(6)]
     with LocalScheduler(4) as pool:
-        found = [r.value for r in pool.run([Task("home", _width, ()), *tasks], Policy(), lambda _: None)]
-    assert len(found) == 10
-    # Nine wait for the first task; then 8, 7, … of nine are left to start: round(4 / 9) → 1 … 4 / 1 → 4.
-    assert sorted(found) == [1, 1, 1, 1, 1, 1, 1, 1, 2, 4]
-    handed: list[int] = []
-    monkeypatch.setattr(work, "generate_observation", lambda *_, threads: handed.append(threads) or _Nothing())
+        found = {r.task.name: r.value for r in pool.run(tasks, Policy(), lambda _: None)}
+    assert [found[str(n)][1] for n in range(6)] == [False, False, True, True, True, True]
+    assert found["0"][0][0] == 1
+    assert found["5"][0][-1] == 4
+    assert found["5"][0] == sorted(found["5"][0])
+
+
+def test_one_worker_lends_nothing() -> None:
+    with LocalScheduler(1) as pool:
+        found = [r.value for r in pool.run([Task(n, _cores_seen, (0.0,)) for n in "ab"], Policy(), lambda _: None)]
+    assert found == [([1], False)] * 2
+
+
+def test_an_observation_asks_how_many_cores_it_has(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    handed: list[tuple[int, bool]] = []
+    monkeypatch.setattr(
+        work, "generate_observation", lambda *_, cores, beside: handed.append((cores(), beside)) or _Nothing()
+    )
     monkeypatch.setattr(work, "_warm_up", lambda *_: None)
     plan = make_plans(read_manifest(write_manifest(tmp_path)), only=["part_2/*"], audio="analytic")[0]
-    for width in (1, 3, 32):
-        work.make_observation(Context(0, lambda *_: None, width), plan, work.Place(tmp_path, tmp_path))
-    assert handed == [1, 3, work.MOST_THREADS]
+    place = work.Place(tmp_path, tmp_path)
+    work.make_observation(Context(0, lambda *_: None), plan, place)
+    work.make_observation(Context(0, lambda *_: None, lambda: 3, True), plan, place)
+    assert handed == [(1, False), (3, True)]
 
 
-def _width(context: Context) -> int:
-    return context.width
+def _cores_seen(context: Context, seconds: float) -> tuple[list[int], bool]:
+    seen = [context.cores()]
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        time.sleep(0.01)
+        if context.cores() != seen[-1]:
+            seen.append(context.cores())
+    return seen, context.last
 
 
 class _Nothing:

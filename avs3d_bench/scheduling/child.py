@@ -21,11 +21,11 @@ IDLE = 120.0
 def main() -> None:
     """Work until the parent closes the socket, or there was nothing to do for `IDLE` seconds.
 
-    The last three arguments of the command line are the numbers of inherited file descriptors: the socket carries tasks
+    The last four arguments of the command line are the numbers of inherited file descriptors: the socket carries tasks
     and messages; the lifeline is a pipe whose other end only the parent holds; the trace is a file for the stack of a
-    process that crashes (faulthandler) or hangs (SIGUSR1).
+    process that crashes (faulthandler) or hangs (SIGUSR1); the share is a file with the number of cores.
     """
-    socket, lifeline, trace = map(int, sys.argv[-3:])
+    socket, lifeline, trace, share = map(int, sys.argv[-4:])
     # Ctrl-C reaches every process of a terminal; the parent decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _end_with_parent(lifeline)
@@ -38,10 +38,10 @@ def main() -> None:
         except EOFError:
             return
         connection.send(("begun", None))
-        connection.send(_attempt(connection, work))
+        connection.send(_attempt(connection, share, work))
 
 
-def _attempt(connection: Connection[Any, Any], work: bytes) -> tuple[str, Any]:
+def _attempt(connection: Connection[Any, Any], share: int, work: bytes) -> tuple[str, Any]:
     """("done", value) or ("failed", (cause, message, traceback))."""
     from avs3d_bench.errors import Avs3dError
     from avs3d_bench.files import os_error_line
@@ -49,8 +49,13 @@ def _attempt(connection: Connection[Any, Any], work: bytes) -> tuple[str, Any]:
     from avs3d_bench.scheduling.tasks import Context
 
     try:
-        call, arguments, slot, width = pickle.loads(work)
-        context = Context(slot, lambda kind, text: connection.send(("event", (kind, text))), width)
+        call, arguments, slot, last = pickle.loads(work)
+        context = Context(
+            slot,
+            lambda kind, text: connection.send(("event", (kind, text))),
+            lambda: max(1, int.from_bytes(os.pread(share, 4, 0), "little")),
+            last,
+        )
         value = call(context, *arguments)
         pickle.dumps(value)
         return "done", value

@@ -39,8 +39,9 @@ class LocalScheduler:
             while not ledger.finished:
                 while free and (item := ledger.take()):
                     worker = _choose(free, item)
-                    worker.start(item.task, max(1, round(self.slots / (ledger.unstarted + 1))))
+                    worker.start(item.task, last=ledger.unstarted < self.slots > 1)
                     busy[worker] = item
+                _lend(self.slots, list(busy))
                 limits = [left for worker in busy if (left := worker.remaining) is not None]
                 wait([worker.connection for worker in busy], min([_TICK, *limits]))
                 for worker, item in list(busy.items()):
@@ -63,6 +64,12 @@ class LocalScheduler:
         finally:
             for worker in everyone:
                 worker.kill()
+
+
+def _lend(cores: int, busy: Sequence[Supervised]) -> None:
+    """Divide the cores among the tasks that run; those that have run longest get what does not divide evenly."""
+    for at, worker in enumerate(busy):
+        worker.lend(max(1, cores // len(busy) + (at < cores % len(busy))))
 
 
 def _choose(free: list[Supervised], item: Next) -> Supervised:

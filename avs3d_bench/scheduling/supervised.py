@@ -97,11 +97,17 @@ class Supervised:
         """Seconds until the running task's limit; None without one."""
         return None if self._deadline is None else max(0.0, self._deadline - time.monotonic())
 
-    def start(self, task: Task, width: int = 1) -> None:
-        """Give the process a task of a width (see `Context`); `read` tells how it goes. Only one at a time."""
-        self._work = pickle.dumps((task.call, task.arguments, self._slot, width))
+    def start(self, task: Task, *, last: bool = False) -> None:
+        """Give the process a task, ``last`` as in `Context`; `read` tells how it goes. Only one at a time."""
+        self._work = pickle.dumps((task.call, task.arguments, self._slot, last))
         self._limit = task.limit
         self._send()
+
+    def lend(self, cores: int) -> None:
+        """Let the running task use so many cores from now on (see `Context`)."""
+        # In one write, so that the child never reads half of it. A child that was started again knows 1.
+        if self._process is not None:
+            os.pwrite(self._share.fileno(), cores.to_bytes(4, "little"), 0)
 
     def _send(self) -> None:
         self._begun = False
@@ -164,13 +170,13 @@ class Supervised:
 
     def _spawn(self) -> None:
         self.kill()
-        trace = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
+        trace, share = tempfile.TemporaryFile(), tempfile.TemporaryFile()  # noqa: SIM115 - live as long as the process
         ours, theirs = socket.socketpair()
         for timeout in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):
             ours.setsockopt(socket.SOL_SOCKET, timeout, struct.pack("ll", _STALL, 0))
         connection: Connection[Any, Any] = Connection(ours.detach())
         end, lifeline = os.pipe()
-        inherited = (theirs.fileno(), end, trace.fileno())
+        inherited = (theirs.fileno(), end, trace.fileno(), share.fileno())
         try:
             process = subprocess.Popen(
                 [sys.executable, "-c", _BOOT, json.dumps(sys.path), *map(str, inherited)],
@@ -181,13 +187,15 @@ class Supervised:
             )
         except BaseException:
             trace.close()
+            share.close()
             connection.close()
             os.close(lifeline)
             raise
         finally:
             theirs.close()
             os.close(end)
-        self._process, self._connection, self._lifeline, self._trace = process, connection, lifeline, trace
+        self._process, self._connection, self._lifeline = process, connection, lifeline
+        self._trace, self._share = trace, share
 
     def _died(self) -> Attempt | None:
         """The process is gone: a failed attempt, unless it had ended before it saw the task."""
@@ -240,4 +248,5 @@ class Supervised:
         process.wait()
         self._connection.close()
         self._trace.close()
+        self._share.close()
         os.close(self._lifeline)

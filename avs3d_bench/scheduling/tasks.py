@@ -21,13 +21,15 @@ class Context:
             a device.
         report: ``report(kind, text)`` sends an event to the one who started the run. Of several of one kind in short
             order, only the last may arrive.
-        width: how many workers there are for this task and each one that has not started yet, at least 1: with the last
-            tasks of a run, most workers have nothing to do, and a task may use several cores. 1 where that is unknown.
+        cores: how many cores the task may use at this moment, at least 1. It grows while the last tasks of a run go on:
+            those that have nothing to do lend theirs. Always 1 where that is unknown.
+        last: whether ``cores`` may grow, because fewer tasks wait than there are workers.
     """
 
     slot: int
     report: Callable[[str, str], None]
-    width: int = 1
+    cores: Callable[[], int] = lambda: 1
+    last: bool = False
 
 
 @dataclass(frozen=True)
