@@ -21,6 +21,7 @@ import click
 from avs3d_bench import __version__
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.memory_limit import check_address_space, out_of_memory
+from avs3d_bench.text import printable
 
 if TYPE_CHECKING:
     from avs3d_bench.report import Problem
@@ -220,8 +221,7 @@ def doctor(json_file: Path | None) -> None:
 
 
 def _fail(message: str, code: int, program: str) -> NoReturn:
-    line = " ".join(message.split())
-    click.echo(f"{program}: error: {line}", err=True)
+    click.echo(f"{program}: error: {printable(' '.join(message.split()))}", err=True)
     raise SystemExit(code)
 
 

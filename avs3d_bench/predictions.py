@@ -1,4 +1,4 @@
-"""Reading a submission's masks: nothing is decoded before its size is known to be right."""
+"""Reading a submission's masks and clouds of points: nothing is decoded before its size is known to be right."""
 
 from __future__ import annotations
 
@@ -12,9 +12,18 @@ from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.media import PngHeader, decode_png
+from avs3d_bench.ply import read_ply
+from avs3d_bench.ply_reader import read_header
+from avs3d_bench.submission import MAX_POINTS
 
 #: Size of the largest submission.json (bytes); it holds a few lines.
 MAX_JSON_BYTES = 2**20
+#: Size of the largest points.ply (bytes).
+MAX_POINTS_BYTES = 64 * 2**20
+#: Text takes longer to read than binary: this much, some seconds.
+MAX_ASCII_BYTES = 8 * 2**20
+#: No home is as large as this, metres: points beyond are in another unit.
+MAX_COORDINATE = 1000.0
 _GREY, _RGB = 0, 2
 #: Values named in a message.
 _NAMED = 4
@@ -79,3 +88,25 @@ def _values(pixels: NDArray[np.uint8]) -> str:
         return "holds 0 and 1; expected 0 and 255: multiply by 255"
     named = ", ".join(map(str, values[:_NAMED])) + (", …" if len(values) > _NAMED else "")
     return f"holds grey values ({named}); expected 0 and 255 only: threshold the prediction"
+
+
+def read_points(path: Path) -> NDArray[np.float32]:
+    """A predicted cloud, (N, 3) float32, metres, world coordinates (Y up); N = 0 says that nothing sounds.
+
+    Raises:
+        Avs3dError: if the file is missing, no plain file, no PLY, damaged, too large, or holds NaN.
+    """
+    check_file(path, MAX_POINTS_BYTES)
+    header = read_header(path, most=MAX_POINTS)
+    if header.form == "ascii" and header.size > MAX_ASCII_BYTES:
+        raise Avs3dError(
+            f"{path}: {header.size:,} bytes of ASCII PLY, expected at most {MAX_ASCII_BYTES:,}: write it as binary"
+        )
+    points = read_ply(path).vertices
+    furthest = float(np.abs(points).max(initial=0.0))
+    if furthest > MAX_COORDINATE:
+        raise Avs3dError(
+            f"{path}: points {furthest:.3g} m from the origin, expected world coordinates in metres, within "
+            f"{MAX_COORDINATE:g} m"
+        )
+    return points

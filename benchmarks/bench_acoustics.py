@@ -86,7 +86,7 @@ def run_all(repeats: int = 5) -> dict[str, float]:
     times = []
     for session, pose in _sessions(AnalyticBackend(), scene):
         response = session.impulse_response(pose)  # the first one builds the diffuse tail
-        times.append(median(_cpu(partial(session.impulse_response, pose)) for _ in range(repeats)))  # type: ignore[misc]
+        times.append(median(_cpu(partial(session.impulse_response, pose)) for _ in range(repeats)))
     figures["analytic impulse response (CPU s)"] = median(times)
 
     source = synthesise("washing_machine", 10, np.random.default_rng(0))

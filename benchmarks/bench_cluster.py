@@ -6,6 +6,7 @@ import statistics
 import tempfile
 import time
 from collections import defaultdict
+from functools import partial
 from pathlib import Path
 
 from avs3d_bench.parallel import available_cores
@@ -63,7 +64,7 @@ def scaling(repeats: int) -> dict[str, float]:
 
                 run(
                     source, plans, Path(folder) / "data", workers=workers, cache=cache, listen=listen,
-                    scheduler=lambda workers=workers: DaskScheduler(workers), shared=True,
+                    scheduler=partial(DaskScheduler, workers), shared=True,
                     policy=Options(scheduler="dask").policy(one_thread=True),
                 )  # fmt: skip
             # Events come about once a second, with the number of the newest frame.

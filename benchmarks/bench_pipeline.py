@@ -10,18 +10,22 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 from avs3d_bench.parallel import available_cores
-from generators import hearing
+from generators import backends, hearing
 from generators import observation as story
+from generators.acoustics.clips import binaural_clip
 from generators.folders import default_cache
 from generators.homes import prepare_home
-from generators.plan import ManifestFile, ObservationPlan, make_plans, read_manifest
+from generators.manifest import ManifestFile
+from generators.plan import ObservationPlan, make_plans, read_manifest
 from generators.runner import run
+from generators.writer import ObservationWriter
 
 MANIFEST = Path(__file__).parent.parent / "scenes_manifest" / "demo.yaml"
 #: Fewer frames than an observation has; the cost per frame does not depend on their number.
@@ -67,16 +71,20 @@ def timed_engines(spent: dict[str, float], wall: dict[str, float] | None = None)
         return made
 
     with (
-        patch.object(story, "vision_backend", backend(story.vision_backend, "render", "render")),
+        patch.object(story, "vision_backend", backend(backends.vision_backend, "render", "render")),
         patch.object(
-            hearing, "acoustic_backend", backend(hearing.acoustic_backend, "impulse_response", "impulse response")
+            hearing, "acoustic_backend", backend(backends.acoustic_backend, "impulse_response", "impulse response")
         ),
-        patch.object(hearing, "binaural_clip", timed("convolve", hearing.binaural_clip)),
-        patch.object(story.ObservationWriter, "add_pictures", timed("encode", story.ObservationWriter.add_pictures)),
-        patch.object(story.ObservationWriter, "add_sound", timed("encode", story.ObservationWriter.add_sound)),
-        patch.object(story.ObservationWriter, "add_mono", timed("encode", story.ObservationWriter.add_mono)),
+        patch.object(hearing, "binaural_clip", timed("convolve", binaural_clip)),
+        patch.object(ObservationWriter, "add_pictures", timed("encode", ObservationWriter.add_pictures)),
+        patch.object(ObservationWriter, "add_sound", timed("encode", ObservationWriter.add_sound)),
+        patch.object(ObservationWriter, "add_mono", timed("encode", ObservationWriter.add_mono)),
     ):
         yield
+
+
+def _stamp(stamps: list[float], _: int) -> None:
+    stamps.append(time.process_time())
 
 
 class _Proxy:
@@ -101,7 +109,7 @@ def per_frame(plan: ObservationPlan, cache: Path, repeats: int = REPEATS) -> dic
         stamps: list[float] = []
         with tempfile.TemporaryDirectory() as folder, timed_engines(spent):
             start = time.process_time()
-            story.generate_observation(plan, Path(folder), cache, lambda _, s=stamps: s.append(time.process_time()))
+            story.generate_observation(plan, Path(folder), cache, partial(_stamp, stamps))
             wholes.append(time.process_time() - start)
         loops.extend(b - a for a, b in pairwise(stamps))
         loop = (stamps[-1] - stamps[0]) / (len(stamps) - 1)

@@ -62,7 +62,8 @@ def _record(key: str, frames: int) -> ObservationRecord:
     where = direction_to(pose, (1, 1.2, -2))
     names = [layout.frame_name(i) for i in range(frames)]
     return ObservationRecord(
-        key=key, part=place.part, scan=place.scan, room=place.room, index=place.index, category="microwave", seed=0,
+        key=key, part=place.part, scan=place.scan, room=place.room,  # type: ignore[arg-type]
+        index=place.index, category="microwave", seed=0,
         source_position=(1, 1.2, -2), intrinsics=IntrinsicsRecord.of(Intrinsics.from_fov(_SIZE)),
         instances=tuple(instances), acoustics=AcousticsRecord(backend="none", version="0", sample_rate=44100, gain=1),
         vision=VisionRecord(backend="none", version="0"), files={},
@@ -113,7 +114,12 @@ def write_example(root: Path, submission: Path, single: int = 25, multiple: int 
 
 
 def _decode(paths: list[Path]) -> int:
-    return sum(cv2.imread(str(path), cv2.IMREAD_UNCHANGED).size for path in paths)
+    total = 0
+    for path in paths:
+        picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        assert picture is not None
+        total += picture.size
+    return total
 
 
 def _peak(_: object) -> float:

@@ -191,17 +191,17 @@ def score(path: Path, output: Path | None) -> None:
         posteriors.append((float(posterior.max()), right))
     table = Table("experiment", "train frames", "observations", "cases", "right (%)")
     for (experiment, share), found in sorted(rates.items(), key=lambda item: (item[0][0], -item[0][1])):
-        right = f"{100 * np.mean([r for _, r in found]):.1f}"
-        table.add_row(experiment, f"{share:.0%}", str(len({key for key, _ in found})), str(len(found)), right)
+        percent = f"{100 * np.mean([r for _, r in found]):.1f}"
+        table.add_row(experiment, f"{share:.0%}", str(len({key for key, _ in found})), str(len(found)), percent)
     Console(width=100).print(table)
     sure = Table("posterior of the choice", "cases", "mean posterior (%)", "right (%)")
     bins = []
     for low, high in itertools.pairwise(BINS):
         part = [(p, r) for p, r in posteriors if low <= p < high]
         if part:
-            mean, right = (100 * float(np.mean(column)) for column in zip(*part, strict=True))
-            bins.append({"from": low, "to": min(high, 1.0), "cases": len(part), "posterior": mean, "right": right})
-            sure.add_row(f"{low:g}–{min(high, 1.0):g}", str(len(part)), f"{mean:.1f}", f"{right:.1f}")
+            mean, share = (100 * float(np.mean(column)) for column in zip(*part, strict=True))
+            bins.append({"from": low, "to": min(high, 1.0), "cases": len(part), "posterior": mean, "right": share})
+            sure.add_row(f"{low:g}–{min(high, 1.0):g}", str(len(part)), f"{mean:.1f}", f"{share:.1f}")
     Console(width=100).print(sure)
     if output is not None:
         document = {

@@ -16,8 +16,8 @@ from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.media import png_header
 from avs3d_bench.parallel import process_each
+from avs3d_bench.predictions import read_mask, read_points
 from avs3d_bench.report import Problem, Report, ordered
-from evaluators.masks import read_mask, read_points
 from evaluators.records import InvalidSubmission, Submission
 from evaluators.structure import check_structure
 from evaluators.submission import open_submission

@@ -24,6 +24,7 @@ from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import sha256_file
 from avs3d_bench.parallel import process_each
+from avs3d_bench.predictions import read_mask, read_points
 from avs3d_bench.provenance import provenance
 from avs3d_bench.report import Problem, Report, ordered
 from avs3d_bench.schema import ProvenanceRecord
@@ -44,7 +45,6 @@ from evaluators import bootstrap
 from evaluators.checks import check_contents, check_structure, has_points, problem_of, select
 from evaluators.deaf import DeafFrame, deaf_frame, deaf_references
 from evaluators.frames import FrameFigures, Truth, frame_figures, reference_figures
-from evaluators.masks import read_mask, read_points
 from evaluators.metrics import as_bytes
 from evaluators.protocols import (
     MOVING,

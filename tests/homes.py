@@ -31,7 +31,7 @@ def write_room(path: Path) -> Path:
         box.visual.face_colors = np.tile(colour, (12, 1))
         pieces.append(box)
     path.parent.mkdir(parents=True, exist_ok=True)
-    trimesh.Scene(pieces).export(path)
+    trimesh.Scene(pieces).export(path)  # type: ignore[no-untyped-call]
     return path
 
 

@@ -11,13 +11,12 @@ import pytest
 import tiny
 from test_score import submit, true_mask
 
-from avs3d_bench import ply_reader
+from avs3d_bench import ply_reader, predictions
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.ply import read_ply, write_ply_points
 from avs3d_bench.ply_reader import read_header
-from evaluators import masks
+from avs3d_bench.predictions import read_points
 from evaluators.checks import check_submission
-from evaluators.masks import read_points
 from evaluators.records import InvalidSubmission
 from evaluators.score import evaluate
 
@@ -148,7 +147,7 @@ def test_a_comment_may_say_end_header(tmp_path: Path, line: str, form: str):
 
 
 def test_a_large_binary_file_with_the_word_ascii_is_no_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(masks, "MAX_ASCII_BYTES", 10)
+    monkeypatch.setattr(predictions, "MAX_ASCII_BYTES", 10)
     write_ply_points(tmp_path / "b.ply", [[1, 2, 3]])
     data = (tmp_path / "b.ply").read_bytes().replace(b"element", b"comment not ascii\nelement", 1)
     assert len(read_points(cloud(tmp_path, data))) == 1

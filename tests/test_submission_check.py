@@ -26,13 +26,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_score import shifted, submit, true_mask
 
-from avs3d_bench import layout, media
+from avs3d_bench import layout, media, predictions
 from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.predictions import read_mask, read_points
 from avs3d_bench.report import print_report
 from avs3d_bench.validate import validate
-from evaluators import archive, masks
+from evaluators import archive
 from evaluators.checks import check_submission
-from evaluators.masks import read_mask, read_points
 from evaluators.records import InvalidSubmission
 from evaluators.score import evaluate
 from evaluators.submission import open_submission
@@ -209,13 +209,13 @@ def test_clouds_in_all_or_in_none(data: Path, tmp_path: Path):
 def test_clouds_have_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     path = tmp_path / "points.ply"
     media.write_ply_points(path, np.zeros((11, 3)))
-    monkeypatch.setattr(masks, "MAX_POINTS", 10)
+    monkeypatch.setattr(predictions, "MAX_POINTS", 10)
     with pytest.raises(Avs3dError, match="11 points, expected at most 10"):
         read_points(path)
     media.write_ply_points(path, [[0, 1, 2], [0, 3400, 0]])
     with pytest.raises(Avs3dError, match=r"points 3.4e\+03 m from the origin, expected world coordinates in metres"):
         read_points(path)
-    monkeypatch.setattr(masks, "MAX_POINTS_BYTES", 100)
+    monkeypatch.setattr(predictions, "MAX_POINTS_BYTES", 100)
     with pytest.raises(Avs3dError, match="expected at most 100"):
         read_points(path)
 
@@ -473,7 +473,7 @@ def test_a_large_cloud_is_written_as_binary(tmp_path: Path, monkeypatch: pytest.
     def refuse(*_: object) -> None:
         raise AssertionError("read")
 
-    monkeypatch.setattr(masks, "read_ply", refuse)
+    monkeypatch.setattr(predictions, "read_ply", refuse)
     with pytest.raises(Avs3dError, match="bytes of ASCII PLY, expected at most 8,388,608: write it as binary"):
         read_points(path)
 

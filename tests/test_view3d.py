@@ -117,6 +117,9 @@ def test_predicted_points(submission: Path, tmp_path: Path) -> None:
         read_prediction(tmp_path / "none", SINGLE)
     media.write_ply_points(tmp_path / SINGLE / layout.SUBMISSION_POINTS, np.zeros((MOST_PREDICTED + 1, 3)))
     assert len(read_prediction(tmp_path, SINGLE).points) <= MOST_PREDICTED
+    media.write_ply_points(tmp_path / SINGLE / layout.SUBMISSION_POINTS, np.full((3, 3), 1e6))
+    with pytest.raises(Avs3dError, match="expected world coordinates in metres"):
+        read_prediction(tmp_path, SINGLE)
 
 
 def test_cameras_look_along_plus_z_with_y_down() -> None:

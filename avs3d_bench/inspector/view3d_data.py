@@ -20,7 +20,8 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import read_record
 from avs3d_bench.geometry import Intrinsics, Pose
 from avs3d_bench.inspector.floorplan import HEAD
-from avs3d_bench.ply import Ply, read_ply
+from avs3d_bench.ply import Ply
+from avs3d_bench.predictions import read_points
 from avs3d_bench.schema import InstanceRecord, ObservationRecord, SubmissionRecord
 
 #: Points from depth: this many frames, and about this many points of each.
@@ -194,7 +195,7 @@ def read_prediction(submission: str | Path, key: str) -> Prediction:
 
     Raises:
         UsageError: if there is no such folder or it holds no points of the observation.
-        Avs3dError: if a file is damaged.
+        Avs3dError: if a file is damaged, or one that `avs3d check` would refuse.
     """
     root = Path(submission)
     if not root.is_dir():
@@ -202,7 +203,7 @@ def read_prediction(submission: str | Path, key: str) -> Prediction:
     path = root / key / layout.SUBMISSION_POINTS
     if not path.exists():
         raise UsageError(f"{path}: missing; expected a submission with 3D points of {key}")
-    points = read_ply(path).vertices
+    points = read_points(path)
     points = points[:: max(1, math.ceil(len(points) / MOST_PREDICTED))]
     about = root / layout.SUBMISSION_JSON
     return Prediction(read_record(about, SubmissionRecord).method if about.exists() else root.resolve().name, points)

@@ -21,8 +21,8 @@ FULL_SCALE = 1.0
 RMS_TOLERANCE = (1e-3, 2e-5)
 #: The louder ear is on the source's side: over frames with line of sight and |azimuth| between these, degrees …
 ILD_AZIMUTHS = (20.0, 160.0)
-#: … in at least this share of them.
-ILD_SHARE = 0.95
+#: … in at least this share of them: in 32 of the 34 observations of open-s34-o7 2.0.0, whose least has 0.84.
+ILD_SHARE = 0.90
 #: One frame is enough where the source is this far to the side (degrees) and the wrong ear this much louder (dB).
 ILD_LATERAL, ILD_SURE = (35.0, 145.0), 4.0
 #: Below this share the sound is wrong, and not merely reflected.
