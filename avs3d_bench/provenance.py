@@ -1,6 +1,6 @@
 """Digest of the software that a result depends on: is what was made earlier still what would be made now?
 
-    made_by = provenance("generators.scenes.apartment:build_apartment", "generators.scenes.light:bake")
+    made_by = provenance("generators.apartments.apartment:build_apartment", "generators.lighting.bake:bake")
     made_by.digest
 
 A result depends on the sources of the function's module and of everything in our packages that it imports, directly or

@@ -137,8 +137,8 @@ def oracle(
     --instance sounding also works on the official release.
     """
     from avs3d_bench.dataset import Dataset
-    from baselines.errors import ErrorModel
     from baselines.oracle import write_oracle
+    from baselines.oracle_errors import ErrorModel
 
     writer = write_oracle(
         Dataset(root),
@@ -297,7 +297,7 @@ def echosegnet(
     from baselines.echosegnet.run import all_devices, write_echosegnet, write_sweep
     from baselines.echosegnet.sources import mask_source
     from baselines.echosegnet.train import TrainingSettings
-    from baselines.errors import ErrorModel
+    from baselines.oracle_errors import ErrorModel
 
     settings = Settings(
         variant=variant,

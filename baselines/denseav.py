@@ -12,8 +12,9 @@ rule that makes a mask of it:
 4. Resized to the frame, bilinear, so that no value lies outside of those of the patches.
 5. Marked where the value is > 0.5: more than half as similar as the most similar patch.
 
-The network is a LightningModule with the methods of `Network`; its weights are a local file
-(`baselines.checkpoints`). Its constructor also wants HuBERT and DINO, from the caches of huggingface_hub and torch.hub.
+The network is a LightningModule with the methods of `Network`; its weights are a local file (see
+`baselines.networks.checkpoints`). Its constructor also wants HuBERT and DINO, from the caches of huggingface_hub and
+torch.hub.
 """
 
 from __future__ import annotations
@@ -36,10 +37,10 @@ from avs3d_bench.parallel import process_each
 from avs3d_bench.provenance import provenance
 from avs3d_bench.schema import ProvenanceRecord
 from avs3d_bench.submission import SubmissionWriter, frame_size
-from baselines.checkpoints import find_checkpoint, has_package, loading, require_packages
-from baselines.owod_bind.device import enough_memory, inference, pick_device
-from baselines.owod_bind.pixels import IMAGENET_MEAN, IMAGENET_STD, normalise, resize
-from baselines.owod_bind.sound import check_clip, resample
+from baselines.networks.checkpoints import find_checkpoint, has_package, loading, require_packages
+from baselines.networks.device import enough_memory, inference, pick_device
+from baselines.networks.pixels import IMAGENET_MEAN, IMAGENET_STD, normalise, resize
+from baselines.networks.sound import check_clip, resample
 
 Mask = NDArray[np.bool_]
 Similarity = NDArray[np.float64]

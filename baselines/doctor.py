@@ -59,7 +59,7 @@ def _cuda() -> tuple[Finding, ...]:
 
 def _checkpoints() -> tuple[Check, ...]:
     """One check for each network, below the folder that AVS3D_CHECKPOINTS names."""
-    from baselines.checkpoints import CHECKPOINTS
+    from baselines.networks.checkpoints import CHECKPOINTS
 
     named = os.environ.get("AVS3D_CHECKPOINTS")
     if not named:
@@ -73,7 +73,7 @@ def _checkpoints() -> tuple[Check, ...]:
 
 
 def _checkpoint(kind: str, folder: Path) -> tuple[Finding, ...]:
-    from baselines.checkpoints import CHECKPOINTS, find_checkpoint, has_package
+    from baselines.networks.checkpoints import CHECKPOINTS, find_checkpoint, has_package
 
     checkpoint = CHECKPOINTS[kind]
     try:

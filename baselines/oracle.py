@@ -1,4 +1,4 @@
-"""The oracle: the truth as a prediction, perfect or with the errors of `baselines.errors`.
+"""The oracle: the truth as a prediction, perfect or with the errors of `baselines.oracle_errors`.
 
 It looks at the truth of test frames by design, so its scores are bounds, not results: ``sounding`` is perfect,
 ``category`` is what a perfect detector reaches that finds every object of the right category and cannot hear which of
@@ -22,7 +22,7 @@ from avs3d_bench.parallel import process_each
 from avs3d_bench.provenance import provenance
 from avs3d_bench.schema import InstanceRecord, ObservationRecord, ProvenanceRecord
 from avs3d_bench.submission import SubmissionFolder, SubmissionWriter, frame_size
-from baselines.errors import CONFUSABLE, ErrorModel
+from baselines.oracle_errors import CONFUSABLE, ErrorModel
 
 Instance = Literal["category", "sounding"]
 Mask = NDArray[np.bool_]

@@ -21,9 +21,9 @@ from generators.acoustics.base import AcousticBackend, AcousticSession
 from generators.acoustics.clips import binaural_clip
 from generators.acoustics.decay import reverberation_time
 from generators.acoustics.soundspaces import SoundSpacesBackend
+from generators.apartments.apartment import build_apartment
 from generators.assets.sounds import synthesise
-from generators.scenes.apartment import build_apartment
-from generators.scenes.scene import Scene
+from generators.core.scene import Scene
 
 ROOMS = ("bathroom", "kitchen", "living_room")
 #: Source and listener as shares of the room's box (x, z); heights in metres.

@@ -15,10 +15,10 @@ from avs3d_bench.scheduling.local import LocalScheduler
 from avs3d_bench.scheduling.options import Options
 from avs3d_bench.scheduling.tasks import Context, Policy, Scheduler, Task
 from benchmarks.bench_pipeline import MANIFEST
-from generators.folders import default_cache
-from generators.homes import prepare_home
+from generators.core.folders import default_cache
+from generators.homes.store import prepare_home
 from generators.plan import make_plans, read_manifest
-from generators.runner import run
+from generators.run.runner import run
 
 #: Observations that do nothing.
 COUNT = 10_000

@@ -28,9 +28,9 @@ Triple = tuple[str, str, str]
 
 def make_example(root: Path, frames: int = 48) -> None:
     """The demo's observations at full size, for machines that have no dataset at hand."""
-    from generators.folders import default_cache
+    from generators.core.folders import default_cache
     from generators.plan import make_plans, read_manifest
-    from generators.runner import run
+    from generators.run.runner import run
 
     source = read_manifest(Path(__file__).parent.parent / "scenes_manifest" / "demo.yaml")
     plans = make_plans(source, frames=frames, audio="analytic")

@@ -17,15 +17,16 @@ from typing import Any
 from unittest.mock import patch
 
 from avs3d_bench.parallel import available_cores
-from generators import backends, hearing
+from generators import backends
 from generators import observation as story
 from generators.acoustics.clips import binaural_clip
-from generators.folders import default_cache
-from generators.homes import prepare_home
+from generators.core.folders import default_cache
+from generators.homes.store import prepare_home
 from generators.manifest import ManifestFile
 from generators.plan import ObservationPlan, make_plans, read_manifest
-from generators.runner import run
-from generators.writer import ObservationWriter
+from generators.recording import hearing
+from generators.recording.writer import ObservationWriter
+from generators.run.runner import run
 
 MANIFEST = Path(__file__).parent.parent / "scenes_manifest" / "demo.yaml"
 #: Fewer frames than an observation has; the cost per frame does not depend on their number.

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from avs3d_bench.geometry import Intrinsics, Pose
-from generators.scenes.scene import Scene
+from generators.core.scene import Scene
 from generators.vision.embree import EmbreeBackend, warm_up
 
 #: Headings from the middle of each room, degrees.
@@ -24,8 +24,8 @@ def _cpu(work: Callable[[], object]) -> float:
 
 
 def _flat() -> Scene:
-    from generators.scenes.apartment import build_apartment
-    from generators.scenes.light import bake
+    from generators.apartments.apartment import build_apartment
+    from generators.lighting.bake import bake
 
     return bake(build_apartment("bench", 1), quality="preview")
 
@@ -67,8 +67,8 @@ def bench_vision(scene: Scene | None = None, size: int = 1008, repeats: int = 5)
 def run_all(repeats: int = 5) -> dict[str, float]:
     """Figures for `make bench`, in an apartment of the open benchmark."""
     from benchmarks.bench_pipeline import MANIFEST
-    from generators.folders import default_cache
-    from generators.homes import open_home
+    from generators.core.folders import default_cache
+    from generators.homes.store import open_home
     from generators.plan import make_plans, read_manifest
 
     flat = open_home(make_plans(read_manifest(MANIFEST), audio="analytic")[0], default_cache(), workers=2)

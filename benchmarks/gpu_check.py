@@ -30,7 +30,7 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics
 from baselines.echosegnet.densify import DensityControl
 from baselines.echosegnet.gaussians import Gaussians, write_ply
-from baselines.echosegnet.rasterise import GsplatRasteriser, Rasteriser, TorchRasteriser, contributions
+from baselines.echosegnet.rasteriser.default import GsplatRasteriser, Rasteriser, TorchRasteriser, contributions
 from baselines.echosegnet.similarity import ssim
 from baselines.echosegnet.train import Report, TrainingSettings, train, view_psnr
 from baselines.echosegnet.views import View, load_points, load_views, test_views, train_views
@@ -132,7 +132,7 @@ def stages(gaussians: Gaussians, view: View, rasteriser: Rasteriser) -> dict[str
 
 def cold_start() -> dict[str, Any]:
     """Load gsplat in two processes at once with an empty folder of extensions: both must work, from one build."""
-    load = "from baselines.echosegnet.kernels import gsplat; gsplat()"
+    load = "from baselines.echosegnet.rasteriser.kernels import gsplat; gsplat()"
     with tempfile.TemporaryDirectory() as folder:
         begin = time.perf_counter()
         pair = [

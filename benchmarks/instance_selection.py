@@ -41,7 +41,7 @@ from generators.acoustics.analytic import AnalyticBackend
 from generators.acoustics.clips import binaural_clip
 from generators.assets.shapes import MeshBuilder
 from generators.assets.sounds import synthesise
-from generators.scenes.scene import Material, Part, Room, Scene
+from generators.core.scene import Material, Part, Room, Scene
 
 Array = NDArray[np.float64]
 
@@ -174,7 +174,7 @@ def _stands(box: Array, shift: Array, room: Array | None) -> bool:
 @cache
 def rooms_of(scan: str, seed: int) -> dict[str, Array]:
     """Rooms of a procedural apartment: name → (2, 3) lowest and highest corner."""
-    from generators.scenes.apartment import build_apartment
+    from generators.apartments.apartment import build_apartment
 
     return {room.name: np.array([room.low, room.high]) for room in build_apartment(scan, seed).rooms}
 

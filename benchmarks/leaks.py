@@ -27,13 +27,13 @@ from avs3d_bench.parallel import process_each
 from avs3d_bench.taxonomy import CATEGORIES
 from benchmarks.unseen_homes import home_of, plans_of, sample_manifest
 from generators.arrangement import arrange, draw_sounding
-from generators.placement import Placement
+from generators.core.rays import RayCaster
+from generators.core.scene import Scene
+from generators.paths.trajectory import plan_walk
+from generators.placement.placement import Placement
 from generators.plan import ObservationPlan
-from generators.scenes.scene import Scene
-from generators.surface_points import SurfaceSampler
-from generators.trajectory import plan_walk
+from generators.recording.surface_points import SurfaceSampler
 from generators.vision.base import Frame
-from generators.vision.rays import RayCaster
 
 Array = NDArray[np.float64]
 

@@ -120,8 +120,8 @@ def measure(plan: Any, cache: Path, workers: int) -> dict[str, float]:
 def main(workers: tuple[int, ...], frames: int, audio: str, output: Path | None) -> None:
     """Measure, and print a table."""
     from benchmarks.bench_pipeline import MANIFEST
-    from generators.folders import default_cache
-    from generators.homes import prepare_home
+    from generators.core.folders import default_cache
+    from generators.homes.store import prepare_home
     from generators.plan import make_plans, read_manifest
 
     plan = make_plans(read_manifest(MANIFEST), frames=frames, audio=audio)[0]

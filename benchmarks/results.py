@@ -107,7 +107,7 @@ def train_all(
     import torch
 
     from baselines.echosegnet.jobs import run_each, spread
-    from baselines.echosegnet.rasterise import default_rasteriser
+    from baselines.echosegnet.rasteriser.default import default_rasteriser
 
     keys = [observation.key for observation in dataset.select(*only)]
     workers = spread(devices, len(keys))

@@ -20,10 +20,10 @@ import numpy as np
 import yaml
 
 from avs3d_bench.errors import Avs3dError
+from generators.apartments.apartment import build_apartment
 from generators.arrangement import arrange
+from generators.core.scene import Scene
 from generators.plan import ObservationPlan, make_plans, read_manifest
-from generators.scenes.apartment import build_apartment
-from generators.scenes.scene import Scene
 
 MANIFESTS = Path(__file__).parent.parent / "scenes_manifest"
 PARTS = ("part_1", "part_2")

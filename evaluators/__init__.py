@@ -13,20 +13,20 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from evaluators.checks import check_submission as check_submission
-    from evaluators.leaderboard import write_leaderboard as write_leaderboard
+    from evaluators.reading.checks import check_submission as check_submission
+    from evaluators.reading.submission import open_submission as open_submission
     from evaluators.records import InvalidSubmission as InvalidSubmission
-    from evaluators.report import write_report as write_report
+    from evaluators.reporting.leaderboard import write_leaderboard as write_leaderboard
+    from evaluators.reporting.report import write_report as write_report
     from evaluators.score import evaluate as evaluate
-    from evaluators.submission import open_submission as open_submission
 
 _HOMES = {
     "InvalidSubmission": "records",
-    "check_submission": "checks",
+    "check_submission": "reading.checks",
     "evaluate": "score",
-    "open_submission": "submission",
-    "write_leaderboard": "leaderboard",
-    "write_report": "report",
+    "open_submission": "reading.submission",
+    "write_leaderboard": "reporting.leaderboard",
+    "write_report": "reporting.report",
 }
 __all__ = list(_HOMES)
 

@@ -58,10 +58,10 @@ def evaluate(
     from avs3d_bench.dataset import Dataset
     from avs3d_bench.files import write_json
     from avs3d_bench.scores import PROTOCOLS
+    from evaluators.reading.submission import open_submission
     from evaluators.records import InvalidSubmission
+    from evaluators.reporting.terminal_table import print_scores
     from evaluators.score import score
-    from evaluators.submission import open_submission
-    from evaluators.table import print_scores
 
     wanted: Any = tuple(PROTOCOLS) if protocol == "all" else (protocol,)
     data = Dataset(dataset)
@@ -75,7 +75,7 @@ def evaluate(
         scores = evaluation.scores
         try:
             if html_file is not None:
-                from evaluators.report import write_report
+                from evaluators.reporting.report import write_report
 
                 write_report(html_file, evaluation, data, opened)
             if json_file is not None:
@@ -152,7 +152,7 @@ def check(
     """
     from avs3d_bench.files import write_json
     from avs3d_bench.report import print_report
-    from evaluators.checks import check_submission
+    from evaluators.reading.checks import check_submission
 
     _check_targets((json_file,), submission, dataset)
     report = check_submission(
@@ -177,7 +177,7 @@ def check(
 @click.option("-o", "--output", "folder", type=_PATH, required=True, help="Folder for the page.")
 def leaderboard(scores: tuple[Path, ...], folder: Path) -> None:
     """Rank any number of files of scores (avs3d-eval --json) on one static page, with links to their reports."""
-    from evaluators.leaderboard import write_leaderboard
+    from evaluators.reporting.leaderboard import write_leaderboard
 
     for note in write_leaderboard(folder, scores):
         click.echo(f"avs3d leaderboard: note: {note}", err=True)
@@ -195,7 +195,7 @@ def tables(scores: tuple[Path, ...], folder: Path, which: Any, plot: bool) -> No
     Table 2 is methods × parts, Table 3 a sweep of the voting threshold (avs3d baseline echosegnet --sweep
     voting-threshold); the paper's own figures stand beside.
     """
-    from evaluators.tables import write_tables
+    from evaluators.reporting.tables import write_tables
 
     for path in write_tables(folder, scores, which=which, plot=plot):
         click.echo(str(path))

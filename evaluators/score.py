@@ -42,7 +42,6 @@ from avs3d_bench.scores import (
 )
 from avs3d_bench.taxonomy import CATEGORIES, PARTS, ROOMS
 from evaluators import bootstrap
-from evaluators.checks import check_contents, check_structure, has_points, problem_of, select
 from evaluators.deaf import DeafFrame, deaf_frame, deaf_references
 from evaluators.frames import FrameFigures, Truth, frame_figures, reference_figures
 from evaluators.metrics import as_bytes
@@ -56,8 +55,9 @@ from evaluators.protocols import (
     strict_observation,
     summarise,
 )
+from evaluators.reading.checks import check_contents, check_structure, has_points, problem_of, select
+from evaluators.reading.submission import open_submission
 from evaluators.records import Evaluation, FrameScore, InvalidSubmission, Submission
-from evaluators.submission import open_submission
 from evaluators.volume import VOXEL_SIZE, VolumeScore, score_points, true_volume
 
 #: What computes the figures (see `avs3d_bench.provenance`).
@@ -105,7 +105,7 @@ def evaluate(
         dataset: the dataset's root; ours or the official release.
         protocols: which to compute.
         only: shell patterns of observation keys; the others are left out.
-        aisrm: which folder of the released pipeline's output to read; see `evaluators.submission.open_submission`.
+        aisrm: which folder of the released pipeline's output to read; see `open_submission`.
         workers: processes; None: one per core.
         progress: show a bar on stderr.
 

@@ -17,15 +17,15 @@ from avs3d_bench.geometry import Pose
 from generators.assets.catalogue import build_model, variants
 from generators.assets.meshfile import load_model
 from generators.assets.model import Model
+from generators.core.freespace import Navigable
+from generators.core.scene import Licence, Scene
 from generators.library import open_asset
 from generators.manifest import ObjectSpec, SoundSpec
-from generators.motion import Motion, movable, plan_motion
-from generators.placement import Placement, place
+from generators.paths.motion import Motion, movable, plan_motion
+from generators.paths.trajectory import walk
+from generators.placement.placement import Placement, place
+from generators.placement.site import Site
 from generators.plan import ObservationPlan, resolve_file
-from generators.scenes.scene import Licence, Scene
-from generators.site import Site
-from generators.trajectory import walk
-from generators.vision.base import Navigable
 
 #: Places that are tried for an object that is to move.
 PLACES_TO_MOVE = 6

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import click
 
-from avs3d_bench.errors import UsageError
 from avs3d_bench.scheduling.options import Options, scheduler_of, scheduling_options
 
 
@@ -67,11 +66,11 @@ def generate(
         if named is not None:
             os.environ[variable] = str(user_path(named).absolute())
     from avs3d_bench.parallel import available_cores
-    from generators.folders import default_cache
+    from generators.core.folders import default_cache
     from generators.manifest import read_manifest
     from generators.plan import make_plans
-    from generators.progress import reporting
-    from generators.runner import default_limit, run
+    from generators.run.progress import reporting
+    from generators.run.runner import default_limit, run
 
     source = read_manifest(manifest)
     plans = make_plans(
@@ -109,19 +108,3 @@ def generate(
         )
     if outcome.failed:
         raise SystemExit(1)
-
-
-@click.command("contact-sheet")
-@click.argument("root", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for one PNG each.")
-@click.option("--only", multiple=True, metavar="KEY_GLOB", help="Only observations whose key matches; repeatable.")
-@click.option("--frames", "columns", type=click.IntRange(2, 24), default=8, show_default=True, help="Frames shown.")
-def contact_sheet(root: Path, output: Path, only: tuple[str, ...], columns: int) -> None:
-    """Draw every observation of the dataset ROOT: frames with their masks, a map of path, source and heading, sound."""
-    from generators.contact_sheet import draw_contact_sheets
-
-    drawn = draw_contact_sheets(root, output, only=only, columns=columns)
-    if not drawn:
-        raise UsageError(f"{root}: no observation to draw" + (f" matches {', '.join(only)}" if only else ""))
-    for path in drawn:
-        click.echo(path)

@@ -29,17 +29,17 @@ from generators.acoustics.decay import reverberation_time
 from generators.arrangement import arrange, draw_sounding, file_licence
 from generators.assets.sounds import load_sound, synthesise
 from generators.backends import acoustic_backend, vision_backend
-from generators.hearing import PRE_ROLL, Listening, heard
-from generators.homes import open_home
+from generators.core.scene import Licence
+from generators.homes.store import open_home
 from generators.library import open_asset
-from generators.placement import Placement
+from generators.paths.stage import Camera, Stage
+from generators.paths.watcher import line_of_sight
+from generators.placement.placement import Placement
 from generators.plan import ObservationPlan, resolve_file
-from generators.scenes.scene import Licence
-from generators.stage import Camera, Stage
-from generators.surface_points import SurfaceSampler
+from generators.recording.hearing import PRE_ROLL, Listening, heard
+from generators.recording.surface_points import SurfaceSampler
+from generators.recording.writer import ObservationWriter
 from generators.vision.base import Frame
-from generators.watcher import line_of_sight
-from generators.writer import ObservationWriter
 
 #: Impulse responses from which an observation's reverberation time is read.
 T30_RESPONSES = 8

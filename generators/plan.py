@@ -32,7 +32,7 @@ from generators.manifest import (
     select,
 )
 from generators.manifest import read_manifest as read_manifest  # known by this name, too
-from generators.scenes.scanfiles import ScanFiles, digest, find_scan_files, scan_files_of
+from generators.scans.files import ScanFiles, digest, find_scan_files, scan_files_of
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class ObservationPlan:
         found = {name: files.sha256_file(path) for name, path in named.items() if path.is_file()}
         assets = [item.asset for item in items if item.asset is not None]
         if assets:
-            from generators.library.use import asset_digests
+            from generators.library.references import asset_digests
 
             found |= asset_digests(self.lock, assets)
         return self._scan_digests() | found
@@ -201,7 +201,7 @@ def make_plans(
         Avs3dError: if a backend is not installed, or an asset is not in the store.
     """
     from generators.backends import backend_versions
-    from generators.library.use import check_assets
+    from generators.library.references import check_assets
 
     manifest = source.manifest
     changes = {"frames": frames, "size": size}

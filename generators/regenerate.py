@@ -24,14 +24,14 @@ from avs3d_bench.schema import DatasetRecord, ObservationRecord
 from generators.acoustics.clips import mono_clip
 from generators.arrangement import arrange, draw_sounding
 from generators.backends import acoustic_backend, observation_provenance, vision_backend
-from generators.folders import default_cache
-from generators.hearing import Listening, heard
-from generators.homes import open_home
+from generators.core.folders import default_cache
+from generators.homes.store import open_home
 from generators.manifest import ManifestFile, read_manifest
 from generators.observation import choose_sound, describe_frame, describe_instance, licence_record
+from generators.paths.stage import Camera, Stage
 from generators.plan import ObservationPlan, make_plans
-from generators.stage import Camera, Stage
-from generators.writer import ObservationWriter
+from generators.recording.hearing import Listening, heard
+from generators.recording.writer import ObservationWriter
 
 
 def regenerate(

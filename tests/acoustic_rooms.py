@@ -5,7 +5,7 @@ import numpy as np
 from generators.acoustics import materials
 from generators.acoustics.materials import AcousticMaterial
 from generators.assets.shapes import MeshBuilder
-from generators.scenes.scene import Material, Part, Room, Scene
+from generators.core.scene import Material, Part, Room, Scene
 
 
 def with_absorption(monkeypatch, alpha):

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.geometry import Intrinsics, Pose
+from generators.apartments.apartment import build_apartment
 from generators.assets.catalogue import build_model
-from generators.placement import Placement, place
-from generators.scenes.apartment import build_apartment
-from generators.scenes.light import bake, insert
-from generators.scenes.scene import Scene
+from generators.core.scene import Scene
+from generators.lighting.bake import bake, insert
+from generators.placement.placement import Placement, place
 from generators.vision.base import Frame, VisionBackend
 
 ROOMS = ("kitchen", "bathroom")

@@ -13,7 +13,7 @@ from shapely.ops import unary_union
 
 from generators.assets.catalogue import Model
 from generators.assets.shapes import MeshBuilder
-from generators.scenes.scene import Material, Part, Room, Scene, Support, SupportKind
+from generators.core.scene import Material, Part, Room, Scene, Support, SupportKind
 
 PLAIN = Material("plain", "plaster")
 Vector = tuple[float, float, float]

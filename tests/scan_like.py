@@ -16,13 +16,13 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from generators.scenes.gather import cells_at
-from generators.scenes.lit import LitScene
-from generators.scenes.scene import Scene
-from generators.scenes.surfaces import Surfaces
-from generators.scenes.texels import Sheet, rasterise
-from generators.scenes.unwrap import unwrap
-from generators.vision.tone import srgb_encode, tone_curve
+from generators.core.scene import Scene
+from generators.core.tone import srgb_encode, tone_curve
+from generators.lighting.gather import cells_at
+from generators.lighting.lit_scene import LitScene
+from generators.lighting.surfaces import Surfaces
+from generators.lighting.texels import Sheet, rasterise
+from generators.lighting.unwrap import unwrap
 
 Array = NDArray[np.float64]
 #: World (Y up) → file (Z up), as in HM3D and MP3D: their reader turns (x, y, z) to (x, z, −y).

@@ -114,10 +114,10 @@ def example_scores(
 
 
 def report_page(title: str) -> str:
-    """The least that is a report: head, title, style sheet and script of `evaluators.pages`."""
+    """The least that is a report: head, title, style sheet and script of `evaluators.reporting.pages`."""
     from html import escape
 
-    from evaluators.pages import page_script, report_head
+    from evaluators.reporting.pages import page_script, report_head
 
     return (
         f"{report_head()}{escape(title)}</title>\n<style></style>\n<script>{page_script()}</script>\n</head>\n"

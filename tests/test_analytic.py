@@ -13,7 +13,7 @@ from generators.acoustics.analytic import AnalyticBackend, Box, band_weights, im
 from generators.acoustics.clips import ild_db
 from generators.acoustics.decay import eyring, octave_filtered, reverberation_time
 from generators.acoustics.geometry import SPEED_OF_SOUND
-from generators.scenes.scene import Room
+from generators.core.scene import Room
 
 SR = 44_100
 LISTENER = np.array([20.0, 20.0, 20.0])

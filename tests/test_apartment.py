@@ -11,11 +11,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from generators.scenes.apartment import build_apartment
-from generators.scenes.floorplan import SIDES
-from generators.scenes.planning import make_floor_plan
-from generators.scenes.scene import Scene
-from generators.vision.rays import RayCaster
+from generators.apartments.apartment import build_apartment
+from generators.apartments.floorplan import SIDES
+from generators.apartments.planning import make_floor_plan
+from generators.core.rays import RayCaster
+from generators.core.scene import Scene
 
 SEEDS = (0, 1, 2, 3)
 CELL = 0.05

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import graphlib
 from pathlib import Path
 
 import pytest
@@ -113,3 +114,127 @@ class A:
         import datasets
 """
     assert imported_at_once(ast.parse(code)) == {"numpy", "typing", "yaml", "av", "viser"}
+
+
+#: Who may import whom inside a package: folder or module of the top → what it imports, each from above it in this
+#: table. Read from top to bottom, it is the architecture. avs3d_bench has many small modules at the top; there only
+#: the folders have a rule.
+HOUSE = {
+    "generators": {
+        "core": "",
+        "assets": "core",
+        "vision": "core assets",
+        "acoustics": "core",
+        "backends": "vision acoustics",
+        "apartments": "core assets",
+        "scans": "core assets acoustics",
+        "lighting": "core",
+        "placement": "core assets",
+        "paths": "core assets vision lighting placement",
+        "manifest": "",
+        "library": "core assets vision lighting manifest",
+        "plan": "assets backends scans manifest library",
+        "homes": "core assets apartments scans lighting plan",
+        "recording": "core vision acoustics backends",
+        "arrangement": "core assets placement paths manifest library plan",
+        "observation": "core assets vision acoustics backends placement paths library plan homes recording arrangement",
+        "run": "core assets vision backends scans manifest library plan homes recording observation",
+        "regenerate": "core acoustics backends paths manifest plan homes recording arrangement observation",
+        "cli": "core manifest plan run",
+    },
+    "evaluators": {
+        "bootstrap": "",
+        "metrics": "",
+        "records": "",
+        "volume": "",
+        "contour": "metrics",
+        "frames": "metrics contour",
+        "protocols": "bootstrap metrics volume frames",
+        "deaf": "metrics frames",
+        "reading": "records",
+        "score": "bootstrap metrics records volume frames protocols deaf reading",
+        "reporting": "records reading",
+        "cli": "records reading score reporting",
+    },
+    "baselines": {
+        "networks": "",
+        "doctor": "networks",
+        "oracle_errors": "",
+        "oracle": "oracle_errors",
+        "trivial": "",
+        "owod_bind": "networks",
+        "denseav": "networks",
+        "echosegnet": "oracle oracle_errors",
+        "cli": "oracle_errors oracle trivial owod_bind denseav echosegnet",
+    },
+}
+#: Folders of avs3d_bench that use each other: none.
+FOLDERS = ("exports", "inspector", "scheduling", "validation")
+
+
+def modules(package: str) -> dict[str, Path]:
+    """Dotted name → file of every module of a package."""
+    found = {}
+    for path in sorted((ROOT / package).rglob("*.py")):
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+MODULES = {name: path for package in PACKAGES for name, path in modules(package).items()}
+
+
+def edges(name: str) -> set[str]:
+    """Modules of ours that a module imports, anywhere in it: inside functions and for type checkers, too."""
+    found = set()
+    for node in ast.walk(ast.parse(MODULES[name].read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            for alias in node.names:
+                whole = f"{node.module}.{alias.name}"
+                found.add(whole if whole in MODULES else node.module)
+        elif isinstance(node, ast.ImportFrom):
+            raise AssertionError(f"{name}: a relative import; this project writes them in full")
+    return (found & MODULES.keys()) - {name}
+
+
+def test_no_module_imports_itself_in_a_circle() -> None:
+    order = graphlib.TopologicalSorter({name: edges(name) for name in MODULES})
+    try:
+        order.prepare()
+    except graphlib.CycleError as error:
+        pytest.fail("a circle of imports: " + " → ".join(reversed(error.args[1])))
+
+
+@pytest.mark.parametrize("package", HOUSE)
+def test_folders_import_what_the_table_says(package: str) -> None:
+    table = {name: set(allowed.split()) for name, allowed in HOUSE[package].items()}
+    found: dict[str, set[str]] = {name: set() for name in table}
+    for name in modules(package):
+        if name == package:
+            continue  # its public names come from everywhere, lazily
+        here = name.split(".")[1]
+        assert here in table, f"{name} is in no folder of the table: where does it belong?"
+        for other in edges(name):
+            if other.startswith(f"{package}.") and (there := other.split(".")[1]) != here:
+                assert there in table[here], f"{name} imports {other}: the table lets {here} import {table[here]}"
+                found[here].add(there)
+    assert found == table, "the table allows what nobody uses"
+
+
+@pytest.mark.parametrize("package", HOUSE)
+def test_the_table_reads_from_the_ground_floor_up(package: str) -> None:
+    above: set[str] = set()
+    for name, allowed in HOUSE[package].items():
+        assert set(allowed.split()) <= above, f"{package}.{name} imports from below it in the table"
+        above.add(name)
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_the_folders_of_the_contract_do_not_use_each_other(folder: str) -> None:
+    for name in modules("avs3d_bench"):
+        if name.startswith(f"avs3d_bench.{folder}"):
+            others = {other for other in edges(name) for f in FOLDERS if other.startswith(f"avs3d_bench.{f}")}
+            wrong = {other for other in others if not other.startswith(f"avs3d_bench.{folder}")}
+            assert not wrong, f"{name} imports {wrong}"

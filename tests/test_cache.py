@@ -13,9 +13,9 @@ import pytest
 
 from avs3d_bench.errors import Avs3dError
 from generators.assets.shapes import MeshBuilder
-from generators.scenes import cache
-from generators.scenes.cache import cached_scene
-from generators.scenes.scene import Licence, LightMap, Material, Part, Room, Scene, Support, Texture
+from generators.core.scene import Licence, LightMap, Material, Part, Room, Scene, Support, Texture
+from generators.homes import cache as cache
+from generators.homes.cache import cached_scene
 
 
 def small_scene() -> Scene:

@@ -15,8 +15,8 @@ from avs3d_bench.errors import Avs3dError, UsageError
 torch = pytest.importorskip("torch", reason="torch is not installed: the learned baselines cannot run")
 pytest.importorskip("transformers", reason="transformers is not installed: the learned baselines cannot run")
 
-from baselines import checkpoints  # noqa: E402
-from baselines.checkpoints import CHECKPOINTS, find_checkpoint, load_pretrained, load_weights  # noqa: E402
+from baselines.networks import checkpoints  # noqa: E402
+from baselines.networks.checkpoints import CHECKPOINTS, find_checkpoint, load_pretrained, load_weights  # noqa: E402
 from tests import tiny_models  # noqa: E402
 
 torch.set_num_threads(1)

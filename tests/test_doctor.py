@@ -82,11 +82,11 @@ def test_a_check_that_raises_is_a_finding_and_the_others_go_on():
 def test_a_bare_machine_has_every_missing_thing_named_with_its_remedy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     """As after `pip install avs3d-bench` without extras (has_module is the only way in which checks look)."""
     import baselines.doctor
-    import generators.doctor
+    import generators.run.doctor
 
-    for module in (doctor, generators.doctor, baselines.doctor):
+    for module in (doctor, generators.run.doctor, baselines.doctor):
         monkeypatch.setattr(module, "has_module", lambda name: False)
-    monkeypatch.setattr(generators.doctor, "FURNITURE", tmp_path)
+    monkeypatch.setattr(generators.run.doctor, "FURNITURE", tmp_path)
     findings = examine(all_checks())
     missing = {f.name for f in findings if f.state == "missing"}
     assert missing >= {
@@ -103,40 +103,40 @@ def test_a_bare_machine_has_every_missing_thing_named_with_its_remedy(monkeypatc
 
 
 def test_a_habitat_interpreter_that_is_none_is_broken(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    import generators.doctor
+    import generators.run.doctor
 
     monkeypatch.setenv("AVS3D_HABITAT_PYTHON", str(tmp_path / "nowhere"))
-    (finding,) = generators.doctor._habitat()
+    (finding,) = generators.run.doctor._habitat()
     assert (finding.state, finding.name) == ("broken", "habitat-sim")
     assert "nowhere" in finding.found
     monkeypatch.setenv("AVS3D_HABITAT_PYTHON", sys.executable)  # a Python without habitat_sim
-    (finding,) = generators.doctor._habitat()
+    (finding,) = generators.run.doctor._habitat()
     assert finding.state == "broken"
     assert "habitat_sim" in finding.found
     assert "\n" not in finding.found
 
 
 def test_the_papers_scans_are_looked_for(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    import generators.doctor
+    import generators.run.doctor
 
     monkeypatch.setenv("AVS3D_SCANS", str(tmp_path / "gone"))
-    assert generators.doctor._scans()[0].state == "broken"
-    for scan in generators.doctor.PAPER_SCANS[:3]:
+    assert generators.run.doctor._scans()[0].state == "broken"
+    for scan in generators.run.doctor.PAPER_SCANS[:3]:
         (tmp_path / scan).mkdir()
         (tmp_path / scan / f"{scan}.glb").write_bytes(b"glTF")
     monkeypatch.setenv("AVS3D_SCANS", str(tmp_path))
-    (finding,) = generators.doctor._scans()
+    (finding,) = generators.run.doctor._scans()
     assert finding.state == "note"
-    assert finding.found.endswith(f"3 of the 4 scans of 3davs-s34-o7, not {generators.doctor.PAPER_SCANS[3]}")
-    last = generators.doctor.PAPER_SCANS[3]
+    assert finding.found.endswith(f"3 of the 4 scans of 3davs-s34-o7, not {generators.run.doctor.PAPER_SCANS[3]}")
+    last = generators.run.doctor.PAPER_SCANS[3]
     (tmp_path / last).mkdir()
     (tmp_path / last / f"{last}.glb").write_bytes(b"glTF")
-    assert generators.doctor._scans()[0].state == "ok"
+    assert generators.run.doctor._scans()[0].state == "ok"
 
 
 def test_checkpoints_are_looked_for_one_by_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     import baselines.doctor
-    from baselines.checkpoints import CHECKPOINTS
+    from baselines.networks.checkpoints import CHECKPOINTS
 
     monkeypatch.setenv("AVS3D_CHECKPOINTS", str(tmp_path))
     folder = tmp_path / "sam"
@@ -180,22 +180,22 @@ def test_a_remark_behind_a_remedy_does_not_swallow_its_option():
 
 
 def test_furniture_is_looked_for_where_the_user_says(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    import generators.doctor
+    import generators.run.doctor
 
-    monkeypatch.setattr(generators.doctor, "FURNITURE", tmp_path / "debian")
+    monkeypatch.setattr(generators.run.doctor, "FURNITURE", tmp_path / "debian")
     monkeypatch.setenv("AVS3D_SH3F", str(tmp_path))
-    (finding,) = generators.doctor._assets()
+    (finding,) = generators.run.doctor._assets()
     assert finding.state == "missing"
     assert str(tmp_path) in finding.found
     assert "AVS3D_SH3F" in finding.fix
     (tmp_path / "a.sh3f").write_bytes(b"x")
-    assert generators.doctor._assets()[0].state == "ok"
+    assert generators.run.doctor._assets()[0].state == "ok"
 
 
 def test_a_file_in_the_way_of_the_cache_is_broken(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    import generators.doctor
+    import generators.run.doctor
 
     (tmp_path / "file").write_bytes(b"x")
     monkeypatch.setenv("AVS3D_CACHE", str(tmp_path / "file" / "cache"))
-    (finding,) = generators.doctor._cache()
+    (finding,) = generators.run.doctor._cache()
     assert finding.state == "broken"

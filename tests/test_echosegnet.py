@@ -27,14 +27,14 @@ from baselines.echosegnet.densify import DensityControl
 from baselines.echosegnet.gaussians import from_points, read_audio_intensity, read_ply
 from baselines.echosegnet.pictures import load_pictures
 from baselines.echosegnet.pipeline import Settings
-from baselines.echosegnet.rasterise import TorchRasteriser
+from baselines.echosegnet.rasteriser.default import TorchRasteriser
+from baselines.echosegnet.rasteriser.rendering import Splat
 from baselines.echosegnet.render import amodal_mask
-from baselines.echosegnet.rendering import Splat
 from baselines.echosegnet.run import Job, method_name, predict_one, software, write_echosegnet, write_sweep
 from baselines.echosegnet.sources import FolderMasks, OracleMasks, mask_source
 from baselines.echosegnet.train import TrainingSettings
 from baselines.echosegnet.views import input_views, load_views, train_views
-from baselines.errors import ErrorModel
+from baselines.oracle_errors import ErrorModel
 from evaluators import evaluate
 
 FRAMES = 24

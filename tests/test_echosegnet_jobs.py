@@ -18,10 +18,11 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.scheduling.errors import UnfitError
 from avs3d_bench.scheduling.lock import turn
 from avs3d_bench.scheduling.options import Options
-from baselines.echosegnet import kernels, memory, training_stage
+from baselines.echosegnet import memory, training_stage
 from baselines.echosegnet.densify import DensityControl
 from baselines.echosegnet.jobs import run_each, spread
 from baselines.echosegnet.pipeline import Settings
+from baselines.echosegnet.rasteriser import kernels
 from baselines.echosegnet.run import write_echosegnet
 from baselines.echosegnet.sources import OracleMasks
 from baselines.echosegnet.train import TrainingSettings
@@ -60,7 +61,7 @@ def stand_in(folder: Path, backend: str = _GSPLAT) -> dict[str, str]:
 
 def test_two_processes_that_begin_with_an_empty_cache_compile_once(tmp_path: Path):
     environment = stand_in(tmp_path)
-    load = "from baselines.echosegnet.kernels import gsplat; print(gsplat().__name__)"
+    load = "from baselines.echosegnet.rasteriser.kernels import gsplat; print(gsplat().__name__)"
     pair = [
         subprocess.Popen(
             [sys.executable, "-c", load], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

@@ -17,11 +17,11 @@ import generators.vision
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.assets.shapes import MeshBuilder, rotation
-from generators.scenes.scene import LightMap, Material, Mesh, Part, Scene, Texture
+from generators.core.scene import LightMap, Material, Mesh, Part, Scene, Texture
+from generators.core.tone import WHITE, develop, inverse_tone_curve, srgb_decode, tone_curve
 from generators.vision.base import Frame
 from generators.vision.embree import EmbreeBackend, warm_up
 from generators.vision.textures_pool import build_pool, distinct, mip_chain
-from generators.vision.tone import WHITE, develop, inverse_tone_curve, srgb_decode, tone_curve
 
 ROOT = Path(__file__).parents[1]
 ORIGIN = Pose.from_yaw((0, 0, 0), 0.0)
@@ -423,7 +423,7 @@ def test_a_bad_camera_is_refused(camera: Intrinsics) -> None:
 
 @pytest.mark.parametrize("package", ["embreex.rtcore_scene", "numba"])
 def test_a_missing_package_names_the_extra_to_install(package: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in ("generators.vision.jit", "generators.vision.kernels"):
+    for module in ("generators.core.jit", "generators.vision.kernels"):
         monkeypatch.delitem(sys.modules, module, raising=False)
     monkeypatch.delattr(generators.vision, "kernels", raising=False)
     monkeypatch.setitem(sys.modules, package, None)

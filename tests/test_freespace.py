@@ -14,7 +14,7 @@ from shapely.geometry import MultiPoint, Polygon
 
 from avs3d_bench.errors import Avs3dError
 from generators.assets.shapes import MeshBuilder, rotation
-from generators.freespace import (
+from generators.core.freespace import (
     AGENT_RADIUS,
     CELL,
     FreeSpace,
@@ -22,7 +22,7 @@ from generators.freespace import (
     distance_to_polygon,
     rasterise,
 )
-from generators.scenes.scene import Part, Room, Scene
+from generators.core.scene import Part, Room, Scene
 
 #: The raster's error bound and the distance between cell centres (diagonal).
 SLACK = 0.04

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from avs3d_bench.geometry import Intrinsics, Pose
+from generators.apartments.apartment import build_apartment
 from generators.arrangement import choose_models, draw_sounding
-from generators.placement import Placement, place
+from generators.core.rays import RayCaster
+from generators.core.scene import Scene
+from generators.lighting.bake import bake, insert
+from generators.paths.trajectory import walk
+from generators.placement.placement import Placement, place
 from generators.plan import make_plans, read_manifest
-from generators.scenes.apartment import build_apartment
-from generators.scenes.light import bake, insert
-from generators.scenes.scene import Scene
-from generators.trajectory import walk
 from generators.vision.base import Frame
 from generators.vision.embree import EmbreeBackend
-from generators.vision.rays import RayCaster
 
 MANIFEST = Path(__file__).parent.parent / "scenes_manifest" / "demo.yaml"
 CAMERA = Intrinsics.from_fov(1008)

@@ -13,7 +13,7 @@ from avs3d_bench.errors import UsageError
 from generators.assets.furniture import KINDS, Furniture, build_furniture, options_of
 from generators.assets.furniture.common import Kit
 from generators.assets.materials import Palette
-from generators.scenes.scene import Mesh
+from generators.core.scene import Mesh
 
 #: (width, height, depth) ranges in metres, and the mount.
 SIZES: dict[str, tuple[tuple[float, float], tuple[float, float], tuple[float, float], str]] = {

@@ -20,12 +20,12 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.assets.meshfile import load_mesh
 from generators.assets.shapes import MeshBuilder
-from generators.scenes.scene import LightMap, Material, Mesh, Part, Scene, StageFile, Texture
+from generators.core.scene import LightMap, Material, Mesh, Part, Scene, StageFile, Texture
+from generators.core.tone import develop, srgb_decode
 from generators.vision.atlas import MARGIN, bake_atlas
 from generators.vision.embree import EmbreeBackend, warm_up
 from generators.vision.glb import write_glb
 from generators.vision.tables import build_tables
-from generators.vision.tone import develop, srgb_decode
 
 CAMERA = Intrinsics.from_fov(252)
 

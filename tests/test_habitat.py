@@ -22,10 +22,10 @@ from avs3d_bench.geometry import Intrinsics, Pose
 from generators.assets.meshfile import load_mesh
 from generators.assets.modelframe import upright
 from generators.assets.shapes import MeshBuilder
-from generators.freespace import CELL, FreeSpace, distance_to_polygon
-from generators.placement import place
-from generators.scenes.scene import Material, Part, Scene, StageFile
-from generators.trajectory import walk
+from generators.core.freespace import CELL, FreeSpace, distance_to_polygon
+from generators.core.scene import Material, Part, Scene, StageFile
+from generators.paths.trajectory import walk
+from generators.placement.placement import place
 from generators.vision.base import Frame
 from generators.vision.embree import EmbreeBackend, warm_up
 from generators.vision.glb import write_glb

@@ -19,14 +19,14 @@ from rooms import kitchen
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics
-from generators.freespace import FreeSpace
+from generators.core.freespace import FreeSpace
+from generators.core.tone import srgb_decode, srgb_encode
 from generators.vision import habitat_worker
 from generators.vision.base import Navigable
 from generators.vision.embree import EmbreeBackend
 from generators.vision.habitat import HabitatBackend, probe
 from generators.vision.habitat_process import GPU_VARIABLE, VARIABLE, Client, Limits, graphics_device, start
 from generators.vision.habitat_worker import Channel, Display
-from generators.vision.tone import srgb_decode, srgb_encode
 
 WORKER = Path(habitat_worker.__file__)
 #: A habitat_sim that prints wherever it likes and then says its version.

@@ -11,13 +11,13 @@ import pytest
 from avs3d_bench.geometry import direction_to
 from generators.acoustics.clips import binaural_clip, rms
 from generators.acoustics.decay import reverberation_time
+from generators.apartments.apartment import build_apartment
 from generators.arrangement import arrange, draw_sounding
+from generators.core.rays import RayCaster
+from generators.core.scene import Scene
 from generators.observation import PRE_ROLL, choose_sound
+from generators.paths.watcher import line_of_sight
 from generators.plan import make_plans, read_manifest
-from generators.scenes.apartment import build_apartment
-from generators.scenes.scene import Scene
-from generators.vision.rays import RayCaster
-from generators.watcher import line_of_sight
 
 pytest.importorskip(
     "rlr_audio_propagation", reason="the SoundSpaces engine is not installed: pip install 'avs3d-bench[soundspaces]'"

@@ -19,10 +19,10 @@ from avs3d_bench.cli import main
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import read_json
 from avs3d_bench.media import write_json
-from evaluators.leaderboard import write_leaderboard
-from evaluators.pages import page_script, report_head
-from evaluators.report_check import read_report
-from evaluators.tables import write_tables
+from evaluators.reporting.leaderboard import write_leaderboard
+from evaluators.reporting.pages import page_script, report_head
+from evaluators.reporting.report_check import read_report
+from evaluators.reporting.tables import write_tables
 
 
 def put(path: Path, *keys: str | int, value: Any) -> Path:

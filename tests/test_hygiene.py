@@ -22,10 +22,10 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.taxonomy import CATEGORIES
 from generators.assets.meshfile import load_mesh, load_model
 from generators.assets.modelframe import upright
+from generators.core.scene import Licence, Mesh
 from generators.library import simplify
-from generators.library.hygiene import Finding, clean
+from generators.library.mesh_cleaning import Finding, clean
 from generators.library.orientation import find_winding
-from generators.scenes.scene import Licence, Mesh
 
 Array = NDArray[np.float64]
 
@@ -394,7 +394,7 @@ def test_a_clean_object_is_a_model_of_its_category(tmp_path: Path, category: str
 def test_the_same_file_gives_the_same_bytes_in_any_process(tmp_path: Path) -> None:
     _, _, first = cleaned(tmp_path, clock(0.01), MATERIALS)
     assert cleaned(tmp_path, clock(0.01), MATERIALS)[2] == first
-    code = "import sys, pathlib; from generators.library.hygiene import clean; " \
+    code = "import sys, pathlib; from generators.library.mesh_cleaning import clean; " \
         "sys.stdout.buffer.write(clean(pathlib.Path(sys.argv[1]))[0])"  # fmt: skip
     environment = {**os.environ, "PYTHONHASHSEED": "7"}
     other = subprocess.run(

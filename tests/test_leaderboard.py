@@ -15,8 +15,8 @@ from score_examples import example_scores, report_page
 from avs3d_bench import media
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.scores import DEAF_REFERENCES, REFERENCES, Scores
-from evaluators.leaderboard import read_entries, write_leaderboard
-from evaluators.ranking import Entry, leaderboard_values
+from evaluators.reporting.leaderboard import read_entries, write_leaderboard
+from evaluators.reporting.ranking import Entry, leaderboard_values
 
 VISIBLE = ".dataset > div:not([hidden]) table"
 

@@ -9,13 +9,13 @@ import pytest
 
 from avs3d_bench.errors import Avs3dError
 from generators.assets.shapes import MeshBuilder
-from generators.scenes.light import QUALITIES, bake, insert
-from generators.scenes.sampling import PATTERNS, cosine_directions, net, pattern_of
-from generators.scenes.scene import LightMap, Material, Mesh, Part, Room, Scene, Texture
-from generators.scenes.sun import find_sun
-from generators.scenes.surfaces import Surfaces, Tracer
-from generators.scenes.unwrap import unwrap
-from generators.vision.tone import develop, inverse_tone_curve, srgb_decode, tone_curve
+from generators.core.low_discrepancy import PATTERNS, cosine_directions, net, pattern_of
+from generators.core.scene import LightMap, Material, Mesh, Part, Room, Scene, Texture
+from generators.core.tone import develop, inverse_tone_curve, srgb_decode, tone_curve
+from generators.lighting.bake import QUALITIES, bake, insert
+from generators.lighting.sun import find_sun
+from generators.lighting.surfaces import Surfaces, Tracer
+from generators.lighting.unwrap import unwrap
 
 SIZE = (4.0, 2.5, 3.0)
 LAMP = Material("lamp", "plastic", (0.0, 0.0, 0.0), emission=(8.0, 8.0, 8.0))

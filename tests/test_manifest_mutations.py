@@ -18,7 +18,7 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from generators.library.lock import LOCK_NAME, parse_lock
 from generators.manifest import read_manifest
 from generators.plan import check_scans, make_plans
-from generators.seal import check
+from generators.run.dataset_record import check
 
 MANIFESTS = Path(__file__).parent.parent / "scenes_manifest"
 SEEDS = sorted(path.name for path in MANIFESTS.glob("*.yaml"))

@@ -18,7 +18,7 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from generators.assets.acoustic_twin import box_faces, clustered, component_boxes
 from generators.assets.meshfile import load_mesh, load_model
 from generators.assets.modelframe import upright
-from generators.scenes.scene import Licence
+from generators.core.scene import Licence
 
 LICENCE = Licence("CC-BY-4.0", "someone", "somewhere")
 COLOURS = np.array([[200, 40, 30], [30, 160, 60], [20, 60, 200], [240, 230, 90]], dtype=np.uint8)

@@ -19,6 +19,7 @@ from avs3d_bench import media
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose, direction_to
+from avs3d_bench.inspector.contact_sheet import draw_contact_sheet
 from avs3d_bench.schema import FrameRecord, ObservationRecord
 from avs3d_bench.validate import validate
 from evaluators import protocols
@@ -27,15 +28,14 @@ from generators.acoustics.analytic import AnalyticBackend
 from generators.acoustics.clips import binaural_clip, delayed, moving_clip
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.cli import generate
-from generators.contact_sheet import draw_contact_sheet
-from generators.fitting import SKIN
-from generators.motion import FLOOR_SPEED, RATE, TOP_SPEED, TURN_RATE, Motion, movable, plan_motion
-from generators.pacing import pace
-from generators.placement import Placement, place
-from generators.scenes.scene import Texture
-from generators.site import Site
-from generators.tours import OBJECT_DISTANCE, distances
-from generators.trajectory import MOST_STEP, MOST_TURN, plan_walk
+from generators.core.scene import Texture
+from generators.paths.motion import FLOOR_SPEED, RATE, TOP_SPEED, TURN_RATE, Motion, movable, plan_motion
+from generators.paths.pacing import pace
+from generators.paths.tours import OBJECT_DISTANCE, distances
+from generators.paths.trajectory import MOST_STEP, MOST_TURN, plan_walk
+from generators.placement.fitting import SKIN
+from generators.placement.placement import Placement, place
+from generators.placement.site import Site
 from generators.vision.textures_pool import build_pool, mip_chain
 from tests.homes import tree_digest, write_manifest
 

@@ -9,7 +9,7 @@ from avs3d_bench.errors import UsageError
 from avs3d_bench.taxonomy import CATEGORIES, DISTRACTORS
 from generators.acoustics.materials import MATERIALS
 from generators.assets.catalogue import Model, build_model, variants
-from generators.vision.rays import RayCaster
+from generators.core.rays import RayCaster
 
 EVERY = [(category, variant) for category in CATEGORIES + DISTRACTORS for variant in variants(category)]
 #: Plausible width, height and depth of each category, metres (hose, cord and open lid included).

@@ -13,7 +13,7 @@ import tiny
 
 from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset
-from evaluators import paper
+from evaluators.reporting import paper
 
 TESTS = Path(__file__).parent
 TEXT = (TESTS.parent / "docs" / "official.md").read_text(encoding="utf-8")

@@ -19,8 +19,8 @@ from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import UsageError
 from avs3d_bench.schema import SubmissionRecord
 from avs3d_bench.taxonomy import CATEGORIES, DISTRACTORS
-from baselines.errors import CONFUSABLE, ErrorModel, move_outline
 from baselines.oracle import POINTS_PER_CM2, oracle_mask, oracle_points, write_oracle
+from baselines.oracle_errors import CONFUSABLE, ErrorModel, move_outline
 
 RATES = st.floats(0, 1)
 SEEDS = st.integers(0, 2**63)

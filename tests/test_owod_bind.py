@@ -15,17 +15,18 @@ from hypothesis.extra.numpy import arrays
 from avs3d_bench import layout, media
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
-from baselines.owod_bind import pixels, select
+from baselines.networks import pixels
+from baselines.networks.sound import check_clip, resample
+from baselines.owod_bind import select
 from baselines.owod_bind.boxes import MAX_BOXES, detections
 from baselines.owod_bind.protocols import Detections
-from baselines.owod_bind.sound import check_clip, resample
 from tests import tiny
 
 torch = pytest.importorskip("torch", reason="torch is not installed: the learned baselines cannot run")
 pytest.importorskip("transformers", reason="transformers is not installed: the learned baselines cannot run")
 
+from baselines.networks.device import enough_memory, pick_device  # noqa: E402
 from baselines.owod_bind import run  # noqa: E402
-from baselines.owod_bind.device import enough_memory, pick_device  # noqa: E402
 from tests import tiny_models  # noqa: E402
 
 torch.set_num_threads(1)

@@ -18,10 +18,10 @@ from shapely.geometry import MultiPoint, Point, Polygon
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.taxonomy import CATEGORIES
 from generators.assets.catalogue import Model, build_model, variants
-from generators.boxes import UprightBox, yaw_matrix
-from generators.freespace import FreeSpace
-from generators.placement import RULES, TWIN_DISTANCES, WALL_HEIGHTS, Placement, place
-from generators.scenes.scene import Mesh, Part, Room, Scene
+from generators.core.boxes import UprightBox, yaw_matrix
+from generators.core.freespace import FreeSpace
+from generators.core.scene import Mesh, Part, Room, Scene
+from generators.placement.placement import RULES, TWIN_DISTANCES, WALL_HEIGHTS, Placement, place
 
 ROOMS: dict[str, Callable[[], Toy]] = {"kitchen": kitchen, "bathroom": bathroom, "living_room": living_room}
 #: Where each category finds a place in the toy rooms.

@@ -16,7 +16,7 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.ply import read_ply, write_ply_points
 from avs3d_bench.ply_reader import read_header
 from avs3d_bench.predictions import read_points
-from evaluators.checks import check_submission
+from evaluators.reading.checks import check_submission
 from evaluators.records import InvalidSubmission
 from evaluators.score import evaluate
 

@@ -13,15 +13,16 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import user_path
 from generators.acoustics.materialfile import read_material_file
 from generators.assets.meshfile import load_model
-from generators.folders import default_cache
-from generators.library.hygiene import clean
+from generators.core.folders import default_cache
+from generators.core.scene import Licence, Scene
+from generators.homes import cache as cache
+from generators.library.mesh_cleaning import clean
 from generators.library.store import default_store
 from generators.manifest import LicenceSpec, ManifestFile, ScanSpec, read_manifest
 from generators.plan import make_plans, resolve_file
-from generators.runner import run
-from generators.scenes import cache, scan
-from generators.scenes.scene import Licence, Scene
-from generators.seal import check
+from generators.run.dataset_record import check
+from generators.run.runner import run
+from generators.scans import scan
 from tests.homes import write_manifest
 
 TERMS = {"name": "CC0-1.0", "author": "somebody"}

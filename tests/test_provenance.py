@@ -29,17 +29,17 @@ from baselines.trivial import write_trivial
 from evaluators import evaluate, open_submission, write_report
 from evaluators.score import SCORING
 from generators.backends import OBSERVATION, observation_provenance, unused_backends
-from generators.finished import find_damage
+from generators.homes.cache import BUILDER
 from generators.library.store import CLEANING
 from generators.manifest import read_manifest
 from generators.plan import make_plans
-from generators.scenes.cache import BUILDER
-from generators.seal import read_observation
-from generators.work import Place, make_observation, prepare
+from generators.run.dataset_record import read_observation
+from generators.run.finished import find_damage
+from generators.run.worker import Place, make_observation, prepare
 from tests.homes import tree_digest, write_manifest
 
 ROOT = Path(__file__).parent.parent
-TORCH = "baselines.echosegnet.torch_rasterise:TorchRasteriser"
+TORCH = "baselines.echosegnet.rasteriser.torch_rasteriser:TorchRasteriser"
 #: Result → the functions that make it, and what is certain not to run.
 RESULTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "observation": ((OBSERVATION,), unused_backends("embree", "analytic")),
@@ -62,13 +62,13 @@ TABLE: dict[str, str] = {
     "avs3d_bench/inspector/site.py": "",
     "avs3d_bench/scheduling/local.py": "",
     "avs3d_bench/validation/structure.py": "",
-    "generators/trajectory.py": "observation",
-    "generators/placement.py": "observation",
+    "generators/paths/trajectory.py": "observation",
+    "generators/placement/placement.py": "observation",
     "generators/observation.py": "observation",
-    "generators/writer.py": "observation",
-    "generators/runner.py": "",
-    "generators/work.py": "",
-    "generators/progress.py": "",
+    "generators/recording/writer.py": "observation",
+    "generators/run/runner.py": "",
+    "generators/run/worker.py": "",
+    "generators/run/progress.py": "",
     "generators/cli.py": "",
     "generators/acoustics/clips.py": "observation",
     "generators/acoustics/analytic.py": "observation",
@@ -76,19 +76,19 @@ TABLE: dict[str, str] = {
     "generators/vision/kernels.py": "observation",
     "generators/vision/embree.py": "observation",
     "generators/vision/habitat.py": "",
-    "generators/vision/tone.py": "observation home",
-    "generators/scenes/light.py": "observation home",
-    "generators/scenes/scan.py": "observation",
-    "generators/scenes/interior/kitchen.py": "observation home",
+    "generators/core/tone.py": "observation home",
+    "generators/lighting/bake.py": "observation home",
+    "generators/scans/scan.py": "observation",
+    "generators/apartments/interior/kitchen.py": "observation home",
     "generators/assets/textures/wood.py": "observation home",
     "generators/assets/furniture/seating.py": "observation home",
     "generators/assets/objects/clock.py": "observation",
     "generators/assets/synthesis/voices.py": "observation",
     "generators/assets/shapes.py": "observation home cleaning",
-    "generators/library/hygiene.py": "observation cleaning",
+    "generators/library/mesh_cleaning.py": "observation cleaning",
     "generators/library/simplify.py": "observation cleaning",
     "generators/library/http.py": "",
-    "baselines/errors.py": "",
+    "baselines/oracle_errors.py": "",
     "baselines/trivial.py": "",
     "baselines/owod_bind/select.py": "",
     "baselines/echosegnet/cache.py": "training lifting",
@@ -98,10 +98,10 @@ TABLE: dict[str, str] = {
     "baselines/echosegnet/train.py": "training",
     "baselines/echosegnet/densify.py": "training",
     "baselines/echosegnet/lift.py": "lifting",
-    "baselines/echosegnet/contributions.py": "lifting",
+    "baselines/echosegnet/rasteriser/contributions.py": "lifting",
     "baselines/echosegnet/gaussians.py": "training lifting",
-    "baselines/echosegnet/torch_rasterise.py": "training lifting",
-    "baselines/echosegnet/gsplat_rasterise.py": "",
+    "baselines/echosegnet/rasteriser/torch_rasteriser.py": "training lifting",
+    "baselines/echosegnet/rasteriser/gsplat_rasteriser.py": "",
     "baselines/echosegnet/aisrm.py": "",
     "evaluators/metrics.py": "",
 }
@@ -266,8 +266,8 @@ def test_libraries_that_are_imported_by_name_or_missing_count(tmp_path: Path) ->
 
 def test_entry_points_of_a_group_count_where_they_are_looked_up(tmp_path: Path) -> None:
     code = "from importlib.metadata import entry_points\nentry_points(group='avs3d.doctor')"
-    write_tree(tmp_path, {"generators/main.py": code, "generators/doctor.py": ""})
-    assert "generators.doctor" in Sources([str(tmp_path)]).provenance(["generators.main"]).sources
+    write_tree(tmp_path, {"generators/main.py": code, "generators/run/doctor.py": ""})
+    assert "generators.run.doctor" in Sources([str(tmp_path)]).provenance(["generators.main"]).sources
 
 
 def test_data_files_that_a_module_names_count(tmp_path: Path) -> None:
@@ -370,7 +370,7 @@ def test_an_observation_is_kept_while_its_software_is_the_same_and_refused_after
 ) -> None:
     manifest, out = made
     before = tree_digest(out)
-    clips, runner = packages / "generators/acoustics/clips.py", packages / "generators/runner.py"
+    clips, runner = packages / "generators/acoustics/clips.py", packages / "generators/run/runner.py"
     texts = {path: path.read_text() for path in (clips, runner)}
     try:
         clips.write_text(texts[clips] + "\n# A comment.\n")

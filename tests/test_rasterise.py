@@ -14,10 +14,10 @@ from torch import Tensor
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.geometry import Intrinsics
-from baselines.echosegnet import compositing, projection
 from baselines.echosegnet.gaussians import SH_C0, Gaussians
-from baselines.echosegnet.rasterise import GsplatRasteriser, TorchRasteriser, contributions, default_rasteriser
-from baselines.echosegnet.rendering import BLUR, MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE, Camera
+from baselines.echosegnet.rasteriser import compositing, projection
+from baselines.echosegnet.rasteriser.default import GsplatRasteriser, TorchRasteriser, contributions, default_rasteriser
+from baselines.echosegnet.rasteriser.rendering import BLUR, MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE, Camera
 from baselines.echosegnet.views import View
 
 torch.set_num_threads(1)

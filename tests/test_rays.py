@@ -7,9 +7,9 @@ import pytest
 
 from avs3d_bench.errors import Avs3dError
 from generators.assets.shapes import MeshBuilder
-from generators.scenes.scene import Material, Part, Scene
-from generators.vision import rays
-from generators.vision.rays import RayCaster
+from generators.core import rays
+from generators.core.rays import RayCaster
+from generators.core.scene import Material, Part, Scene
 
 GREY = Material("grey", "plaster")
 

@@ -19,10 +19,10 @@ from tiny import MULTI, SINGLE, write_dataset, write_release
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.scores import METRICS
-from evaluators import pages
-from evaluators.pictures import FALSE, HIT, MISSED, draw_triple, error_picture, percent
 from evaluators.records import Evaluation, FrameScore, Submission
-from evaluators.report import best_reference, cards, chart, scale_end, write_report
+from evaluators.reporting import pages
+from evaluators.reporting.pictures import FALSE, HIT, MISSED, draw_triple, error_picture, percent
+from evaluators.reporting.report import best_reference, cards, chart, scale_end, write_report
 
 HOSTILE = '"><img src=x onerror=alert(1)><script>alert(2)</script>'
 TEMPLATES = Path(pages.__file__).parent / "templates"

@@ -9,9 +9,9 @@ import pytest
 import trimesh
 
 from avs3d_bench.errors import Avs3dError
-from generators.scenes.patches import largest_rectangle, rectangles
-from generators.scenes.scan import load_scan
-from generators.scenes.scene import Scene, Support
+from generators.core.scene import Scene, Support
+from generators.scans.patches import largest_rectangle, rectangles
+from generators.scans.scan import load_scan
 
 BOX = [[-2.0, 0.0, -1.5], [2.0, 2.5, 1.5]]
 

@@ -10,9 +10,9 @@ import yaml
 
 from avs3d_bench.errors import Avs3dError
 from generators.plan import check_scans, make_plans, read_manifest, scans_root
-from generators.runner import run
-from generators.scenes import scanfiles
-from generators.scenes.scanfiles import digest, find_scan_files, scan_files_of
+from generators.run.runner import run
+from generators.scans import files as scanfiles
+from generators.scans.files import digest, find_scan_files, scan_files_of
 
 
 def touch(root: Path, *names: str) -> None:

@@ -18,14 +18,14 @@ from generators.acoustics.materials import OCTAVE_BANDS, engine_json, material_f
 from generators.assets import gltf
 from generators.assets.meshfile import load_mesh
 from generators.assets.modelframe import upright
-from generators.homes import open_home
+from generators.homes.store import open_home
 from generators.plan import make_plans, read_manifest
-from generators.scenes.annotations import AnnotatedObject, Annotations, Region, spread_over
-from generators.scenes.hm3d import read_hm3d, read_table
-from generators.scenes.mp3d import read_mp3d
-from generators.scenes.rooms import find_rooms, missing_room
-from generators.scenes.scan import PLAIN, load_scan
-from generators.scenes.scansound import label_of_category
+from generators.scans.annotations import AnnotatedObject, Annotations, Region, spread_over
+from generators.scans.hm3d import read_hm3d, read_table
+from generators.scans.mp3d import read_mp3d
+from generators.scans.rooms import find_rooms, missing_room
+from generators.scans.scan import PLAIN, load_scan
+from generators.scans.sound import label_of_category
 
 TURN = upright("z", "-y")
 #: A square metre on the ground, Z up.

@@ -15,15 +15,15 @@ import scan_like
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics
+from generators.apartments.apartment import build_apartment
 from generators.assets.catalogue import build_model, variants
-from generators.placement import Placement, place
-from generators.scenes.apartment import build_apartment
-from generators.scenes.light import insert
-from generators.scenes.scan import ACOUSTIC_FACES, ACOUSTIC_FACES_BEYOND, load_scan
-from generators.scenes.scene import Scene
-from generators.site import Site
-from generators.spots import _level
-from generators.trajectory import walk
+from generators.core.scene import Scene
+from generators.lighting.bake import insert
+from generators.paths.trajectory import walk
+from generators.placement.placement import Placement, place
+from generators.placement.site import Site
+from generators.placement.spots import _level
+from generators.scans.scan import ACOUSTIC_FACES, ACOUSTIC_FACES_BEYOND, load_scan
 from generators.vision.embree import EmbreeBackend
 
 ROOMS = ("bathroom", "kitchen", "living_room")

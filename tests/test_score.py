@@ -558,7 +558,7 @@ def test_workers_end_with_a_killed_parent():
 
 def test_importing_the_evaluator_pulls_in_nothing_heavy():
     code = (
-        "import sys, evaluators, evaluators.score, evaluators.cli, evaluators.table\n"
+        "import sys, evaluators, evaluators.score, evaluators.cli, evaluators.reporting.terminal_table\n"
         "heavy = {'torch', 'trimesh', 'generators', 'baselines', 'embreex', 'numba', 'matplotlib', 'pycolmap', "
         "'pandas'}\n"
         "print(*sorted({m.split('.')[0] for m in sys.modules} & heavy))"

@@ -15,7 +15,7 @@ from avs3d_bench.geometry import Pose
 from generators.acoustics.clips import ild_db
 from generators.acoustics.decay import eyring, reverberation_time
 from generators.acoustics.geometry import acoustic_mesh, blocked, longest_view, reflections_to_decay
-from generators.scenes.scene import Part
+from generators.core.scene import Part
 
 pytest.importorskip("rlr_audio_propagation", reason="the acoustic engine (extra soundspaces) is not installed")
 from generators.acoustics import soundspaces

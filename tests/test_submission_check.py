@@ -31,11 +31,11 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.predictions import read_mask, read_points
 from avs3d_bench.report import print_report
 from avs3d_bench.validate import validate
-from evaluators import archive
-from evaluators.checks import check_submission
+from evaluators.reading import archive
+from evaluators.reading.checks import check_submission
+from evaluators.reading.submission import open_submission
 from evaluators.records import InvalidSubmission
 from evaluators.score import evaluate
-from evaluators.submission import open_submission
 
 FRAMES = 17
 FIRST = f"{tiny.SINGLE}/masks/frame_000.png"
@@ -233,7 +233,7 @@ def test_a_screenful_and_then_a_count(data: Path, submission: Path, capsys: pyte
 
 def test_an_endless_tree_is_not_walked(data: Path, submission: Path, monkeypatch: pytest.MonkeyPatch):
     """What is there is not called missing because the walk ended before it."""
-    monkeypatch.setattr("evaluators.structure._SURPLUS", 50)
+    monkeypatch.setattr("evaluators.reading.structure._SURPLUS", 50)
     for number in range(500):
         (submission / "part_1" / f"junk_{number}").mkdir()
     (submission / FIRST).unlink()
@@ -243,7 +243,7 @@ def test_an_endless_tree_is_not_walked(data: Path, submission: Path, monkeypatch
 
 
 def test_clutter_at_the_top_does_not_hide_the_masks(data: Path, submission: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("evaluators.structure._SURPLUS", 50)
+    monkeypatch.setattr("evaluators.reading.structure._SURPLUS", 50)
     for number in range(200):
         (submission / ".git" / f"{number}").mkdir(parents=True)
     report = check_submission(submission, data, workers=1)

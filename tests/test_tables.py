@@ -21,10 +21,11 @@ from avs3d_bench import cli, media
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.schema import SubmissionRecord
 from avs3d_bench.scores import Scores
-from evaluators import paper
-from evaluators.leaderboard import read_entries
-from evaluators.pages import REFERENCE_TITLES
-from evaluators.tables import csv, frame, table_2, table_3, write_tables
+from evaluators.reporting import paper
+from evaluators.reporting.leaderboard import read_entries
+from evaluators.reporting.pages import REFERENCE_TITLES
+from evaluators.reporting.table_contents import csv, frame, table_2, table_3
+from evaluators.reporting.tables import write_tables
 
 KEYS = [f"part_1/flat/{room}/1" for room in ("bathroom", "kitchen")] + [f"part_2/flat/kitchen/{i}" for i in (1, 2)]
 PARTIAL = {"observations": 34, "sha256": None}
@@ -277,7 +278,8 @@ def test_pictures_decode_and_are_the_same_bytes_again(tmp_path: Path) -> None:
     files = save(tmp_path, *four_methods(), *sweep())
     first = write_tables(tmp_path / "one", files)
     script = (
-        "import sys, matplotlib as mpl; from pathlib import Path; from evaluators.tables import write_tables\n"
+        "import sys, matplotlib as mpl; from pathlib import Path\n"
+        "from evaluators.reporting.tables import write_tables\n"
         "mpl.rcParams['font.size'] = 30\n"  # as a user's matplotlibrc might
         "write_tables(Path(sys.argv[1]), [Path(a) for a in sys.argv[2:]])"
     )
@@ -306,7 +308,7 @@ def marks(panel: Any, marker: str) -> list[tuple[float, float]]:
 
 
 def test_table_2_draws_what_it_says(tmp_path: Path) -> None:
-    from evaluators.tables_plot import methods_figure
+    from evaluators.reporting.tables_plot import methods_figure
 
     (section,) = table_2(read_entries(save(tmp_path, *four_methods()))).sections
     panels = methods_figure(section).axes
@@ -325,7 +327,7 @@ def test_table_2_draws_what_it_says(tmp_path: Path) -> None:
 
 
 def test_table_3_draws_the_curve_and_the_papers(tmp_path: Path) -> None:
-    from evaluators.tables_plot import thresholds_figure
+    from evaluators.reporting.tables_plot import thresholds_figure
 
     table = table_3(read_entries(save(tmp_path, *sweep())))
     assert table is not None
@@ -517,8 +519,7 @@ def test_a_file_of_scores_is_never_overwritten(tmp_path: Path, capsys: pytest.Ca
 
 
 def test_the_tables_need_nothing_heavy_before_they_draw() -> None:
-    code = (
-        "import sys, evaluators.tables, evaluators.tables_markdown; print({'matplotlib', 'pandas'} & set(sys.modules))"
-    )
+    modules = "evaluators.reporting.tables, evaluators.reporting.tables_markdown"
+    code = f"import sys, {modules}; print({{'matplotlib', 'pandas'}} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"

@@ -17,10 +17,10 @@ from avs3d_bench.ahead import process_ahead
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.scheduling.local import LocalScheduler
 from avs3d_bench.scheduling.tasks import Context, Policy, Task
-from generators import work
 from generators.observation import generate_observation
+from generators.paths.stage import MOST_THREADS, Camera
 from generators.plan import make_plans, read_manifest
-from generators.stage import MOST_THREADS, Camera
+from generators.run import worker as work
 from tests.homes import write_manifest
 
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from avs3d_bench.errors import Avs3dError
-from generators.vision import tone
+from generators.core import tone
 
 radiances = st.floats(0.0, 1e6)
 fractions = st.floats(0.0, 1.0)

@@ -21,9 +21,9 @@ from baselines.echosegnet import memory, pictures
 from baselines.echosegnet import train as training
 from baselines.echosegnet.densify import PARAMETERS, DensityControl, Pull, densify, parameters, reset_opacities
 from baselines.echosegnet.gaussians import Gaussians
-from baselines.echosegnet.projection import rotation_matrices
-from baselines.echosegnet.rasterise import TorchRasteriser
-from baselines.echosegnet.rendering import Splat
+from baselines.echosegnet.rasteriser.default import TorchRasteriser
+from baselines.echosegnet.rasteriser.projection import rotation_matrices
+from baselines.echosegnet.rasteriser.rendering import Splat
 from baselines.echosegnet.similarity import psnr, ssim
 from baselines.echosegnet.train import Report, TrainingSettings, load_pictures, train, view_psnr
 from baselines.echosegnet.views import View, load_points, load_views, test_views, train_views

@@ -20,12 +20,12 @@ from shapely.geometry import LineString, Polygon
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose, direction_to
 from generators.assets.shapes import MeshBuilder
-from generators.gaze import Sight, Views
-from generators.placement import Placement, place
-from generators.scenes.scene import Part, Room, Scene
-from generators.trajectory import Walk, plan_walk, walk
-from generators.vision.rays import RayCaster
-from generators.watcher import line_of_sight, outer_samples, visible_fraction
+from generators.core.rays import RayCaster
+from generators.core.scene import Part, Room, Scene
+from generators.paths.gaze import Sight, Views
+from generators.paths.trajectory import Walk, plan_walk, walk
+from generators.paths.watcher import line_of_sight, outer_samples, visible_fraction
+from generators.placement.placement import Placement, place
 
 ROOMS = {"kitchen": kitchen, "bathroom": bathroom, "living_room": living_room}
 CASES = [

@@ -1,4 +1,4 @@
-"""`avs3d video` and `avs3d view-3d`."""
+"""`avs3d video`, `avs3d view-3d` and `avs3d contact-sheet`."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Literal
 
 import click
+
+from avs3d_bench.errors import UsageError
 
 
 @click.command(short_help="Write an observation as a film with its binaural sound.")
@@ -91,3 +93,19 @@ def view_3d(key: str, root: Path, submissions: tuple[Path, ...], port: int, path
         serve_view(dataset, key, submissions, port=port, ready=lambda url: click.echo(f"{url}  (Ctrl-C ends)"))
     except KeyboardInterrupt:
         click.echo("", err=True)
+
+
+@click.command("contact-sheet")
+@click.argument("root", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for one PNG each.")
+@click.option("--only", multiple=True, metavar="KEY_GLOB", help="Only observations whose key matches; repeatable.")
+@click.option("--frames", "columns", type=click.IntRange(2, 24), default=8, show_default=True, help="Frames shown.")
+def contact_sheet(root: Path, output: Path, only: tuple[str, ...], columns: int) -> None:
+    """Draw every observation of the dataset ROOT: frames with their masks, a map of path, source and heading, sound."""
+    from avs3d_bench.inspector.contact_sheet import draw_contact_sheets
+
+    drawn = draw_contact_sheets(root, output, only=only, columns=columns)
+    if not drawn:
+        raise UsageError(f"{root}: no observation to draw" + (f" matches {', '.join(only)}" if only else ""))
+    for path in drawn:
+        click.echo(path)

@@ -18,7 +18,7 @@ from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import atomic_path, sha256_file
 from avs3d_bench.provenance import PACKAGES, provenance
-from baselines.echosegnet.rendering import Rasteriser
+from baselines.echosegnet.rasteriser.rendering import Rasteriser
 from baselines.echosegnet.views import picture_folder
 
 #: Pictures that are read at a time.

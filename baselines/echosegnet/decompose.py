@@ -33,7 +33,7 @@ from torch import Tensor
 from avs3d_bench.errors import Avs3dError
 from baselines.echosegnet.gaussians import Gaussians
 from baselines.echosegnet.lift import Camera, Mask
-from baselines.echosegnet.projection import MARGIN, rotation_matrices
+from baselines.echosegnet.rasteriser.projection import MARGIN, rotation_matrices
 
 Array = NDArray[np.float64]
 

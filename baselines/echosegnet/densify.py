@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from baselines.echosegnet.rendering import Splat
+from baselines.echosegnet.rasteriser.rendering import Splat
 
 #: Names of the parameters, in the order of the optimiser's groups.
 PARAMETERS = ("means", "log_scales", "rotations", "opacities", "sh0", "sh_rest")

@@ -17,7 +17,7 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.scheduling.options import Options, scheduler_of
 from avs3d_bench.scheduling.tasks import Attempt, Context, Event, Failure, Task
 from baselines.echosegnet.memory import share_device
-from baselines.echosegnet.rasterise import Rasteriser, default_rasteriser
+from baselines.echosegnet.rasteriser.default import Rasteriser, default_rasteriser
 
 #: An observation takes minutes; one that takes longer than this hangs, seconds.
 LIMIT = 6 * 3600.0

@@ -17,7 +17,7 @@ from torch import Tensor
 from avs3d_bench import layout
 from avs3d_bench.errors import Avs3dError
 from baselines.echosegnet.gaussians import Gaussians
-from baselines.echosegnet.rendering import Rasteriser
+from baselines.echosegnet.rasteriser.rendering import Rasteriser
 from baselines.echosegnet.similarity import psnr
 from baselines.echosegnet.views import View, picture_folder
 

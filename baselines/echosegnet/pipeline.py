@@ -37,7 +37,7 @@ from baselines.echosegnet import aisrm, clusters, spatial
 from baselines.echosegnet.cache import Stages, digest
 from baselines.echosegnet.decompose import decompose
 from baselines.echosegnet.gaussians import Gaussians, write_ply
-from baselines.echosegnet.rasterise import Rasteriser
+from baselines.echosegnet.rasteriser.default import Rasteriser
 from baselines.echosegnet.render import amodal_mask, visible_mask
 from baselines.echosegnet.sources import Mask, MaskSource
 from baselines.echosegnet.train import Progress, TrainingSettings

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from baselines.echosegnet.gaussians import Gaussians
-from baselines.echosegnet.rendering import Rasteriser
+from baselines.echosegnet.rasteriser.rendering import Rasteriser
 from baselines.echosegnet.views import View
 
 #: The released mask is where the chosen Gaussians alone are more opaque than this.

@@ -19,7 +19,7 @@ from avs3d_bench.schema import ProvenanceRecord, Scalar
 from avs3d_bench.submission import SubmissionFolder, SubmissionWriter
 from baselines.echosegnet.jobs import all_devices, device_of, run_each, spread
 from baselines.echosegnet.pipeline import Settings, predict
-from baselines.echosegnet.rasterise import default_rasteriser
+from baselines.echosegnet.rasteriser.default import default_rasteriser
 from baselines.echosegnet.sources import MaskSource
 from baselines.echosegnet.train import Report
 

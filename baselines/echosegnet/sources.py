@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from avs3d_bench.dataset import Frame
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.media import read_png_mask
-from baselines.errors import ErrorModel
 from baselines.oracle import PERFECT, Instance, oracle_mask
+from baselines.oracle_errors import ErrorModel
 
 Mask = NDArray[np.bool_]
 

@@ -27,7 +27,7 @@ from baselines.echosegnet.densify import DensityControl, Pull, densify, paramete
 from baselines.echosegnet.gaussians import Gaussians, from_points
 from baselines.echosegnet.memory import begin, release, room_for
 from baselines.echosegnet.pictures import load_pictures, out_of_memory, view_psnr
-from baselines.echosegnet.rendering import Rasteriser
+from baselines.echosegnet.rasteriser.rendering import Rasteriser
 from baselines.echosegnet.schedule import TrainingSettings
 from baselines.echosegnet.similarity import psnr, ssim
 from baselines.echosegnet.views import View, camera_extent, train_views

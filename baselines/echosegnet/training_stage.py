@@ -9,7 +9,7 @@ from avs3d_bench.dataset import Observation
 from avs3d_bench.files import read_json, write_json
 from baselines.echosegnet.cache import Stages, digest, inputs_digest, software_digest
 from baselines.echosegnet.gaussians import Gaussians, read_ply, write_ply
-from baselines.echosegnet.rendering import Rasteriser
+from baselines.echosegnet.rasteriser.rendering import Rasteriser
 from baselines.echosegnet.train import Progress, Report, TrainingSettings, train
 from baselines.echosegnet.views import View, load_points, train_views
 

@@ -12,10 +12,10 @@ from torch import Tensor
 
 from baselines.echosegnet import lift
 from baselines.echosegnet.cache import Stages, arrays_digest, digest, software_digest
-from baselines.echosegnet.contributions import contributions
 from baselines.echosegnet.gaussians import Gaussians
 from baselines.echosegnet.lift import Mask
-from baselines.echosegnet.rendering import Rasteriser
+from baselines.echosegnet.rasteriser.contributions import contributions
+from baselines.echosegnet.rasteriser.rendering import Rasteriser
 from baselines.echosegnet.views import View
 
 Variant = Literal["official", "spatial"]

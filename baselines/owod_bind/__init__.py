@@ -14,9 +14,9 @@ A frame without any detection gets no file from the released code. Here it gets 
 for every test frame, and in a folder of train masks a file says that the frame is done, so that a second run goes on
 after it. `echosegnet` takes a missing file for an empty mask as well (`sources.FolderMasks`).
 
-The three networks stand behind the protocols of `protocols`; their weights are local folders (`baselines.checkpoints`).
-Nothing of a frame's truth is read. The masks of test frames are a submission, those of train frames are what
-EchoSegnet lifts into 3D.
+The three networks stand behind the protocols of `protocols`; their weights are local folders (see
+`baselines.networks.checkpoints`). Nothing of a frame's truth is read. The masks of test frames are a submission, those
+of train frames are what EchoSegnet lifts into 3D.
 
 Reference: "3D Audio-Visual Segmentation", Sokolov, Bhosale, Zhu, 2024, section 4; and its released code.
 """

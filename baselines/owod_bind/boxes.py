@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.checkpoints import find_checkpoint, load_pretrained, loading, require_packages
-from baselines.owod_bind.protocols import Detections, Picture
+from baselines.networks.checkpoints import find_checkpoint, load_pretrained, loading, require_packages
+from baselines.networks.pixels import Picture
+from baselines.owod_bind.protocols import Detections
 from baselines.owod_bind.select import clip_boxes, suppress
 
 #: One object is found by many patches.

@@ -14,11 +14,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.checkpoints import find_checkpoint, load_weights, loading, require_packages
-from baselines.owod_bind.pixels import BICUBIC, CLIP_MEAN, CLIP_STD, centre_crop, normalise, resize, shorter_side
-from baselines.owod_bind.protocols import Picture
+from baselines.networks.checkpoints import find_checkpoint, load_weights, loading, require_packages
+from baselines.networks.pixels import (
+    BICUBIC,
+    CLIP_MEAN,
+    CLIP_STD,
+    Picture,
+    centre_crop,
+    normalise,
+    resize,
+    shorter_side,
+)
+from baselines.networks.sound import resample
 from baselines.owod_bind.select import AUDIO_LOGIT_SCALE
-from baselines.owod_bind.sound import resample
 
 #: Crops that are embedded at a time.
 BATCH = 32

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.checkpoints import find_checkpoint, load_pretrained, loading, require_packages
-from baselines.owod_bind.protocols import Picture
+from baselines.networks.checkpoints import find_checkpoint, load_pretrained, loading, require_packages
+from baselines.networks.pixels import Picture
 
 #: Boxes decoded at a time: 8 masks of 1008² in float32 are 33 MB.
 BATCH = 8

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.checkpoints import find_checkpoint, loading, require_packages
+from baselines.networks.checkpoints import find_checkpoint, loading, require_packages
+from baselines.networks.pixels import IMAGENET_MEAN, IMAGENET_STD, Picture, normalise, resize, shorter_side
 from baselines.owod_bind.boxes import MAX_BOXES, NMS_IOU, corners_of
-from baselines.owod_bind.pixels import IMAGENET_MEAN, IMAGENET_STD, normalise, resize, shorter_side
-from baselines.owod_bind.protocols import Detections, Picture
+from baselines.owod_bind.protocols import Detections
 from baselines.owod_bind.select import clip_boxes, suppress
 
 CAPTION = "all objects"

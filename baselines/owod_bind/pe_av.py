@@ -19,10 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.checkpoints import find_checkpoint, load_pretrained, loading, require_packages
-from baselines.owod_bind.pixels import BILINEAR, normalise, resize
-from baselines.owod_bind.protocols import Picture
-from baselines.owod_bind.sound import resample
+from baselines.networks.checkpoints import find_checkpoint, load_pretrained, loading, require_packages
+from baselines.networks.pixels import BILINEAR, Picture, normalise, resize
+from baselines.networks.sound import resample
 
 #: Crops that are embedded at a time.
 BATCH = 16

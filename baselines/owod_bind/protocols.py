@@ -9,7 +9,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-Picture = NDArray[np.uint8]
+from baselines.networks.pixels import Picture
+
 Mask = NDArray[np.bool_]
 
 

@@ -19,11 +19,12 @@ from avs3d_bench.parallel import process_each
 from avs3d_bench.provenance import provenance
 from avs3d_bench.schema import ProvenanceRecord
 from avs3d_bench.submission import SubmissionWriter
-from baselines.checkpoints import find_checkpoint, has_package, require_packages
+from baselines.networks.checkpoints import find_checkpoint, has_package, require_packages
+from baselines.networks.device import enough_memory, inference, pick_device
+from baselines.networks.pixels import Picture
+from baselines.networks.sound import check_clip
 from baselines.owod_bind import select
-from baselines.owod_bind.device import enough_memory, inference, pick_device
-from baselines.owod_bind.protocols import AudioVisualSimilarity, BoxProposer, Detections, Mask, MaskPredictor, Picture
-from baselines.owod_bind.sound import check_clip
+from baselines.owod_bind.protocols import AudioVisualSimilarity, BoxProposer, Detections, Mask, MaskPredictor
 
 BoxKind = Literal["owlv2", "mavl"]
 SimilarityKind = Literal["imagebind", "pe-av"]
@@ -132,7 +133,7 @@ def load_owod_bind(
     device: str | None = None,
     threshold: float = select.THRESHOLD,
 ) -> OwodBind:
-    """Load the networks from local folders; see `baselines.checkpoints.CHECKPOINTS` for what must lie there.
+    """Load the networks from local folders; see `baselines.networks.checkpoints.CHECKPOINTS` for what must lie there.
 
     Args:
         boxes: which detector.

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
-from baselines.owod_bind.protocols import Detections, Mask, Picture
+from baselines.networks.pixels import Picture
+from baselines.owod_bind.protocols import Detections, Mask
 
 #: The released settings.
 MIN_SCORE = 0.15

@@ -43,7 +43,7 @@ from generators.acoustics.geometry import (
     faces_of_room,
 )
 from generators.acoustics.materials import DEFAULT_MATERIAL, OCTAVE_BANDS, mean_absorption, triangle_areas
-from generators.scenes.scene import Room, Scene
+from generators.core.scene import Room, Scene
 
 Array = NDArray[np.float64]
 

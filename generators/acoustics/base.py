@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.geometry import Pose
 from avs3d_bench.schema import Scalar
-from generators.scenes.scene import Scene
+from generators.core.scene import Scene
 
 
 class AcousticSession(Protocol):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
 from generators.acoustics.materials import material_for, mean_absorption, triangle_areas
-from generators.scenes.scene import Part, Room, Scene
+from generators.core.scene import Part, Room, Scene
 
 SPEED_OF_SOUND = 343.0  # m/s at 20 °C
 

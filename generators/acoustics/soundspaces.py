@@ -42,7 +42,7 @@ from generators.acoustics.geometry import (
     reflections_to_decay,
 )
 from generators.acoustics.materials import RESIDUAL, material_for, write_engine_json
-from generators.scenes.scene import Scene
+from generators.core.scene import Scene
 
 #: Sample rates the built-in head-related transfer functions were verified at; higher ones abort the process.
 SAMPLE_RATES = (16_000, 22_050, 32_000, 44_100)

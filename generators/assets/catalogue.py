@@ -19,7 +19,7 @@ from generators.assets.objects import (
 )
 from generators.assets.objects.design import Build, Mount
 from generators.assets.objects.finishes import mirrored
-from generators.scenes.scene import Licence
+from generators.core.scene import Licence
 
 __all__ = ["Model", "Mount", "build_model", "framed", "variants"]
 

@@ -8,7 +8,7 @@ from avs3d_bench.errors import UsageError
 from generators.assets.styles import Style
 from generators.assets.textures import ceramic, surfaces, wood
 from generators.assets.textures.noise import Field, Image, grid, hex_colour, mix, shift_colour
-from generators.scenes.scene import Material, Texture
+from generators.core.scene import Material, Texture
 
 
 def _material(role: str, acoustic: str, pixels: Image, gloss: float) -> Material:

@@ -20,7 +20,7 @@ from generators.assets import finishes
 from generators.assets.styles import STYLES, Style
 from generators.assets.textures import cloth, pictures, surfaces, wood
 from generators.assets.textures.noise import Image, hex_colour, shift_colour, to_linear
-from generators.scenes.scene import Material, Texture
+from generators.core.scene import Material, Texture
 
 ROOM_KINDS = ("bathroom", "kitchen", "living_room", "hall", "bedroom")
 #: Variants of roles that come in several.

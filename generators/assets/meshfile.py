@@ -25,7 +25,7 @@ from generators.assets.modelframe import before_front, clear_of_twin, upright
 from generators.assets.objects.design import Design, Mount, Point
 from generators.assets.objects.finishes import to_linear, to_srgb
 from generators.assets.shapes import corner_normals
-from generators.scenes.scene import Licence, Material, Mesh, Texture
+from generators.core.scene import Licence, Material, Mesh, Texture
 
 Array = NDArray[np.float64]
 

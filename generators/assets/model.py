@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from generators.assets.objects.design import Design, Mount, Point
-from generators.scenes.scene import Licence, Mesh
+from generators.core.scene import Licence, Mesh
 
 
 @dataclass(frozen=True, eq=False)

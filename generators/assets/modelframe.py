@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from avs3d_bench.errors import UsageError
 from generators.assets.acoustic_twin import box_faces
 from generators.assets.objects.design import Point
-from generators.scenes.scene import Mesh
+from generators.core.scene import Mesh
 
 Array = NDArray[np.float64]
 

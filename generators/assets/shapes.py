@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 from shapely.geometry import Polygon
 
-from generators.scenes.scene import F32, Material, Mesh
+from generators.core.scene import F32, Material, Mesh
 
 Array = NDArray[np.float64]
 

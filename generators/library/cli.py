@@ -159,7 +159,7 @@ def _wanted(path: Path, manifest: Path | None, ids: tuple[str, ...]) -> tuple[As
     from generators.library.store import find_entry
 
     if manifest is not None:
-        from generators.library.use import named_assets
+        from generators.library.references import named_assets
         from generators.manifest import read_manifest
 
         source = read_manifest(manifest).manifest

@@ -13,8 +13,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from generators.core.rays import RayCaster
 from generators.library.rawmesh import Finding, RawPart, Surface, corners
-from generators.vision.rays import RayCaster
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from generators.assets.acoustic_twin import weld
-from generators.vision.rays import RayCaster
+from generators.core.rays import RayCaster
 
 Array = NDArray[np.float64]
 Faces = NDArray[np.int64]

@@ -27,7 +27,7 @@ from generators.library.licences import spdx
 #: Where Debian's package sweethome3d-furniture installs its libraries.
 DEBIAN_FOLDER = Path("/usr/share/sweethome3d/furniture")
 CATALOGUE = "PluginFurnitureCatalog.properties"
-#: Formats a model is read in; `generators.library.hygiene` reads the same.
+#: Formats a model is read in; `generators.library.mesh_cleaning` reads the same.
 SUFFIXES = (".obj", ".glb", ".gltf", ".ply", ".stl", ".dae")
 #: Bounds of one model: its files, and bytes of all of them.
 MAX_FILES, MAX_TOTAL = 200, 512 << 20
@@ -156,7 +156,7 @@ def deliver(path: Path, piece: Piece) -> bytes:
 def extract(path: Path, piece: Piece) -> dict[str, bytes]:
     """File names, relative to the model's folder, and contents of a model and of all it refers to.
 
-    References that lead nowhere are left to `generators.library.hygiene`, which reports them.
+    References that lead nowhere are left to `generators.library.mesh_cleaning`, which reports them.
 
     Raises:
         Avs3dError: see `deliver`.

@@ -40,7 +40,7 @@ def default_store() -> Path:
     named = os.environ.get("AVS3D_ASSETS")
     if named:
         return files.user_path(named)
-    from generators.folders import default_cache
+    from generators.core.folders import default_cache
 
     return default_cache() / "assets"
 
@@ -154,7 +154,7 @@ def clean(entry: AssetEntry, path: Path) -> tuple[bytes, tuple[str, ...]]:
     Raises:
         Avs3dError: naming the asset, if there is no usable mesh in it.
     """
-    from generators.library import hygiene
+    from generators.library import mesh_cleaning as hygiene
 
     with tempfile.TemporaryDirectory(prefix="avs3d-asset-") as scratch:
         source = path

@@ -18,8 +18,8 @@ from PIL import Image
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.assets.meshfile import load_mesh
 from generators.assets.shapes import MeshBuilder
-from generators.scenes.light import bake, insert
-from generators.scenes.scene import Material, Mesh, Part, Room, Scene
+from generators.core.scene import Material, Mesh, Part, Room, Scene
+from generators.lighting.bake import bake, insert
 from generators.vision.embree import EmbreeBackend
 
 #: Side of a thumbnail, pixels.

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from generators.scenes.scene import F32, I32
+from generators.core.jit import inline, njit
+from generators.core.scene import F32, I32
+from generators.core.tone import WHITE, srgb_table, tone_table
 from generators.vision import kernels
-from generators.vision.jit import inline, njit
 from generators.vision.tables import SceneTables
-from generators.vision.tone import WHITE, srgb_table, tone_table
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]

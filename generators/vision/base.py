@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.geometry import Intrinsics, Pose
-from generators.scenes.scene import Scene
-
-#: Which of some points (N, 3) an agent can stand on: (N,) bool.
-Navigable: TypeAlias = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+from generators.core.freespace import Navigable
+from generators.core.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)

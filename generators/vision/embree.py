@@ -14,12 +14,13 @@ import numpy as np
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
-from generators.scenes.scene import LightMap, Material, Part, Scene, Texture
-from generators.vision.base import Frame, Navigable
-from generators.vision.rays import CHUNK, embree_scene, repeated
+from generators.core.freespace import Navigable
+from generators.core.rays import CHUNK, embree_scene, repeated
+from generators.core.scene import LightMap, Material, Part, Scene, Texture
+from generators.core.tone import WHITE, srgb_table, tone_table
+from generators.vision.base import Frame
 from generators.vision.sampling import SUB_PIXELS, thin_faces
 from generators.vision.tables import build_tables
-from generators.vision.tone import WHITE, srgb_table, tone_table
 
 if TYPE_CHECKING:
     from generators.vision.kernels import View
@@ -54,7 +55,7 @@ class EmbreeBackend:
         return EmbreeSession(scene, intrinsics)
 
     def navigable(self, home: Scene) -> Navigable | None:
-        """None: there is no navigation mesh besides the free space that generators/freespace.py measures."""
+        """None: there is no navigation mesh besides the free space that generators/core/freespace.py measures."""
         return None
 
 
@@ -191,7 +192,7 @@ def warm_up() -> None:
         Avs3dError: if a package of ``[generate]`` is missing or no folder for compiled code can be written.
     """
     from generators.assets.shapes import MeshBuilder
-    from generators.vision.jit import compile_lock
+    from generators.core.jit import compile_lock
 
     texture = Texture("grey", np.full((4, 4, 3), 128, dtype=np.uint8))
     mesh = MeshBuilder().box((1, 1, 1), (0, 0, 0), Material("grey", "plaster", texture=texture)).build()

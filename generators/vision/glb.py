@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import atomic_path
-from generators.scenes.scene import F32, Part, Scene
+from generators.core.scene import F32, Part, Scene
+from generators.core.tone import decode_table, srgb_encode, tone_curve
 from generators.vision.atlas import bake_atlas
 from generators.vision.tables import SceneTables, build_tables
 from generators.vision.textures_pool import TexturePool
-from generators.vision.tone import decode_table, srgb_encode, tone_curve
 
 U8 = NDArray[np.uint8]
 I64 = NDArray[np.int64]

@@ -30,9 +30,10 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import os_error_line
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.assets.modelframe import upright
-from generators.freespace import AGENT_RADIUS, CELL, SENSOR_HEIGHT
-from generators.scenes.scene import Material, Part, Scene, StageFile
-from generators.vision.base import Frame, Navigable
+from generators.core.freespace import AGENT_RADIUS, CELL, SENSOR_HEIGHT, Navigable
+from generators.core.scene import Material, Part, Scene, StageFile
+from generators.core.tone import srgb_encode
+from generators.vision.base import Frame
 from generators.vision.glb import write_glb
 from generators.vision.habitat_process import (
     Client,
@@ -43,7 +44,6 @@ from generators.vision.habitat_process import (
     graphics_device,
     start,
 )
-from generators.vision.tone import srgb_encode
 
 #: Colour samples per pixel along each axis.
 SUPERSAMPLING = 3

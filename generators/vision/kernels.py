@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from generators.scenes.scene import F32, I32
-from generators.vision.jit import inline, njit
+from generators.core.jit import inline, njit
+from generators.core.scene import F32, I32
 from generators.vision.tables import SceneTables
 
 F64 = NDArray[np.float64]

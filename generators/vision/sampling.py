@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from generators.scenes.scene import F32
-from generators.vision.rays import CHUNK
+from generators.core.rays import CHUNK
+from generators.core.scene import F32
 
 #: Solids and gaps narrower than this, in metres, can fall between two rays: a pixel of a 1008-pixel, 90° camera
 #: covers 2 mm per metre of distance, so that 3 cm are a pixel and a half at 7.5 m.

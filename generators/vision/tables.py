@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
-from generators.scenes.scene import F32, I32, LightMap, Part, Scene
+from generators.core.scene import F32, I32, LightMap, Part, Scene
 from generators.vision.textures_pool import TexturePool, build_pool, distinct
 
 F64 = NDArray[np.float64]

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
-from generators.scenes.scene import F32, I32, Texture
-from generators.vision.tone import decode_table, srgb_encode
+from generators.core.scene import F32, I32, Texture
+from generators.core.tone import decode_table, srgb_encode
 
 
 class TexturePool(NamedTuple):

@@ -10,7 +10,7 @@ from generators.assets.furniture.parts import (
     tap,
 )
 from generators.assets.shapes import rotation
-from generators.scenes.scene import Material
+from generators.core.scene import Material
 
 
 def hollow(

@@ -25,7 +25,7 @@ from generators.assets.furniture.forms import (
 )
 from generators.assets.materials import TILES, Palette
 from generators.assets.shapes import BOX_FACES, MeshBuilder, rotation
-from generators.scenes.scene import Material, Mesh, Support, SupportKind
+from generators.core.scene import Material, Mesh, Support, SupportKind
 
 Mount = Literal["floor", "wall", "ceiling"]
 Point = Sequence[float] | Array

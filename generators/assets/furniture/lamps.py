@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from generators.assets.furniture.common import Kit
-from generators.scenes.scene import Material
+from generators.core.scene import Material
 
 
 def floor_lamp(kit: Kit) -> None:

@@ -8,7 +8,7 @@ from generators.assets.furniture.common import Kit
 from generators.assets.furniture.forms import rounded_rectangle
 from generators.assets.shapes import rotation
 from generators.assets.textures.pictures import SPINES
-from generators.scenes.scene import Material
+from generators.core.scene import Material
 
 HANDLES = ("bar", "knob", "cup", "groove")
 

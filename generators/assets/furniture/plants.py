@@ -6,7 +6,7 @@ import numpy as np
 
 from generators.assets.furniture.common import Kit
 from generators.assets.furniture.forms import Array
-from generators.scenes.scene import Material
+from generators.core.scene import Material
 
 
 def _leaf(

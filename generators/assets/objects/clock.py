@@ -11,7 +11,7 @@ from generators.assets.objects.design import Build, Design
 from generators.assets.objects.finishes import choose, chrome, enamel, plastic, printed, rubber, wood
 from generators.assets.objects.forms import slab
 from generators.assets.shapes import MeshBuilder, rotation
-from generators.scenes.scene import Material
+from generators.core.scene import Material
 
 Array = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from generators.assets.objects.finishes import (
 )
 from generators.assets.objects.forms import loft, rounded_rectangle, slab, smooth_path
 from generators.assets.shapes import MeshBuilder, rotation
-from generators.scenes.scene import Material
+from generators.core.scene import Material
 
 
 def _cup(b: MeshBuilder, x: float, y: float, z: float, scale: float, material: Material) -> None:

@@ -8,7 +8,7 @@ from typing import Literal
 
 from numpy.random import Generator
 
-from generators.scenes.scene import Mesh
+from generators.core.scene import Mesh
 
 Mount = Literal["floor", "surface", "wall", "wall_or_surface"]
 Point = tuple[float, float, float]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from generators.scenes.scene import Material, Mesh, Texture
+from generators.core.scene import Material, Mesh, Texture
 
 Pixels = NDArray[np.uint8]
 Array = NDArray[np.float64]

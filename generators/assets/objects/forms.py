@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from generators.assets.shapes import MeshBuilder
-from generators.scenes.scene import Material
+from generators.core.scene import Material
 
 Array = NDArray[np.float64]
 

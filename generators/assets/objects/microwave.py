@@ -19,7 +19,7 @@ from generators.assets.objects.finishes import (
 )
 from generators.assets.objects.forms import slab
 from generators.assets.shapes import MeshBuilder, rotation
-from generators.scenes.scene import Material
+from generators.core.scene import Material
 
 W, H, D = 0.50, 0.29, 0.37
 #: Share of the front that the control panel takes.

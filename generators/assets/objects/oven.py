@@ -10,7 +10,7 @@ from generators.assets.objects.design import Build, Design
 from generators.assets.objects.finishes import Pixels, brushed_steel, chrome, enamel, plastic, printed, rubber
 from generators.assets.objects.forms import slab
 from generators.assets.shapes import MeshBuilder, rotation
-from generators.scenes.scene import Material
+from generators.core.scene import Material
 
 W, H, D = 0.47, 0.29, 0.36
 PANEL = 0.115

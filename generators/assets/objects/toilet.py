@@ -10,7 +10,7 @@ from generators.assets.objects.design import Build, Design
 from generators.assets.objects.finishes import ceramic, chrome, paint, plastic
 from generators.assets.objects.forms import egg, level, loft, slab
 from generators.assets.shapes import MeshBuilder, rotation
-from generators.scenes.scene import Material
+from generators.core.scene import Material
 
 Array = NDArray[np.float64]
 #: Height of the bowl's rim above the floor, metres.

@@ -11,7 +11,7 @@ from generators.assets.objects.design import Build, Design
 from generators.assets.objects.finishes import choose, chrome, glass, plastic, printed, rubber
 from generators.assets.objects.forms import egg, level, loft, ribbed, slab, smooth_path
 from generators.assets.shapes import MeshBuilder, rotation
-from generators.scenes.scene import Material
+from generators.core.scene import Material
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from generators.assets.objects.design import Build, Design
 from generators.assets.objects.finishes import chrome, enamel, plastic, printed, rubber
 from generators.assets.objects.forms import housing_with_port, slab
 from generators.assets.shapes import MeshBuilder, rotation
-from generators.scenes.scene import Material, Texture
+from generators.core.scene import Material, Texture
 
 
 @dataclass(frozen=True)

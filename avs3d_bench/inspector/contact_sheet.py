@@ -1,0 +1,197 @@
+"""One picture per observation: frames with their masks, a map of path, source and heading, and what is heard."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import spectrogram
+
+from avs3d_bench import files
+from avs3d_bench.dataset import Dataset, Observation
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.layout import is_test
+from avs3d_bench.schema import FrameRecord, ObservationRecord
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+INK = "#1f2430"
+MUTED = "#8a90a0"
+SOURCE = "#e4572e"
+SILENT = "#4b7bec"
+PATH = "#1b998b"
+#: Pixels per side of a thumbnail.
+THUMBNAIL = 320
+
+
+def draw_contact_sheets(root: Path, output: Path, *, only: Sequence[str] = (), columns: int = 8) -> list[Path]:
+    """Draw a PNG per observation of the dataset ``root`` into ``output``; returns the files.
+
+    Raises:
+        Avs3dError: if ``root`` is no dataset, a file in it cannot be read, or ``output`` cannot be written.
+    """
+    drawn = []
+    for observation in Dataset(root).select(*only):
+        path = output / f"{observation.key.replace('/', '_')}.png"
+        figure = draw_contact_sheet(observation, columns)
+        with files.atomic_path(path) as temporary:
+            # No creation date, no version: the same observation gives the same picture.
+            figure.savefig(temporary, format="png", dpi=100, metadata={"Software": None})
+        drawn.append(path)
+    return drawn
+
+
+def draw_contact_sheet(observation: Observation, columns: int = 8) -> Figure:
+    """The sheet of one observation that carries our observation.json.
+
+    Raises:
+        Avs3dError: if it does not (the official release has no poses of sources to draw).
+    """
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    record = observation.record
+    if record is None:
+        raise Avs3dError(f"{observation.key}: no observation.json, so there is nothing to draw a map from")
+    with mpl.rc_context({"font.size": 11, "text.color": INK, "axes.labelcolor": INK, "font.family": "DejaVu Sans"}):
+        figure = Figure(figsize=(20, 12.6), facecolor="white", layout="constrained")
+        FigureCanvasAgg(figure)
+        figure.suptitle(_title(record), fontsize=17, x=0.01, ha="left")
+        halves: Any = figure.subfigures(2, 1, height_ratios=[5.0, 6.2])
+        top, bottom = halves
+        _frames(top, observation, record, columns)
+        left, right = bottom.subfigures(1, 2, width_ratios=[1.0, 1.35])
+        _map(left.subplots(), observation, record)
+        _sound(right, observation, record)
+    return figure
+
+
+def _title(record: ObservationRecord) -> str:
+    moving = " on its way" if record.moves else ""
+    visible = sum(frame.visible_pixels > 0 for frame in record.frames)
+    t30 = f", T30 {record.acoustics.t30:.2f} s" if record.acoustics.t30 else ""
+    return (
+        f"{record.key}: {record.category.replace('_', ' ')} sounds{moving}; "
+        f"visible in {visible} of {len(record.frames)} frames{t30}; sound by {record.acoustics.backend}"
+    )
+
+
+def overlay(rgb: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """``rgb`` (H, W, 3) with the mask (H, W) tinted and outlined."""
+    import cv2
+
+    out = rgb.astype(np.float32)
+    out[~mask] = 0.45 * out[~mask] + 0.55 * 235
+    edge = cv2.dilate(mask.astype(np.uint8), np.ones((7, 7), np.uint8)).astype(bool) & ~mask
+    out[edge] = (228, 87, 46)
+    return np.asarray(out, dtype=np.uint8)
+
+
+def _thumbnail(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    import cv2
+
+    if pixels.shape[0] <= THUMBNAIL:
+        return pixels
+    return np.asarray(cv2.resize(pixels, (THUMBNAIL, THUMBNAIL), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _frames(figure: Any, observation: Observation, record: ObservationRecord, columns: int) -> None:
+    count = min(columns, len(record.frames))
+    chosen = np.unique(np.linspace(0, len(record.frames) - 1, count).round().astype(int))
+    axes = figure.subplots(2, len(chosen), squeeze=False)
+    for column, index in enumerate(chosen):
+        frame = observation.frames[index]
+        rgb, mask = frame.rgb(), frame.mask()
+        axes[0, column].imshow(_thumbnail(rgb))
+        axes[1, column].imshow(_thumbnail(overlay(rgb, mask)))
+        split = "test" if is_test(int(index)) else "train"
+        axes[0, column].set_title(f"{frame.name} ({split})", fontsize=10)
+        info = record.frames[index]
+        axes[1, column].set_title(f"{info.visible_pixels} px, azimuth {info.azimuth:+.0f}°", fontsize=10, color=MUTED)
+        for row in (0, 1):
+            axes[row, column].set_axis_off()
+
+
+def _map(axes: Any, observation: Observation, record: ObservationRecord) -> None:
+    """Top-down: x to the right, z downwards (as seen from above); surface points, path, headings, instances."""
+    points = observation.colmap.points
+    floor = min(frame.position[1] for frame in record.frames) - 1.5
+    # Below head height, so that the ceiling and lamps do not hide the room.
+    low = points.positions[:, 1] < floor + 1.9
+    order = np.argsort(points.positions[low, 1], kind="stable")
+    xyz, colours = points.positions[low][order], points.colours[low][order]
+    axes.scatter(xyz[:, 0], xyz[:, 2], c=colours / 255.0, s=7, linewidths=0)
+    path = np.array([frame.position for frame in record.frames])
+    heading = np.array([frame.pose.rotation_matrix @ (0.0, 0.0, -1.0) for frame in record.frames])
+    axes.plot(path[:, 0], path[:, 2], color=PATH, linewidth=2, label="path")
+    test = np.array([is_test(index) for index in range(len(path))])
+    for chosen, colour, label in ((~test, PATH, "heading, train"), (test, INK, "heading, test")):
+        axes.quiver(
+            *path[chosen][:, [0, 2]].T, *heading[chosen][:, [0, 2]].T,
+            color=colour, angles="xy", scale=28, width=0.003, label=label,
+        )  # fmt: skip
+    for instance in record.instances:
+        (x0, _, z0), (x1, _, z1) = instance.bounds
+        colour = SOURCE if instance.sounding else SILENT
+        axes.plot([x0, x1, x1, x0, x0], [z0, z0, z1, z1, z0], color=colour, linewidth=2.5)
+        mark = " (sounds)" if instance.sounding else ""
+        axes.annotate(
+            f"{instance.category.replace('_', ' ')}{mark}", ((x0 + x1) / 2, max(z0, z1)), xytext=(0, -14),
+            textcoords="offset points", ha="center", fontsize=9, color=colour, weight="bold",
+            bbox={"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 1},
+        )  # fmt: skip
+    if record.moves:
+        way = np.array([record.source_at(frame) for frame in record.frames])
+        axes.plot(way[:, 0], way[:, 2], color=SOURCE, linewidth=2, label="path of the source")
+    label = "source at the first frame" if record.moves else "source"
+    axes.plot(record.source_position[0], record.source_position[2], "*", color=SOURCE, markersize=16, label=label)
+    reach = np.array([path[:, [0, 2]].min(axis=0) - 2.2, path[:, [0, 2]].max(axis=0) + 2.2])
+    axes.set_xlim(reach[0, 0], reach[1, 0])
+    axes.set_ylim(reach[1, 1], reach[0, 1])
+    axes.set_aspect("equal")
+    axes.set_xlabel("x (m)")
+    axes.set_ylabel("z (m)")
+    axes.legend(loc="upper right", fontsize=9, framealpha=0.8)
+
+
+def _sound(figure: Any, observation: Observation, record: ObservationRecord) -> None:
+    upper, lower = figure.subplots(2, 1)
+    times = [frame.time for frame in record.frames]
+    difference = [_ild(frame) for frame in record.frames]
+    azimuth = [frame.azimuth for frame in record.frames]
+    upper.axhline(0, color=MUTED, linewidth=0.8)
+    upper.bar(times, difference, width=0.9, color=PATH, label="ILD (right − left)")
+    upper.set_ylabel("ILD (dB)")
+    side = upper.twinx()
+    side.plot(times, azimuth, color=SOURCE, linewidth=1.6, label="azimuth of the source")
+    side.set_ylim(-190, 190)
+    side.set_yticks([-180, -90, 0, 90, 180])
+    side.set_ylabel("azimuth (°), right positive")
+    limit = 1.15 * max(1.0, *(abs(value) for value in difference))
+    upper.set_ylim(-limit, limit)
+    upper.set_xlabel("time (s)")
+    upper.legend(
+        [*upper.get_legend_handles_labels()[0], *side.get_legend_handles_labels()[0]],
+        ["ILD (right − left)", "azimuth of the source"], loc="upper right", fontsize=9,
+    )  # fmt: skip
+    count = min(20, len(record.frames))
+    signal = np.concatenate([frame.audio().mean(axis=0) for frame in observation.frames[:count]])
+    frequency, time, power = spectrogram(signal, fs=record.acoustics.sample_rate, nperseg=2048, noverlap=1024)
+    level = 10 * np.log10(power + 1e-14)
+    lower.pcolormesh(
+        time, frequency[1:] / 1000, level[1:], vmin=level.max() - 80, vmax=level.max(), cmap="magma", rasterized=True
+    )
+    lower.set_yscale("log")
+    lower.set_ylim(0.05, 20)
+    lower.set_yticks([0.1, 1, 10], ["0.1", "1", "10"])
+    lower.set_xlabel(f"time (s), the first {count} clips as the agent hears them")
+    lower.set_ylabel("frequency (kHz)")
+
+
+def _ild(frame: FrameRecord) -> float:
+    return float(20 * np.log10((frame.rms_right + 1e-12) / (frame.rms_left + 1e-12)))

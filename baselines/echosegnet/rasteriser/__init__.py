@@ -1,0 +1,1 @@
+"""Drawing Gaussians: gsplat on CUDA, plain torch elsewhere."""

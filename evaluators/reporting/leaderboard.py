@@ -1,0 +1,158 @@
+"""A static page that ranks files of scores, with links to their reports.
+
+    index.html                     the page
+    reports/NAME.html, NAME.json   the report and the scores of each entry
+
+The folder can be served, or opened from disk, as it is; its own score files can be ranked again. What is ranked with
+what: `evaluators.reporting.ranking`. The order of the files makes no difference.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.files import dump_json, read_bytes, write_bytes
+from avs3d_bench.report import printable
+from avs3d_bench.schema import parse_record
+from avs3d_bench.scores import Scores
+from evaluators.reporting.pages import write_page
+from evaluators.reporting.ranking import Entry, leaderboard_values
+from evaluators.reporting.report_check import read_report
+
+_SLUG_LENGTH = 60
+#: Largest file of scores (bytes): an observation takes about one KB.
+MAX_SCORES_BYTES = 64 * 2**20
+#: Characters of a name in a message.
+_NAMED = 200
+
+
+def write_leaderboard(folder: Path, score_files: Sequence[Path]) -> tuple[str, ...]:
+    """Write the page, and copies of the score files and their reports, into a folder.
+
+    Args:
+        folder: made if missing; files of other names in it stay.
+        score_files: written by ``avs3d-eval --json``; a file given twice counts once.
+
+    Returns:
+        a line for each report that is not copied, since it lies elsewhere or is none that this toolkit wrote.
+
+    Raises:
+        UsageError: if there is no score file, or one would be overwritten by another's copy.
+        Avs3dError: if a file is no file of scores (the file and the field are named), or nothing can be written.
+    """
+    folder = Path(folder)
+    entries = read_entries(score_files)
+    _refuse_overwriting(folder, entries)
+    for entry in entries:
+        report = None
+        if entry.report is not None:
+            report = f"{entry.name}.html"
+            _write(folder / "reports" / report, read_report(entry.report))
+        scores = entry.scores.model_copy(update={"report": report})
+        _write(folder / "reports" / f"{entry.name}.json", dump_json(scores).encode())
+    write_page(folder / "index.html", "leaderboard.html.j2", leaderboard_values(entries))
+    return tuple(entry.note for entry in entries if entry.note)
+
+
+def _write(path: Path, data: bytes) -> None:
+    if not (path.is_file() and path.read_bytes() == data):
+        write_bytes(path, data)
+
+
+def read_entries(score_files: Sequence[Path], *, reports: bool = True) -> tuple[Entry, ...]:
+    """The entries of a board, each with its name, sorted by method.
+
+    Args:
+        score_files: written by ``avs3d-eval --json``.
+        reports: look for their reports as well.
+
+    Raises:
+        UsageError: if there is none.
+        Avs3dError: if a file is broken.
+    """
+    if not score_files:
+        raise UsageError("no file of scores: expected at least one file written by avs3d-eval --json")
+    found: dict[str, Entry] = {}
+    for path in sorted(map(Path, score_files)):
+        entry = _read_entry(path, reports)
+        known = found.get(entry.digest)
+        if known is None or (known.report is None and entry.report is not None):
+            found[entry.digest] = entry
+    entries = sorted(found.values(), key=lambda entry: (entry.scores.submission.method, entry.digest))
+    methods = Counter(entry.scores.submission.method for entry in entries)
+    slugs = Counter(_slug(entry.scores.submission.method) for entry in entries)
+    named = []
+    for entry in entries:
+        method = entry.scores.submission.method
+        slug = _slug(method)
+        name = slug if slugs[slug] == 1 else f"{slug}--{entry.short_digest}"
+        named.append(replace(entry, name=name, twin=methods[method] > 1))
+    return tuple(named)
+
+
+def _read_entry(path: Path, reports: bool) -> Entry:
+    scores = parse_record(read_bytes(path, MAX_SCORES_BYTES), Scores, path)
+    if len(scores.observations) != scores.dataset.scored:
+        raise Avs3dError(
+            f"{path}: observations: {len(scores.observations)} in the list, but dataset.scored is "
+            f"{scores.dataset.scored}; score the submission anew"
+        )
+    if not scores.avs3d_eval.protocols:
+        raise Avs3dError(f"{path}: avs3d_eval.protocols: empty, expected official or strict; score the submission anew")
+    for protocol in scores.avs3d_eval.protocols:
+        if getattr(scores.overall, protocol) is None:
+            raise Avs3dError(
+                f"{path}: overall.{protocol}: null, though avs3d_eval.protocols lists it; score the submission anew"
+            )
+    # Without the report's place and the order of keys, so that a copy in a leaderboard counts as the same entry.
+    contents = json.dumps(scores.model_dump(mode="json", exclude={"report"}), sort_keys=True)
+    digest = hashlib.sha256(contents.encode()).hexdigest()
+    report, why = _report(path, scores) if reports else (None, None)
+    return Entry(scores, path, digest, report, note=why)
+
+
+def _report(path: Path, scores: Scores) -> tuple[Path | None, str | None]:
+    """The report that lies beside the file of scores, or why there is none that may be copied; both None if gone."""
+    if scores.report is None:
+        return None, None
+    folder = path.resolve().parent  # a link to a file of scores has no report beside it
+    report = folder / scores.report
+    if "/" in scores.report:
+        return None, f"{path}: report {printable(scores.report[:_NAMED])!r} is not copied: expected one beside the file"
+    if not os.path.lexists(report):
+        return None, None
+    if report.is_symlink():
+        return None, f"{report}: not copied: a link; expected the report itself"
+    try:
+        read_report(report)
+    except Avs3dError as error:
+        return None, f"not copied: {error}"
+    return report, None
+
+
+def _slug(method: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "-", method.lower())[:_SLUG_LENGTH].strip("-") or "method"
+
+
+def _refuse_overwriting(folder: Path, entries: Iterable[Entry]) -> None:
+    """A copy must not take the place of another entry's file."""
+    owners: dict[Path, str] = {}
+    for entry in entries:
+        owners[entry.source.resolve()] = entry.digest
+        if entry.report is not None:
+            owners[entry.report] = entry.digest
+    targets = [(folder / "index.html", "")]
+    targets += [(folder / "reports" / f"{e.name}{suffix}", e.digest) for e in entries for suffix in (".json", ".html")]
+    for target, digest in targets:
+        if owners.get(target.resolve(), digest) != digest:
+            raise UsageError(
+                f"{target}: the leaderboard would overwrite this score file or report; choose another folder"
+            )

@@ -1,0 +1,295 @@
+"""Who may be ranked with whom: from files of scores to the tables of a leaderboard.
+
+Only like is ranked with like: a table holds one dataset (name, version, sha256 of dataset.json), one protocol version,
+one part. Runs over a part of a dataset are shown below the ranks. Files whose observations or reference rows differ
+were not scored against the same truth, whatever their dataset is called, and get a table of their own.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from avs3d_bench.scores import BLIND_REFERENCES, REFERENCES, GroupScores, Metric, Scores, metrics_of
+from evaluators.reporting.pages import PART_TITLES, REFERENCE_TITLES, figure
+from evaluators.reporting.report import authors_text, headline
+
+_PARTS = ("overall", "part_1", "part_2")
+_DIGEST_LENGTH = 7
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One file of scores.
+
+    Attributes:
+        scores: what it holds.
+        source: where it came from.
+        digest: sha256 of its contents, wherever its report lies.
+        name: what its files in the folder are called.
+        twin: whether another entry has the same method name.
+        report: its report, None where there is none.
+        note: why its report is not copied, None where it is, or there is none.
+    """
+
+    scores: Scores
+    source: Path
+    digest: str
+    report: Path | None
+    name: str = ""
+    twin: bool = False
+    note: str | None = None
+
+    @property
+    def whole(self) -> bool:
+        """Whether every observation of the dataset was scored."""
+        return self.scores.dataset.scored == self.scores.dataset.observations
+
+    @property
+    def short_digest(self) -> str:
+        """Tells entries of one method name apart."""
+        return self.digest[:_DIGEST_LENGTH]
+
+    @property
+    def authors(self) -> str:
+        """In one line."""
+        return authors_text(self.scores.submission.authors)
+
+
+@dataclass(frozen=True, order=True)
+class Ruler:
+    """What figures are measured with: a protocol, its version, and the voxels of the 3D figures where it has them."""
+
+    protocol: str
+    version: str
+    voxel_size: float | None
+
+    @property
+    def id(self) -> str:
+        """For attributes of the page."""
+        return f"{self.protocol}-{self.version}" + (f"-{self.voxel_size:g}" if self.voxel_size is not None else "")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of a table.
+
+    Attributes:
+        rank: from 1; None of what is not ranked.
+        title: the method or reference.
+        entry: None for a reference.
+        group: the scores in the row.
+    """
+
+    rank: int | None
+    title: str
+    entry: Entry | None
+    group: GroupScores
+
+
+@dataclass(frozen=True)
+class Table:
+    """One dataset, one ruler, one part, one truth.
+
+    Attributes:
+        rows: best first, reference rows among them.
+        partial: what was scored over a part of the dataset, not ranked.
+        metrics: the columns.
+        ranking: the figure that ranks.
+        observations: how many each mean in ``rows`` goes over.
+    """
+
+    rows: tuple[Row, ...]
+    partial: tuple[Row, ...]
+    metrics: tuple[Metric, ...]
+    ranking: Metric
+    observations: int
+
+
+@dataclass(frozen=True)
+class View:
+    """What the page shows of a dataset for one choice of part and ruler.
+
+    Attributes:
+        part: ``overall``, ``part_1`` or ``part_2``.
+        ruler: which.
+        tables: one, or several where the truths differ, or none.
+        left_out: methods that were scored against the dataset, but not with this ruler.
+    """
+
+    part: str
+    ruler: Ruler
+    tables: tuple[Table, ...]
+    left_out: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Section:
+    """One dataset.
+
+    Attributes:
+        name: the dataset's.
+        version: None in the official release.
+        sha256: None in the official release.
+        observations: how many it has.
+        entries: how many files were scored against it.
+        views: one per part and ruler.
+    """
+
+    name: str
+    version: str | None
+    sha256: str | None
+    observations: int
+    entries: int
+    views: tuple[View, ...]
+
+
+def leaderboard_values(entries: Sequence[Entry]) -> dict[str, Any]:
+    """What the template needs."""
+    rulers = _ordered({ruler for entry in entries for ruler in rulers_of(entry)})
+    parts = [name for name in _PARTS if any(_group(entry, name) is not None for entry in entries)]
+    several = Counter((ruler.protocol, ruler.version) for ruler in rulers)
+    labels = {
+        ruler.id: f"{ruler.protocol} {ruler.version}"
+        + (
+            f", {ruler.voxel_size:g} m voxels"
+            if several[ruler.protocol, ruler.version] > 1 and ruler.voxel_size
+            else ""
+        )
+        for ruler in rulers
+    }
+    return {
+        "sections": _sections(entries, rulers, parts),
+        "entries": len(entries),
+        "rulers": [(ruler.id, labels[ruler.id]) for ruler in rulers],
+        "labels": labels,
+        "parts": [(name, PART_TITLES[name]) for name in parts],
+    }
+
+
+def rulers_of(entry: Entry) -> tuple[Ruler, ...]:
+    """The protocols of a file of scores, each with its version and the size of the voxels."""
+    said = entry.scores.avs3d_eval
+    return tuple(
+        Ruler(name, version, said.voxel_size if name == "strict" else None) for name, version in said.protocols.items()
+    )
+
+
+def _ordered(rulers: Iterable[Ruler]) -> list[Ruler]:
+    """Strict before official, the newest version first."""
+
+    def order(ruler: Ruler) -> tuple[Any, ...]:
+        numbers = tuple(-int(piece) for piece in re.findall(r"\d+", ruler.version))
+        return (ruler.protocol != "strict", numbers, ruler.version, ruler.voxel_size or 0.0)
+
+    return sorted(rulers, key=order)
+
+
+def _group(entry: Entry, part: str) -> GroupScores | None:
+    scores = entry.scores
+    return scores.overall if part == "overall" else {str(k): v for k, v in scores.parts.items()}.get(part)
+
+
+def dataset_identity(entry: Entry) -> tuple[str, str, str, int]:
+    """What two entries must share to have been scored against the same dataset."""
+    data = entry.scores.dataset
+    return data.name, data.version or "", data.sha256 or "", data.observations
+
+
+def _sections(entries: Sequence[Entry], rulers: Sequence[Ruler], parts: Sequence[str]) -> tuple[Section, ...]:
+    """The datasets, the one with the most entries first."""
+    found: dict[tuple[str, str, str, int], list[Entry]] = {}
+    for entry in entries:
+        found.setdefault(dataset_identity(entry), []).append(entry)
+    sections = []
+    for identity in sorted(found, key=lambda key: (-len(found[key]), key)):
+        name, version, sha256, observations = identity
+        members = found[identity]
+        views = tuple(
+            View(part, ruler, _tables(members, ruler, part), _left_out(members, ruler))
+            for ruler in rulers
+            for part in parts
+        )
+        sections.append(Section(name, version or None, sha256 or None, observations, len(members), views))
+    return tuple(sections)
+
+
+def _tables(entries: Iterable[Entry], ruler: Ruler, part: str) -> tuple[Table, ...]:
+    """Usually one; the entries without the part or the ruler are left out."""
+    members = [entry for entry in entries if ruler in rulers_of(entry) and _group(entry, part) is not None]
+    truths: dict[Any, list[Entry]] = {}
+    for entry in members:
+        if entry.whole:
+            truths.setdefault(truth_figures(entry, ruler), []).append(entry)
+    partial = [entry for entry in members if not entry.whole]
+    if not truths and partial:
+        return (_table([], partial, ruler, part),)
+    ordered = sorted(truths.values(), key=lambda group: (-len(group), group[0].digest))
+    return tuple(_table(group, [] if number else partial, ruler, part) for number, group in enumerate(ordered))
+
+
+def _left_out(entries: Iterable[Entry], ruler: Ruler) -> tuple[str, ...]:
+    return tuple(entry.scores.submission.method for entry in entries if ruler not in rulers_of(entry))
+
+
+def truth_figures(entry: Entry, ruler: Ruler) -> tuple[Any, ...]:
+    """The figures of the blind reference rows: what one dataset gives one protocol, whoever scores it.
+
+    The observations belong to it, because a dataset without a sha256 may share its name with another. The deaf rows do
+    not: files of scores of earlier versions have none, and only a dataset with a sha256 has them.
+    """
+    rows = []
+    for name in BLIND_REFERENCES:
+        for part, group in sorted(entry.scores.references.get(name, {}).items()):
+            for metric in metrics_of(ruler.protocol):
+                value = figure(group, metric)
+                rows.append((name, part, metric.name, None if value is None else round(value, 6)))
+    return (tuple(sorted((row.key, row.frames) for row in entry.scores.observations)), tuple(rows))
+
+
+def _table(entries: Sequence[Entry], partial: Sequence[Entry], ruler: Ruler, part: str) -> Table:
+    ranking = headline(metrics_of(ruler.protocol))
+    assert ranking is not None  # both protocols have an IoU
+    rows = [_row(entry, part) for entry in entries]
+    values = [value for row in rows if (value := figure(row.group, ranking)) is not None]
+    rows = [Row(_rank(figure(r.group, ranking), values), r.title, r.entry, r.group) for r in rows]
+    beside = references_of(entries)
+    for name in REFERENCES:
+        group = beside.get(name, {}).get(part)
+        if group is not None:
+            rows.append(Row(None, REFERENCE_TITLES[name], None, group))
+    below = [_row(entry, part) for entry in partial]
+    metrics = tuple(
+        m for m in metrics_of(ruler.protocol) if any(figure(row.group, m) is not None for row in (*rows, *below))
+    )
+    count = max(row.group.observations for row in (rows or below))
+    return Table(_best_first(rows, ranking), _best_first(below, ranking), metrics or (ranking,), ranking, count)
+
+
+def references_of(entries: Iterable[Entry]) -> Mapping[str, Mapping[str, GroupScores]]:
+    """The reference rows of entries of one truth: the longest list, for earlier versions wrote no deaf rows."""
+    return max((entry.scores.references for entry in entries), key=len, default={})
+
+
+def _row(entry: Entry, part: str) -> Row:
+    group = _group(entry, part)
+    assert group is not None  # entries without the part were left out
+    return Row(None, entry.scores.submission.method, entry, group)
+
+
+def _rank(value: float | None, values: Iterable[float]) -> int | None:
+    """1 + how many are better; equal values share a rank."""
+    return None if value is None else 1 + sum(other > value for other in values)
+
+
+def _best_first(rows: Iterable[Row], ranking: Metric) -> tuple[Row, ...]:
+    def order(row: Row) -> tuple[Any, ...]:
+        value = figure(row.group, ranking)
+        digest = row.entry.digest if row.entry else ""
+        return (value is None, -(value or 0.0), row.entry is None, row.title, digest)
+
+    return tuple(sorted(rows, key=order))

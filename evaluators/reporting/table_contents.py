@@ -1,0 +1,244 @@
+"""What the paper's tables hold: sections of what compares, rows of methods and references, and their CSV."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.report import printable
+from avs3d_bench.schema import Scalar
+from avs3d_bench.scores import METRICS, REFERENCES, GroupScores, Metric, Scores
+from avs3d_bench.taxonomy import PARTS
+from evaluators.reporting import paper
+from evaluators.reporting.pages import REFERENCE_TITLES, figure, interval
+from evaluators.reporting.ranking import Entry, Ruler, references_of
+from evaluators.reporting.series import SETTINGS, THRESHOLD, comparable, series_of, titles_of
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+#: First characters of a formula in spreadsheets, in their full width too; white space before them is skipped.
+_FORMULA = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")
+#: The figures in both tables.
+COLUMNS: tuple[Metric, ...] = tuple(
+    metric
+    for metric in METRICS
+    if (metric.protocol, metric.name)
+    in {("official", "mIoU"), ("official", "F"), ("strict", "IoU"), ("strict", "F"), ("strict", "wrong_instance_rate")}
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of a table.
+
+    Attributes:
+        title: the method or reference, told apart from others of its name.
+        entry: None for a reference.
+        part: ``part_1``, ``part_2`` or ``overall``.
+        group: the scores in the row.
+        match: the paper's row, or why there is none; None for a reference.
+        paper: figure of the protocol ``official`` → the paper's.
+        threshold: in Table 3.
+    """
+
+    title: str
+    entry: Entry | None
+    part: str
+    group: GroupScores
+    match: paper.Match | None
+    paper: Mapping[str, float]
+    threshold: float | None = None
+
+
+@dataclass(frozen=True)
+class Section:
+    """What compares.
+
+    Attributes:
+        number: from 1.
+        rulers: protocols and versions.
+        rows: of the table: per part the methods, best first, and the references; at least one of a method.
+        swept: how many runs of a series only Table 3 shows.
+    """
+
+    number: int
+    rulers: tuple[Ruler, ...]
+    rows: tuple[Row, ...]
+    swept: int = 0
+
+    @property
+    def scores(self) -> Scores:
+        """Any of its files: what they say of dataset, observations and references is the same."""
+        return self._entry.scores
+
+    @property
+    def heading(self) -> str:
+        """Dataset, version and how much of it, e.g. ``open-s34-o7 1.0.0, 8 of 34 observations``."""
+        return _heading(self._entry)
+
+    @property
+    def columns(self) -> tuple[Metric, ...]:
+        """The figures that any row has."""
+        return tuple(m for m in COLUMNS if any(figure(row.group, m) is not None for row in self.rows))
+
+    @property
+    def _entry(self) -> Entry:
+        return next(row.entry for row in self.rows if row.entry)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of the paper, made anew.
+
+    Attributes:
+        name: ``table2`` or ``table3``.
+        sections: what compares with what; never empty.
+        elsewhere: headings of what only the other table shows.
+    """
+
+    name: str
+    sections: tuple[Section, ...]
+    elsewhere: tuple[str, ...] = ()
+
+    def picture(self, section: Section) -> str:
+        """Name of a section's picture, without its suffix."""
+        return self.name if section.number == 1 else f"{self.name}-{section.number}"
+
+
+def table_2(entries: Iterable[Entry]) -> Table:
+    """Methods × parts, reference rows last.
+
+    A group of files that has nothing but series is left to Table 3, unless there is no other.
+    """
+    groups = [(rulers, members, series_of(members)) for rulers, members in comparable(entries)]
+    only_series = [sum(map(len, several)) == len(members) for _, members, several in groups]
+    sections: list[Section] = []
+    elsewhere: list[str] = []
+    for (rulers, members, several), swept_whole in zip(groups, only_series, strict=True):
+        if swept_whole and not all(only_series):
+            elsewhere.append(_heading(members[0]))
+            continue
+        swept = {
+            entry.digest
+            for series in several
+            if paper.VOTING_THRESHOLD in series
+            for threshold, entry in series.items()
+            if threshold != paper.VOTING_THRESHOLD
+        }
+        shown = tuple(entry for entry in members if entry.digest not in swept)
+        _check_parts(shown)
+        titles = titles_of(shown)
+        rows: list[Row] = []
+        for part in PARTS:
+            for entry in shown:
+                group = _part(entry.scores.parts, part)
+                if group is not None:
+                    match = paper.match(entry.scores.submission)
+                    figures = paper.TABLE_2[match.row][part] if match.row else {}
+                    rows.append(Row(titles[entry.digest], entry, part, group, match, figures))
+            rows += _references(shown, part)
+        sections.append(Section(len(sections) + 1, rulers, tuple(rows), len(swept)))
+    return Table("table2", tuple(sections), tuple(elsewhere))
+
+
+def table_3(entries: Iterable[Entry]) -> Table | None:
+    """Series of voting thresholds, the highest first; None where there is no series."""
+    sections: list[Section] = []
+    for rulers, members in comparable(entries):
+        several = series_of(members)
+        if not several:
+            continue
+        titles = titles_of([next(iter(series.values())) for series in several], SETTINGS)
+        rows: list[Row] = []
+        for series in several:
+            title = titles[next(iter(series.values())).digest]
+            for threshold, entry in series.items():
+                match = paper.match_sweep(entry.scores.submission)
+                figures = paper.TABLE_3.get(threshold, {}) if match.row else {}
+                rows.append(Row(title, entry, "overall", entry.scores.overall, match, figures, threshold))
+        rows += _references(members, "overall")
+        sections.append(Section(len(sections) + 1, rulers, tuple(rows)))
+    return Table("table3", tuple(sections)) if sections else None
+
+
+def _heading(entry: Entry) -> str:
+    """Dataset, version and how much of it, e.g. ``open-s34-o7 1.0.0, 8 of 34 observations``."""
+    data = entry.scores.dataset
+    count = f"{data.scored} observation{'' if data.scored == 1 else 's'}"
+    part = count if entry.whole else f"{data.scored} of {data.observations} observations"
+    return f"{data.name} {data.version or '(official release)'}, {part}"
+
+
+def _check_parts(entries: Iterable[Entry]) -> None:
+    for entry in entries:
+        found, expected = sorted(entry.scores.parts), sorted({each.part for each in entry.scores.observations})
+        if found != expected or not found:
+            raise Avs3dError(
+                f"{entry.source}: parts: found {', '.join(found) or 'none'}, expected {', '.join(expected) or 'one'} "
+                "as in observations; score the submission anew"
+            )
+
+
+def _part(groups: Mapping[Any, GroupScores], part: str) -> GroupScores | None:
+    return groups.get(part)
+
+
+def _references(entries: Iterable[Entry], part: str) -> list[Row]:
+    """The reference rows; the same for every entry of a section, because one truth gives one figure."""
+    references = references_of(entries)
+    beside = {name: references.get(name, {}).get(part) for name in REFERENCES}
+    return [Row(REFERENCE_TITLES[name], None, part, group, None, {}) for name, group in beside.items() if group]
+
+
+def frame(table: Table) -> DataFrame:
+    """A table as it stands in its CSV: one line per row and part, full precision, intervals as ``_low``, ``_high``."""
+    import pandas as pd
+
+    records = [_record(section, row, table) for section in table.sections for row in section.rows]
+    return pd.DataFrame([{name: _inert(value) for name, value in record.items()} for record in records])
+
+
+def _inert(value: Scalar) -> Scalar:
+    """Text of one line that is no formula: an apostrophe precedes what a spreadsheet would take for one (OWASP)."""
+    if not isinstance(value, str):
+        return value
+    text = printable(value)
+    return f"'{text}" if text.lstrip().startswith(_FORMULA) else text
+
+
+def csv(table: Table) -> str:
+    """The text of the CSV file; `pandas.read_csv` gives `frame` back."""
+    return frame(table).to_csv(index=False, lineterminator="\n")
+
+
+def _record(section: Section, row: Row, table: Table) -> dict[str, Scalar]:
+    data = section.scores.dataset
+    out: dict[str, Scalar] = {
+        "section": section.number,
+        "dataset": data.name,
+        "dataset_version": data.version,
+        "dataset_sha256": data.sha256,
+        "dataset_observations": data.observations,
+        "protocols": ", ".join(f"{ruler.protocol} {ruler.version}" for ruler in section.rulers),
+        "part": row.part,
+        "observations": row.group.observations,
+        "kind": "method" if row.entry else "reference",
+        "method": row.title,
+        "digest": row.entry.short_digest if row.entry else None,
+    }
+    if table.name == "table3":
+        out[THRESHOLD] = row.threshold
+    for metric in COLUMNS:
+        low, high = interval(row.group, metric) or (None, None)
+        name = f"{metric.protocol}_{metric.name}"
+        out |= {name: figure(row.group, metric), f"{name}_low": low, f"{name}_high": high}
+        if metric.protocol == "official":
+            out[f"paper_{metric.name}"] = row.paper.get(metric.name)
+    found = row.match
+    return out | {
+        "paper_row": found.row if found else None,
+        "paper_differs": "; ".join(found.differs) or None if found else None,
+    }

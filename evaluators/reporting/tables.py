@@ -1,0 +1,89 @@
+"""The paper's Table 2 (methods × parts) and Table 3 (voting thresholds) from files of scores.
+
+Only like stands beside like: a section of a table holds one dataset (name, version, sha256 of dataset.json), one set of
+protocols and versions, one set of scored observations, one truth (`evaluators.reporting.ranking`). Files that differ
+in any of it get a section of their own, which says what it holds.
+
+A series (Table 3) is two or more files of one section that have the same method and settings (`series.SETTINGS`) and
+differ in ``runtime.voting_threshold`` of submission.json. Of a series, Table 2 shows the run at the paper's threshold.
+
+    table2.md   table2.csv   table2.png   table2.svg        and likewise table3; the pictures of the second section
+    and on are called table2-2 …
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.files import write_bytes
+from evaluators.reporting.leaderboard import read_entries
+from evaluators.reporting.series import THRESHOLD
+from evaluators.reporting.table_contents import csv, table_2, table_3
+
+Which = Literal["2", "3", "all"]
+
+
+def write_tables(folder: Path, score_files: Sequence[Path], *, which: Which = "all", plot: bool = True) -> list[Path]:
+    """Write the tables as Markdown, CSV and, with ``plot``, PNG and SVG; the same bytes for the same scores.
+
+    Args:
+        folder: made if missing; files of other names in it stay.
+        score_files: written by ``avs3d-eval --json``, in any order; a file given twice counts once.
+        which: with ``all``, Table 3 is left out where there is no series.
+        plot: draw as well; needs matplotlib.
+
+    Returns:
+        The files, in the order of the tables.
+
+    Raises:
+        UsageError: if there is no score file, one would be overwritten, or there is no series though ``which`` is 3.
+        Avs3dError: if a file is broken, matplotlib is missing, or nothing can be written.
+    """
+    from evaluators.reporting.tables_markdown import markdown
+
+    if plot:
+        _need_matplotlib()
+    entries = read_entries(score_files, reports=False)
+    tables = []
+    if which in ("2", "all"):
+        tables.append(table_2(entries))
+    if which in ("3", "all"):
+        third = table_3(entries)
+        if third is not None:
+            tables.append(third)
+        elif which == "3":
+            raise UsageError(
+                f"{score_files[0]}{' and the others' if len(score_files) > 1 else ''}: no series for Table 3; expected "
+                f"two or more files that differ in runtime.{THRESHOLD} of submission.json alone "
+                "(avs3d baseline echosegnet --sweep voting-threshold)"
+            )
+    files: dict[Path, bytes] = {}
+    for table in tables:
+        files[folder / f"{table.name}.md"] = markdown(table, pictures=plot).encode("utf-8", "replace")
+        files[folder / f"{table.name}.csv"] = csv(table).encode("utf-8", "replace")
+        if plot:
+            from evaluators.reporting.tables_plot import draw
+
+            for section in table.sections:
+                for suffix, data in draw(table, section).items():
+                    files[folder / f"{table.picture(section)}.{suffix}"] = data
+    inputs = {Path(file).resolve() for file in score_files}
+    for path in files:
+        if path.resolve() in inputs:
+            raise UsageError(f"{path}: would overwrite a file of scores; choose another folder")
+    for path, data in files.items():
+        write_bytes(path, data)
+    return list(files)
+
+
+def _need_matplotlib() -> None:
+    from importlib.util import find_spec
+
+    if find_spec("matplotlib") is None:
+        raise Avs3dError(
+            "matplotlib is not installed; plots need pip install 'avs3d-bench[generate]', and --no-plot writes the "
+            "tables without them"
+        )

@@ -1,0 +1,112 @@
+"""The table of scores on a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from avs3d_bench.report import screen
+from avs3d_bench.scores import METRICS, REFERENCES, GroupScores, Metric, Scores
+from evaluators.reading.archive import printable
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+_PROTOCOLS = {"official": "off.", "strict": "strict"}
+#: Columns that the table may take.
+_WIDEST = 1000
+#: Headings as narrow as 80 columns ask for.
+_HEADINGS = {
+    "boundary_F": "bound.\nF",
+    "FP_rate": "FP\nrate",
+    "FP_area": "FP\narea",
+    "wrong_instance_rate": "wrong\ninst.",
+    "IoU_3D": "3D\nIoU",
+    "centroid_error": "centr.\nerr. m",
+}
+
+
+def _value(group: GroupScores, metric: Metric) -> float | None:
+    scores = getattr(group, metric.protocol)
+    value: float | None = getattr(scores, metric.name) if scores else None
+    return value
+
+
+def _number(value: float | None) -> str:
+    """Four characters: ``.823``, ``1.00``, ``12.3``."""
+    if value is None:
+        return "–"
+    text = f"{value:.3f}"
+    return text.removeprefix("0") if text.startswith("0.") else text[:4].rstrip(".")
+
+
+def _interval(group: GroupScores, metric: Metric) -> str:
+    scores = getattr(group, metric.protocol)
+    pair = scores.intervals.get(metric.name) if scores else None
+    return "" if pair is None else "\n".join(map(_number, pair))
+
+
+def print_scores(scores: Scores, console: Console | None = None) -> None:
+    """Print the means per part, category and room, the reference rows beside, and what could not be had.
+
+    The intervals (95 %, bootstrap over observations) stand below the means of the parts.
+    """
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+    from rich.text import Text
+
+    out = console or screen()
+    wanted = scores.avs3d_eval.protocols
+    columns = [metric for metric in METRICS if metric.protocol in wanted and _known(scores, metric)]
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0)
+    table.add_column("", no_wrap=True)
+    for position, metric in enumerate(columns):
+        first = position == 0 or columns[position - 1].protocol != metric.protocol
+        title = _HEADINGS.get(metric.name, metric.title)
+        head = f"{_PROTOCOLS[metric.protocol]}\n{title}" if first else title
+        table.add_column(Text(head), justify="right", no_wrap=True)
+
+    def add(name: str, group: GroupScores, style: str = "") -> None:
+        table.add_row(name, *(_number(_value(group, m)) for m in columns), style=style)
+
+    def add_all(groups: Iterable[tuple[str, GroupScores]]) -> None:
+        for name, group in groups:
+            add(f"{name} ({group.observations})", group)
+        table.add_section()
+
+    for name, group in [*scores.parts.items(), ("overall", scores.overall)]:
+        add(f"{name} ({group.observations})", group, "bold")
+        spread = [_interval(group, metric) for metric in columns]
+        if any(spread):
+            table.add_row("  95 % interval", *spread, style="dim")
+        for reference in REFERENCES:
+            beside = scores.references.get(reference, {}).get(name)
+            if beside is not None:
+                add(f"  {reference.replace('_', ' ')}", beside, "dim")
+        table.add_section()
+    add_all(scores.categories.items())
+    add_all(scores.rooms.items())
+    said = scores.submission
+    version = f" {scores.dataset.version}" if scores.dataset.version else " (official release)"
+    out.print(Text(printable(f"{said.method} on {scores.dataset.name}{version}"), style="bold"), soft_wrap=True)
+    if said.layout == "official" and said.masks:
+        out.print(Text(f"official folder: {said.masks} (--official-folder chooses)"), soft_wrap=True)
+    # Whole on a narrow terminal too, which wraps its lines: cut to its width there would be no figure left.
+    table.width = out.measure(table, options=out.options.update(max_width=_WIDEST)).maximum
+    out.print(table, soft_wrap=True)
+    part = scores.dataset
+    if part.scored < part.observations:
+        out.print(Text(f"{part.scored} of {part.observations} observations were asked for: no score of the benchmark"))
+    for metric in METRICS:
+        strict = scores.overall.strict
+        if strict and metric.protocol == "strict" and metric.name in strict.unavailable:
+            out.print(Text(f"{metric.title}: not available ({strict.unavailable[metric.name]})", style="dim"))
+    for reference, why in scores.references_unavailable.items():
+        out.print(Text(f"{reference.replace('_', ' ')}: no such row ({why})", style="dim"))
+    versions = ", ".join(f"{name} {version}" for name, version in wanted.items())
+    out.print(Text(f"protocols {versions}; avs3d-bench {scores.avs3d_eval.version}", style="dim"))
+
+
+def _known(scores: Scores, metric: Metric) -> bool:
+    """Whether any row has the figure."""
+    return any(_value(group, metric) is not None for group in (scores.overall, *scores.parts.values()))

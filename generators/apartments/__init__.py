@@ -1,0 +1,1 @@
+"""Procedural apartments: floor plan, shell and furniture from a seed."""

@@ -1,0 +1,141 @@
+"""Procedural apartments: a floor plan, its shell and its furniture, from a seed."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generators.apartments.floorplan import SIDES
+from generators.apartments.furnish import furnish
+from generators.apartments.interior.arrange import Arranger
+from generators.apartments.interior.pieces import Placed
+from generators.apartments.planning import make_floor_plan
+from generators.apartments.shell import build_shell
+from generators.assets.materials import Palette
+from generators.assets.shapes import rotation
+from generators.assets.styles import STYLES
+from generators.core.scene import Part, Room, Scene, Support
+
+Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+#: Free wall between these heights can carry a clock.
+WALL_BAND = (1.4, 2.0)
+#: Free depth before a wall support.
+WALL_CLEARANCE = 0.25
+#: Horizontal supports with less free height than this are of no use.
+LOWEST_CLEARANCE = 0.2
+
+
+def _vector(values: Array) -> Vector:
+    x, y, z = (round(float(v), 4) for v in values)
+    return (x, y, z)
+
+
+def _part(piece: Placed, name: str) -> Part:
+    return Part(name, piece.furniture.mesh.transformed(rotation("y", piece.yaw), piece.position))
+
+
+def _furniture_supports(a: Arranger) -> list[Support]:
+    """The furniture's own supports in the world, with the height that is really free above them."""
+    out = []
+    for piece in a.placed:
+        turn = rotation("y", piece.yaw)
+        for support in piece.furniture.supports:
+            origin = turn @ np.array(support.origin) + piece.position
+            u, v = turn @ np.array(support.u), turn @ np.array(support.v)
+            corners = np.stack([origin, origin + u, origin + v, origin + u + v])
+            low, high = corners.min(axis=0), corners.max(axis=0)
+            above = [
+                float(p.low[1] - low[1])
+                for p in a.placed
+                if p is not piece
+                and p.low[1] >= low[1] - 1e-3
+                and (p.low[[0, 2]] < high[[0, 2]] - 0.01).all()
+                and (p.high[[0, 2]] > low[[0, 2]] + 0.01).all()
+            ]
+            clearance = min([support.clearance, a.plan.height - float(low[1]), *above])
+            if clearance >= LOWEST_CLEARANCE:
+                out.append(
+                    Support(
+                        support.kind,
+                        a.room.name,
+                        _vector(origin),
+                        _vector(u),
+                        _vector(v),
+                        (0.0, 1.0, 0.0),
+                        _vector(turn @ np.array(support.front)),
+                        round(clearance, 4),
+                    )
+                )
+    return out
+
+
+def _room_supports(a: Arranger) -> list[Support]:
+    """The floor, and the free stretches of the walls at a clock's height."""
+    r = a.room
+    out = [
+        Support(
+            "floor",
+            r.name,
+            (r.x0, 0.0, r.z0),
+            (0.0, 0.0, round(r.z1 - r.z0, 4)),
+            (round(r.x1 - r.x0, 4), 0.0, 0.0),
+            (0.0, 1.0, 0.0),
+            (0.0, 0.0, 1.0),
+            a.plan.height,
+        )
+    ]
+    low, high = WALL_BAND
+    for side in SIDES:
+        wall = r.wall(side)
+        for start, stop in a.stretches(wall, WALL_BAND, WALL_CLEARANCE):
+            start, stop = max(start, 0.1), min(stop, wall.length - 0.1)
+            if stop - start >= 0.4:
+                normal = _vector(wall.normal)
+                out.append(
+                    Support(
+                        "wall",
+                        r.name,
+                        _vector(wall.point(start, low)),
+                        _vector(wall.u * (stop - start)),
+                        (0.0, high - low, 0.0),
+                        normal,
+                        normal,
+                        WALL_CLEARANCE,
+                    )
+                )
+    return out
+
+
+def build_apartment(name: str, seed: int) -> Scene:
+    """Build a furnished flat without its light.
+
+    Args:
+        name: the scene's name; it does not influence the flat.
+        seed: decides everything, 0 or more; consecutive seeds differ in layout and style.
+
+    Returns:
+        A scene of one part per room's shell (``shell_<room>``), one per piece of furniture (``<room>/<kind>_<n>``), all
+        with instance id 0.
+    """
+    plan_rng, palette_rng, shell_rng, furniture_rng = (
+        np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(4)
+    )
+    plan = make_floor_plan(seed, plan_rng)
+    palette = Palette.from_seed(palette_rng, tuple(STYLES)[seed % len(STYLES)])
+    parts = list(build_shell(plan, palette, shell_rng))
+    supports: list[Support] = []
+    for room, rng in zip(plan.rooms, furniture_rng.spawn(len(plan.rooms)), strict=True):
+        arranged = furnish(plan, room, palette, seed, rng)
+        count: Counter[str] = Counter()
+        for piece in arranged.placed:
+            kind = piece.furniture.kind
+            parts.append(_part(piece, f"{room.name}/{kind}_{count[kind]}"))
+            count[kind] += 1
+        parts += [Part(f"{room.name}/{extra.name}", extra.mesh) for extra in arranged.extras]
+        supports += _room_supports(arranged) + _furniture_supports(arranged)
+    rooms = tuple(Room(r.name, (r.x0, 0.0, r.z0), (r.x1, plan.height, r.z1)) for r in plan.rooms)
+    return Scene(name, tuple(parts), rooms, tuple(supports))

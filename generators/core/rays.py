@@ -1,0 +1,151 @@
+"""Closest-hit and occlusion queries against triangles: a thin float32 wrapper of Embree (through embreex).
+
+Placement, trajectory, light and line-of-sight tests all ask the same two questions. Answers are the same bytes for
+any chunking, in any process: each ray is traced by itself, and the scene is built in Embree's robust mode, whose
+edge test is watertight (a ray cannot slip between two triangles that share an edge).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.lib.stride_tricks import as_strided
+from numpy.typing import ArrayLike, NDArray
+
+from avs3d_bench.errors import Avs3dError
+from generators.core.scene import F32, I32, Scene
+
+#: Rays handed to Embree at once; keeps its result arrays (32 bytes a ray) within a core's cache.
+CHUNK = 1 << 16
+#: embreex's own "no limit"; a miss returns it unchanged.
+_FAR = np.float32(1e37)
+
+
+def embree_scene(positions: F32) -> Any:
+    """Build a watertight Embree scene of triangles (F, 3, 3); its ``primID`` is the row of ``positions``.
+
+    Raises:
+        Avs3dError: if embreex is not installed, there is no triangle, or a coordinate is not finite.
+    """
+    try:
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+    except ImportError as error:
+        raise Avs3dError(
+            f"ray casting needs embreex, which cannot be imported ({error}): pip install 'avs3d-bench[generate]'"
+        ) from error
+    triangles = np.ascontiguousarray(positions, dtype=np.float32)
+    if triangles.ndim != 3 or triangles.shape[1:] != (3, 3) or len(triangles) == 0:
+        raise Avs3dError(f"ray casting: triangles have shape {triangles.shape}, expected (F, 3, 3) with F ≥ 1")
+    bad = int((~np.isfinite(triangles)).any(axis=(1, 2)).sum())
+    if bad:
+        raise Avs3dError(f"ray casting: {bad} of {len(triangles)} triangles are not finite; repair the mesh")
+    scene = EmbreeScene(robust=True)
+    TriangleMesh(scene, triangles)
+    # The first query commits (builds) the scene: done here, so that later queries only read and may share threads.
+    scene.run(np.zeros((1, 3), dtype=np.float32), np.ones((1, 3), dtype=np.float32))
+    return scene
+
+
+def repeated(point: ArrayLike, count: int) -> F32:
+    """``point`` (3,) as a (count, 3) float32 array that takes no memory (stride 0); only to be read."""
+    row = np.array(point, dtype=np.float32).reshape(1, 3)
+    return as_strided(row, shape=(count, 3), strides=(0, row.strides[1]))
+
+
+class RayCaster:
+    """Rays against all surfaces of a scene, or against bare triangles.
+
+    Faces are numbered through the parts in their order: part p begins at ``first_face[p]``; ``face_part[f]`` is the
+    part of face f. A ray may start anywhere; one that starts on a surface can hit it again at a distance of 0, so move
+    its origin off along the normal by about a millimetre.
+
+    Args:
+        geometry: a `Scene`, or triangles (F, 3, 3) in metres.
+
+    Raises:
+        Avs3dError: for an empty scene, numbers that are not finite, or a missing embreex.
+    """
+
+    def __init__(self, geometry: Scene | ArrayLike) -> None:
+        if isinstance(geometry, Scene):
+            if not geometry.parts:
+                raise Avs3dError(f"{geometry.name}: the scene has no parts; expected at least one mesh")
+            counts = [len(part.mesh.positions) for part in geometry.parts]
+            triangles = np.concatenate([part.mesh.positions for part in geometry.parts])
+        else:
+            triangles = np.asarray(geometry, dtype=np.float32)
+            counts = [len(triangles)] if triangles.ndim else [0]
+        self._embree = embree_scene(triangles)
+        #: (P + 1,) int64: where each part's faces begin, and the number of faces.
+        self.first_face: NDArray[np.int64] = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+        #: (F,) int32: the part each face belongs to.
+        self.face_part: I32 = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
+
+    def closest(self, origins: ArrayLike, directions: ArrayLike) -> tuple[F32, I32]:
+        """The first surface each ray meets.
+
+        Args:
+            origins: (N, 3), or (3,) for a common origin; metres.
+            directions: (N, 3), not necessarily of unit length.
+
+        Returns:
+            distance (N,) float32 in lengths of the direction (metres for unit vectors; the depth for directions with
+            a depth of 1), inf where nothing is hit; face (N,) int32, −1 where nothing is hit.
+
+        Raises:
+            Avs3dError: for numbers that are not finite, or directions of length 0.
+        """
+        start, along = _rays(origins, directions)
+        distance = np.full(len(along), np.inf, dtype=np.float32)
+        face = np.full(len(along), -1, dtype=np.int32)
+        for first in range(0, len(along), CHUNK):
+            chunk = slice(first, first + CHUNK)
+            hit = self._embree.run(start[chunk], along[chunk], query="INTERSECT", output=True)
+            found = hit["primID"] >= 0
+            face[chunk] = hit["primID"]
+            distance[chunk][found] = hit["tfar"][found]
+        return distance, face
+
+    def occluded(self, origins: ArrayLike, directions: ArrayLike, distance: ArrayLike = np.inf) -> NDArray[np.bool_]:
+        """Whether anything lies on each ray nearer than ``distance``; any surface counts, from either side.
+
+        Args:
+            origins: (N, 3), or (3,) for a common origin; metres.
+            directions: (N, 3), not necessarily of unit length.
+            distance: (N,) or a number, in lengths of the direction. To ask whether a segment p → q is free, hand in
+                q − p and a distance a little below 1, so that the surface q lies on does not count.
+
+        Returns:
+            (N,) bool.
+
+        Raises:
+            Avs3dError: for numbers that are not finite (an infinite distance is allowed), or directions of length 0.
+        """
+        start, along = _rays(origins, directions)
+        limit = np.array(np.broadcast_to(np.asarray(distance, dtype=np.float32), len(along)))
+        if np.isnan(limit).any():
+            raise Avs3dError("ray casting: a distance is NaN; expected numbers ≥ 0 or inf")
+        np.minimum(limit, _FAR, out=limit)
+        out = np.empty(len(along), dtype=np.bool_)
+        for first in range(0, len(along), CHUNK):
+            chunk = slice(first, first + CHUNK)
+            out[chunk] = self._embree.run(start[chunk], along[chunk], limit[chunk], query="OCCLUDED") >= 0
+        return out
+
+
+def _rays(origins: ArrayLike, directions: ArrayLike) -> tuple[F32, F32]:
+    along = np.ascontiguousarray(directions, dtype=np.float32)
+    if along.ndim != 2 or along.shape[1] != 3:
+        raise Avs3dError(f"ray casting: directions have shape {along.shape}, expected (N, 3)")
+    start = np.asarray(origins, dtype=np.float32)
+    if start.shape == (3,):
+        start = repeated(start, len(along))
+    if start.shape != along.shape:
+        raise Avs3dError(f"ray casting: origins have shape {start.shape}, expected {along.shape} or (3,)")
+    if not (np.isfinite(start).all() and np.isfinite(along).all()):
+        raise Avs3dError("ray casting: an origin or a direction is not finite; Embree would answer at random")
+    if len(along) and not along.any(axis=1).all():
+        raise Avs3dError("ray casting: a direction has length 0")
+    return np.ascontiguousarray(start) if start.strides[0] else start, along

@@ -1,0 +1,353 @@
+"""Built and baked scenes on disk: an apartment is made once per key and then mapped into memory.
+
+    <directory>/<key>-<digest>/   index.json: everything but numbers, and the size and SHA-256 of each array file
+                                  positions.npy … textures.npy: the numbers of all parts, one after the other
+
+Array files are opened with ``mmap_mode="r"``, so that worker processes share their pages. The digest in the folder's
+name covers the key and the software that builds scenes: after a change of either, scenes are built again.
+A folder is written under another name and renamed when whole, so that what has the final name is complete.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import secrets
+import shutil
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.provenance import provenance
+from generators.core.scene import Licence, LightMap, Material, Mesh, Part, Room, Scene, Support, Texture
+
+#: Raise when the layout of the files changes.
+FORMAT = 1
+INDEX = "index.json"
+#: What makes a stored scene (see `avs3d_bench.provenance`).
+BUILDER = (
+    "generators.apartments.apartment:build_apartment",
+    "generators.lighting.bake:bake",
+    "generators.homes.cache:cached_scene",
+)
+#: Unfinished folders of processes that died are swept away after this long, seconds.
+_STALE = 86400.0
+#: Array files: type and shape of one row.
+_ARRAYS: dict[str, tuple[str, tuple[int, ...]]] = {
+    "positions": ("<f4", (3, 3)),
+    "normals": ("<f4", (3, 3)),
+    "uv": ("<f4", (3, 2)),
+    "face_material": ("<i4", ()),
+    "acoustic_positions": ("<f4", (3, 3)),
+    "acoustic_labels": ("<i4", ()),
+    "light_uv": ("<f4", (3, 2)),
+    "light_texels": ("<f2", (3,)),
+    "textures": ("|u1", (3,)),
+}
+
+
+class _BrokenError(Exception):
+    """A stored scene is not what its index says."""
+
+
+def builder_version() -> str:
+    """Digest of the software that builds, lights and stores apartments."""
+    return provenance(*BUILDER).digest
+
+
+def cached_scene(directory: Path, key: str, build: Callable[[], Scene]) -> Scene:
+    """The scene stored under ``key``, built and stored first if it is missing or damaged.
+
+    Several processes may ask at once: each missing scene may then be built more than once, the first one stored is
+    what all of them use.
+
+    Args:
+        directory: the cache; made if it is missing.
+        key: names the scene and everything that ``build`` depends on besides the code (seed, quality).
+        build: makes the scene, deterministically.
+
+    Returns:
+        The scene with read-only arrays mapped from the files.
+
+    Raises:
+        Avs3dError: if the cache cannot be written or read back.
+    """
+    folder = directory / _folder_name(key)
+    found = _try_load(folder)
+    if found is not None:
+        return found
+    check_writable(directory, repr(key))  # building takes minutes
+    scene = build()
+    try:
+        _sweep(directory)
+        _store(scene, folder)
+    except OSError as error:
+        raise _unwritable(directory, repr(key), error) from error
+    found = _try_load(folder)
+    if found is None:
+        raise Avs3dError(f"scene cache {folder}: what was just written cannot be read back; check the disk")
+    return found
+
+
+def is_stored(directory: Path, key: str) -> bool:
+    """Whether a scene is stored under ``key``; it may be damaged."""
+    return (directory / _folder_name(key)).is_dir()
+
+
+def check_writable(directory: Path, what: str = "homes") -> None:
+    """Make the folder of the cache, and write a byte into it, before ``what`` is built for it.
+
+    Raises:
+        Avs3dError: if that fails.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=directory, prefix=".probe-", suffix=".tmp") as probe:
+            probe.write(b"?")
+            probe.flush()
+    except OSError as error:
+        raise _unwritable(directory, what, error) from error
+
+
+def _unwritable(directory: Path, what: str, error: OSError) -> Avs3dError:
+    return Avs3dError(
+        f"scene cache {directory}: cannot store {what} ({error.strerror or error}); free space or choose another "
+        "folder with --cache"
+    )
+
+
+def _folder_name(key: str) -> str:
+    digest = hashlib.sha256(f"{builder_version()} {key}".encode()).hexdigest()[:16]
+    return f"{re.sub(r'[^A-Za-z0-9_.-]+', '_', key).lstrip('.')[:60]}-{digest}"
+
+
+def _try_load(folder: Path) -> Scene | None:
+    """The stored scene, or None; a damaged one is moved out of the way."""
+    if not folder.is_dir():
+        return None
+    try:
+        return _load(folder)
+    except (_BrokenError, OSError, ValueError, KeyError, TypeError, IndexError):
+        if not folder.is_dir():
+            return None
+        broken = _temporary(folder)
+        try:
+            folder.rename(broken)
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise Avs3dError(
+                f"scene cache {folder}: damaged, and it cannot be replaced ({error.strerror}); delete it"
+            ) from error
+        shutil.rmtree(broken, ignore_errors=True)
+        return None
+
+
+def _temporary(folder: Path) -> Path:
+    return folder.with_name(f".{folder.name}.{os.getpid()}.{secrets.token_hex(4)}.tmp")
+
+
+def _sweep(directory: Path) -> None:
+    """Delete what processes that died long ago have left half-written."""
+    for leftover in directory.glob(".*.tmp"):
+        try:
+            old = time.time() - leftover.stat().st_mtime > _STALE
+        except OSError:
+            continue
+        if old:
+            shutil.rmtree(leftover, ignore_errors=True)
+
+
+def _store(scene: Scene, folder: Path) -> None:
+    """Write ``scene`` under a temporary name and rename it; a folder that is there already wins."""
+    arrays, index = _pack(scene)
+    temporary = _temporary(folder)
+    try:
+        temporary.mkdir()
+        files = {}
+        for name, (kind, row) in _ARRAYS.items():
+            pieces = [np.asarray(piece).astype(kind, casting="safe").reshape(-1, *row) for piece in arrays[name]]
+            joined = np.concatenate(pieces) if pieces else np.zeros((0, *row), dtype=kind)
+            path = temporary / f"{name}.npy"
+            np.save(path, np.ascontiguousarray(joined), allow_pickle=False)
+            files[name] = {"bytes": path.stat().st_size, "sha256": _digest(path)}
+        text = json.dumps({"format": FORMAT, "files": files, "scene": index}, sort_keys=True)
+        document = {"sha256": hashlib.sha256(text.encode()).hexdigest(), "body": text}
+        (temporary / INDEX).write_text(json.dumps(document))
+        try:
+            temporary.rename(folder)
+        except OSError:
+            if not folder.is_dir():
+                raise
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as handle:
+        return hashlib.file_digest(handle, "sha256").hexdigest()
+
+
+def _pack(scene: Scene) -> tuple[dict[str, list[NDArray[Any]]], dict[str, Any]]:
+    """The numbers of a scene, and the rest of it as JSON values."""
+    arrays: dict[str, list[NDArray[Any]]] = {name: [] for name in _ARRAYS}
+    textures: dict[int, int] = {}
+    texture_index: list[dict[str, Any]] = []
+    materials: dict[int, int] = {}
+    material_index: list[dict[str, Any]] = []
+    labels: dict[str, int] = {}
+    part_index = []
+    for part in scene.parts:
+        mesh = part.mesh
+        for material in mesh.materials:
+            if id(material) in materials:
+                continue
+            texture = material.texture
+            if texture is not None and id(texture) not in textures:
+                textures[id(texture)] = len(texture_index)
+                texture_index.append({"name": texture.name, "shape": list(texture.pixels.shape[:2])})
+                arrays["textures"].append(texture.pixels)
+            materials[id(material)] = len(material_index)
+            material_index.append(
+                {
+                    "name": material.name,
+                    "acoustic": material.acoustic,
+                    "colour": _floats(material.colour),
+                    "texture": None if texture is None else textures[id(texture)],
+                    "emission": _floats(material.emission),
+                    "gloss": float(material.gloss),
+                    "shown": None if material.shown is None else _floats(material.shown),
+                }
+            )
+        for name in ("positions", "normals", "uv", "face_material", "acoustic_positions"):
+            arrays[name].append(getattr(mesh, name))
+        own = [labels.setdefault(label, len(labels)) for label in mesh.acoustic_labels]
+        arrays["acoustic_labels"].append(np.array(own, dtype=np.int32))
+        light = None
+        if part.light is not None:
+            arrays["light_uv"].append(part.light.uv)
+            arrays["light_texels"].append(part.light.texels)
+            light = list(part.light.texels.shape[:2])
+        part_index.append(
+            {
+                "name": part.name,
+                "instance_id": int(part.instance_id),
+                "category": part.category,
+                "licence": [part.licence.name, part.licence.author, part.licence.source],
+                "faces": len(mesh.positions),
+                "acoustic_faces": len(mesh.acoustic_positions),
+                "materials": [materials[id(material)] for material in mesh.materials],
+                "light": light,
+            }
+        )
+    index = {
+        "name": scene.name,
+        "exposure": float(scene.exposure),
+        "rooms": [[r.name, _floats(r.low), _floats(r.high), float(r.exposure)] for r in scene.rooms],
+        "supports": [
+            [s.kind, s.room, *(_floats(v) for v in (s.origin, s.u, s.v, s.normal, s.front)), float(s.clearance)]
+            for s in scene.supports
+        ],
+        "textures": texture_index,
+        "materials": material_index,
+        "labels": list(labels),
+        "parts": part_index,
+    }
+    return arrays, index
+
+
+def _floats(values: Any) -> list[float]:
+    return [float(value) for value in values]
+
+
+def _load(folder: Path) -> Scene:
+    """Read a stored scene.
+
+    Raises:
+        _BrokenError: if a file is missing, cut off or changed.
+    """
+    document = json.loads((folder / INDEX).read_text())
+    if hashlib.sha256(document["body"].encode()).hexdigest() != document["sha256"]:
+        raise _BrokenError(INDEX)
+    body = json.loads(document["body"])
+    if body["format"] != FORMAT:
+        raise _BrokenError(f"format {body['format']}")
+    arrays: dict[str, NDArray[Any]] = {}
+    for name, (kind, row) in _ARRAYS.items():
+        path, expected = folder / f"{name}.npy", body["files"][name]
+        if path.stat().st_size != expected["bytes"] or _digest(path) != expected["sha256"]:
+            raise _BrokenError(path.name)
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+        if array.dtype != np.dtype(kind) or array.shape[1:] != row:
+            raise _BrokenError(path.name)
+        arrays[name] = np.asarray(array)
+    return _unpack(arrays, body["scene"])
+
+
+class _Reader:
+    """Hands out consecutive rows of the array files."""
+
+    def __init__(self, arrays: dict[str, NDArray[Any]]) -> None:
+        self._arrays = arrays
+        self._next = dict.fromkeys(arrays, 0)
+
+    def take(self, name: str, count: int) -> NDArray[Any]:
+        first = self._next[name]
+        rows = self._arrays[name][first : first + count]
+        if len(rows) != count:
+            raise _BrokenError(name)
+        self._next[name] = first + count
+        return rows
+
+
+def _unpack(arrays: dict[str, NDArray[Any]], index: dict[str, Any]) -> Scene:
+    reader = _Reader(arrays)
+    textures = []
+    for entry in index["textures"]:
+        height, width = entry["shape"]
+        textures.append(Texture(entry["name"], reader.take("textures", height * width).reshape(height, width, 3)))
+    materials = [
+        Material(
+            name=m["name"],
+            acoustic=m["acoustic"],
+            colour=tuple(m["colour"]),
+            texture=None if m["texture"] is None else textures[m["texture"]],
+            emission=tuple(m["emission"]),
+            gloss=m["gloss"],
+            shown=None if m["shown"] is None else tuple(m["shown"]),
+        )
+        for m in index["materials"]
+    ]
+    parts = []
+    for entry in index["parts"]:
+        faces, labels = entry["faces"], reader.take("acoustic_labels", entry["acoustic_faces"])
+        mesh = Mesh(
+            positions=reader.take("positions", faces),
+            normals=reader.take("normals", faces),
+            uv=reader.take("uv", faces),
+            face_material=reader.take("face_material", faces),
+            materials=tuple(materials[number] for number in entry["materials"]),
+            acoustic_positions=reader.take("acoustic_positions", entry["acoustic_faces"]),
+            acoustic_labels=tuple(index["labels"][number] for number in labels.tolist()),
+        )
+        light = None
+        if entry["light"] is not None:
+            height, width = entry["light"]
+            texels = reader.take("light_texels", height * width).reshape(height, width, 3)
+            light = LightMap(uv=reader.take("light_uv", faces), texels=texels)
+        licence = Licence(*entry["licence"])
+        parts.append(Part(entry["name"], mesh, entry["instance_id"], entry["category"], light, licence))
+    rooms = tuple(Room(name, tuple(low), tuple(high), exposure) for name, low, high, exposure in index["rooms"])
+    supports = tuple(
+        Support(kind, room, tuple(origin), tuple(u), tuple(v), tuple(normal), tuple(front), clearance)
+        for kind, room, origin, u, v, normal, front, clearance in index["supports"]
+    )
+    return Scene(index["name"], tuple(parts), rooms, supports, index["exposure"])

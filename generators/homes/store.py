@@ -1,0 +1,70 @@
+"""Opens the home of an observation: a procedural apartment, built and baked once per seed, or a scan from a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from generators.core.scene import Licence, Scene
+from generators.homes.cache import cached_scene
+from generators.plan import ObservationPlan
+
+#: The scan opened last in this process, by its digest.
+_LAST: dict[str, Scene] = {}
+
+
+def prepare_home(plan: ObservationPlan, folder: Path, *, workers: int = 1) -> None:
+    """Build and light the plan's home into the cache ``folder`` unless it lies there already."""
+    open_home(plan, folder, workers=workers)
+
+
+def open_home(plan: ObservationPlan, folder: Path, *, workers: int = 1) -> Scene:
+    """The plan's home with its light.
+
+    Raises:
+        Avs3dError: if a scan's file is missing or broken, or the room is not in it.
+    """
+    if plan.scan.source == "scan":
+        scene = _open_scan(plan)
+    else:
+
+        def build() -> Scene:
+            from generators.apartments.apartment import build_apartment
+            from generators.lighting.bake import bake
+
+            assert plan.scan.seed is not None
+            return bake(build_apartment(plan.spec.scan, plan.scan.seed), quality=plan.light, workers=workers)
+
+        scene = cached_scene(folder, plan.home_digest, build)
+    scene.room(plan.spec.room)
+    return scene
+
+
+def _open_scan(plan: ObservationPlan) -> Scene:
+    """The plan's scan; the last one opened is kept, since a manifest's observations often share it."""
+    from generators.assets.gltf import can_decode_basis, has_basis
+    from generators.scans.scan import load_scan
+
+    spec, room = plan.scan, plan.spec.room
+    files, digest = plan.scan_files, plan.home_digest
+    known = _LAST.get(digest)
+    # A folder that was moved holds the same scan, but a renderer may want its file.
+    if known and known.stage and known.stage.path == files.mesh and room in (each.name for each in known.rooms):
+        return known
+    # Habitat reads the stage itself, compressed textures and all.
+    textures = plan.vision != "habitat" or can_decode_basis() or not has_basis(files.mesh)
+    scene = load_scan(
+        plan.spec.scan,
+        files,
+        {name: np.asarray(box) for name, box in spec.rooms.items()},
+        licence=Licence(spec.licence.name, spec.licence.author, spec.licence.source) if spec.licence else None,
+        up=spec.up,
+        front=spec.front,
+        textures=textures,
+        materials=plan.material_file,
+        need=(room,),
+    )
+    _LAST.clear()
+    _LAST[digest] = scene
+    return scene

@@ -1,0 +1,82 @@
+"""What generation asks of the library: are a manifest's assets pinned, here and of the right kind."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Protocol
+
+from avs3d_bench.errors import Avs3dError, UsageError
+from generators.library.lock import Kind, read_lock
+from generators.library.store import Store, find_entry
+
+
+class Named(Protocol):
+    """An entry of a manifest's ``objects`` or ``sounds`` (`ObjectSpec`, `SoundSpec`)."""
+
+    @property
+    def asset(self) -> str | None:
+        """Id in the lock file, or nothing where the entry names a file."""
+
+
+Table = Mapping[str, Sequence[Named]]
+
+
+def named_assets(objects: Table, sounds: Table) -> tuple[str, ...]:
+    """Ids of all assets that a manifest names, sorted, each once."""
+    items = [item for table in (objects, sounds) for entries in table.values() for item in entries]
+    return tuple(sorted({item.asset for item in items if item.asset is not None}))
+
+
+def check_assets(lock: Path, objects: Table, sounds: Table, categories: Iterable[str]) -> None:
+    """Refuse a manifest that names assets which the lock file or the store lacks, or which are something else.
+
+    Args:
+        lock: the lock file beside the manifest.
+        objects: as the manifest has them.
+        sounds: as the manifest has them.
+        categories: those that are about to be generated; only their files must be here.
+
+    Raises:
+        UsageError: if the lock file lacks one, or it is of another kind or category than the manifest says.
+        Avs3dError: if files are missing in the store, with the command that fetches them.
+    """
+    wanted, store, missing = set(categories), Store.default(), []
+    tables: tuple[tuple[Kind, Table], ...] = (("object", objects), ("sound", sounds))
+    for kind, table in tables:
+        for category, items in table.items():
+            for item in items:
+                if item.asset is None:
+                    continue
+                entry = find_entry(lock, item.asset)
+                if (entry.kind, entry.category) != (kind, category):
+                    raise UsageError(
+                        f"{lock}: {entry.id} is the {entry.kind} of a {entry.category}, but the manifest wants the "
+                        f"{kind} of a {category}; name another asset, or correct its entry"
+                    )
+                if category in wanted and not store.path(entry).is_file():
+                    missing.append(entry.id)
+    if missing:
+        more = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
+        raise Avs3dError(
+            f"{store.root}: {', '.join(missing[:3])}{more} not in the store; run: avs3d assets fetch --lock {lock}"
+        )
+
+
+def asset_digests(lock: Path, assets: Iterable[str]) -> dict[str, str]:
+    """``asset:<id>`` → sha256 of all that decides what the asset looks or sounds like, and its attribution.
+
+    An asset that the lock file lacks has none; it is named when it is opened.
+    """
+    from generators.library import mesh_cleaning as hygiene
+
+    table = read_lock(lock)
+    found = {}
+    for name in sorted(set(assets)):
+        entry = table.find(name)
+        if entry is not None:
+            document = [entry.model_dump(), hygiene.version() if entry.kind == "object" else ""]
+            found[f"asset:{name}"] = hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
+    return found

@@ -1,0 +1,1 @@
+"""Light baked into homes, and light of inserted objects."""

@@ -1,0 +1,241 @@
+"""Baking global illumination into light maps.
+
+    unwrap → texels → which of them are open → direct light → bounces on blocks → final gather → smooth → fill
+
+Light is stored as the radiance that a white matte surface would reflect there (irradiance / π), so that a renderer
+shows albedo · light + emission.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench.errors import Avs3dError
+from generators.core.scene import F32, LightMap, Part, Room, Scene
+from generators.lighting.direct import direct_light, shadow_rays
+from generators.lighting.emitters import BRIGHT, Emitters, bright_patches, find_emitters
+from generators.lighting.exposure import expose
+from generators.lighting.gather import CHUNK, open_texels
+from generators.lighting.insertion import insert
+from generators.lighting.radiosity import Blocks, final_gather, make_blocks, solve
+from generators.lighting.smoothing import fill, smooth, spread
+from generators.lighting.sun import Sun, find_sun, sun_light
+from generators.lighting.surfaces import Surfaces, Tracer, in_chunks
+from generators.lighting.texels import Sheet, Texels, rasterise
+from generators.lighting.unwrap import Layout, unwrap
+
+__all__ = ["QUALITIES", "Quality", "bake", "insert"]
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How finely light is baked.
+
+    Attributes:
+        texel: side of the texels of large surfaces, metres; small parts get finer ones.
+        finest: the smallest texel, metres.
+        floor: how many times finer floors are: most contact shadows lie there.
+        shadow_rays: per texel and emitter.
+        sun_rays: per texel.
+        block_rays: per 4 × 4 texels, for the bounces.
+        gather_rays: per texel, for the last bounce.
+    """
+
+    texel: float
+    finest: float
+    floor: float
+    shadow_rays: int
+    sun_rays: int
+    block_rays: int
+    gather_rays: int
+
+
+QUALITIES = {
+    "preview": Quality(0.10, 0.05, 1.0, 8, 8, 32, 16),
+    "standard": Quality(0.04, 0.015, 2.0, 16, 32, 64, 64),
+    "high": Quality(0.025, 0.01, 2.0, 32, 32, 128, 192),
+}
+#: A part gets about this many texels before its texels grow to the preset's size.
+_PART_TEXELS = 4500
+
+
+def bake(scene: Scene, *, quality: str = "standard", workers: int = 2) -> Scene:
+    """Light a scene by its emissive faces and, through its windows, by the sun (see `find_sun`).
+
+    Args:
+        scene: closed rooms. Parts that have light keep it; they are in the way of light, and else black.
+        quality: "preview", "standard" or "high".
+        workers: threads; the result does not depend on them.
+
+    Returns:
+        The scene with a light map in every part and an exposure in every room.
+
+    Raises:
+        Avs3dError: if the quality is unknown or the scene has no parts.
+    """
+    if quality not in QUALITIES:
+        raise Avs3dError(f"bake {scene.name}: no quality {quality!r}; expected one of {', '.join(QUALITIES)}")
+    if not scene.parts:
+        raise Avs3dError(f"bake {scene.name}: the scene has no parts; expected at least one")
+    preset = QUALITIES[quality]
+    surfaces = Surfaces.of(scene.parts)
+    layouts = [_layout(part, scene.rooms, preset) for part in scene.parts]
+    sheet = Sheet.of(layouts)
+    dark = np.array([part.light is None for part in scene.parts])
+    texels = rasterise(surfaces, sheet, dark[surfaces.part])
+    tracer = Tracer(surfaces.triangles)
+    is_open = open_texels(surfaces, texels, tracer, workers)
+    blocks = make_blocks(surfaces, sheet, texels, is_open)
+    emitters = find_emitters(surfaces, preset.shadow_rays)
+    beam = find_sun(scene.name, surfaces, tracer)
+    bare, variance = _direct(texels, blocks, emitters, tracer, workers)
+    bare += _sunlight(texels, blocks, beam, tracer, preset, workers)
+    patches, sampled = _patches(texels, blocks, bare, preset)
+    again, more = _direct(texels, blocks, patches, tracer, workers, bare)
+    direct = _smoothed(surfaces, sheet, texels, blocks, (bare + again, variance + more))
+    bounced = solve(surfaces, sheet, texels, blocks, direct, sampled, tracer, rays=preset.block_rays, workers=workers)
+    gathered = final_gather(surfaces, sheet, texels, blocks, bounced, tracer, rays=preset.gather_rays, workers=workers)
+    light = direct + _smoothed(surfaces, sheet, texels, blocks, gathered)
+    cells = spread(sheet, texels, fill(surfaces, sheet, texels, light, is_open))
+    return expose(replace(scene, parts=with_light(scene.parts, layouts, sheet, cells)))
+
+
+def with_light(parts: tuple[Part, ...], layouts: list[Layout], sheet: Sheet, cells: F32) -> tuple[Part, ...]:
+    """The parts, those without light with the light maps in ``cells`` (cells, 3)."""
+    out = []
+    for number, (part, layout) in enumerate(zip(parts, layouts, strict=True)):
+        if part.light is not None:
+            out.append(part)
+            continue
+        uv = (layout.uv / np.array([layout.width, layout.height])).astype(np.float32)
+        texels = np.minimum(sheet.image(number, cells), 6e4).astype(np.float16)
+        out.append(replace(part, light=LightMap(uv=uv, texels=texels)))
+    return tuple(out)
+
+
+def _layout(part: Part, rooms: tuple[Room, ...], preset: Quality) -> Layout:
+    """Unwrap one part; texels of floors and of small parts are finer."""
+    if part.light is not None:
+        height, width = part.light.texels.shape[:2]
+        size = np.array([width, height], dtype=np.float32)
+        return Layout(part.light.uv * size, np.zeros(len(part.light.uv), dtype=np.int32), width, height)
+    positions = part.mesh.positions.astype(np.float64)
+    cross = np.cross(positions[:, 1] - positions[:, 0], positions[:, 2] - positions[:, 0])
+    length = np.linalg.norm(cross, axis=1)
+    texel = float(np.clip(np.sqrt(length.sum() / 2 / _PART_TEXELS), preset.finest, preset.texel))
+    level = positions.mean(axis=1)[:, 1]
+    is_floor = (cross[:, 1] > 0.99 * length) & np.any([np.abs(level - room.low[1]) < 0.02 for room in rooms], axis=0)
+    finer = np.where(is_floor & (texel >= preset.texel), preset.floor, 1.0).astype(np.float32)
+    return unwrap(part.mesh.positions, texel, finer)
+
+
+def _sunlight(texels: Texels, blocks: Blocks, beam: Sun | None, tracer: Tracer, preset: Quality, workers: int) -> F32:
+    """Sunlight (N, 3) on the open texels."""
+    light = np.zeros((len(texels), 3), dtype=np.float32)
+    if beam is None:
+        return light
+
+    def work(first: int, last: int) -> None:
+        own = blocks.members[first:last]
+        light[own] = sun_light(
+            beam,
+            texels.pattern[own],
+            texels.position[own],
+            texels.normal[own],
+            texels.across[own],
+            texels.gloss[own],
+            tracer,
+            preset.sun_rays,
+        )
+
+    in_chunks(work, len(blocks.members), CHUNK, workers)
+    return light
+
+
+def _patches(texels: Texels, blocks: Blocks, direct: F32, preset: Quality) -> tuple[Emitters, F32]:
+    """What stands out by its direct light as emitters, and the light (N, 3) of the texels in them."""
+    radiance = texels.albedo * direct
+    own = blocks.members
+    mean = float(np.average(radiance[own].mean(axis=1), weights=texels.area[own] + 1e-12)) if len(own) else 0.0
+    bright = np.flatnonzero(radiance.max(axis=1) > BRIGHT * mean)
+    patches, used = bright_patches(
+        texels.position[bright], texels.normal[bright], texels.area[bright], radiance[bright], preset.shadow_rays
+    )
+    sampled = np.zeros_like(direct)
+    sampled[bright[used]] = direct[bright[used]]
+    return patches, sampled
+
+
+def _direct(
+    texels: Texels, blocks: Blocks, emitters: Emitters, tracer: Tracer, workers: int, besides: F32 | None = None
+) -> tuple[F32, F32]:
+    """Light (N, 3) of the emitters on the open texels and its variance (N,)."""
+    light = np.zeros((len(texels), 3), dtype=np.float32)
+    variance = np.zeros(len(texels), dtype=np.float32)
+    reach = _reach(texels, blocks, emitters, tracer, workers)
+
+    def work(first: int, last: int) -> None:
+        own = blocks.members[first:last]
+        light[own], variance[own] = direct_light(
+            emitters,
+            reach[blocks.of[own]],
+            texels.pattern[own],
+            texels.position[own],
+            texels.normal[own],
+            texels.gloss[own],
+            tracer.occluded,
+            None if besides is None else besides[own],
+        )
+
+    in_chunks(work, len(blocks.members), CHUNK, workers)
+    return light, variance
+
+
+def _reach(texels: Texels, blocks: Blocks, emitters: Emitters, tracer: Tracer, workers: int) -> NDArray[np.bool_]:
+    """(B, L) whether any of a few rays from a block, or from a block beside it, reaches the emitter."""
+    seen = np.zeros((len(blocks), len(emitters)), dtype=bool)
+    if not len(emitters):
+        return seen
+    size = np.diff(blocks.start)
+
+    def work(first: int, last: int) -> None:
+        own = np.arange(first, last)
+        for turn in range(2):
+            texel = blocks.members[blocks.start[own] + (turn * size[own]) // 2]
+            here = seen[first:last]
+            here |= _sees(emitters, texels, texel, tracer)
+
+    in_chunks(work, len(blocks), CHUNK, workers)
+    # Blocks at the rim of a shadow may just miss the emitter: they inherit from blocks near by.
+    centre = texels.position[blocks.members[blocks.start[:-1]]]
+    voxel = np.floor(centre / 0.4).astype(np.int64)
+    voxel -= voxel.min(axis=0) - 1
+    shape = tuple(voxel.max(axis=0) + 2)
+    grid = np.zeros((*shape, len(emitters)), dtype=bool)
+    np.logical_or.at(grid, tuple(voxel.T), seen)
+    near = np.zeros_like(seen)
+    for step in np.ndindex(3, 3, 3):
+        near |= grid[tuple((voxel + np.array(step) - 1).T)]
+    return near
+
+
+def _sees(emitters: Emitters, texels: Texels, texel: NDArray[np.int64], tracer: Tracer) -> NDArray[np.bool_]:
+    """(n, L) whether a texel sees at least one of four points of an emitter."""
+    lights = len(emitters)
+    pair, light = np.repeat(np.arange(len(texel)), lights), np.tile(np.arange(lights), len(texel))
+    origins, directions, far, weight = shadow_rays(
+        emitters, pair, light, texels.pattern[texel], texels.position[texel], texels.normal[texel], 0, 4
+    )
+    use = np.flatnonzero(weight > 0)
+    free = np.zeros(len(weight), dtype=bool)
+    free[use] = ~tracer.occluded(origins[use], directions[use], far[use])
+    return np.asarray(free.reshape(len(texel), lights, 4).any(axis=2))
+
+
+def _smoothed(surfaces: Surfaces, sheet: Sheet, texels: Texels, blocks: Blocks, baked: tuple[F32, F32]) -> F32:
+    light, variance = baked
+    variance = np.where(blocks.of >= 0, variance, -1.0).astype(np.float32)
+    return smooth(surfaces, sheet, texels, light, variance, 2.0)

@@ -1,0 +1,123 @@
+"""Rays from texels into the hemisphere above them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generators.core.jit import inline, njit
+from generators.core.low_discrepancy import cosine_directions
+from generators.core.scene import F32, I32
+from generators.lighting.surfaces import Surfaces, Tracer, in_chunks
+from generators.lighting.texels import Sheet, Texels
+
+#: Texels per piece of work.
+CHUNK = 2048
+_PROBES = 16
+
+
+@inline
+def _frame(x: Any, y: Any, z: Any) -> Any:
+    """Two tangents of a unit normal (Duff et al., JCGT 2017)."""
+    sign = 1.0 if z >= 0.0 else -1.0
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    return 1.0 + sign * x * x * a, sign * b, -sign * x, b, sign + y * y * a, -y
+
+
+@njit
+def _rays(position: Any, normal: Any, under: Any, pattern: Any, table: Any, origins: Any, directions: Any) -> Any:
+    count = table.shape[1]
+    for i in range(len(position)):
+        nx, ny, nz = normal[i, 0], normal[i, 1], normal[i, 2]
+        tx, ty, tz, bx, by, bz = _frame(nx, ny, nz)
+        p = pattern[i]
+        for k in range(count):
+            a, b, c = table[p, k, 0], table[p, k, 1], table[p, k, 2]
+            x, y, z = a * tx + b * bx + c * nx, a * ty + b * by + c * ny, a * tz + b * bz + c * nz
+            # A shading normal leans: what would go into the surface is mirrored out of it.
+            below = x * under[i, 0] + y * under[i, 1] + z * under[i, 2]
+            if below < 0.0:
+                x -= 2.0 * below * under[i, 0]
+                y -= 2.0 * below * under[i, 1]
+                z -= 2.0 * below * under[i, 2]
+            row = i * count + k
+            directions[row, 0], directions[row, 1], directions[row, 2] = x, y, z
+            for c3 in range(3):
+                origins[row, c3] = position[i, c3]
+
+
+def hemisphere_rays(position: F32, normal: F32, under: F32, pattern: I32, table: F32) -> tuple[F32, F32]:
+    """Origins and unit directions (N·n, 3) of ``table``'s n directions per point.
+
+    Args:
+        position: (N, 3).
+        normal: (N, 3) shading normals, the pole of the hemisphere.
+        under: (N, 3) geometric normals; no ray goes below them.
+        pattern: (N,) which set of directions a point uses.
+        table: (16, n, 3) from `cosine_directions`.
+    """
+    rows = len(position) * table.shape[1]
+    origins, directions = np.empty((rows, 3), dtype=np.float32), np.empty((rows, 3), dtype=np.float32)
+    _rays(position, normal, under, pattern, table, origins, directions)
+    return origins, directions
+
+
+@njit
+def _buried(found: Any, directions: Any, face_normal: Any, count: Any, share: Any) -> Any:
+    for i in range(len(share)):
+        back = 0
+        for row in range(i * count, (i + 1) * count):
+            f = found[row]
+            if f >= 0:
+                side = 0.0
+                for c in range(3):
+                    side += directions[row, c] * face_normal[f, c]
+                if side > 0.0:
+                    back += 1
+        share[i] = back / count
+
+
+def open_texels(surfaces: Surfaces, texels: Texels, tracer: Tracer, workers: int) -> NDArray[np.bool_]:
+    """(N,) which texels lie in free space; the others are inside of something (they mostly see the back of faces).
+
+    A floor texel below a cupboard is such a one. Left in, its darkness would spread over the visible floor by
+    interpolation.
+    """
+    table = cosine_directions(_PROBES, (0x2545F491, 0x4F6CDD1D))
+    share = np.zeros(len(texels), dtype=np.float32)
+
+    def work(first: int, last: int) -> None:
+        part = slice(first, last)
+        under = surfaces.face_normal[texels.face[part]]
+        origins, directions = hemisphere_rays(
+            texels.position[part], texels.normal[part], under, texels.pattern[part], table
+        )
+        hits = tracer.intersect(origins, directions)
+        _buried(hits["primID"], directions, surfaces.face_normal, _PROBES, share[part])
+
+    in_chunks(work, len(texels), CHUNK * 4, workers)
+    return share < 0.5
+
+
+@njit
+def _cells(found: Any, v: Any, w: Any, part: Any, uv: Any, offset: Any, width: Any, height: Any, cells: Any) -> Any:
+    for i in range(len(found)):
+        f = found[i]
+        if f < 0:
+            cells[i] = -1
+            continue
+        p = part[f]
+        a = 1.0 - v[i] - w[i]
+        x = int(a * uv[f, 0, 0] + v[i] * uv[f, 1, 0] + w[i] * uv[f, 2, 0])
+        y = int(a * uv[f, 0, 1] + v[i] * uv[f, 1, 1] + w[i] * uv[f, 2, 1])
+        cells[i] = offset[p] + min(max(y, 0), height[p] - 1) * width[p] + min(max(x, 0), width[p] - 1)
+
+
+def cells_at(surfaces: Surfaces, sheet: Sheet, face: I32, v: F32, w: F32) -> NDArray[np.int64]:
+    """(N,) cell of the sheet at points of faces, -1 where ``face`` is negative."""
+    cells = np.empty(len(face), dtype=np.int64)
+    _cells(face, v, w, surfaces.part, sheet.uv, sheet.offset, sheet.width, sheet.height, cells)
+    return cells

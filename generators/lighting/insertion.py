@@ -1,0 +1,173 @@
+"""Standing new objects in a lit room: the light on the objects themselves.
+
+The room's light is not solved again. The objects gather it, and what they reflect to one another, with rays; what they
+take from the room is the work of `shadowing`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generators.core.scene import F32, I32, LightMap, Part, Scene
+from generators.lighting.direct import direct_light
+from generators.lighting.gather import CHUNK, cells_at, hemisphere_rays
+from generators.lighting.lit_scene import LitScene
+from generators.lighting.shadowing import shadowed
+from generators.lighting.smoothing import fill, smooth, spread
+from generators.lighting.sun import sun_light
+from generators.lighting.surfaces import Surfaces, Tracer, in_chunks
+from generators.lighting.surroundings import RAYS, SAMPLES, WORKERS, Objects, Surroundings, behind, bundle
+from generators.lighting.texels import Sheet, rasterise
+from generators.lighting.unwrap import Layout, unwrap
+
+#: The objects of one call get about this many texels in all, within the limits of size that follow (metres).
+_TEXELS = 28000
+_FINEST, _COARSEST = 0.008, 0.025
+_BOUNCES = 3
+
+
+def insert(scene: Scene, parts: tuple[Part, ...]) -> Scene:
+    """Add unlit parts to a lit scene.
+
+    Args:
+        scene: with light maps from `bake`, or scanned parts whose texture holds the light. It is not changed.
+        parts: meshes in world coordinates; light they may have is replaced.
+
+    Returns:
+        The scene with the lit parts at its end; light maps near them are new arrays, all others are shared.
+    """
+    if not parts:
+        return scene
+    objects, layouts = _prepare(parts)
+    room = Surroundings.of(scene, objects.boxes())
+    gathered = gather_light(objects, room)
+    # The objects throw light on the room and take light from it; they stand in what is left of it.
+    first = light_on(objects, room.dim, gathered)
+    around, ratio = shadowed(scene.parts, room, objects, first)
+    cells = light_on(objects, replace(room.dim, light=room.dim.light * ratio), gathered)
+    lit = []
+    for number, (part, layout) in enumerate(zip(parts, layouts, strict=True)):
+        uv = (layout.uv / np.array([layout.width, layout.height])).astype(np.float32)
+        texels = np.minimum(objects.sheet.image(number, cells), 6e4).astype(np.float16)
+        lit.append(replace(part, light=LightMap(uv, texels)))
+    return replace(scene, parts=around + tuple(lit))
+
+
+def _prepare(parts: tuple[Part, ...]) -> tuple[Objects, list[Layout]]:
+    """The parts with their layouts."""
+    surfaces = Surfaces.of(parts)
+    corners = surfaces.triangles.astype(np.float64)
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
+    texel = float(np.clip(np.sqrt(area / _TEXELS), _FINEST, _COARSEST))
+    layouts = [unwrap(part.mesh.positions, texel) for part in parts]
+    sheet = Sheet.of(layouts)
+    return Objects(surfaces, sheet, rasterise(surfaces, sheet), Tracer(surfaces.triangles)), layouts
+
+
+@dataclass(frozen=True, eq=False)
+class Gathered:
+    """What the objects' texels see, before it is known how they shade the room.
+
+    Attributes:
+        direct: (N, 3) light of emitters and the sun.
+        noise: (N,) variance of the luminance of what rays find.
+        weight: (N, n) weights of the rays.
+        face: (N·n,) face of the room that a ray meets, -1 where it meets an object or nothing.
+        v: (N·n,) weight of the face's second corner.
+        w: (N·n,) weight of its third corner.
+        links: (N, n) texel of the objects that a ray meets, or -1.
+        is_open: (N,) whether a texel lies in free space.
+    """
+
+    direct: F32
+    noise: F32
+    weight: F32
+    face: I32
+    v: F32
+    w: F32
+    links: I32
+    is_open: NDArray[np.bool_]
+
+
+def gather_light(objects: Objects, room: Surroundings) -> Gathered:
+    """What the objects' texels see of the room and of one another, with the light that reaches them directly."""
+    texels = objects.texels
+    count = len(texels)
+    table, narrow = bundle()
+    direct, shadow_noise = np.zeros((count, 3), dtype=np.float32), np.zeros(count, dtype=np.float32)
+    noise = np.zeros(count, dtype=np.float32)
+    weight = np.zeros((count, RAYS), dtype=np.float32)
+    links = np.full((count, RAYS), -1, dtype=np.int32)
+    face = np.full(count * RAYS, -1, dtype=np.int32)
+    v, w = np.zeros(count * RAYS, dtype=np.float32), np.zeros(count * RAYS, dtype=np.float32)
+    buried = np.zeros(count, dtype=bool)
+    reach = room.reach(objects)
+
+    def hidden(origins: F32, directions: F32, far: F32) -> NDArray[np.bool_]:
+        return room.tracer.occluded(origins, directions, far) | objects.tracer.occluded(origins, directions, far)
+
+    def work(first: int, last: int) -> None:
+        part, rays = slice(first, last), slice(first * RAYS, last * RAYS)
+        position, normal, pattern = texels.position[part], texels.normal[part], texels.pattern[part]
+        gloss, across = texels.gloss[part], texels.across[part]
+        under = objects.surfaces.face_normal[texels.face[part]]
+        origins, directions = hemisphere_rays(position, normal, under, pattern, table)
+        hits = room.tracer.intersect(origins, directions)
+        near = objects.tracer.intersect(origins, directions, hits["tfar"])
+        met = near["primID"] >= 0
+        back = np.where(
+            met,
+            behind(objects.surfaces, near["primID"], directions),
+            behind(room.dim.surfaces, hits["primID"], directions),
+        )
+        buried[part] = back.reshape(-1, RAYS).mean(axis=1) > 0.5
+        cells = cells_at(objects.surfaces, objects.sheet, near["primID"], near["u"], near["v"])
+        links[part] = np.where(met, texels.index[cells], -1).reshape(-1, RAYS)
+        face[rays], v[rays], w[rays] = np.where(met, -1, hits["primID"]), hits["u"], hits["v"]
+        seen = room.dim.reflected(face[rays], v[rays], w[rays]).mean(axis=1)
+        noise[part] = seen.reshape(-1, RAYS).var(axis=1) / RAYS
+        weight[part] = (1 - gloss)[:, None] / np.float32(RAYS) + gloss[:, None] * narrow[pattern]
+        free = np.flatnonzero(~buried[part])
+        position, normal, pattern, gloss = position[free], normal[free], pattern[free], gloss[free]
+        own = free + first
+        kind = objects.surfaces.part[texels.face[own]]
+        direct[own], shadow_noise[own] = direct_light(
+            room.emitters, reach[kind], pattern, position, normal, gloss, hidden
+        )
+        if room.sun is not None:
+            direct[own] += sun_light(
+                room.sun, pattern, position, normal, across[free], gloss, room.tracer, SAMPLES, objects=objects.tracer
+            )
+
+    in_chunks(work, count, CHUNK, WORKERS)
+    closed = np.float32(-1.0)
+    shadow_noise = np.where(buried, closed, shadow_noise)
+    direct = smooth(objects.surfaces, objects.sheet, texels, direct, shadow_noise, 2.0)
+    return Gathered(direct, np.where(buried, closed, noise), weight, face, v, w, links, ~buried)
+
+
+def light_on(objects: Objects, room: LitScene, gathered: Gathered) -> F32:
+    """Light (cells, 3) of the objects in a room that reflects as ``room`` does."""
+    texels, count = objects.texels, len(objects.texels)
+    arrived = np.zeros((count, 3), dtype=np.float32)
+
+    def work(first: int, last: int) -> None:
+        rays = slice(first * RAYS, last * RAYS)
+        seen = room.reflected(gathered.face[rays], gathered.v[rays], gathered.w[rays]).reshape(-1, RAYS, 3)
+        arrived[first:last] = np.einsum("ik,ikc->ic", gathered.weight[first:last], seen)
+
+    in_chunks(work, count, CHUNK, WORKERS)
+    light = gathered.direct + arrived
+    linked = np.flatnonzero((gathered.links >= 0).any(axis=1) & gathered.is_open)
+    links, weight = gathered.links[linked], gathered.weight[linked]
+    for _ in range(_BOUNCES):
+        radiance = np.where(gathered.is_open[:, None], texels.albedo * light, np.float32(0.0))
+        bounced = np.where(links[..., None] >= 0, radiance[links], np.float32(0.0))
+        light = gathered.direct + arrived
+        light[linked] += np.einsum("ik,ikc->ic", weight, bounced)
+    indirect = smooth(objects.surfaces, objects.sheet, texels, light - gathered.direct, gathered.noise, 3.0)
+    filled = fill(objects.surfaces, objects.sheet, texels, gathered.direct + indirect, gathered.is_open)
+    return spread(objects.sheet, texels, filled)

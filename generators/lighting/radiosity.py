@@ -1,0 +1,227 @@
+"""Indirect light: radiosity on blocks of texels, then a final gather at every texel.
+
+Blocks are 4 × 4 texels of one chart. Each block shoots one bundle of rays, once; which block every ray meets is kept,
+and the light bounces back and forth along these links until nothing changes (gathering radiosity, Jacobi iteration:
+Cohen & Wallace, "Radiosity and Realistic Image Synthesis", 1993, chapter 5). The final gather then looks from every
+texel at the blocks' radiosity, which is smooth, so that few rays are enough (Reichert 1992).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generators.core.jit import njit
+from generators.core.low_discrepancy import PATTERNS, TILE, cosine_directions
+from generators.core.scene import F32, I32
+from generators.lighting.direct import LOBE
+from generators.lighting.gather import CHUNK, cells_at, hemisphere_rays
+from generators.lighting.surfaces import Surfaces, Tracer, in_chunks
+from generators.lighting.texels import Sheet, Texels
+
+_MOST_BOUNCES = 64
+#: The bounces end when no block changes by more than this part of the brightest one.
+_TOLERANCE = 2e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Groups of neighbouring open texels of one chart.
+
+    Attributes:
+        of: (N,) int32 block of a texel, -1 for texels inside of things.
+        members: open texels ordered by block.
+        start: (B + 1,) int64, block b owns ``members[start[b]:start[b + 1]]``.
+    """
+
+    of: I32
+    members: NDArray[np.int64]
+    start: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.start) - 1
+
+    def mean(self, values: F32) -> F32:
+        """(B, 3) mean over each block of (N, 3) ``values``."""
+        total = np.add.reduceat(values[self.members].astype(np.float64), self.start[:-1], axis=0)
+        return np.asarray(total / np.diff(self.start)[:, None], dtype=np.float32)
+
+
+def make_blocks(surfaces: Surfaces, sheet: Sheet, texels: Texels, is_open: NDArray[np.bool_]) -> Blocks:
+    """Group the open texels."""
+    part = surfaces.part[texels.face]
+    local = texels.cell - sheet.offset[part]
+    column, row = local % sheet.width[part] // TILE, local // sheet.width[part] // TILE
+    chart = sheet.chart[texels.face].astype(np.int64)
+    members = np.flatnonzero(is_open)
+    order = np.lexsort((members, column[members], row[members], chart[members]))
+    members = members[order]
+    keys = np.stack([chart[members], row[members], column[members]], axis=1)
+    fresh = np.ones(len(members), dtype=bool)
+    fresh[1:] = np.any(keys[1:] != keys[:-1], axis=1)
+    of = np.full(len(texels), -1, dtype=np.int32)
+    of[members] = np.cumsum(fresh) - 1
+    return Blocks(of=of, members=members, start=np.append(np.flatnonzero(fresh), len(members)).astype(np.int64))
+
+
+@njit
+def _bounce(links: Any, direct: Any, albedo: Any, before: Any, after: Any) -> Any:
+    """One Jacobi step: ``after`` = albedo · (direct + mean of ``before`` over the links)."""
+    for b in range(len(links)):
+        red = green = blue = 0.0
+        count = 0
+        for k in range(links.shape[1]):
+            other = links[b, k]
+            if other >= 0:
+                red += before[other, 0]
+                green += before[other, 1]
+                blue += before[other, 2]
+            if other >= -1:
+                count += 1
+        count = max(count, 1)
+        after[b, 0] = albedo[b, 0] * (direct[b, 0] + red / count)
+        after[b, 1] = albedo[b, 1] * (direct[b, 1] + green / count)
+        after[b, 2] = albedo[b, 2] * (direct[b, 2] + blue / count)
+
+
+def solve(
+    surfaces: Surfaces,
+    sheet: Sheet,
+    texels: Texels,
+    blocks: Blocks,
+    direct: F32,
+    sampled: F32,
+    tracer: Tracer,
+    *,
+    rays: int,
+    workers: int,
+) -> F32:
+    """The blocks' reflected radiance (B, 3), without emission and without what is sampled as an emitter.
+
+    Args:
+        surfaces: the faces.
+        sheet: their light maps.
+        texels: the texels.
+        blocks: their groups.
+        direct: (N, 3) direct light of the texels.
+        sampled: (N, 3) the part of it that is an emitter itself (see `bright_patches`): its light is in ``direct``.
+        tracer: over all faces.
+        rays: per block.
+        workers: threads.
+    """
+    links = np.empty((len(blocks), rays), dtype=np.int32)
+    table = cosine_directions(rays, (0x51633E2D, 0x68BC21EB)).reshape(PATTERNS * rays, 1, 3)
+    size = np.diff(blocks.start)
+
+    def work(first: int, last: int) -> None:
+        block = np.repeat(np.arange(first, last), rays)
+        ray = np.tile(np.arange(rays), last - first)
+        # Neighbouring blocks use different parts of the sequence; the rays start all over the block.
+        pattern = ((block % PATTERNS) * rays + ray).astype(np.int32)
+        texel = blocks.members[blocks.start[block] + (ray * 7 + block) % size[block]]
+        under = surfaces.face_normal[texels.face[texel]]
+        origins, directions = hemisphere_rays(texels.position[texel], texels.normal[texel], under, pattern, table)
+        hits = tracer.intersect(origins, directions)
+        cells = cells_at(surfaces, sheet, hits["primID"], hits["u"], hits["v"])
+        links[first:last] = _block_at(cells, texels, blocks).reshape(-1, rays)
+
+    in_chunks(work, len(blocks), CHUNK, workers)
+    albedo = blocks.mean(texels.albedo)
+    own = blocks.mean(direct)
+    known = albedo * blocks.mean(sampled)
+    radiance = albedo * own - known
+    for _ in range(_MOST_BOUNCES):
+        after = np.empty_like(radiance)
+        _bounce(links, own, albedo, radiance, after)
+        after -= known
+        change = float(np.abs(after - radiance).max(initial=0.0))
+        radiance = after
+        if change <= _TOLERANCE * float(radiance.max(initial=0.0)):
+            break
+    return radiance
+
+
+def _block_at(cells: NDArray[np.int64], texels: Texels, blocks: Blocks) -> I32:
+    """Block of each cell; -1 where there is nothing or nothing is baked (black), -2 where nobody knows the light."""
+    texel = np.where(cells >= 0, texels.index[cells], -1)
+    block = np.where(texel >= 0, blocks.of[texel], -1)
+    return np.where((texel >= 0) & (block < 0), -2, block).astype(np.int32)
+
+
+@njit
+def _collect(block: Any, radiance: Any, pattern: Any, table: Any, gloss: Any, light: Any, variance: Any) -> Any:
+    count = table.shape[1]
+    for i in range(len(light)):
+        flat = np.zeros(3)
+        lobe = np.zeros(3)
+        weight = square = bright = 0.0
+        seen = 0
+        for k in range(count):
+            b = block[i * count + k]
+            if b < -1:
+                continue
+            seen += 1
+            narrow = table[pattern[i], k, 2] ** (LOBE - 1.0)
+            weight += narrow
+            if b < 0:
+                continue
+            luminance = 0.0
+            for c in range(3):
+                flat[c] += radiance[b, c]
+                lobe[c] += narrow * radiance[b, c]
+                luminance += radiance[b, c] / 3.0
+            bright += luminance
+            square += luminance * luminance
+        if seen == 0:
+            continue
+        g = gloss[i]
+        for c in range(3):
+            light[i, c] = (1.0 - g) * flat[c] / seen + g * lobe[c] / max(weight, 1e-9)
+        variance[i] = max(square / seen - (bright / seen) ** 2, 0.0) / seen
+
+
+def final_gather(
+    surfaces: Surfaces,
+    sheet: Sheet,
+    texels: Texels,
+    blocks: Blocks,
+    radiance: F32,
+    tracer: Tracer,
+    *,
+    rays: int,
+    workers: int,
+) -> tuple[F32, F32]:
+    """Indirect light (N, 3) of the texels and the variance (N,) of its luminance.
+
+    Args:
+        surfaces: the faces.
+        sheet: their light maps.
+        texels: the texels.
+        blocks: their groups.
+        radiance: (B, 3) from `solve`.
+        tracer: over all faces.
+        rays: per texel.
+        workers: threads.
+    """
+    light = np.zeros((len(texels), 3), dtype=np.float32)
+    variance = np.zeros(len(texels), dtype=np.float32)
+    table = cosine_directions(rays, (0x0, 0x0))
+    chosen = blocks.members
+
+    def work(first: int, last: int) -> None:
+        texel = chosen[first:last]
+        pattern = texels.pattern[texel]
+        under = surfaces.face_normal[texels.face[texel]]
+        origins, directions = hemisphere_rays(texels.position[texel], texels.normal[texel], under, pattern, table)
+        hits = tracer.intersect(origins, directions)
+        cells = cells_at(surfaces, sheet, hits["primID"], hits["u"], hits["v"])
+        block = _block_at(cells, texels, blocks)
+        here, spread = np.zeros((len(texel), 3), dtype=np.float32), np.zeros(len(texel), dtype=np.float32)
+        _collect(block, radiance, pattern, table, texels.gloss[texel], here, spread)
+        light[texel], variance[texel] = here, spread
+
+    in_chunks(work, len(chosen), CHUNK, workers)
+    return light, variance

@@ -1,0 +1,230 @@
+"""Removing the sampling pattern from baked light, and giving a value to every cell that look-up can touch."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generators.core.jit import njit
+from generators.core.scene import F32
+from generators.lighting.surfaces import Surfaces
+from generators.lighting.texels import Sheet, Texels
+
+#: Weights over five texels that give each of the four columns (rows) of a tile the same share.
+_WINDOW = np.array([0.5, 1.0, 1.0, 1.0, 0.5])
+#: Cells beyond the covered ones that get a value, for look-up with rounding errors and for mip-maps.
+_RINGS = 2
+
+
+@njit
+def _smooth(
+    chosen: Any,
+    light: Any,
+    variance: Any,
+    position: Any,
+    normal: Any,
+    across: Any,
+    cell: Any,
+    index: Any,
+    part: Any,
+    offset: Any,
+    width: Any,
+    height: Any,
+    window: Any,
+    reach: Any,
+    out: Any,
+) -> Any:
+    half = len(window) // 2
+    near = np.empty((len(window), len(window)), dtype=np.int64)
+    for i in chosen:
+        p = part[i]
+        local = cell[i] - offset[p]
+        row, column = local // width[p], local % width[p]
+        step = 0.0
+        for c in range(3):
+            step += across[i, 0, c] ** 2 + across[i, 1, c] ** 2
+        limit = 1.5 * step * (half + 1) ** 2 + 1e-6
+        # A few rays that all agree show no variance of their own: what the tile around shows is the better estimate.
+        spread_sum = 0.0
+        count = 0
+        for dy in range(-half, half + 1):
+            for dx in range(-half, half + 1):
+                y, x = row + dy, column + dx
+                near[dy + half, dx + half] = -1
+                if y < 0 or y >= height[p] or x < 0 or x >= width[p]:
+                    continue
+                j = index[offset[p] + y * width[p] + x]
+                if j < 0 or (variance[j] < 0.0 and j != i):
+                    continue
+                square = facing = 0.0
+                for c in range(3):
+                    square += (position[j, c] - position[i, c]) ** 2
+                    facing += normal[j, c] * normal[i, c]
+                if square > limit or facing < 0.7:
+                    continue
+                near[dy + half, dx + half] = j
+                spread_sum += max(variance[j], 0.0)
+                count += 1
+        noise = 2.0 * spread_sum / max(count, 1)
+        total = 0.0
+        sums = np.zeros(3)
+        for dy in range(-half, half + 1):
+            for dx in range(-half, half + 1):
+                j = near[dy + half, dx + half]
+                if j < 0:
+                    continue
+                facing = difference = 0.0
+                for c in range(3):
+                    facing += normal[j, c] * normal[i, c]
+                    difference += (light[j, c] - light[i, c]) / 3.0
+                weight = window[dy + half] * window[dx + half] * (facing - 0.7) / 0.3
+                # Differences well above the noise are edges of shadows: they stay.
+                if dx != 0 or dy != 0:
+                    weight *= np.exp(-difference * difference / (2.0 * reach * reach * noise + 1e-12))
+                total += weight
+                for c in range(3):
+                    sums[c] += weight * light[j, c]
+        for c in range(3):
+            out[i, c] = sums[c] / total if total > 0.0 else light[i, c]
+
+
+def smooth(
+    surfaces: Surfaces,
+    sheet: Sheet,
+    texels: Texels,
+    light: F32,
+    variance: F32,
+    reach: float,
+    chosen: NDArray[np.int64] | None = None,
+) -> F32:
+    """Average (N, 3) ``light`` over tiles of texels of one surface, as far as its differences may be noise.
+
+    Args:
+        surfaces: the faces.
+        sheet: their light maps.
+        texels: the texels.
+        light: (N, 3).
+        variance: (N,) of the luminance of ``light``; negative: the texel has no light of its own.
+        reach: differences of this many standard deviations count as noise.
+        chosen: indices of the texels to smooth, the others stay; all if missing.
+    """
+    out = light.copy()
+    _smooth(
+        np.arange(len(light)) if chosen is None else chosen,
+        light,
+        variance,
+        texels.position,
+        texels.normal,
+        texels.across,
+        texels.cell,
+        texels.index,
+        surfaces.part[texels.face],
+        sheet.offset,
+        sheet.width,
+        sheet.height,
+        _WINDOW,
+        reach,
+        out,
+    )
+    return out
+
+
+@njit
+def _fill(
+    light: Any,
+    known: Any,
+    chart: Any,
+    cell: Any,
+    index: Any,
+    part: Any,
+    offset: Any,
+    width: Any,
+    height: Any,
+    rings: Any,
+) -> Any:
+    """Flood known light into the unknown texels of a chart, ring by ring."""
+    count = len(cell)
+    waiting = np.empty(count, dtype=np.int64)
+    number = 0
+    for i in range(count):
+        if not known[i]:
+            waiting[number] = i
+            number += 1
+    fresh = np.zeros((count, 3), dtype=np.float32)
+    done = np.empty(count, dtype=np.int64)
+    while number > 0 and rings != 0:
+        rings -= 1
+        filled = left = 0
+        for n in range(number):
+            i = waiting[n]
+            p = part[i]
+            local = cell[i] - offset[p]
+            row, column = local // width[p], local % width[p]
+            total = 0.0
+            sums = np.zeros(3)
+            for dy in range(-1, 2):
+                for dx in range(-1, 2):
+                    y, x = row + dy, column + dx
+                    if y < 0 or y >= height[p] or x < 0 or x >= width[p]:
+                        continue
+                    j = index[offset[p] + y * width[p] + x]
+                    if j < 0 or not known[j] or chart[j] != chart[i]:
+                        continue
+                    weight = 1.0 / (dx * dx + dy * dy)
+                    total += weight
+                    for c in range(3):
+                        sums[c] += weight * light[j, c]
+            if total > 0.0:
+                for c in range(3):
+                    fresh[i, c] = sums[c] / total
+                done[filled] = i
+                filled += 1
+            else:
+                waiting[left] = i
+                left += 1
+        for n in range(filled):
+            i = done[n]
+            known[i] = True
+            for c in range(3):
+                light[i, c] = fresh[i, c]
+        number = left
+        if filled == 0:
+            break
+
+
+def fill(
+    surfaces: Surfaces, sheet: Sheet, texels: Texels, light: F32, known: NDArray[np.bool_], rings: int = -1
+) -> F32:
+    """A copy of (N, 3) ``light`` in which unknown texels take the light of the nearest known ones of their chart.
+
+    ``rings`` limits how many texels deep; negative: no limit.
+    """
+    out = light.copy()
+    part = surfaces.part[texels.face]
+    chart = sheet.chart[texels.face]
+    _fill(out, known.copy(), chart, texels.cell, texels.index, part, sheet.offset, sheet.width, sheet.height, rings)
+    return out
+
+
+def spread(sheet: Sheet, texels: Texels, light: F32) -> F32:
+    """(cells, 3) light maps: the texels' light, and two rings of empty cells around them filled from them."""
+    cells = np.zeros((int(sheet.offset[-1]), 3), dtype=np.float32)
+    cells[texels.cell] = light
+    covered = texels.index >= 0
+    for part in range(len(sheet.width)):
+        image, known = sheet.image(part, cells), sheet.image(part, covered)
+        for _ in range(_RINGS):
+            total, number = np.zeros_like(image), np.zeros(known.shape, dtype=np.float32)
+            for axis in (0, 1):
+                for side in (1, -1):
+                    here: list[slice] = [slice(None), slice(None)]
+                    there: list[slice] = [slice(None), slice(None)]
+                    here[axis], there[axis] = (slice(1, None), slice(-1)) if side == 1 else (slice(-1), slice(1, None))
+                    total[tuple(here)] += np.where(known[tuple(there)][..., None], image[tuple(there)], 0.0)
+                    number[tuple(here)] += known[tuple(there)]
+            new = ~known & (number > 0)
+            image[new] = total[new] / number[new][:, None]
+            known |= new
+    return cells

@@ -1,0 +1,191 @@
+"""The sun: a parallel beam through the windows, which makes bright patches on floors and walls."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generators.core.jit import njit
+from generators.core.low_discrepancy import PATTERNS, net, square_points
+from generators.core.scene import F32, I32
+from generators.lighting.direct import LOBE
+from generators.lighting.emitters import face_areas, face_groups
+from generators.lighting.surfaces import Surfaces, Tracer
+
+#: Radiance of a white surface that faces the sun, over that of the brightest window pane.
+_SUN_STRENGTH = 1.5
+_SUN_COLOUR = np.array([1.0, 0.86, 0.68])
+#: Radius of the sun's disc, radians: wider than the true 0.0047, so that a texel can resolve its soft edge.
+_SUN_RADIUS = 0.012
+#: Texels over which the sun's rays of one texel start: interpolation then shows no steps along the beam's edge.
+_SUN_BLUR = 2.0
+#: The least area of a window, square metres.
+_LARGE_PANE = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Sun:
+    """A parallel beam that enters through window panes.
+
+    Attributes:
+        direction: (3,) float64 unit vector towards the sun.
+        radiance: (3,) float32, reflected radiance of a white surface that faces the sun.
+        pane: (F,) bool, the faces that let the beam in.
+    """
+
+    direction: NDArray[np.float64]
+    radiance: F32
+    pane: NDArray[np.bool_]
+
+
+def _outside(surfaces: Surfaces, tracer: Tracer, faces: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether nothing that looks towards the face lies behind it: a window, rather than a screen before a wall."""
+    outward = np.ascontiguousarray(-surfaces.face_normal[faces])
+    origin = surfaces.triangles[faces].mean(axis=1) + 0.005 * outward
+    free = np.ones(len(faces), dtype=bool)
+    ahead = np.arange(len(faces))
+    for _ in range(8):
+        hits = tracer.intersect(origin[ahead], outward[ahead])
+        met = hits["primID"] >= 0
+        ahead, face, distance = ahead[met], hits["primID"][met], hits["tfar"][met]
+        facing = np.einsum("ij,ij->i", surfaces.face_normal[face], outward[ahead]) < 0
+        free[ahead[facing]] = False
+        origin[ahead] += (distance + 0.005)[:, None] * outward[ahead]
+        ahead = ahead[~facing]
+        if not len(ahead):
+            break
+    return free
+
+
+def find_sun(name: str, surfaces: Surfaces, tracer: Tracer) -> Sun | None:
+    """The sun of a flat: on one façade, its direction drawn from the scene's ``name``.
+
+    A window is an upright emitter of glass, of 0.3 m² and more, with nothing of the scene behind it. The façade with
+    the most glass gets the sun, at 28-42° above the horizon and 12-40° to a side, so that patches of light reach floor
+    and walls.
+
+    Returns:
+        The sun, or None where the scene has no window.
+    """
+    area = face_areas(surfaces.triangles)
+    glowing = surfaces.emission[surfaces.material].max(axis=1) > 0
+    faces = np.flatnonzero(
+        glowing & surfaces.glass[surfaces.material] & (np.abs(surfaces.face_normal[:, 1]) < 0.1) & (area > 1e-6)
+    )
+    if not len(faces):
+        return None
+    faces = faces[_outside(surfaces, tracer, faces)]
+    if not len(faces):
+        return None
+    group = face_groups(surfaces, faces)
+    faces = faces[np.bincount(group, weights=area[faces])[group] >= _LARGE_PANE]
+    if not len(faces):
+        return None
+    heading = np.arctan2(-surfaces.face_normal[faces, 0], -surfaces.face_normal[faces, 2])
+    quarter = np.round(heading / (np.pi / 2)).astype(int) % 4
+    glass = np.bincount(quarter, weights=area[faces], minlength=4)
+    side = float(np.argmax(np.round(glass, 3)) * np.pi / 2)
+    digest = hashlib.sha256(f"sun of {name}".encode()).digest()
+    turn, lift = (int.from_bytes(digest[k : k + 4], "little") / 2**32 for k in (0, 4))
+    sign = 1.0 if digest[8] & 1 else -1.0
+    azimuth = side + sign * np.radians(12.0 + 28.0 * turn)
+    height = np.radians(28.0 + 14.0 * lift)
+    direction = np.array([np.cos(height) * np.sin(azimuth), np.sin(height), np.cos(height) * np.cos(azimuth)])
+    brightest = float(surfaces.emission[surfaces.material[faces]].max())
+    pane = np.zeros(len(area), dtype=bool)
+    pane[faces] = True
+    return Sun(direction=direction, radiance=(_SUN_STRENGTH * brightest * _SUN_COLOUR).astype(np.float32), pane=pane)
+
+
+@njit
+def _sun_rays(
+    pattern: Any,
+    position: Any,
+    normal: Any,
+    across: Any,
+    direction: Any,
+    side: Any,
+    top: Any,
+    disc: Any,
+    jitter: Any,
+    origins: Any,
+    directions: Any,
+) -> Any:
+    count = disc.shape[1]
+    for i in range(len(position)):
+        p = pattern[i]
+        for k in range(count):
+            row = i * count + k
+            a, b = _SUN_BLUR * (jitter[p, k, 0] - 0.5), _SUN_BLUR * (jitter[p, k, 1] - 0.5)
+            for c in range(3):
+                origins[row, c] = position[i, c] + a * across[i, 0, c] + b * across[i, 1, c]
+                directions[row, c] = direction[c] + disc[p, k, 0] * side[c] + disc[p, k, 1] * top[c]
+
+
+def sun_light(
+    sun: Sun,
+    pattern: I32,
+    position: F32,
+    normal: F32,
+    across: F32,
+    gloss: F32,
+    tracer: Tracer,
+    samples: int,
+    *,
+    objects: Tracer | None = None,
+    lost: bool = False,
+) -> F32:
+    """Light (N, 3) of the sun: the share of rays to it that leave through a window pane.
+
+    Args:
+        sun: the sun; ``sun.pane`` refers to the faces of ``tracer``.
+        pattern: (N,) int32.
+        position: (N, 3) float32.
+        normal: (N, 3) float32.
+        across: (N, 2, 3) float32; the rays start all over the texel.
+        gloss: (N,) float32.
+        tracer: the room.
+        samples: rays per texel.
+        objects: things that are in the way besides.
+        lost: return the light that ``objects`` take away instead of what arrives.
+    """
+    light = np.zeros((len(position), 3), dtype=np.float32)
+    cosine = normal @ sun.direction.astype(np.float32)
+    facing = np.flatnonzero(cosine > 1e-3)
+    if not len(facing):
+        return light
+    side = np.cross(sun.direction, [0.0, 1.0, 0.0])
+    side /= np.linalg.norm(side)
+    top = np.cross(side, sun.direction)
+    square = net(PATTERNS * samples, (0x7F4A7C15, 0x94D049BB))
+    radius = _SUN_RADIUS * np.sqrt(square[:, 0])
+    disc = np.stack([radius * np.cos(2 * np.pi * square[:, 1]), radius * np.sin(2 * np.pi * square[:, 1])], axis=1)
+    origins, directions = (np.empty((len(facing) * samples, 3), dtype=np.float32) for _ in range(2))
+    _sun_rays(
+        pattern[facing],
+        position[facing],
+        normal[facing],
+        across[facing],
+        sun.direction,
+        side,
+        top,
+        disc.reshape(PATTERNS, samples, 2),
+        square_points(samples, (0xBF58476D, 0x1CE4E5B9)),
+        origins,
+        directions,
+    )
+    rays = np.arange(len(origins))
+    if objects is not None:
+        blocked = objects.occluded(origins, directions, np.full(len(origins), 1e4, dtype=np.float32))
+        rays = np.flatnonzero(blocked == lost)
+    found = tracer.intersect(origins[rays], directions[rays])["primID"]
+    lit = np.zeros(len(origins), dtype=bool)
+    lit[rays] = (found >= 0) & sun.pane[np.maximum(found, 0)]
+    share = lit.reshape(-1, samples).mean(axis=1, dtype=np.float64)
+    g, c = gloss[facing], cosine[facing]
+    light[facing] = (share * ((1 - g) * c + g * (LOBE + 1) / 2 * c**LOBE))[:, None] * sun.radiance
+    return light

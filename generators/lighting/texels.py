@@ -1,0 +1,253 @@
+"""From layouts to texels: the point, normal and albedo that each texel of the light maps stands for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generators.core.jit import inline, njit
+from generators.core.low_discrepancy import pattern_of
+from generators.core.scene import F32, I32
+from generators.lighting.surfaces import Surfaces, albedo_at
+from generators.lighting.unwrap import Layout
+
+#: Rays start this far above the surface, so that they do not meet it again (metres).
+PUSH = 0.0015
+#: Points on a chart's border are drawn this far into their face: in a corner of a room they must not lie in the wall.
+PULL = 0.004
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """The light maps of several parts as one array: part p owns ``height[p]`` × ``width[p]`` cells from ``offset[p]``.
+
+    Attributes:
+        uv: (F, 3, 2) float32, faces of all parts in texels of their own map.
+        chart: (F,) int32, different for every chart of every part.
+        offset: (P + 1,) int64.
+        width: (P,) int64.
+        height: (P,) int64.
+    """
+
+    uv: F32
+    chart: I32
+    offset: NDArray[np.int64]
+    width: NDArray[np.int64]
+    height: NDArray[np.int64]
+
+    @staticmethod
+    def of(layouts: Sequence[Layout]) -> Sheet:
+        """Put the layouts one after the other."""
+        charts = np.cumsum([0] + [int(layout.chart.max()) + 1 for layout in layouts])
+        sizes = [layout.width * layout.height for layout in layouts]
+        return Sheet(
+            uv=np.concatenate([layout.uv for layout in layouts]),
+            chart=np.concatenate([own.chart + first for own, first in zip(layouts, charts[:-1], strict=True)]).astype(
+                np.int32
+            ),
+            offset=np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
+            width=np.array([layout.width for layout in layouts], dtype=np.int64),
+            height=np.array([layout.height for layout in layouts], dtype=np.int64),
+        )
+
+    def image(self, part: int, values: NDArray[Any]) -> NDArray[Any]:
+        """(H, W, …) view of part ``part``'s cells in ``values`` (cells, …)."""
+        cells = values[self.offset[part] : self.offset[part + 1]]
+        return cells.reshape(int(self.height[part]), int(self.width[part]), *values.shape[1:])
+
+
+@dataclass(frozen=True, eq=False)
+class Texels:
+    """The covered texels of a sheet, in the order of their cells.
+
+    Attributes:
+        cell: (N,) int64 cell of the sheet.
+        index: (cells,) int32, the texel of a cell, -1 where the cell belongs to no chart.
+        face: (N,) int32.
+        pattern: (N,) int32, see `sampling.pattern_of`.
+        position: (N, 3) float32, where rays start.
+        normal: (N, 3) float32 shading normal.
+        across: (N, 2, 3) float32, the surface vectors of one texel along columns and rows.
+        albedo: (N, 3) float32.
+        gloss: (N,) float32.
+        area: (N,) float32 of the surface it stands for, square metres; 0 where its centre lies beside the face.
+    """
+
+    cell: NDArray[np.int64]
+    index: I32
+    face: I32
+    pattern: I32
+    position: F32
+    normal: F32
+    across: F32
+    albedo: F32
+    gloss: F32
+    area: F32
+
+    def __len__(self) -> int:
+        return len(self.cell)
+
+
+def rasterise(surfaces: Surfaces, sheet: Sheet, wanted: NDArray[np.bool_] | None = None) -> Texels:
+    """Find the texels that bilinear look-up on any face can touch.
+
+    A texel whose centre lies beside its face stands for the nearest point of the face, so that the map is defined
+    a full texel beyond every chart's border.
+
+    Args:
+        surfaces: the faces.
+        sheet: their light maps.
+        wanted: (F,) which faces; all if missing.
+    """
+    cells = int(sheet.offset[-1])
+    nearest = np.full(cells, np.inf, dtype=np.float32)
+    owner = np.full(cells, -1, dtype=np.int32)
+    weights = np.zeros((cells, 2), dtype=np.float32)
+    faces = np.flatnonzero(np.ones(len(sheet.uv), dtype=bool) if wanted is None else wanted)
+    _cover(faces, sheet.uv, surfaces.part, sheet.offset, sheet.width, sheet.height, nearest, owner, weights)
+    cell = np.flatnonzero(owner >= 0)
+    index = np.full(cells, -1, dtype=np.int32)
+    index[cell] = np.arange(len(cell), dtype=np.int32)
+    face = owner[cell]
+    part = surfaces.part[face]
+    local = cell - sheet.offset[part]
+    count = len(cell)
+    position, normal = np.zeros((count, 3), dtype=np.float32), np.zeros((count, 3), dtype=np.float32)
+    across = np.zeros((count, 2, 3), dtype=np.float32)
+    inside = weights[cell]
+    _properties(
+        face,
+        inside,
+        surfaces.triangles,
+        surfaces.normals,
+        surfaces.face_normal,
+        sheet.uv,
+        position,
+        normal,
+        across,
+    )
+    return Texels(
+        cell=cell,
+        index=index,
+        face=face,
+        pattern=pattern_of((local % sheet.width[part]).astype(np.int32), (local // sheet.width[part]).astype(np.int32)),
+        position=position,
+        normal=normal,
+        across=across,
+        albedo=albedo_at(surfaces, face, inside[:, 0], inside[:, 1]),
+        gloss=surfaces.gloss[surfaces.material[face]],
+        area=np.where(nearest[cell] > 0, 0.0, np.linalg.norm(np.cross(across[:, 0], across[:, 1]), axis=1)).astype(
+            np.float32
+        ),
+    )
+
+
+@inline
+def _closest(px: Any, py: Any, a: Any, b: Any, c: Any) -> Any:
+    """Barycentric weights (of b and c) of the triangle's point nearest to (px, py) (Ericson 2005, section 5.1.5)."""
+    abx, aby, acx, acy = b[0] - a[0], b[1] - a[1], c[0] - a[0], c[1] - a[1]
+    apx, apy = px - a[0], py - a[1]
+    d1, d2 = abx * apx + aby * apy, acx * apx + acy * apy
+    if d1 <= 0.0 and d2 <= 0.0:
+        return 0.0, 0.0
+    bpx, bpy = px - b[0], py - b[1]
+    d3, d4 = abx * bpx + aby * bpy, acx * bpx + acy * bpy
+    if d3 >= 0.0 and d4 <= d3:
+        return 1.0, 0.0
+    vc = d1 * d4 - d3 * d2
+    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        return (d1 / (d1 - d3) if d1 > d3 else 0.0), 0.0
+    cpx, cpy = px - c[0], py - c[1]
+    d5, d6 = abx * cpx + aby * cpy, acx * cpx + acy * cpy
+    if d6 >= 0.0 and d5 <= d6:
+        return 0.0, 1.0
+    vb = d5 * d2 - d1 * d6
+    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        return 0.0, (d2 / (d2 - d6) if d2 > d6 else 0.0)
+    va = d3 * d6 - d5 * d4
+    if va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
+        total = (d4 - d3) + (d5 - d6)
+        w = (d4 - d3) / total if total > 0.0 else 0.0
+        return 1.0 - w, w
+    total = va + vb + vc
+    return vb / total, vc / total
+
+
+@njit
+def _cover(
+    faces: Any, uv: Any, part: Any, offset: Any, width: Any, height: Any, nearest: Any, owner: Any, weights: Any
+) -> Any:
+    for f in faces:
+        p = part[f]
+        a, b, c = uv[f, 0], uv[f, 1], uv[f, 2]
+        left = max(int(np.floor(min(a[0], b[0], c[0]) - 1.5)), 0)
+        right = min(int(np.ceil(max(a[0], b[0], c[0]) + 0.5)), width[p] - 1)
+        low = max(int(np.floor(min(a[1], b[1], c[1]) - 1.5)), 0)
+        high = min(int(np.ceil(max(a[1], b[1], c[1]) + 0.5)), height[p] - 1)
+        for y in range(low, high + 1):
+            for x in range(left, right + 1):
+                v, w = _closest(x + 0.5, y + 0.5, a, b, c)
+                dx = a[0] + v * (b[0] - a[0]) + w * (c[0] - a[0]) - x - 0.5
+                dy = a[1] + v * (b[1] - a[1]) + w * (c[1] - a[1]) - y - 0.5
+                if abs(dx) > 1.01 or abs(dy) > 1.01:
+                    continue
+                distance = dx * dx + dy * dy
+                cell = offset[p] + y * width[p] + x
+                if distance < nearest[cell]:
+                    nearest[cell] = distance
+                    owner[cell] = f
+                    weights[cell, 0], weights[cell, 1] = v, w
+
+
+@njit
+def _properties(
+    face: Any,
+    weights: Any,
+    triangles: Any,
+    normals: Any,
+    face_normal: Any,
+    map_uv: Any,
+    position: Any,
+    normal: Any,
+    across: Any,
+) -> Any:
+    for i in range(len(face)):
+        f = face[i]
+        v, w = weights[i, 0], weights[i, 1]
+        u = 1.0 - v - w
+        middle = np.zeros(3)
+        length = 0.0
+        for k in range(3):
+            position[i, k] = u * triangles[f, 0, k] + v * triangles[f, 1, k] + w * triangles[f, 2, k]
+            middle[k] = (triangles[f, 0, k] + triangles[f, 1, k] + triangles[f, 2, k]) / 3.0
+            normal[i, k] = u * normals[f, 0, k] + v * normals[f, 1, k] + w * normals[f, 2, k]
+            length += normal[i, k] ** 2
+        length = np.sqrt(length)
+        facing = 0.0
+        for k in range(3):
+            normal[i, k] = normal[i, k] / length if length > 1e-9 else face_normal[f, k]
+            facing += normal[i, k] * face_normal[f, k]
+        if facing < 0.05:
+            for k in range(3):
+                normal[i, k] = face_normal[f, k]
+        if min(u, v, w) < 1e-3:
+            distance = 0.0
+            for k in range(3):
+                distance += (middle[k] - position[i, k]) ** 2
+            t = min(0.25, PULL / max(np.sqrt(distance), 1e-9))
+            for k in range(3):
+                position[i, k] += t * (middle[k] - position[i, k])
+        for k in range(3):
+            position[i, k] += PUSH * face_normal[f, k]
+        # Surface vectors of a step of one texel: the inverse of the face's map from edges to texels.
+        a, b = map_uv[f, 1] - map_uv[f, 0], map_uv[f, 2] - map_uv[f, 0]
+        det = a[0] * b[1] - a[1] * b[0]
+        if abs(det) > 1e-9:
+            for k in range(3):
+                e1, e2 = triangles[f, 1, k] - triangles[f, 0, k], triangles[f, 2, k] - triangles[f, 0, k]
+                across[i, 0, k] = (e1 * b[1] - e2 * a[1]) / det
+                across[i, 1, k] = (e2 * a[0] - e1 * b[0]) / det

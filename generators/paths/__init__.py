@@ -1,0 +1,1 @@
+"""The walk, the gaze, and sources that move."""

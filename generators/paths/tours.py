@@ -1,0 +1,213 @@
+"""Tracks over the floor: a tour of waypoints past all candidates, smoothed within free space and resampled in time.
+
+Candidates are the placed objects, any of which may be the one that sounds: a tour gives all of them equal rights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from generators.core.curves import arc_length, resample, smooth
+from generators.core.freespace import FreeSpace, distance_to_polygon
+from generators.paths.gaze import Sight
+from generators.paths.motion import Motion
+from generators.paths.pacing import pace
+from generators.paths.watcher import Watcher
+
+Array = NDArray[np.float64]
+
+#: The sensor keeps this distance from placed objects, horizontally, metres.
+OBJECT_DISTANCE = 0.35
+#: An object is best seen from beyond this distance, metres (horizontal), and from within its watcher's `far`.
+NEAR = 0.8
+#: Steps shorter than this are avoided: the views would hardly differ, metres.
+_LEAST_STEP = 0.02
+#: Places among which waypoints are chosen, and options for each waypoint.
+_PLACES, _OPTIONS = 400, 16
+#: Spacing of the places between which a walk past a moving object chooses, and its longest step backwards, metres.
+_PACE, _BACK = 0.01, 0.15
+#: Added to the distance from a moving object, for what both do between two looks, metres.
+_SLACK = 0.05
+#: Moments per second at which the distance from a moving object is looked at.
+LOOKS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """How well places (N,) suit a walk past one candidate, in one phase: whether they see it, its bearing, and both."""
+
+    sees: NDArray[np.bool_]
+    bearing: Array
+    comfort: Array
+
+    @classmethod
+    def of(cls, pool: Array, watcher: Watcher, phase: int) -> _View:
+        sees = watcher.sees(pool, phase)
+        offset = pool - watcher.ground(phase)
+        distance = np.linalg.norm(offset, axis=1)
+        comfort = -0.6 * np.maximum(distance - watcher.far, 0) - 1.0 * np.maximum(NEAR - distance, 0) + 0.8 * sees
+        return cls(sees, np.arctan2(offset[:, 0], offset[:, 1]), comfort)
+
+
+class Tours:
+    """Draws tracks through one room.
+
+    Args:
+        space: the floor to walk on, in one piece.
+        watchers: one per candidate.
+        frames: number of positions of a track.
+        motion: of the object that moves, if one does.
+    """
+
+    def __init__(self, space: FreeSpace, watchers: Sequence[Watcher], frames: int, motion: Motion | None) -> None:
+        self._space, self._frames, self._motion = space, frames, motion
+        self._pool = space.points[:: max(1, len(space.points) // _PLACES)]
+        self._views = [[_View.of(self._pool, w, phase) for phase in range(w.phases)] for w in watchers]
+        # Small rooms are walked slowly, few frames in longer steps.
+        pace_ = float(np.clip(0.05 + 0.03 * space.area, 0.06, 0.18)) * (1.0 if frames >= 40 else 1.6)
+        self._length = min(pace_, 0.3) * (frames - 1)
+
+    def draw(self, rng: Generator) -> Array | None:
+        """(frames, 2) positions along a smooth walk past all candidates; None if it runs into one that moves."""
+        line = self._waypoints(rng)
+        path = smooth(self._space, np.concatenate(self._space.paths(line)) if len(line) > 1 else line)
+        if self._motion is None:
+            return _in_time(self._space, path, self._length, self._frames, rng)
+        return _past(self._space, path, self._length, self._frames, self._motion, rng)
+
+    def _waypoints(self, rng: Generator) -> Array:
+        """(M, 2) places to walk to; each is chosen for the candidate that has been seen from the fewest so far."""
+        pool, wanted = self._pool, 1.15 * self._length + 0.5
+        seen = np.zeros(len(self._views))
+        focus = int(rng.integers(len(seen)))
+        sees = self._views[focus][0].sees
+        current = int(rng.choice(np.flatnonzero(sees))) if sees.any() else int(rng.integers(len(pool)))
+        chosen, walked = [current], 0.0
+        while walked < wanted and len(chosen) < 200:
+            views = [view[min(int(walked / wanted * len(view)), len(view) - 1)] for view in self._views]
+            focus = int(rng.choice(np.flatnonzero(seen <= seen.min() + 1.0)))
+            options = rng.integers(len(pool), size=_OPTIONS)
+            hop = np.linalg.norm(pool[options] - pool[current], axis=1)
+            recent = pool[chosen[-6:]]
+            novelty = np.linalg.norm(pool[options][:, None] - recent, axis=2).min(axis=1)
+            bearing = views[focus].bearing
+            turn = np.abs((bearing[options] - bearing[current] + np.pi) % (2 * np.pi) - np.pi)
+            score = views[focus].comfort[options] + np.minimum(novelty, 1.0) + 0.3 * turn
+            score += 0.5 * np.mean([view.sees[options] for view in views], axis=0)
+            current = int(options[int(np.argmax(score - 0.4 * np.maximum(hop - 2.0, 0)))])
+            walked += float(np.linalg.norm(pool[current] - pool[chosen[-1]])) + 1e-3
+            seen += [view.sees[current] and view.comfort[current] > 0 for view in views]
+            chosen.append(current)
+        return np.asarray(pool[chosen])
+
+
+def track_penalty(sights: Sequence[Sight], watchers: Sequence[Watcher]) -> float:
+    """Penalty of a track, whatever the gaze: few or one-sided views, too near or too far, hardly any movement."""
+    ground = sights[0].eyes[:, [0, 2]]
+    each = []
+    for sight, watcher in zip(sights, watchers, strict=True):
+        distance = horizontal_distance(sight)
+        seen = float(sight.visible.mean())
+        inside = float(((distance >= NEAR) & (distance <= watcher.far)).mean())
+        # The time near the candidates is shared between them.
+        far = max(0.0, 1.0 / len(sights) - inside)
+        one_sided = max(0.0, 1.0 - spread_degrees(sight) / 100)
+        each.append(3 * max(0.0, 0.4 + 0.3 / len(sights) - seen) + 1.5 * far + 1.5 * one_sided)
+    patches = np.unique(np.round(ground / 0.3).astype(int), axis=0)
+    stuck = max(0.0, 1.0 - len(patches) / min(len(ground) / 3, 20))
+    short = float((np.linalg.norm(np.diff(ground, axis=0), axis=1) < _LEAST_STEP).mean()) if len(ground) > 1 else 0.0
+    return float((np.max(each) + np.mean(each)) / 2 + stuck + 20 * short)
+
+
+def horizontal_distance(sight: Sight) -> Array:
+    """(n,) from each position to where the candidate's sound would come from, metres."""
+    return np.asarray(np.linalg.norm(sight.eyes[:, [0, 2]] - sight.source[..., [0, 2]], axis=1))
+
+
+def spread_degrees(sight: Sight) -> float:
+    """Width of the smallest arc round a candidate that holds all positions from which it is in sight, degrees."""
+    seen = sight.visible
+    if seen.sum() < 2:
+        return 0.0
+    angles = np.sort(np.degrees(sight.bearing[seen]) % 360.0)
+    return float(360.0 - np.max(np.diff(np.append(angles, angles[0] + 360.0))))
+
+
+def distances(track: Array, motion: Motion) -> Array:
+    """(8·(n − 1) + 1,) metres between a walk (n, 2), one place per second, and a moving object, 8 times a second.
+
+    Both go straight between the places they are known at; the distance is horizontal, to the footprint.
+    """
+    seconds = np.arange(LOOKS * (len(track) - 1) + 1) / LOOKS
+    walked = np.stack([np.interp(seconds, np.arange(len(track)), track[:, k]) for k in range(2)], axis=1)
+    return np.array(
+        [
+            distance_to_polygon(point[None], motion.outline(float(second)))[0]
+            for second, point in zip(seconds, walked, strict=True)
+        ]
+    )
+
+
+def best_piece(space: FreeSpace, watchers: Sequence[Watcher], least: float) -> FreeSpace | None:
+    """The connected piece of floor, of at least ``least`` m², with the most views of all candidates.
+
+    Where no piece sees every candidate, it is the one with the most views of any, then the largest.
+    """
+    best, best_score = None, -1.0
+    for label in range(1, min(int(space.labels.max()), 6) + 1):
+        piece = space.component(label)
+        if piece.area < least:
+            continue
+        cells = piece.points[:: max(1, len(piece.points) // 150)]
+        seen = [np.mean([w.sees(cells, phase).mean() for phase in range(w.phases)]) for w in watchers]
+        score = (min(seen) + 0.1 * np.mean(seen) + 1e-3) * piece.area
+        if score > best_score:
+            best, best_score = piece, float(score)
+    return best
+
+
+def _speeds(frames: int, rng: Generator) -> Array:
+    """(frames − 1,) a slowly varying speed with a mean near 1."""
+    phase, waves = rng.uniform(0, 2 * np.pi), rng.uniform(1, 4)
+    t = np.linspace(0.0, 1.0, frames)
+    return np.asarray(1.0 + 0.3 * np.sin(2 * np.pi * waves * (t[1:] + t[:-1]) / 2 + phase))
+
+
+def _in_time(space: FreeSpace, path: Array, length: float, frames: int, rng: Generator) -> Array:
+    """(frames, 2) positions along the first ``length`` metres of ``path``, at a slowly varying speed."""
+    arc = np.concatenate([[0.0], np.cumsum(_speeds(frames, rng))])
+    walked = arc_length(path)
+    arc *= min(length, float(walked[-1])) / max(float(arc[-1]), 1e-12)
+    out = np.stack([np.interp(arc, walked, path[:, k]) for k in range(2)], axis=1)
+    return _into(space, path, out)
+
+
+def _into(space: FreeSpace, path: Array, out: Array) -> Array:
+    """``out`` (n, 2) with what a chord of the polyline takes into an obstacle moved back onto ``path``."""
+    for index in np.flatnonzero(~space.contains(out)):
+        near = path[space.contains(path)]
+        out[index] = near[int(np.argmin(((near - out[index]) ** 2).sum(axis=1)))]
+    return out
+
+
+def _past(space: FreeSpace, path: Array, length: float, frames: int, motion: Motion, rng: Generator) -> Array | None:
+    """(frames, 2) positions along ``path``, waiting for an object that moves; None where it cannot be let past."""
+    places = _into(space, path, resample(path, _PACE))
+    spacing = float(arc_length(places)[-1]) / max(len(places) - 1, 1)
+    wanted = _speeds(frames, rng) * length / max(frames - 1, 1)
+    free = np.stack(
+        [
+            distance_to_polygon(places, motion.outline(half / 2)) >= OBJECT_DISTANCE + _SLACK
+            for half in range(2 * frames - 1)
+        ]
+    )
+    steps = pace(free, wanted, max(spacing, 1e-6), most=0.3, back=_BACK)
+    if steps is None:
+        return None
+    track = places[steps]
+    return track if distances(track, motion).min() >= OBJECT_DISTANCE else None

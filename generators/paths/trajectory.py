@@ -1,0 +1,214 @@
+"""The agent's walk: through free space, past both sides of every candidate, looking at each and away from it.
+
+A candidate is any placed object. Which one sounds is not known here, and is drawn independently later: nothing of a
+walk can tell it. A walk is drawn as a tour of waypoints round the candidates (generators/paths/tours.py); then a gaze
+is planned along it (generators/paths/gaze.py). Several tours with many gazes each are drawn, and the best by a
+penalty that is symmetric in the candidates is kept.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.geometry import Pose
+from generators.core.freespace import CELL, FreeSpace, Navigable, triangles_near
+from generators.core.rays import RayCaster
+from generators.core.scene import Scene
+from generators.paths import gaze
+from generators.paths.gaze import Sight, Views
+from generators.paths.motion import Motion
+from generators.paths.tours import LOOKS, OBJECT_DISTANCE, Tours, best_piece, distances, track_penalty
+from generators.paths.walk_report import WalkReport
+from generators.paths.watcher import Watcher, watchers
+from generators.placement.placement import Placement
+
+Array = NDArray[np.float64]
+
+#: Maximum step length (m) and turn (degrees) between frames.
+MOST_STEP, MOST_TURN = 0.5, 30.0
+#: Tours that are judged, and gazes that are drawn along each.
+_TOURS, _GAZES = 8, 48
+#: Tours drawn at most where some of them run into an object that moves.
+_TRIES = 5 * _TOURS
+#: Free floor below which nobody can walk, m².
+_LEAST_AREA = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """Poses and what they amount to."""
+
+    poses: tuple[Pose, ...]
+    report: WalkReport
+
+
+def walk(
+    scene: Scene,
+    room: str,
+    placements: Sequence[Placement],
+    *,
+    frames: int = 120,
+    height: float = 1.5,
+    hfov: float = 90.0,
+    rng: Generator,
+    motion: Motion | None = None,
+    navigable: Navigable | None = None,
+) -> tuple[tuple[Pose, ...], tuple[str, ...]]:
+    """Poses of the agent and notes on what could not be had as asked; see `plan_walk`."""
+    result = plan_walk(
+        scene, room, placements, frames=frames, height=height, hfov=hfov, rng=rng, motion=motion, navigable=navigable
+    )
+    relaxed = tuple(placement.relaxed for placement in placements if placement.relaxed)
+    return result.poses, (*relaxed, *result.report.notes)
+
+
+def plan_walk(
+    scene: Scene,
+    room: str,
+    placements: Sequence[Placement],
+    *,
+    frames: int = 120,
+    height: float = 1.5,
+    hfov: float = 90.0,
+    rng: Generator,
+    motion: Motion | None = None,
+    navigable: Navigable | None = None,
+    watched: Sequence[int] | None = None,
+) -> Walk:
+    """Walk through ``room`` past all placed objects, none of which is preferred.
+
+    Args:
+        scene: the home without the placed objects.
+        room: name of the room.
+        placements: what was placed in it.
+        frames: number of poses.
+        height: of the sensor above the floor, metres.
+        hfov: field of view of the (square) camera, degrees.
+        rng: the only source of randomness.
+        motion: of the object that moves, if one does; it lasts ``frames`` seconds.
+        navigable: what a renderer's own navigation mesh says of points on the floor; the walk keeps to both.
+        watched: indices of the placements that the walk is planned for; None: all of them. Anything else tells
+            something about them: it is for experiments on that (benchmarks/leaks.py), and no generator uses it.
+
+    Returns:
+        Poses in free space at ``height``, pairwise distinct, with steps of at most 0.5 m and turns of at most 30°.
+
+    Raises:
+        Avs3dError: if nothing was placed, ``frames`` is less than 1, or the room is too small to walk in.
+    """
+    name = f"{scene.name}/{room}"
+    if not placements or frames < 1:
+        raise Avs3dError(f"{name}: {len(placements)} objects and {frames} frames; expected at least one of each")
+    space, caster = _floor(scene, room, placements, motion, height, navigable)
+    extent = math.tan(math.radians(hfov) / 2)
+    everyone = watchers(caster, placements, motion, frames=frames, eye=space.floor + height, extent=extent)
+    chosen = everyone if watched is None else tuple(everyone[index] for index in watched)
+    piece = best_piece(space, chosen, _LEAST_AREA)
+    if piece is None:
+        raise Avs3dError(
+            f"{name}: no room to walk: {space.area:.2f} m² of free floor for an agent {2 * space.radius:.1f} m wide;"
+            " place fewer objects or choose another room"
+        )
+    best = _search(Tours(piece, chosen, frames, motion), chosen, rng, moving=motion is not None)
+    if best is None:
+        assert motion is not None
+        raise Avs3dError(
+            f"{name}: no walk of {frames} frames keeps {OBJECT_DISTANCE} m away from the moving "
+            f"{motion.start.model.category}; choose a larger room, fewer objects or a smaller model"
+        )
+    eyes, yaw, pitch = best
+    poses = tuple(Pose.from_yaw(p, float(y), float(t)) for p, y, t in zip(eyes, yaw, pitch, strict=True))
+    check_poses(poses, piece, name)
+    if motion is not None:
+        check_distance(poses, motion, name)
+    sights = [watcher.sight(eyes[:, [0, 2]]) for watcher in everyone]
+    return Walk(poses, WalkReport.of(sights, yaw, pitch, piece))
+
+
+def _floor(
+    scene: Scene,
+    room: str,
+    placements: Sequence[Placement],
+    motion: Motion | None,
+    height: float,
+    navigable: Navigable | None,
+) -> tuple[FreeSpace, RayCaster]:
+    """Where the agent may walk, and rays against the room and everything that stands in it."""
+    box = scene.room(room)
+    standing = [p for index, p in enumerate(placements) if motion is None or index != motion.index]
+    triangles = np.concatenate([triangles_near(scene, [(box.low, box.high)]), *(p.mesh.positions for p in standing)])
+    caster = RayCaster(triangles)
+    space = FreeSpace.of(scene, room, triangles=triangles, caster=caster, height=height)
+    # A pose may be anywhere in a cell whose centre is walkable: half a diagonal more.
+    space = space.without([p.box.footprint for p in standing], OBJECT_DISTANCE + CELL * math.sqrt(0.5))
+    return space if navigable is None else space.within(navigable), caster
+
+
+def _search(
+    tours: Tours, chosen: Sequence[Watcher], rng: Generator, *, moving: bool
+) -> tuple[Array, Array, Array] | None:
+    """The eyes (n, 3), yaw and pitch (n,) of the best of many walks; None if all run into what moves."""
+    best: tuple[float, Array, Array, Array] | None = None
+    found = 0
+    for _ in range(_TRIES if moving else _TOURS):
+        track = tours.draw(rng)
+        if track is None:
+            continue
+        found += 1
+        sights: list[Sight] = [watcher.sight(track) for watcher in chosen]
+        yaw, pitch = gaze.draw_gazes(sights, _GAZES, rng)
+        penalties = gaze.penalty([Views.of(sight, yaw, pitch) for sight in sights], yaw) + track_penalty(sights, chosen)
+        index = int(np.argmin(penalties))
+        if best is None or penalties[index] < best[0]:
+            best = (float(penalties[index]), sights[0].eyes, yaw[index], pitch[index])
+        if found == _TOURS:
+            break
+    return None if best is None else best[1:]
+
+
+def check_poses(poses: Sequence[Pose], space: FreeSpace, name: str) -> None:
+    """Hold poses to the hard rules.
+
+    Raises:
+        Avs3dError: naming the first pose outside free space, too far or too much turned from the one before, or twice.
+    """
+    positions = np.array([pose.position for pose in poses])
+    for index, inside in enumerate(space.contains(positions[:, [0, 2]])):
+        if not inside:
+            raise Avs3dError(f"{name}: pose {index} at {poses[index].position} is not in free space; use another seed")
+    forward = [pose.rotation_matrix for pose in poses]
+    for index in range(1, len(poses)):
+        step = float(np.linalg.norm(positions[index] - positions[index - 1]))
+        cosine = (np.trace(forward[index - 1].T @ forward[index]) - 1) / 2
+        turn = math.degrees(math.acos(min(1.0, max(-1.0, float(cosine)))))
+        if step > MOST_STEP or turn > MOST_TURN:
+            raise Avs3dError(
+                f"{name}: pose {index} is {step:.2f} m and {turn:.1f}° from the one before; expected at most"
+                f" {MOST_STEP} m and {MOST_TURN}°; ask for more frames"
+            )
+    if len({(pose.position, pose.rotation) for pose in poses}) < len(poses):
+        raise Avs3dError(
+            f"{name}: two of {len(poses)} poses are the same; the free floor is too small, use another room"
+        )
+
+
+def check_distance(poses: Sequence[Pose], motion: Motion, name: str) -> None:
+    """Hold poses, one per second, to their distance from an object that moves, at every time.
+
+    Raises:
+        Avs3dError: naming the first moment at which it is not kept.
+    """
+    distance = distances(np.array([pose.position for pose in poses])[:, [0, 2]], motion)
+    near = np.flatnonzero(distance < OBJECT_DISTANCE)
+    if len(near):
+        raise Avs3dError(
+            f"{name}: after {near[0] / LOOKS:g} s the agent is {distance[near[0]]:.2f} m from the moving "
+            f"{motion.start.model.category}, expected {OBJECT_DISTANCE} m; use another seed"
+        )

@@ -1,0 +1,210 @@
+"""Lines of sight from floor positions to the candidates (all placed objects), which may stand or move."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from avs3d_bench.geometry import Pose
+from generators.core.boxes import yaw_matrix
+from generators.core.rays import RayCaster
+from generators.core.scene import Mesh
+from generators.paths import gaze
+from generators.paths.gaze import Sight
+from generators.paths.motion import Motion
+from generators.placement.fitting import spread_points
+from generators.placement.placement import Placement
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+#: Samples of an object's surface.
+_SAMPLES = 64
+#: The walk stays within this range of a large object, metres.
+FAR = 3.0
+
+
+def watchers(
+    caster: RayCaster,
+    placements: Sequence[Placement],
+    motion: Motion | None,
+    *,
+    frames: int,
+    eye: float,
+    extent: float,
+) -> tuple[Watcher, ...]:
+    """One watcher for each of ``placements``, in their order; see `StillWatcher` and `MovingWatcher`."""
+    return tuple(
+        MovingWatcher(caster, motion, frames, eye, extent)
+        if motion is not None and motion.index == index
+        else StillWatcher(caster, placement, eye, extent)
+        for index, placement in enumerate(placements)
+    )
+
+
+class Watcher(Protocol):
+    """What a walk needs to know of one candidate.
+
+    Attributes:
+        far: how far the walk goes from it, metres.
+        phases: stretches of the walk, of equal length, in each of which it is taken to be in one place.
+    """
+
+    far: float
+    phases: int
+
+    def sees(self, track: Array, phase: int = 0) -> Bools:
+        """(n,) whether enough of it is in sight from positions (n, 2) in a phase."""
+        ...
+
+    def ground(self, phase: int = 0) -> Array:
+        """(2,) x and z of the place where its sound would come from in a phase."""
+        ...
+
+    def sight(self, track: Array) -> Sight:
+        """What can be seen of it along a walk (n, 2), one position per frame."""
+        ...
+
+
+class StillWatcher:
+    """Looks at an object that stands.
+
+    Args:
+        caster: rays against the room and all objects in it.
+        source: the object.
+        eye: height of the sensor, world.
+        extent: tangent of half the field of view.
+    """
+
+    phases = 1
+
+    def __init__(self, caster: RayCaster, source: Placement, eye: float, extent: float) -> None:
+        self.caster, self.eye, self.extent = caster, eye, extent
+        self.points = outer_samples(source.mesh, _SAMPLES)
+        self.centre = source.box.centre
+        self.source = np.asarray(source.source_position)
+        self.far = far(source)
+
+    def clear(self, track: Array) -> Bools:
+        """(n, S) free lines from positions (n, 2) to the samples."""
+        starts = np.repeat(np.insert(track, 1, self.eye, axis=1), len(self.points), axis=0)
+        ends = np.tile(self.points, (len(track), 1))
+        return ~self.caster.occluded(starts, ends - starts, 0.999).reshape(len(track), -1)
+
+    def sees(self, track: Array, phase: int = 0) -> Bools:
+        """See `Watcher`."""
+        return np.asarray(self.clear(track).mean(axis=1) >= gaze.SEEN_SHARE)
+
+    def ground(self, phase: int = 0) -> Array:
+        """See `Watcher`."""
+        return np.asarray(self.source[[0, 2]])
+
+    def sight(self, track: Array) -> Sight:
+        """See `Watcher`."""
+        eyes = np.insert(track, 1, self.eye, axis=1)
+        return Sight(eyes, self.centre, self.source, self.points, self.clear(track), self.extent)
+
+
+class MovingWatcher:
+    """Looks at an object that moves.
+
+    Args:
+        caster: rays against the room and the objects that stand.
+        motion: of the object.
+        frames: one per second.
+        eye: height of the sensor, world.
+        extent: tangent of half the field of view.
+    """
+
+    phases = 12
+
+    def __init__(self, caster: RayCaster, motion: Motion, frames: int, eye: float, extent: float) -> None:
+        self.caster, self.eye, self.extent, self._motion = caster, eye, extent, motion
+        self._sources = motion.seconds[:frames]
+        self._points = outer_samples(motion.start.model.mesh, _SAMPLES)
+        self.far = far(motion.start)
+
+    def _at(self, phase: int) -> Placement:
+        return self._sources[min(int((phase + 0.5) / self.phases * len(self._sources)), len(self._sources) - 1)]
+
+    def _clear(self, eyes: Array, source: Placement) -> tuple[Bools, Array]:
+        """(n, S) free lines from ``eyes`` (n, 3) to the samples of the object at ``source``, and (S, 3) those."""
+        points = self._points @ yaw_matrix(source.yaw).T + np.asarray(source.position)
+        starts, ends = np.repeat(eyes, len(points), axis=0), np.tile(points, (len(eyes), 1))
+        hidden = self.caster.occluded(starts, ends - starts, 0.999)
+        hidden |= self._motion.occluded(source, starts, ends - starts, 0.999)
+        return ~hidden.reshape(len(eyes), -1), points
+
+    def sees(self, track: Array, phase: int = 0) -> Bools:
+        """See `Watcher`."""
+        clear, _ = self._clear(np.insert(track, 1, self.eye, axis=1), self._at(phase))
+        return np.asarray(clear.mean(axis=1) >= gaze.SEEN_SHARE)
+
+    def ground(self, phase: int = 0) -> Array:
+        """See `Watcher`."""
+        return np.asarray(self._at(phase).source_position)[[0, 2]]
+
+    def sight(self, track: Array) -> Sight:
+        """See `Watcher`."""
+        eyes = np.insert(track, 1, self.eye, axis=1)
+        seen = [self._clear(eyes[i : i + 1], source) for i, source in enumerate(self._sources)]
+        return Sight(
+            eyes,
+            np.array([source.box.centre for source in self._sources]),
+            np.array([source.source_position for source in self._sources]),
+            np.stack([points for _, points in seen]),
+            np.concatenate([clear for clear, _ in seen]),
+            self.extent,
+        )
+
+
+def far(source: Placement) -> float:
+    """How far the walk goes from an object: a telephone fills as much of the image as the contract's 3 m allow."""
+    diagonal = float(2 * np.linalg.norm(source.box.half))
+    return float(np.clip(1.0 + 1.8 * diagonal, 1.4, FAR))
+
+
+def outer_samples(mesh: Mesh, count: int, off: float = 0.01) -> Array:
+    """(≤ count, 3) points spread over what can be seen of ``mesh`` from outside, ``off`` metres off the surface.
+
+    Inner surfaces (a drum behind its glass, the back of a panel) are those where a ray along the normal is caught.
+    """
+    triangles = mesh.positions.astype(np.float64)
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    area = np.linalg.norm(normals, axis=1)
+    points, faces = spread_points(triangles, area, 4 * count)
+    unit = normals[faces] / np.maximum(area[faces], 1e-18)[:, None]
+    solid = area[faces] > 0
+    points, unit = points[solid] + off * unit[solid], unit[solid]
+    free = ~RayCaster(mesh.positions).occluded(points, unit)
+    outer = points[free] if free.any() else points
+    return np.asarray(outer[np.linspace(0, len(outer) - 1, min(count, len(outer))).round().astype(int)])
+
+
+def line_of_sight(caster: RayCaster, pose: Pose, source: Placement) -> bool:
+    """Whether nothing but the object itself stands between the sensor and where its sound comes from.
+
+    Args:
+        caster: rays against the scene with the placed objects.
+        pose: the sensor.
+        source: the instance; hits within 5 cm of its source, or on its own body, do not count.
+    """
+    start, end = np.asarray(pose.position), np.asarray(source.source_position)
+    length = float(np.linalg.norm(end - start))
+    if length < 0.05:
+        return True
+    direction = (end - start) / length
+    distance = float(caster.closest(start[None], direction[None])[0][0])
+    if distance >= length - 0.05:
+        return True
+    return bool(source.box.distance(start + direction * distance) < 0.01)
+
+
+def visible_fraction(caster: RayCaster, pose: Pose, points: ArrayLike) -> float:
+    """Share of ``points`` (N, 3) with a free line to the sensor; points should lie a little off their surface."""
+    ends = np.asarray(points, dtype=np.float64)
+    start = np.asarray(pose.position)
+    return float(1.0 - caster.occluded(np.broadcast_to(start, ends.shape), ends - start, 0.999).mean())

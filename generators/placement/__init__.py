@@ -1,0 +1,1 @@
+"""Where objects stand in a room."""

@@ -1,0 +1,149 @@
+"""Whether an object fits where it would stand: clear of everything, out of the way, in sight of the walking agent."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from generators.core.boxes import UprightBox, yaw_matrix
+from generators.core.freespace import CELL, SENSOR_HEIGHT, FreeSpace, distance_to_polygon
+from generators.core.scene import Mesh
+from generators.placement.site import Site
+
+Array = NDArray[np.float64]
+
+#: A triangle may reach this far into an object's box: contact is not collision.
+SKIN = 0.002
+#: … and, in a scan, this many standard deviations of its surface further.
+ROUGH_SKIN = 3.5
+#: Objects keep this distance from one another, metres.
+ELBOW_ROOM = 0.03
+#: Nothing stands nearer to a doorway, metres.
+DOOR_ZONE = 0.6
+#: The largest connected free floor that must remain: this share of what was there, or this many m².
+KEEP_SHARE, KEEP_AREA = 0.8, 1.2
+#: An object counts as visible from a place 0.7–3 m away that sees half of its front; this floor area must, m².
+VIEW_NEAR, VIEW_FAR, VIEW_AREA = 0.7, 3.0, 0.30
+#: … and these places must spread over this angle as seen from the object, degrees.
+VIEW_SPREAD = 35.0
+#: Places from which an object is looked at, at most.
+_EYES = 80
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """An object where it would stand: its box, (S, 3) points spread over its front, and its yaw."""
+
+    box: UprightBox
+    fronts: Array
+
+    @classmethod
+    def of(cls, mesh: Mesh, fronts: Array, position: ArrayLike, yaw: float) -> Body:
+        """``mesh`` and its ``fronts`` (`front_points`) placed at ``position``, turned by ``yaw``."""
+        world = fronts @ yaw_matrix(yaw).T + np.asarray(position, dtype=np.float64)
+        return cls(UprightBox.around(mesh, position, yaw), world)
+
+    @property
+    def centre(self) -> Array:
+        """(3,) middle of the box."""
+        return self.box.centre
+
+
+class Fitting:
+    """The tests of one room. Reasons of refusal are predicates in the plural, for error messages that count them."""
+
+    def __init__(self, site: Site) -> None:
+        self.site = site
+        self._before = site.space.largest()
+
+    def fault_alone(self, body: Body, *, on_floor: bool) -> str:
+        """Why an object does not fit, were it the only one; "" if it does."""
+        if self.site.collides(body.box.grown(-SKIN - ROUGH_SKIN * self.site.noise)):
+            return "collide with the room"
+        if on_floor:
+            for door in self.site.doors:
+                if distance_to_polygon(door, body.box.footprint).min() < DOOR_ZONE:
+                    return "stand in a doorway"
+        return self.fault_together([body])
+
+    def fault_together(self, bodies: Sequence[Body]) -> str:
+        """Why objects that fit alone do not fit together; "" if they do."""
+        for index, one in enumerate(bodies):
+            if any(one.box.grown(ELBOW_ROOM).hits_box(other.box) for other in bodies[:index]):
+                return "touch another object"
+        left = self.site.space.without([body.box.footprint for body in bodies]).largest()
+        if left.area < min(KEEP_SHARE * self._before.area, KEEP_AREA):
+            return "block the way"
+        # Whoever could leave through a door before still can.
+        if not all((way & left.walkable).any() for way in self._ways):
+            return "block a door"
+        for index, body in enumerate(bodies):
+            others = [other.box for k, other in enumerate(bodies) if k != index]
+            if self._hidden(body, others, left):
+                return "hide an object" if others else "are hidden from the free floor"
+        return ""
+
+    @cached_property
+    def _ways(self) -> list[NDArray[np.bool_]]:
+        """For each door that can be reached, the cells of the largest free floor just inside it."""
+        centres = self._before.cell_centres()
+        ways = []
+        for door in self.site.doors:
+            near = np.linalg.norm(centres[:, None] - door[None, ::4], axis=2).min(axis=1) <= 0.5
+            ways.append(near.reshape(self._before.walkable.shape) & self._before.walkable)
+        return [way for way in ways if way.any()]
+
+    def _hidden(self, body: Body, others: Sequence[UprightBox], floor: FreeSpace) -> bool:
+        """Whether too little of the free ``floor`` has a view of the object's front."""
+        yaw = body.box.yaw
+        offsets = floor.points - body.centre[[0, 2]]
+        distance = np.linalg.norm(offsets, axis=1)
+        before = offsets @ np.array([math.sin(yaw), math.cos(yaw)]) > 0
+        cells = floor.points[(distance >= VIEW_NEAR) & (distance <= VIEW_FAR) & before]
+        step = max(1, len(cells) // _EYES)
+        eyes = cells[::step]
+        if not len(eyes):
+            return True
+        eye = np.insert(eyes, 1, floor.floor + SENSOR_HEIGHT, axis=1)
+        starts, ends = np.repeat(eye, len(body.fronts), axis=0), np.tile(body.fronts, (len(eye), 1))
+        blocked = self.site.caster.occluded(starts, ends - starts, 0.999)
+        for box in others:
+            blocked |= box.blocks(starts, ends)
+        sees = 1 - blocked.reshape(len(eye), -1).mean(axis=1) >= 0.5
+        if sees.sum() * step * CELL * CELL < VIEW_AREA:
+            return True
+        bearings = np.degrees(np.arctan2(*(eyes[sees] - body.centre[[0, 2]]).T))
+        ahead = (bearings - math.degrees(yaw) + 180) % 360 - 180
+        return bool(np.ptp(ahead) < VIEW_SPREAD)
+
+
+def front_points(mesh: Mesh, count: int = 24) -> Array:
+    """(count, 3) points spread by area over the faces that look forward (+Z), 1 cm in front of them."""
+    triangles = mesh.positions.astype(np.float64)
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    points, _ = spread_points(triangles, np.maximum(normals[:, 2], 0.0), count)
+    return np.asarray(points + np.array([0.0, 0.0, 0.01]))
+
+
+def spread_points(triangles: Array, weights: Array, count: int) -> tuple[Array, NDArray[np.intp]]:
+    """Points on ``triangles`` (F, 3, 3), spread evenly by ``weights`` (F,) without randomness.
+
+    Within a triangle they follow the additive sequence of the plastic number (Roberts, 2018).
+
+    Returns:
+        points (count, 3) and the face of each (count,).
+    """
+    if weights.sum() <= 0:
+        weights = np.ones(len(triangles))
+    edges = np.cumsum(weights) / weights.sum()
+    faces = np.minimum(np.searchsorted(edges, (np.arange(count) + 0.5) / count), len(triangles) - 1)
+    r, s = ((0.5 + np.arange(1, count + 1) * step) % 1.0 for step in (0.7548776662466927, 0.5698402909980532))
+    outside = r + s > 1
+    r, s = np.where(outside, 1 - r, r)[:, None], np.where(outside, 1 - s, s)[:, None]
+    a, b, c = (triangles[faces, k] for k in range(3))
+    return np.asarray(a + r * (b - a) + s * (c - a)), faces

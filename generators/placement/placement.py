@@ -1,0 +1,363 @@
+"""Objects where they belong: on their support, clear of everything, facing the room, in sight of a walking agent.
+
+`place` collects spots for a model (generators/placement/spots.py), tries them in random order and keeps the first
+that passes every test of generators/placement/fitting.py. Twins (identical copies) stand at least a metre apart where
+the room allows; an oven and a microwave stand side by side (the paper's hard pair).
+
+Nothing here knows which object sounds: that is drawn later (generators/arrangement.py), so that no place can tell it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import ArrayLike, NDArray
+
+from avs3d_bench.errors import Avs3dError
+from generators.core.boxes import UprightBox, yaw_matrix
+from generators.core.scene import Mesh, Part, Scene, Support, SupportKind
+from generators.placement.fitting import Body, Fitting, front_points
+from generators.placement.site import Site
+from generators.placement.spots import Spot, against_wall, on_top, on_wall, open_floor
+
+if TYPE_CHECKING:
+    from generators.assets.model import Model
+
+Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
+Fit = tuple[Spot, Body]
+
+#: Twins stand this far apart (centres, metres); the later ones are tried only if the room has no place for the first.
+TWIN_DISTANCES = (1.0, 0.7, 0.5)
+#: Two categories that are easily confused, and how near to one another they stand (centres, metres).
+HARD_PAIR, PAIR_DISTANCE = ("microwave", "oven"), (0.5, 1.0)
+#: Spots of a model that are judged, at first and at most; two of them are at least this far apart, metres.
+_POOLS, _THINNING = (40, 160), 0.08
+#: Branches followed, and complete sets judged, in the search for twins.
+_BRANCHES, _SETS = 20_000, 24
+#: How often the objects placed first may move to make room for those placed later.
+_ATTEMPTS = 6
+
+
+@dataclass(frozen=True)
+class Rule:
+    """Where a category belongs.
+
+    Attributes:
+        surfaces: kinds of support in the order of preference; those of one tier are mixed.
+        gap: metres between the back and the wall, for what stands on the floor against a wall.
+        free: stands on open floor instead.
+        jitter: largest deviation of the yaw, degrees.
+        rear: how strongly the back of a worktop is preferred (0–1).
+    """
+
+    surfaces: tuple[tuple[SupportKind, ...], ...] = (("worktop", "side_table", "shelf"),)
+    gap: tuple[float, float] = (0.01, 0.03)
+    free: bool = False
+    jitter: float = 5.0
+    rear: float = 0.3
+
+
+_KITCHEN_TOP: tuple[tuple[SupportKind, ...], ...] = (("worktop",), ("side_table", "shelf"))
+RULES = {
+    "washing_machine": Rule(),
+    "toilet": Rule(gap=(0.0, 0.0)),
+    "vacuum_cleaner": Rule(free=True, jitter=30.0),
+    "microwave": Rule(_KITCHEN_TOP, jitter=3.0, rear=0.8),
+    "oven": Rule(_KITCHEN_TOP, jitter=2.0, rear=0.8),
+    "coffee_machine": Rule(_KITCHEN_TOP, jitter=8.0, rear=0.7),
+    "clock": Rule((("shelf", "side_table"), ("worktop",)), jitter=12.0, rear=0.4),
+    "telephone": Rule((("side_table",), ("shelf", "worktop")), jitter=15.0),
+}
+#: Middle of a wall clock above the floor, metres.
+WALL_HEIGHTS = (1.5, 1.9)
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """A model in the room.
+
+    Attributes:
+        model: what stands there.
+        support: what it stands on or hangs from.
+        position: world coordinates of the model's origin, metres.
+        yaw: radians about +Y; the front looks along (sin yaw, 0, cos yaw).
+        relaxed: which constraint was relaxed ("" = none).
+    """
+
+    model: Model
+    support: Support
+    position: Vector
+    yaw: float
+    relaxed: str = ""
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """The mesh in world coordinates."""
+        return self.model.mesh.transformed(yaw_matrix(self.yaw), np.asarray(self.position))
+
+    @property
+    def source_position(self) -> Vector:
+        """Where its sound comes from, world coordinates."""
+        x, y, z = yaw_matrix(self.yaw) @ np.asarray(self.model.source_point) + np.asarray(self.position)
+        return float(x), float(y), float(z)
+
+    @property
+    def bounds(self) -> NDArray[np.float32]:
+        """(2, 3) lowest and highest corner of the mesh in world coordinates."""
+        return self.mesh.bounds
+
+    @cached_property
+    def box(self) -> UprightBox:
+        """The box around it, turned with it."""
+        return UprightBox.around(self.model.mesh, self.position, self.yaw)
+
+    @property
+    def front(self) -> Array:
+        """(3,) the direction it looks."""
+        return np.array([math.sin(self.yaw), 0.0, math.cos(self.yaw)])
+
+    def part(self, instance_id: int) -> Part:
+        """The part to add to a scene."""
+        model = self.model
+        name = f"{model.category}_{instance_id}"
+        return Part(name, self.mesh, instance_id=instance_id, category=model.category, licence=model.licence)
+
+
+def place(scene: Scene, room: str, models: Sequence[Model], *, rng: Generator) -> tuple[Placement, ...]:
+    """Find places for all objects of an observation.
+
+    The order of ``models`` does not influence the places: copies of one model are placed first, the others in an order
+    that is drawn, so that no model has a right before another.
+
+    Args:
+        scene: the home, without objects.
+        room: name of the room.
+        models: one per object; a model that is listed several times stands there in as many identical copies.
+        rng: the only source of randomness.
+
+    Returns:
+        The places, in the order of ``models``.
+
+    Raises:
+        Avs3dError: one line with the category, the room, what failed how often, and what to do.
+    """
+    if not models:
+        raise Avs3dError(f"{scene.name}/{room}: no objects to place; expected at least one")
+    groups = _groups(models)
+    placer = Placer(Site.of(scene, room))
+    found: dict[int, list[Placement]] = {}
+    for attempt in range(_ATTEMPTS):
+        last = attempt == _ATTEMPTS - 1
+        order = sorted(rng.permutation(len(groups)).tolist(), key=lambda number: -len(groups[number]))
+        found = {}
+        placed: list[Placement] = []
+        try:
+            for number in order:
+                found[number] = placer.copies(models[groups[number][0]], len(groups[number]), placed, rng)
+                placed += found[number]
+        except Avs3dError:
+            # A model that finds no place in the empty room will not find one later.
+            if last or not placed:
+                raise
+            continue
+        # The first may have taken the place of the others: they move before a constraint is relaxed.
+        if last or not any(placement.relaxed for placement in placed[len(found[order[0]]) :]):
+            break
+    where = {index: place for n, group in enumerate(groups) for index, place in zip(group, found[n], strict=True)}
+    return tuple(where[index] for index in range(len(models)))
+
+
+def _groups(models: Sequence[Model]) -> list[list[int]]:
+    """Indices of the copies of each model; the groups are in an order that does not depend on that of ``models``."""
+    groups: dict[int, list[int]] = {}
+    for index, model in enumerate(models):
+        groups.setdefault(id(model), []).append(index)
+    return sorted(groups.values(), key=lambda group: (models[group[0]].category, models[group[0]].name))
+
+
+class Placer:
+    """The search for places in one room."""
+
+    def __init__(self, site: Site) -> None:
+        self.site = site
+        self.fitting = Fitting(site)
+        self.refused: Counter[str] = Counter()
+
+    def copies(self, model: Model, count: int, placed: Sequence[Placement], rng: Generator) -> list[Placement]:
+        """``count`` copies of ``model`` beside what is ``placed``.
+
+        Raises:
+            Avs3dError: if the room has no room for them.
+        """
+        self.refused.clear()
+        bodies = [_body(other.model, other.position, other.yaw) for other in placed]
+        if count == 1:
+            return [self._single(model, placed, bodies, rng)]
+        tiers = [_Pool(self, model, spots) for spots in self.spots(model, rng)]
+        for distance in TWIN_DISTANCES:
+            for depth, most in itertools.product(range(1, len(tiers) + 1), _POOLS):
+                fits = [fit for tier in tiers[:depth] for fit in tier.first(most)]
+                chosen = self._apart(fits, count, distance, bodies)
+                if chosen:
+                    found = [_placement(model, spot) for spot, _ in chosen]
+                    if distance < TWIN_DISTANCES[0]:
+                        note = f"{count} × {model.category} stand {distance} m apart: no room for {TWIN_DISTANCES[0]} m"
+                        found[0] = replace(found[0], relaxed=note)
+                    return found
+        places = sum(len(tier.first(_POOLS[-1])) for tier in tiers)
+        if places:
+            self.refused[f"would do for one, but no {count} of them together, {TWIN_DISTANCES[-1]} m apart"] = places
+        raise self._error(model, count, sum(len(tier.spots) for tier in tiers))
+
+    def _single(self, model: Model, placed: Sequence[Placement], bodies: Sequence[Body], rng: Generator) -> Placement:
+        """One object; half of a hard pair stands near the other half, whichever was placed first."""
+        pool = _Pool(self, model, [spot for tier in self.spots(model, rng) for spot in tier])
+        partners = _partners(model, placed)
+        rounds = [(np.zeros(3), 0.0, math.inf, "")]
+        if partners:
+            partner = partners[int(rng.integers(len(partners)))]
+            one, other = HARD_PAIR
+            note = f"no {one} and {other} stand {PAIR_DISTANCE[0]}–{PAIR_DISTANCE[1]} m from one another: no room"
+            rounds = [(partner.box.centre, *PAIR_DISTANCE, ""), (np.zeros(3), 0.0, math.inf, note)]
+        for centre, near, far, relaxed in rounds:
+            for spot, body in pool.between(centre, near, far):
+                reason = self.fitting.fault_together([body, *bodies]) if bodies else ""
+                if not reason:
+                    return replace(_placement(model, spot), relaxed=relaxed)
+                self.refused[reason] += 1
+        raise self._error(model, 1, len(pool.spots))
+
+    def spots(self, model: Model, rng: Generator) -> list[list[Spot]]:
+        """Candidate spots in tiers of preference, each in the order in which they are tried."""
+        rule = RULES.get(model.category, Rule())
+        site, mesh, jitter = self.site, model.mesh, math.radians(rule.jitter)
+        tiers: list[list[Spot]] = []
+        if model.mount == "floor":
+            for floor in site.supports("floor")[:1]:
+                if rule.free:
+                    tiers.append(open_floor(site, mesh, floor, rng, jitter=jitter))
+                else:
+                    tiers.append(against_wall(site, mesh, floor, rng, gap=rule.gap))
+        if model.mount in ("surface", "wall_or_surface"):
+            for kinds in rule.surfaces:
+                supports = [support for kind in kinds for support in site.supports(kind)]
+                tiers.append([s for p in supports for s in on_top(site, mesh, p, rng, jitter=jitter, rear=rule.rear)])
+        if model.mount in ("wall", "wall_or_surface"):
+            walls = site.supports("wall")
+            hung = [s for wall in walls for s in on_wall(site, mesh, wall, rng, heights=WALL_HEIGHTS)]
+            tiers.insert(int(rng.integers(2)) if tiers else 0, hung)
+        return [sorted(tier, key=lambda spot: spot.rank) for tier in tiers if tier]
+
+    def _apart(self, fits: Sequence[Fit], count: int, distance: float, bodies: Sequence[Body]) -> list[Fit]:
+        """The first ``count`` of ``fits`` that are ``distance`` apart and fit together with ``bodies``, or none.
+
+        The search is depth-first.
+        """
+        if len(fits) < count:
+            return []
+        centres = np.array([body.centre for _, body in fits])
+        apart = np.linalg.norm(centres[:, None] - centres, axis=2) >= distance
+        branches, sets = 0, 0
+        for first in range(len(fits)):
+            stack = [([first], apart[first].copy())]
+            while stack:
+                chosen, free = stack.pop()
+                branches += 1
+                if len(chosen) == count:
+                    sets += 1
+                    if not self.fitting.fault_together([*(fits[k][1] for k in chosen), *bodies]):
+                        return [fits[k] for k in chosen]
+                    break
+                if branches > _BRANCHES or sets > _SETS:
+                    return []
+                later = np.flatnonzero(free)
+                later = later[later > (chosen[-1] if len(chosen) > 1 else -1)]
+                for k in later[::-1]:
+                    stack.append(([*chosen, int(k)], free & apart[k]))
+        return []
+
+    def _error(self, model: Model, count: int, spots: int) -> Avs3dError:
+        what = model.category if count == 1 else f"{count} × {model.category}"
+        if not self.site.space.walkable.any():
+            why = "it has no free floor"
+        elif not spots:
+            kinds = {"floor": "level floor, for most things along a wall", "wall": "free wall"}
+            why = f"it has no {kinds.get(model.mount, 'worktop, table or shelf')} that takes {_size(model)}"
+        else:
+            counts = sorted(self.refused.items(), key=lambda item: (-item[1], item[0]))
+            why = f"of {spots} spots " + ", ".join(f"{number} {reason}" for reason, number in counts)
+        return Avs3dError(
+            f"{self.site.name}: no place for {what} ({model.name}): {why}; choose another room, fewer objects or a"
+            " smaller model"
+        )
+
+
+class _Pool:
+    """The spots of one tier, judged one by one as they are asked for; those that fit, thinned out."""
+
+    def __init__(self, placer: Placer, model: Model, spots: Sequence[Spot]) -> None:
+        self.spots = spots
+        self._placer, self._model = placer, model
+        self._fronts = front_points(model.mesh)
+        self._known: list[str | Body | None] = [None] * len(spots)
+
+    def _judge(self, index: int) -> Body | None:
+        known, spot = self._known[index], self.spots[index]
+        if known is None:
+            body = Body.of(self._model.mesh, self._fronts, spot.position, spot.yaw)
+            reason = self._placer.fitting.fault_alone(body, on_floor=spot.support.kind == "floor")
+            known = self._known[index] = reason or body
+            if reason:
+                self._placer.refused[reason] += 1
+        return None if isinstance(known, str) else known
+
+    def first(self, most: int) -> list[Fit]:
+        """The first ``most`` that fit alone and are not next to an earlier one."""
+        out: list[Fit] = []
+        for index, spot in enumerate(self.spots):
+            if len(out) == most:
+                break
+            if all(np.linalg.norm(spot.position - other.position) >= _THINNING for other, _ in out):
+                body = self._judge(index)
+                if body is not None:
+                    out.append((spot, body))
+        return out
+
+    def between(self, centre: Array, near: float, far: float) -> Iterator[Fit]:
+        """Those that fit alone with their middle ``near`` to ``far`` metres from ``centre``."""
+        for index, spot in enumerate(self.spots):
+            box = UprightBox.around(self._model.mesh, spot.position, spot.yaw)
+            if near <= float(np.linalg.norm(box.centre - centre)) <= far:
+                body = self._judge(index)
+                if body is not None:
+                    yield spot, body
+
+
+def _partners(model: Model, placed: Sequence[Placement]) -> list[Placement]:
+    """What forms a hard pair with ``model``."""
+    if model.category not in HARD_PAIR:
+        return []
+    wanted = HARD_PAIR[1 - HARD_PAIR.index(model.category)]
+    return [placement for placement in placed if placement.model.category == wanted]
+
+
+def _body(model: Model, position: ArrayLike, yaw: float) -> Body:
+    return Body.of(model.mesh, front_points(model.mesh), position, yaw)
+
+
+def _size(model: Model) -> str:
+    return "×".join(f"{v:.2f}" for v in np.diff(model.mesh.bounds, axis=0)[0]) + " m"
+
+
+def _placement(model: Model, spot: Spot) -> Placement:
+    x, y, z = (float(c) for c in spot.position)
+    return Placement(model, spot.support, (x, y, z), spot.yaw)

@@ -1,0 +1,1 @@
+"""A run: its workers, what they write, the cache of homes, progress."""

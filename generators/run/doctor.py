@@ -1,0 +1,162 @@
+"""What `avs3d doctor` looks for on behalf of the generator: renderers, acoustic engines, scans, assets."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+from avs3d_bench.doctor import Check, Finding, constant, has_module, package_check
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.files import user_path
+
+_EXTRA = "pip install 'avs3d-bench[generate]'"
+#: Scans of the paper's benchmark (their ids are published).
+PAPER_SCANS = ("5ZKStnWn8Zo", "q9vSo1VnCiC", "sT4fr6TAbpF", "wc2JMjhGNzB")
+#: Where Debian's package sweethome3d-furniture puts its libraries.
+FURNITURE = Path("/usr/share/sweethome3d/furniture")
+
+_RAY = """
+import numpy as np
+from embreex import rtcore_scene
+from embreex.mesh_construction import TriangleMesh
+scene = rtcore_scene.EmbreeScene()
+TriangleMesh(scene, np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]], dtype=np.float32))
+hit = scene.run(np.array([[.2, .2, 1]], dtype=np.float32), np.array([[0, 0, -1]], dtype=np.float32))
+assert hit[0] == 0, "a ray missed the triangle before it"
+"""
+#: One second of the engine in an empty box: it has been seen to crash on machines whose processor it does not suit.
+_ENGINE = """
+import numpy as np
+from generators.acoustics.soundspaces import RaySettings, SoundSpacesBackend
+from generators.run.doctor import trial_room
+from avs3d_bench.geometry import Pose
+backend = SoundSpacesBackend(RaySettings(reflections=1000, min_rays=50, max_rays=50))
+session = backend.open(trial_room(), (1.0, 1.2, -1.0), room="kitchen")
+response = session.impulse_response(Pose.from_yaw((-1.0, 1.5, 1.0), 0.0))
+session.close()
+print(f"an impulse response of {response.shape[1] / 44100:.2f} s in a test room (CC-BY-NC 4.0)")
+"""
+_JIT = """
+import numba
+assert numba.njit(lambda x: x + 1)(1) == 2
+"""
+
+
+def trial_room():  # type: ignore[no-untyped-def]  # the record's module is heavy
+    """A room of 4 × 2.5 × 4 m for the engines' trial."""
+    from generators.assets.shapes import MeshBuilder
+    from generators.core.scene import Material, Part, Room, Scene
+
+    mesh = MeshBuilder().box((4.0, 2.5, 4.0), (0.0, 1.25, 0.0), Material("wall", "plaster")).build()
+    return Scene("test room", (Part("walls", mesh),), (Room("kitchen", (-2, 0, -2), (2, 2.5, 2)),), ())
+
+
+def checks() -> tuple[Check, ...]:
+    """Everything the generator can make use of."""
+    return (
+        package_check("generate", "embreex", "embreex", _EXTRA, program=_RAY, needed="the renderer"),
+        package_check("generate", "numba", "numba", _EXTRA, program=_JIT, needed="shading"),
+        package_check("generate", "trimesh", "trimesh", _EXTRA, needed="mesh files"),
+        package_check("generate", "xatlas", "xatlas", _EXTRA, needed="light maps"),
+        package_check("generate", "pycolmap", "pycolmap", _EXTRA, needed="COLMAP models"),
+        _engine(),
+        Check("generate", "cache of homes", _cache),
+        Check("habitat", "habitat-sim", _habitat),
+        Check("scans", "scans", _scans),
+        Check("assets", "assets", _assets),
+        *(_token(*names) for names in (("SKETCHFAB_TOKEN", "Sketchfab"), ("FREESOUND_TOKEN", "Freesound"))),
+    )
+
+
+def _engine() -> Check:
+    fix = "pip install 'avs3d-bench[soundspaces]' (needs a C++ compiler), or generate with --audio analytic"
+    if has_module("rlr_audio_propagation") and not all(has_module(name) for name in ("trimesh", "shapely")):
+        return constant("generate", "rlr-audio-propagation", "note", "installed; tried once [generate] is there")
+    needed = "the acoustic engine of SoundSpaces 2.0"
+    return package_check(
+        "generate", "rlr-audio-propagation", "rlr_audio_propagation", fix, program=_ENGINE, needed=needed
+    )
+
+
+def _habitat() -> tuple[Finding, ...]:
+    python = os.environ.get("AVS3D_HABITAT_PYTHON", "")
+    if not python:
+        fix = (
+            "conda create -n habitat python=3.9 habitat-sim headless -c conda-forge -c aihabitat, then "
+            "export AVS3D_HABITAT_PYTHON=…/envs/habitat/bin/python"
+        )
+        return (Finding("habitat", "habitat-sim", "missing", "AVS3D_HABITAT_PYTHON is not set; --vision habitat", fix),)
+    if not has_module("trimesh"):
+        return (Finding("habitat", "habitat-sim", "note", f"{python}: tried once [generate] is there", _EXTRA),)
+    from generators.vision.habitat import probe
+
+    works, said = probe(python)
+    if works:
+        return (Finding("habitat", "habitat-sim", "ok", said),)
+    fix = "name an interpreter with habitat-sim in AVS3D_HABITAT_PYTHON; without a GPU it needs EGL (libegl1, Mesa)"
+    return (Finding("habitat", "habitat-sim", "broken", said, fix),)
+
+
+def _scans() -> tuple[Finding, ...]:
+    fix = "export AVS3D_SCANS=FOLDER with HM3D or Matterport3D below (both are free for research, on request)"
+    named = os.environ.get("AVS3D_SCANS")
+    if not named:
+        return (Finding("scans", "scans", "missing", "AVS3D_SCANS is not set; procedural homes need none", fix),)
+    try:
+        root = user_path(named)
+    except Avs3dError as error:
+        return (Finding("scans", "scans", "broken", str(error), fix),)
+    if not root.is_dir():
+        return (Finding("scans", "scans", "broken", f"{root}: no such folder", fix),)
+    if not has_module("trimesh"):
+        return (Finding("scans", "scans", "note", f"{root}: looked at once [generate] is there", _EXTRA),)
+    from generators.scans.files import find_scan_files
+
+    found = []
+    for scan in PAPER_SCANS:
+        try:
+            find_scan_files(scan, root)
+        except Avs3dError:
+            continue
+        found.append(scan)
+    absent = [scan for scan in PAPER_SCANS if scan not in found]
+    if not absent:
+        return (Finding("scans", "scans", "ok", f"{root}: all {len(found)} scans of 3davs-s34-o7"),)
+    said = f"{root}: {len(found)} of the {len(PAPER_SCANS)} scans of 3davs-s34-o7, not {', '.join(absent)}"
+    return (Finding("scans", "scans", "note", said, "put <id>/<id>.glb of Matterport3D below that folder"),)
+
+
+def _assets() -> tuple[Finding, ...]:
+    folder = Path(os.environ.get("AVS3D_SH3F") or FURNITURE)
+    libraries = sorted(folder.glob("*.sh3f"))
+    if libraries:
+        found = f"{len(libraries)} Sweet Home 3D libraries in {folder}"
+        return (Finding("assets", "Sweet Home 3D", "ok", found),)
+    if folder != FURNITURE:
+        fix = "export AVS3D_SH3F=FOLDER with the .sh3f files, or unset it and apt install sweethome3d-furniture"
+    else:
+        fix = "apt install sweethome3d-furniture, then avs3d assets import sh3f /usr/share/sweethome3d/furniture"
+    return (Finding("assets", "Sweet Home 3D", "missing", f"no *.sh3f in {folder}; open-s34-o7-sh3d", fix),)
+
+
+def _token(variable: str, service: str) -> Check:
+    if os.environ.get(variable):
+        return constant("assets", service, "ok", f"{variable} is set")
+    return constant("assets", service, "missing", f"{variable} is not set; fetching from {service}",
+                    f"export {variable}=… (from your {service} account)")  # fmt: skip
+
+
+def _cache() -> tuple[Finding, ...]:
+    from generators.core.folders import default_cache
+
+    folder = default_cache()
+    there = next(path for path in (folder, *folder.parents) if path.exists())
+    free = shutil.disk_usage(there).free / 1e9
+    if not there.is_dir() or not os.access(there, os.W_OK):
+        fix = "export AVS3D_CACHE=FOLDER that can be written to"
+        return (Finding("generate", "cache of homes", "broken", f"{folder}: cannot be written to", fix),)
+    found = f"{folder}, {free:.0f} GB free (a home takes 0.1)"
+    if free < 2:
+        return (Finding("generate", "cache of homes", "note", found, "export AVS3D_CACHE=FOLDER on a larger disk"),)
+    return (Finding("generate", "cache of homes", "ok", found),)

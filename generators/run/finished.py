@@ -1,0 +1,75 @@
+"""Observations of an earlier run: are they what this run would make, and are they whole?"""
+
+from __future__ import annotations
+
+import shutil
+import stat
+from pathlib import Path
+
+from avs3d_bench import files
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.schema import ObservationRecord
+from generators.plan import ObservationPlan
+from generators.recording.writer import hidden_name
+from generators.run.dataset_record import read_observation
+
+
+def find_finished(root: Path, plan: ObservationPlan) -> ObservationRecord | None:
+    """The record of the plan's observation below ``root``; None where it has not been made.
+
+    Raises:
+        UsageError: if it was made from another plan or by other software.
+        Avs3dError: if its observation.json is missing or damaged.
+    """
+    folder = root / plan.key
+    if not folder.exists():
+        return None
+    record = read_observation(folder)
+    if record.plan_sha256 != plan.digest:
+        if plan.scan.source == "scan":
+            _ = plan.scan_files  # a scan that is not there has another digest, too: that is what is to be said then
+        raise UsageError(
+            f"{folder}: was generated from another manifest, other options or another version; "
+            "choose another folder with -o, or delete it to have it made again"
+        )
+    return record
+
+
+def find_damage(folder: Path, record: ObservationRecord) -> str:
+    """What is missing in a finished observation, or of another size than recorded; empty if nothing is.
+
+    Contents are not read: `avs3d validate --deep` compares hashes. Records of older versions have no sizes; of their
+    files only existence is checked, and that they are not empty.
+    """
+    wrong = []
+    for name in sorted(record.files):
+        expected = None if record.sizes is None else record.sizes[name]
+        try:
+            found = (folder / name).stat()
+        except OSError as error:
+            wrong.append(f"{name} is missing" if isinstance(error, FileNotFoundError) else f"{name}: {error.strerror}")
+            continue
+        if not stat.S_ISREG(found.st_mode):
+            wrong.append(f"{name} is no regular file")
+        elif expected is not None and found.st_size != expected:
+            wrong.append(f"{name} has {found.st_size:,} bytes, expected {expected:,}")
+        elif expected is None and not found.st_size:
+            wrong.append(f"{name} is empty")
+    more = f" (and {len(wrong) - 1} more files)" if len(wrong) > 1 else ""
+    return wrong[0] + more if wrong else ""
+
+
+def discard(folder: Path) -> None:
+    """Remove a damaged observation, so that it can be made again.
+
+    It is renamed first: a folder that is half gone never has an observation's name.
+
+    Raises:
+        Avs3dError: if the system refuses.
+    """
+    doomed = hidden_name(folder, "damaged")
+    try:
+        folder.rename(doomed)
+    except OSError as error:
+        raise Avs3dError(files.os_error_line(error, folder, "remove")) from error
+    shutil.rmtree(doomed, ignore_errors=True)

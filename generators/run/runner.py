@@ -1,0 +1,216 @@
+"""Runs a manifest: what is to be made goes to a scheduler, what is made is kept, and the dataset is sealed.
+
+Observations are independent of one another and of the number of workers. A finished one is recognised by the digest
+of its plan and the sizes of its files; whatever was interrupted lies in a temporary folder and is made again.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from avs3d_bench import layout
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.scheduling.failures import FailureLog
+from avs3d_bench.scheduling.local import LocalScheduler
+from avs3d_bench.scheduling.lock import held
+from avs3d_bench.scheduling.tasks import Event, Failure, Policy, Scheduler, Task
+from generators.backends import observation_provenance
+from generators.homes.cache import check_writable, is_stored
+from generators.manifest import CameraSpec, ManifestFile
+from generators.plan import ObservationPlan, check_scans
+from generators.recording.writer import sweep
+from generators.run.dataset_record import check, seal
+from generators.run.finished import discard, find_damage, find_finished
+from generators.run.worker import Place, make_observation, prepare
+
+#: What a run tells its caller: (kind, key, text). Kinds are "home", "start", "frame", "done", "kept", "failed",
+#: "retry", "worker" (one was lost) and "note"; the text of "frame" is the number of the newest one.
+Listener = Callable[[tuple[str, str, str]], None]
+
+#: A home is built and lit once for all its observations and has this many times their time limit, but at most so many
+#: seconds.
+HOME_FACTOR, HOME_LIMIT = 10.0, 4 * 3600.0
+#: A network file system shows a new folder to other machines after a while: seconds that are waited for it.
+VISIBLE_WITHIN = 90.0
+
+
+#: The least time limit of an observation, and what every frame of the benchmark's size adds, seconds: far beyond what
+#: slow machines need.
+LEAST_LIMIT, FRAME_LIMIT = 3600.0, 30.0
+
+
+def default_limit(camera: CameraSpec) -> float:
+    """Seconds after which an observation counts as hung."""
+    return max(LEAST_LIMIT, FRAME_LIMIT * camera.frames * (camera.size / layout.IMAGE_SIZE) ** 2)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run did: keys that were made, kept from an earlier run, and failed (with their message).
+
+    Attributes:
+        made, kept, failed: see above.
+        stopped: whether it ended early because too much failed.
+    """
+
+    made: tuple[str, ...]
+    kept: tuple[str, ...]
+    failed: tuple[tuple[str, str], ...]
+    stopped: bool = False
+
+
+def run(
+    source: ManifestFile,
+    plans: tuple[ObservationPlan, ...],
+    root: Path,
+    *,
+    workers: int,
+    cache: Path,
+    listen: Listener,
+    scheduler: Callable[[], Scheduler] | None = None,
+    shared: bool = False,
+    policy: Policy | None = None,
+    limit: float | None = None,
+    max_failures: int | None = None,
+) -> Outcome:
+    """Generate ``plans`` into ``root`` and write dataset.json.
+
+    Args:
+        source: the manifest, for dataset.json.
+        plans: the observations to make.
+        root: the dataset's folder; made if missing.
+        workers: number of processes of this machine, where no scheduler is given.
+        cache: folder of baked homes.
+        listen: gets every event, in this process.
+        scheduler: makes the one that does the work; called only if there is any.
+        shared: the scheduler's workers are on other machines: they check that they see the same folder and have the
+            same versions.
+        policy: retries and environment.
+        limit: seconds for an observation, of which a home has `HOME_FACTOR` times as many; None: no limit.
+        max_failures: end the run when more than so many have failed; None: go on whatever fails.
+
+    Raises:
+        UsageError: if ``root`` holds observations made from another plan, or dataset.json could not hold what the
+            manifest says.
+        Avs3dError: if no scan that ``plans`` need is there, the folder or the cache cannot be written, or another run
+            is at work in the folder.
+    """
+    check(source)
+    check_scans(plans)
+    root, cache = root.absolute(), cache.absolute()
+    with held(root) as me:
+        sweep(root)
+        # Existing observations must come from the same manifest and software, selected or not.
+        done = _finished(source, plans, root, listen)
+        log = FailureLog(root, {spec.key: plans[0].seed for spec in source.manifest.observations})
+        log.tidy(done)
+        todo = [plan for plan in plans if plan.key not in done]
+        kept = tuple(plan.key for plan in plans if plan.key in done)
+        for key in kept:
+            listen(("kept", key, ""))
+        made: list[str] = []
+        failed: list[tuple[str, str]] = []
+        stopped = False
+        if todo:
+            if not shared:  # workers on other machines see to it themselves
+                _check_cache(cache, todo)
+            place = Place(root, cache, me.token if shared else None)
+            with (scheduler or (lambda: LocalScheduler(workers)))() as pool:
+                tasks = _tasks(todo, place, threads=1 if shared else workers, limit=limit)
+                results = pool.run(tasks, policy or Policy(), lambda event: listen(_told(event)))
+                try:
+                    with closing(results):
+                        for result in results:
+                            key = result.task.name
+                            if result.task.after is None:
+                                continue  # a home; the observations that waited for it tell the rest
+                            if isinstance(result, Failure):
+                                failed.append((key, result.message))
+                                log.add(key, result.attempts)
+                                listen(("failed", key, result.message))
+                                stopped = max_failures is not None and len(failed) > max_failures
+                                if stopped:
+                                    break
+                            else:
+                                made.append(key)
+                                listen(("done", key, result.value))
+                finally:
+                    sweep(root)
+        log.tidy({*done, *made})
+        _await(root, made)
+        seal(source, root, observation_provenance(plans[0].vision, plans[0].audio))
+        return Outcome(tuple(made), kept, tuple(failed), stopped)
+
+
+def _check_cache(cache: Path, todo: Sequence[ObservationPlan]) -> None:
+    """Refuse a folder that no home can be stored in, if one has to be built.
+
+    Raises:
+        Avs3dError: one line.
+    """
+    if any(plan.scan.source == "apartment" and not is_stored(cache, plan.home_digest) for plan in todo):
+        check_writable(cache)
+
+
+def _tasks(todo: Sequence[ObservationPlan], place: Place, *, threads: int, limit: float | None) -> list[Task]:
+    """A task for each home, and one for each observation, which waits for its home."""
+    homes: dict[str, list[ObservationPlan]] = {}
+    for plan in todo:
+        homes.setdefault(plan.home_digest, []).append(plan)
+    each = math.ceil(threads / len(homes))
+    home_limit = None if limit is None else min(HOME_FACTOR * limit, HOME_LIMIT)
+    tasks = []
+    for digest, group in homes.items():
+        home = Task(f"home {digest[:16]}", prepare, (group[0], place, each), limit=home_limit)
+        tasks.append(home)
+        tasks += [Task(plan.key, make_observation, (plan, place), after=home.name, limit=limit) for plan in group]
+    return tasks
+
+
+def _told(event: Event) -> tuple[str, str, str]:
+    """An event of the scheduler as this run's listener knows it; a home is called by its name."""
+    if event.kind == "home":
+        return "home", event.text, ""
+    return event.kind, event.name, event.text
+
+
+def _await(root: Path, made: Sequence[str]) -> None:
+    """Wait until everything that other machines have made is to be seen from here.
+
+    Raises:
+        Avs3dError: if it does not come.
+    """
+    deadline = time.monotonic() + VISIBLE_WITHIN
+    for key in made:
+        while not (root / key / layout.OBSERVATION_JSON).exists():
+            if time.monotonic() > deadline:
+                raise Avs3dError(
+                    f"{root / key}: made on another machine, but not to be seen here; "
+                    "check that the folder is shared, and run the same command again"
+                )
+            time.sleep(0.5)
+            # Reading the folder has a network file system look again for what was not there before.
+            if (root / key).parent.is_dir():
+                os.listdir((root / key).parent)
+
+
+def _finished(source: ManifestFile, plans: Sequence[ObservationPlan], root: Path, listen: Listener) -> set[str]:
+    """Keys of the manifest's observations that are there; what is damaged among ``plans`` is removed, and said."""
+    every = (
+        replace(plans[0], spec=spec, scan=source.manifest.scans[spec.scan]) for spec in source.manifest.observations
+    )
+    found = {plan.key: record for plan in every if (record := find_finished(root, plan)) is not None}
+    # Nothing is removed before everything has been found to be of one piece.
+    for plan in plans:
+        damage = find_damage(root / plan.key, found[plan.key]) if plan.key in found else ""
+        if damage:
+            listen(("note", plan.key, f"made again: {damage}"))
+            discard(root / plan.key)
+            del found[plan.key]
+    return set(found)

@@ -1,0 +1,111 @@
+"""What a worker does for a run: builds and lights a home, makes an observation. Runs in any process, on any machine."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from avs3d_bench.cli import missing_extra
+from avs3d_bench.scheduling.errors import UnfitError
+from avs3d_bench.scheduling.lock import holder_of
+from avs3d_bench.scheduling.software import check_software
+from avs3d_bench.scheduling.tasks import Context
+from generators.backends import backend_versions, vision_backend
+from generators.homes.store import prepare_home
+from generators.observation import generate_observation
+from generators.plan import ObservationPlan
+
+#: How often a worker looks for the run's folder before it says that it cannot see it, and seconds in between.
+_LOOKS, _PAUSE = 5, 1.0
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a run writes.
+
+    Attributes:
+        root: the dataset's folder.
+        cache: folder of baked homes.
+        token: of the run that holds ``root``, where workers may be on other machines; None: this machine.
+    """
+
+    root: Path
+    cache: Path
+    token: str | None = None
+
+
+def prepare(context: Context, plan: ObservationPlan, place: Place, threads: int) -> None:
+    """Build and light the plan's home into the cache, unless it lies there; compile what is slow the first time."""
+    with _fit(plan, place):
+        context.report("home", plan.spec.scan)
+        prepare_home(plan, place.cache, workers=threads)
+        _warm_up(plan.vision)
+
+
+def make_observation(context: Context, plan: ObservationPlan, place: Place) -> str:
+    """Make one observation; the last ones of a run share the cores that have nothing else to do.
+
+    Returns:
+        a line about it.
+    """
+    with _fit(plan, place):
+        _warm_up(plan.vision)
+        started = time.perf_counter()
+        context.report("start", str(plan.camera.frames))
+        record = generate_observation(
+            plan,
+            place.root,
+            place.cache,
+            lambda index: context.report("frame", str(index)),
+            cores=context.cores,
+            beside=context.last,
+        )
+    visible = sum(frame.visible_pixels > 0 for frame in record.frames)
+    return (
+        f"{record.category}, {len(record.instances)} objects, visible in {visible} of {len(record.frames)} frames, "
+        f"T30 {record.acoustics.t30 or float('nan'):.2f} s, {time.perf_counter() - started:.0f} s"
+    )
+
+
+@lru_cache(maxsize=4)
+def _warm_up(vision: str) -> None:
+    vision_backend(vision).warm_up()
+
+
+@contextmanager
+def _fit(plan: ObservationPlan, place: Place) -> Iterator[None]:
+    """Do the work in this only where it leads to the run's own bytes in the run's own folder.
+
+    Raises:
+        UnfitError: if this process has other versions than the run, lacks a package, or sees another folder.
+    """
+    try:
+        if place.token is not None:
+            check_software(_versions(plan.vision, plan.audio), plan.backends)
+            _check_folder(place)
+        yield
+    except ModuleNotFoundError as error:
+        where = "" if place.token is None else f"{socket.gethostname()}: "
+        raise UnfitError(where + missing_extra(error, "generators")) from error
+
+
+@lru_cache(maxsize=4)
+def _versions(vision: str, audio: str) -> dict[str, str]:
+    return backend_versions(vision, audio)
+
+
+def _check_folder(place: Place) -> None:
+    for _ in range(_LOOKS):
+        holder = holder_of(place.root)
+        if holder is not None and holder.token == place.token:
+            return
+        time.sleep(_PAUSE)
+    raise UnfitError(
+        f"{place.root}: on {socket.gethostname()} this is another folder, or none; choose one with -o that every "
+        "machine of the cluster shares"
+    )

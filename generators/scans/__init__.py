@@ -1,0 +1,1 @@
+"""Homes from files: HM3D, Matterport3D, or any mesh."""

@@ -1,0 +1,214 @@
+"""A scanned flat from a file (HM3D, Matterport3D, a phone's scan, any GLB or OBJ) as a `Scene`.
+
+The texture of a scan already holds its light, so its part has none. Rooms are boxes that the manifest gives, or those
+that the scan's annotations show (generators/scans/rooms.py); what can carry an object is found by ray casting
+(generators/scans/patches.py); what its surfaces sound like, by annotations or by where they are
+(generators/scans/sound.py).
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from avs3d_bench.errors import Avs3dError
+from generators.acoustics.materialfile import read_material_file
+from generators.assets.acoustic_twin import clustered
+from generators.assets.meshfile import load_mesh
+from generators.assets.modelframe import upright
+from generators.core.scene import F32, Licence, Mesh, Part, Room, Scene, StageFile, Support
+from generators.scans.annotations import Annotations
+from generators.scans.files import ScanFiles, find_scan_files, scan_files_of
+from generators.scans.hm3d import read_hm3d
+from generators.scans.mp3d import read_mp3d
+from generators.scans.patches import find_supports
+from generators.scans.rooms import find_rooms, missing_room
+from generators.scans.sound import DEFAULT_LABEL, labelled, no_table
+
+#: Largest number of faces the acoustic engine gets in and around the rooms: above it, its rays slow down and gain
+#: nothing. The rest of a house, which may be many times larger, is heard through doors only.
+ACOUSTIC_FACES, ACOUSTIC_FACES_BEYOND = 20_000, 6_000
+#: No part of a scan is farther from its origin (m): single precision has millimetres there.
+FARTHEST = 10_000.0
+#: What lies this near to a room belongs to it acoustically, metres: its walls do.
+_AROUND = 0.5
+#: Linear-light albedo of a scan that is read without its textures: objects placed in it are lit as among grey walls.
+PLAIN = (0.45, 0.44, 0.42)
+#: A room's box is moved to the floor that is found in it from this far away, metres.
+_FLOOR_SLACK = 0.35
+#: Where along its sides a top is asked what it is.
+_SHARES = (0.15, 0.5, 0.85)
+
+
+def load_scan(
+    name: str,
+    source: str | Path | ScanFiles,
+    rooms: Mapping[str, ArrayLike] | None = None,
+    *,
+    licence: Licence | None = None,
+    up: str | None = None,
+    front: str | None = None,
+    textures: bool = True,
+    materials: Path | None = None,
+    need: Sequence[str] = (),
+) -> Scene:
+    """Read a scan.
+
+    Args:
+        name: the scan's id.
+        source: its mesh file, a folder below which it is found by its id, or its files.
+        rooms: the box (2, 3) of each room: lowest and highest corner, metres, Y up, after ``up`` and ``front``. Rooms
+            that are missing here are looked for in the annotations.
+        licence: of the scan; without it, that it comes from ``source`` and its terms are not known.
+        up: the file's axis that points up; without it, as its data set has it (HM3D, Matterport3D: ``z``; else ``y``).
+        front: the file's axis that becomes +Z (HM3D, Matterport3D: ``-y``; else ``+z``).
+        textures: whether colour is read; a renderer that reads `Scene.stage` itself needs none.
+        materials: a SoundSpaces material file.
+        need: rooms without which the scan is of no use.
+
+    Returns:
+        One part with instance id 0, without a light map; the rooms; the supports found in each; the stage's file.
+
+    Raises:
+        Avs3dError: if the scan is unknown, a file of it is missing or broken, its textures need a decoder that is not
+            there, a box is no box, a box that was given or is needed holds no floor, or a room that is needed is not
+            found.
+    """
+    files = _files(name, source)
+    up, front = up or files.up, front or files.front
+    rotation = upright(up, front)
+    table = read_material_file(materials) if materials is not None else None
+    annotations = _read_annotations(files, rotation)
+    given = dict(rooms or {})
+    boxes: dict[str, ArrayLike] = {**(find_rooms(annotations) if annotations is not None else {}), **given}
+    for label in need:
+        if label not in boxes:
+            raise missing_room(name, label, given, annotations)
+    if not boxes:
+        raise Avs3dError(
+            f"scan {name}: no rooms given, and no annotations show any; expected the box of at least one room"
+        )
+    mesh = load_mesh(
+        files.mesh, acoustic=DEFAULT_LABEL, twin="surface", max_acoustic_faces=sys.maxsize, textures=textures
+    )
+    mesh = mesh.transformed(rotation, np.zeros(3))
+    reach = float(np.abs(mesh.bounds).max())
+    if reach > FARTHEST:
+        raise Avs3dError(
+            f"{files.mesh}: reaches {reach:,.0f} m from its origin; expected at most {FARTHEST:,.0f} m; is it in "
+            "millimetres, or has it a stray vertex? repair or rescale it"
+        )
+    if not textures:
+        mesh = replace(mesh, materials=tuple(replace(m, colour=PLAIN, texture=None) for m in mesh.materials))
+    supports: list[Support] = []
+    found: list[tuple[Room, float]] = []
+    for label, box in boxes.items():
+        what = f"scan {name}, room {label}"
+        try:
+            room = _room(what, label, box, mesh)
+            floor, own = find_supports(_near(mesh.positions, room), room, what)
+        except Avs3dError:
+            if label in given or label in need:
+                raise
+            continue
+        found.append((_on_floor(room, floor), floor))
+        supports += own if annotations is None else [s for s in own if _usable(s, annotations)]
+    mesh = labelled(_decimated(mesh, [room for room, _ in found]), found, annotations, table)
+    part = Part(name, mesh, licence=licence or Licence("unknown", "unknown", files.mesh.name))
+    stage = StageFile(files.mesh, up, front)
+    return Scene(name, (part,), tuple(room for room, _ in found), tuple(supports), stage=stage)
+
+
+def _files(name: str, source: str | Path | ScanFiles) -> ScanFiles:
+    if isinstance(source, ScanFiles):
+        return source
+    path = Path(source)
+    if path.is_file():
+        return scan_files_of(path)
+    if path.is_dir():
+        return find_scan_files(name, path)
+    raise Avs3dError(f"scan {name}: {path} does not exist; expected its mesh file, or a folder that holds it")
+
+
+def _room(what: str, label: str, box: ArrayLike, mesh: Mesh) -> Room:
+    try:
+        corners = np.asarray(box, dtype=np.float64)
+    except (TypeError, ValueError):
+        corners = np.zeros(0)
+    if corners.shape != (2, 3) or not np.isfinite(corners).all():
+        raise Avs3dError(f"{what}: its box is {box!r}; expected the lowest and highest corner [[x, y, z], [x, y, z]]")
+    if (corners[1] - corners[0] < 0.5).any():
+        raise Avs3dError(
+            f"{what}: its box {corners.tolist()} is thinner than 0.5 m; expected metres, lowest corner first"
+        )
+    bounds = mesh.bounds
+    if (corners[0] >= bounds[1]).any() or (corners[1] <= bounds[0]).any():
+        where = np.round(bounds.astype(np.float64), 2).tolist()
+        raise Avs3dError(f"{what}: its box {corners.tolist()} lies outside the scan, which spans {where}")
+    low, high = ((float(c[0]), float(c[1]), float(c[2])) for c in corners)
+    return Room(label, low, high)
+
+
+def _decimated(mesh: Mesh, rooms: Sequence[Room]) -> Mesh:
+    """``mesh`` with an acoustic twin of few faces: finer in and around the rooms than in the rest of the house."""
+    triangles, labels = mesh.acoustic_positions.astype(np.float64), np.array(mesh.acoustic_labels)
+    if len(triangles) <= ACOUSTIC_FACES:
+        return mesh
+    low, high = triangles.min(axis=1), triangles.max(axis=1)
+    near = np.zeros(len(triangles), dtype=bool)
+    for room in rooms:
+        near |= ((low <= np.array(room.high) + _AROUND) & (high >= np.array(room.low) - _AROUND)).all(axis=1)
+    pieces = [
+        clustered(triangles[own], labels[own], most)
+        for own, most in ((near, ACOUSTIC_FACES), (~near, ACOUSTIC_FACES_BEYOND))
+        if own.any()
+    ]
+    return replace(
+        mesh,
+        acoustic_positions=np.concatenate([piece[0] for piece in pieces]).astype(np.float32),
+        acoustic_labels=tuple(label for piece in pieces for label in piece[1]),
+    )
+
+
+def _on_floor(room: Room, floor: float) -> Room:
+    """The room with its box on the floor that was found: boxes are drawn by hand, and everything counts from there."""
+    x, y, z = room.low
+    return replace(room, low=(x, round(floor, 4) + 0.0, z)) if abs(floor - y) <= _FLOOR_SLACK else room
+
+
+def _usable(support: Support, annotations: Annotations) -> bool:
+    """Whether things may stand on a top by what it is: seats, beds and basins are level, too."""
+    if support.kind in ("floor", "wall"):
+        return True
+    u, v = np.asarray(support.u), np.asarray(support.v)
+    points = np.array([np.asarray(support.origin) + a * u + b * v for a in _SHARES for b in _SHARES])
+    owners = annotations.owners(points)
+    seats = [no_table(annotations.objects[number]) for number in owners if number >= 0]
+    return not seats or sum(seats) < len(seats) / 2
+
+
+def _near(triangles: F32, room: Room, margin: float = 1.0) -> F32:
+    """The triangles in and near a room."""
+    low = np.asarray(room.low, dtype=np.float32) - margin
+    high = np.asarray(room.high, dtype=np.float32) + margin
+    keep = ((triangles.min(axis=1) <= high) & (triangles.max(axis=1) >= low)).all(axis=1)
+    near: F32 = triangles[keep]
+    return near
+
+
+def _read_annotations(files: ScanFiles, rotation: NDArray[np.float64]) -> Annotations | None:
+    """The annotations of a scan, or None where it has none; ``rotation`` (3, 3) takes the file's axes to the world's.
+
+    Raises:
+        Avs3dError: if a file of them is broken.
+    """
+    if files.house is not None:
+        return read_mp3d(files.house, files.semantic_mesh, rotation)
+    if files.semantic_txt is not None:
+        return read_hm3d(files.semantic_txt, files.semantic_mesh, rotation)
+    return None

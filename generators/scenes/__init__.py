@@ -1,1 +1,0 @@
-"""Scenes: procedural apartments, scans, light."""
