@@ -79,7 +79,10 @@ TABLE: dict[str, str] = {
     "generators/core/tone.py": "observation home",
     "generators/lighting/bake.py": "observation home",
     "generators/scans/scan.py": "observation",
+    "generators/apartments/floorplan.py": "observation home",
     "generators/apartments/interior/kitchen.py": "observation home",
+    "generators/homes/store.py": "observation",
+    "generators/homes/cache.py": "observation home",
     "generators/assets/textures/wood.py": "observation home",
     "generators/assets/furniture/seating.py": "observation home",
     "generators/assets/objects/clock.py": "observation",
@@ -89,6 +92,7 @@ TABLE: dict[str, str] = {
     "generators/library/simplify.py": "observation cleaning",
     "generators/library/http.py": "",
     "baselines/oracle_errors.py": "",
+    "baselines/networks/pixels.py": "",
     "baselines/trivial.py": "",
     "baselines/owod_bind/select.py": "",
     "baselines/echosegnet/cache.py": "training lifting",
@@ -104,6 +108,8 @@ TABLE: dict[str, str] = {
     "baselines/echosegnet/rasteriser/gsplat_rasteriser.py": "",
     "baselines/echosegnet/aisrm.py": "",
     "evaluators/metrics.py": "",
+    "evaluators/reading/structure.py": "",
+    "evaluators/reporting/report.py": "",
 }
 
 

@@ -98,7 +98,7 @@ def _environment() -> Environment:
 
 
 def render(template: str, values: Mapping[str, Any]) -> str:
-    """The page that a template in `evaluators/templates` makes of ``values``."""
+    """The page that a template in `evaluators/reporting/templates` makes of ``values``."""
     from markupsafe import Markup
 
     style, script = Markup(_asset("page.css")), Markup(page_script())
@@ -120,7 +120,7 @@ def page_script() -> str:
 
 @lru_cache(maxsize=2)
 def _asset(name: str) -> str:
-    return (files("evaluators") / "templates" / name).read_text(encoding="utf-8")
+    return (files("evaluators.reporting") / "templates" / name).read_text(encoding="utf-8")
 
 
 def _script_hash() -> str:
