@@ -272,7 +272,7 @@ def test_libraries_that_are_imported_by_name_or_missing_count(tmp_path: Path) ->
 
 def test_entry_points_of_a_group_count_where_they_are_looked_up(tmp_path: Path) -> None:
     code = "from importlib.metadata import entry_points\nentry_points(group='avs3d.doctor')"
-    write_tree(tmp_path, {"generators/main.py": code, "generators/run/doctor.py": ""})
+    write_tree(tmp_path, {"generators/main.py": code, "generators/run/__init__.py": "", "generators/run/doctor.py": ""})
     assert "generators.run.doctor" in Sources([str(tmp_path)]).provenance(["generators.main"]).sources
 
 
