@@ -79,6 +79,9 @@ BOXES = {
         Box(2, "microwave", True, (0.4, 1.0, -2.6), (1.0, 1.4, -2.2)),
     ),
 }
+#: Keys of the observations of `make demo`, which README.md names.
+DEMO = ("part_1/apartment_1/bathroom/1", "part_2/apartment_1/kitchen/1")
+BOXES |= dict(zip(DEMO, (BOXES[SINGLE], BOXES[MULTI]), strict=True))
 
 
 def path_of(frames: int = FRAMES) -> list[Pose]:
@@ -256,11 +259,17 @@ def write_dataset_json(root: Path, records: list[ObservationRecord]) -> None:
     )  # fmt: skip
 
 
-def write_dataset(root: Path, *, frames: int = FRAMES, size: int = SIZE, extras: bool = False, points: int = 4) -> Path:
+def write_dataset(
+    root: Path,
+    *,
+    frames: int = FRAMES,
+    size: int = SIZE,
+    extras: bool = False,
+    points: int = 4,
+    keys: tuple[str, ...] = (SINGLE, MULTI),
+) -> Path:
     """A valid tree of ours; with ``extras`` also depth/ and rirs/; from each frame come ``points``² sparse points."""
-    records = [
-        _observation(root / key, key, frames, size, ours=True, extras=extras, points=points) for key in (SINGLE, MULTI)
-    ]
+    records = [_observation(root / key, key, frames, size, ours=True, extras=extras, points=points) for key in keys]
     write_dataset_json(root, [record for record in records if record])
     return root
 
