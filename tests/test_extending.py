@@ -1,0 +1,147 @@
+"""The worked examples of docs/extending.md work as they are printed, and its tables name what exists."""
+
+from __future__ import annotations
+
+import json
+import re
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+from printed import ROOT, Desk, section
+from tiny import write_dataset
+
+from avs3d_bench.dataset import Dataset
+from avs3d_bench.geometry import direction_to
+from avs3d_bench.media import read_png_mask
+from avs3d_bench.taxonomy import CATEGORIES
+
+PAGE = (ROOT / "docs/extending.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_dataset(tmp_path_factory.mktemp("data") / "tiny", frames=17)
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> tuple[Desk, str]:
+    """The first example, whose files and lit room the last one uses again."""
+    pytest.importorskip("trimesh", reason="the generator needs the [generate] extra")
+    desk = Desk(tmp_path_factory.mktemp("home"))
+    return desk, desk.follow(section(PAGE, "## Objects and categories"))
+
+
+@pytest.mark.slow
+def test_own_object_and_sound(home: tuple[Desk, str]) -> None:
+    desk, _ = home
+    dataset = Dataset(desk.folder / "data/mine")
+    (observation,) = dataset
+    record = observation.record
+    assert record is not None
+    assert record.sounding.asset == "machine.glb"
+    assert record.sound.asset == "steam.flac"
+    low, high = record.sounding.bounds
+    assert high[1] - low[1] == pytest.approx(0.34, abs=1e-3)
+    assert low[1] == pytest.approx(0.9, abs=0.02)  # it stands on the worktop
+    assert dataset.record is not None
+    named = {attribution.asset: attribution.author for attribution in dataset.record.attributions}
+    assert named["machine.glb"] == named["steam.flac"] == "Jane Doe"
+
+
+def test_the_list_of_edits_for_a_category_names_what_exists() -> None:
+    rows = re.findall(r"^\| `([\w/]+\.py)` \| (.*?) \|", PAGE, re.M)
+    assert len(rows) == 9
+    for file, names in rows:
+        module = import_module(file.removesuffix(".py").replace("/", "."))
+        for name in re.findall(r"`(\w+)`", names):
+            assert hasattr(module, name), f"{file} has no {name}"
+
+
+def test_the_list_of_edits_for_a_category_is_whole() -> None:
+    """Every file of code that names three categories or more as text is in the list."""
+    listed = set(re.findall(r"^\| `([\w/]+\.py)`", PAGE, re.M))
+    for package in ("avs3d_bench", "generators", "evaluators", "baselines"):
+        for path in (ROOT / package).rglob("*.py"):
+            text = path.read_text(encoding="utf-8")
+            named = [category for category in CATEGORIES if f'"{category}"' in text]
+            if len(named) >= 3:
+                assert path.relative_to(ROOT).as_posix() in listed
+
+
+def test_metric(tmp_path: Path, data: Path) -> None:
+    desk = Desk(tmp_path, data)
+    said = desk.follow(section(PAGE, "## A metric"))
+    desk.lint()
+    values, by_observation = [], []
+    for observation in Dataset(data):
+        mine = []
+        for frame in observation.test:
+            truth = frame.mask()
+            mask = read_png_mask(tmp_path / "box" / observation.key / f"masks/{frame.name}.png")
+            if truth.any():
+                mine.append((truth & mask).sum() / mask.sum())
+        values += mine
+        by_observation.append(np.mean(mine))
+    printed = re.search(r"^precision (\S+)$", said, re.M)
+    assert printed
+    assert float(printed[1]) == pytest.approx(np.mean(values))
+    assert 0 < np.mean(values) < 1
+    scores = json.loads((tmp_path / "scores.json").read_text())
+    assert scores["overall"]["strict"]["precision"] == pytest.approx(np.mean(by_observation))
+    assert scores["references"]["centre_box"]["overall"]["strict"]["precision"] == pytest.approx(
+        np.mean(by_observation)
+    )
+    assert scores["overall"]["strict"]["counts"]["precision"] == 2
+    desk.run("avs3d", "leaderboard", "scores.json", "-o", "board")
+    assert "precision" in (tmp_path / "board/index.html").read_text()
+
+
+def test_baseline(tmp_path: Path, data: Path) -> None:
+    desk = Desk(tmp_path, data)
+    desk.follow(section(PAGE, "## A baseline"))
+    desk.lint()
+    scores = json.loads((tmp_path / "ear-side.json").read_text())
+    assert scores["submission"]["method"] == "ear-side"
+    digest = desk.run(
+        "python", "-c", "from avs3d_bench.provenance import provenance as p; "
+        "found = p('baselines.ear_side:write_ear_side'); assert 'baselines.ear_side' in found.sources; "
+        "print(found.digest)",
+    )  # fmt: skip
+    assert scores["submission"]["provenance"]["digest"] == digest.strip()
+    assert scores["overall"]["strict"]["IoU"] > scores["references"]["all_white"]["overall"]["strict"]["IoU"]
+    # The page says how the table of the architecture changes.
+    table = tmp_path / "tests/test_architecture.py"
+    text = table.read_text()
+    start = text.index('"baselines": {', text.index("HOUSE = {"))
+    at = text.index('        "cli": "', start)
+    end = text.index('",\n', at)
+    table.write_text(f'{text[:at]}        "ear_side": "",\n{text[at:end]} ear_side{text[end:]}')
+    desk.run("python", "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/test_architecture.py")
+
+
+@pytest.mark.slow
+def test_backend(home: tuple[Desk, str]) -> None:
+    desk, _ = home
+    said = desk.follow(section(PAGE, "## A backend"))
+    desk.lint()
+    assert "1 made" in said
+    (observation,) = Dataset(desk.folder / "data/free-field")
+    record = observation.record
+    assert record is not None
+    assert record.acoustics.backend == "free-field"
+    desk.run(
+        "python", "-c", "from generators.backends import observation_provenance as made_by; "
+        "assert 'generators.acoustics.free_field' in made_by('embree', 'free-field').sources; "
+        "assert 'generators.acoustics.free_field' not in made_by('embree', 'analytic').sources",
+    )  # fmt: skip
+    # Louder at the ear that the source is nearer to.
+    lateral = 0
+    for frame in observation.frames:
+        azimuth = direction_to(frame.pose, record.source_position).azimuth
+        if 20 < abs(azimuth) < 160:
+            left, right = np.sqrt(np.mean(np.square(frame.audio()), axis=1))
+            assert (right > left) == (azimuth > 0)
+            lateral += 1
+    assert lateral
