@@ -15,7 +15,7 @@ AUDIO ?= $(shell $(BIN)/python -c 'import rlr_audio_propagation' 2>/dev/null && 
 # The renderer; habitat needs AVS3D_HABITAT_PYTHON, scans need AVS3D_SCANS (`avs3d doctor` says what is there).
 VISION ?= embree
 
-.PHONY: setup demo dataset test lint bench schemas clean
+.PHONY: setup demo dataset test lint docs bench schemas clean
 
 setup: $(STAMP)
 
@@ -23,7 +23,7 @@ $(STAMP): pyproject.toml
 	$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(v < (3, 11) and f"Python 3.11 or newer is needed, this is {v.major}.{v.minor}: make PYTHON=python3.11")'
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check '$(TORCH)'
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[generate,baselines,cluster,inspect,exports,dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[generate,baselines,cluster,inspect,exports,dev,docs]'
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[soundspaces]' || \
 	  echo "The SoundSpaces engine did not compile (a C++ compiler is needed): make uses --audio analytic instead."
 	touch $@
@@ -61,6 +61,11 @@ lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(MAKE) docs
+
+# The site of docs/ into site/; a broken link or an unknown name is an error. Nothing is fetched.
+docs: setup
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 bench: setup
 	$(BIN)/python -m benchmarks.run
@@ -69,4 +74,4 @@ schemas: setup
 	$(BIN)/avs3d schema -o avs3d_bench/schemas
 
 clean:
-	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) build site *.egg-info .pytest_cache .mypy_cache .ruff_cache

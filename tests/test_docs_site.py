@@ -1,0 +1,92 @@
+"""The documentation site: every page is in the navigation, every referenced name exists, links work on GitHub too."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+PAGES = sorted(path for path in DOCS.rglob("*.md"))
+_LINK = re.compile(r"\]\(([^)\s]+)\)")
+
+
+@pytest.fixture(scope="module")
+def hooks() -> ModuleType:
+    pytest.importorskip("mkdocs", reason="the site needs the [docs] extra")
+    spec = importlib.util.spec_from_file_location("hooks", DOCS / "_site/hooks.py")
+    assert spec
+    assert spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def navigation() -> list[str]:
+    class Loader(yaml.SafeLoader):
+        """The one tag of the file names a function of an extension."""
+
+    Loader.add_multi_constructor("tag:yaml.org,2002:python/", lambda loader, suffix, node: suffix)
+    document = yaml.load((ROOT / "mkdocs.yml").read_text(), Loader)
+
+    def leaves(entry: Any) -> list[str]:
+        if isinstance(entry, str):
+            return [entry]
+        children = entry.values() if isinstance(entry, dict) else entry
+        return [leaf for child in children for leaf in leaves(child)]
+
+    return leaves(document["nav"])
+
+
+def test_every_page_is_in_the_navigation_once(hooks: ModuleType) -> None:
+    pages = [path.relative_to(DOCS).as_posix() for path in PAGES]
+    assert sorted(navigation()) == sorted([*pages, *hooks.ROOT_PAGES.values()])
+
+
+def test_every_name_of_the_reference_exists() -> None:
+    names = [name for page in PAGES for name in re.findall(r"^::: (\S+)$", page.read_text(encoding="utf-8"), re.M)]
+    assert len(names) > 30
+    for name in names:
+        module, _, last = name.rpartition(".")
+        try:
+            import_module(name)
+        except ModuleNotFoundError as error:
+            if error.name != name:
+                continue  # a module of ours whose library is not installed here
+            assert hasattr(import_module(module), last), f"{name} does not exist"
+
+
+@pytest.mark.parametrize("page", [*PAGES, *ROOT.glob("*.md")], ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_links_lead_to_files_on_github(page: Path) -> None:
+    text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    for target in _LINK.findall(text):
+        if "://" not in target and not target.startswith("#"):
+            assert (page.parent / target.partition("#")[0]).exists(), f"{page.name} links to {target}"
+
+
+def site(hooks: ModuleType, name: str, text: str) -> str:
+    return hooks.on_page_markdown(text, SimpleNamespace(file=SimpleNamespace(src_uri=name)))
+
+
+def test_links_are_pointed_at_pages_of_the_site(hooks: ModuleType) -> None:
+    assert site(hooks, "index.md", "[a](docs/a.md#b) ![c](docs/images/c.png)") == "[a](a.md#b) ![c](images/c.png)"
+    assert site(hooks, "index.md", "[a](CONTRIBUTING.md)") == "[a](contributing.md)"
+    assert site(hooks, "a.md", "[a](../CONTRIBUTING.md#lint) [b](b.md)") == "[a](contributing.md#lint) [b](b.md)"
+    assert site(hooks, "results/a.md", "[a](../../README.md)") == "[a](../index.md)"
+    assert site(hooks, "a.md", "[run](../scenes_manifest/demo.yaml), [all](results/) [x](https://x.org/y.json)") == (
+        "run, all [x](https://x.org/y.json)"
+    )
+
+
+def test_lists_and_fences_are_what_github_shows(hooks: ModuleType) -> None:
+    assert site(hooks, "a.md", "Two:\n- one\n- two\n") == "Two:\n\n- one\n- two\n"
+    assert site(hooks, "a.md", "- one\n- two\n") == "- one\n- two\n"
+    assert site(hooks, "a.md", "```figures twins\nTwo:\n- [a](docs/x)\n```\n") == "```text\nTwo:\n- [a](docs/x)\n```\n"
+    assert site(hooks, "a.md", '```python title="a.py"\n```\n') == '```python title="a.py"\n```\n'
