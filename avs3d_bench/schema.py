@@ -414,7 +414,7 @@ class DatasetRecord(Record):
 class SubmissionRecord(Record):
     """`submission.json`."""
 
-    left_out: ClassVar[frozenset[str]] = frozenset({"provenance"})
+    left_out: ClassVar[frozenset[str]] = frozenset({"provenance", "truth"})
 
     method: Text
     dataset: Text
@@ -423,6 +423,11 @@ class SubmissionRecord(Record):
     authors: str | tuple[str, ...] | None = None
     notes: str | None = None
     runtime: float | str | dict[str, Scalar] | None = None
+    truth: Text | None = Field(
+        default=None,
+        description="the ground truth that the masks were made from, e.g. 'masks of test frames'; absent: none. "
+        "A submission with it is shown on leaderboards, and not ranked",
+    )
     provenance: ProvenanceRecord | None = Field(
         default=None, description="software that made the masks; only of the baselines of this toolkit"
     )

@@ -146,13 +146,17 @@ Interval = tuple[float, float]
 class OfficialSummary(OfficialScore):
     """Plain means over observations."""
 
-    intervals: dict[str, Interval] = Field(default_factory=dict, description="95 % bootstrap interval per figure")
+    intervals: dict[str, Interval] = Field(
+        default_factory=dict, description="95 % bootstrap interval, from six observations on"
+    )
 
 
 class StrictSummary(StrictScore):
     """Plain means over the observations that have the figure."""
 
-    intervals: dict[str, Interval] = Field(default_factory=dict, description="95 % bootstrap interval per figure")
+    intervals: dict[str, Interval] = Field(
+        default_factory=dict, description="95 % bootstrap interval, from six observations on"
+    )
     counts: dict[str, Count] = Field(description="figure → over how many observations its mean goes")
     unavailable: dict[str, str] = Field(default_factory=dict, description="figure that is null → why")
 

@@ -168,6 +168,7 @@ class SubmissionWriter:
         url: str | None = None,
         authors: str | tuple[str, ...] | None = None,
         notes: str | None = None,
+        truth: str | None = None,
         provenance: ProvenanceRecord | None = None,
         only: Iterable[str] = (),
         overwrite: bool = False,
@@ -181,6 +182,7 @@ class SubmissionWriter:
             url: where the method is described.
             authors: one text or several.
             notes: settings, whatever a reader must know.
+            truth: the ground truth that the masks are made from, None for none; leaderboards do not rank the former.
             provenance: the software that makes the masks, where `avs3d_bench.provenance` knows it.
             only: shell patterns of observation keys; a submission of a part is scored with the same `--only`.
             overwrite: take the place of a submission that stands there.
@@ -204,6 +206,7 @@ class SubmissionWriter:
                 url=url,
                 authors=authors,
                 notes=notes,
+                truth=truth,
                 provenance=provenance,
             )
         except ValidationError as error:

@@ -29,6 +29,8 @@ Mask = NDArray[np.bool_]
 
 #: No error at all.
 PERFECT = ErrorModel()
+#: `truth` of submission.json: leaderboards do not rank what says so.
+TRUTH = "masks of test frames"
 #: Points of `--points` per cm² of the true mesh's surface: 100 in a face of a 5 cm voxel. What is missed are voxels of
 #: which the surface cuts off a mere tip (1 % of a washing machine's, 6 % of a telephone's).
 POINTS_PER_CM2 = 4.0
@@ -236,7 +238,7 @@ def write_oracle(
     method, notes = describe(instance, errors, points, only)
     made_by = ProvenanceRecord.of(provenance("baselines.oracle:write_oracle"))
     writer = SubmissionWriter(
-        path, dataset, method=method, notes=notes, provenance=made_by, only=only, overwrite=overwrite
+        path, dataset, method=method, notes=notes, truth=TRUTH, provenance=made_by, only=only, overwrite=overwrite
     )
     for observation in writer.observations:
         check_truth(observation, instance=instance, errors=errors, points=points)

@@ -27,7 +27,7 @@ from avs3d_bench.files import write_json
 from avs3d_bench.media import read_record
 from avs3d_bench.scores import METRICS, ObservationScores, Scores
 from avs3d_bench.taxonomy import PARTS
-from evaluators.bootstrap import interval
+from evaluators.bootstrap import FEWEST, interval
 
 Verdict = Literal["higher", "lower", "equal", "undecided"]
 
@@ -35,8 +35,6 @@ WRONG_OBSERVATION = "strict.wrong_observation"
 #: What is compared unless asked otherwise.
 FIGURES = ("strict.IoU", "strict.wrong_instance_rate", WRONG_OBSERVATION, "official.mIoU", "official.F")
 _KNOWN = frozenset((metric.protocol, metric.name) for metric in METRICS)
-#: Observations below which nothing is stated: of five, all have one sign by chance with probability 2·2⁻⁵ > 5 %.
-FEWEST = 6
 #: IoU below which the sounding object counts as missed.
 MISSED = 0.1
 
@@ -47,7 +45,7 @@ class Estimate:
 
     Attributes:
         mean: of the values.
-        low: of its 95 % interval; None for a single observation.
+        low: of its 95 % interval; None for fewer than six observations.
         high: likewise.
         observations: how many.
     """

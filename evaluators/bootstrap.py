@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 RESAMPLES = 10_000
 CONFIDENCE = 0.95
 SEED = 0
+#: Least number of values with an interval. The means of resamples never leave the range of the values; n independent
+#: values all lie on one side of their distribution's median with probability 2 / 2ⁿ, and five do so in more than 5 %.
+FEWEST = 6
 #: Resampled values at a time, so that memory does not grow with the number of observations.
 _BLOCK = 2_000_000
 
@@ -30,7 +33,12 @@ def _small(count: int, resamples: int, seed: int) -> NDArray[np.intp]:
 
 
 def interval(
-    values: Sequence[float], *, resamples: int = RESAMPLES, seed: int = SEED, confidence: float = CONFIDENCE
+    values: Sequence[float],
+    *,
+    resamples: int = RESAMPLES,
+    seed: int = SEED,
+    confidence: float = CONFIDENCE,
+    fewest: int = FEWEST,
 ) -> tuple[float, float] | None:
     """The interval that holds ``confidence`` of the means of resamples (with replacement) of the values.
 
@@ -41,11 +49,12 @@ def interval(
         resamples: how many.
         seed: of the draws; the same seed and number of values give the same draws.
         confidence: the share, centred.
+        fewest: fewer values have no interval; at least 2.
 
     Returns:
-        (low, high); None for fewer than two values, whose spread nothing is known about.
+        (low, high); None for fewer than ``fewest`` values.
     """
-    if len(values) < 2:
+    if len(values) < max(2, fewest):
         return None
     ordered = np.sort(np.asarray(values, dtype=np.float64))
     count = len(ordered)

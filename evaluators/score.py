@@ -295,8 +295,8 @@ def _worst(frames: Iterable[FrameScore], count: int) -> tuple[FrameScore, ...]:
 
 
 def _best(frames: Iterable[FrameScore], count: int) -> tuple[FrameScore, ...]:
-    """The frames with the object in sight and the highest IoU; ties by name."""
-    seen = (frame for frame in frames if frame.visible)
+    """The frames with the object in sight and the highest IoU above 0; ties by name."""
+    seen = (frame for frame in frames if frame.iou)
     return tuple(nsmallest(count, seen, key=lambda f: (f.badness, f.key, f.name)))
 
 

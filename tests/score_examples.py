@@ -14,6 +14,7 @@ from avs3d_bench import __version__, media
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.scores import BLIND_REFERENCES, METRICS, REFERENCES, Scores, metrics_of
 from avs3d_bench.taxonomy import CATEGORIES, PARTS, ROOMS
+from evaluators.bootstrap import FEWEST
 from evaluators.records import FrameScore, Submission
 
 #: What the references get, by figure.
@@ -168,7 +169,7 @@ def _summary(rows: list[dict[str, Any]], protocols: Iterable[str]) -> dict[str, 
             means[metric.name] = math.fsum(values) / len(values) if values else None
             if not values:
                 why[metric.name] = rows[0][protocol]["unavailable"][metric.name]
-            if len(values) > 1:
+            if len(values) >= FEWEST:
                 half = 1.96 * float(np.std(values, ddof=1)) / math.sqrt(len(values))
                 middle = math.fsum(values) / len(values)
                 intervals[metric.name] = (max(min(values), middle - half), min(max(values), middle + half))

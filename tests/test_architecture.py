@@ -153,7 +153,7 @@ HOUSE = {
         "deaf": "metrics frames",
         "reading": "records",
         "score": "bootstrap metrics records volume frames protocols deaf reading",
-        "reporting": "records reading",
+        "reporting": "bootstrap records reading",
         "cli": "records reading score reporting",
     },
     "baselines": {

@@ -18,14 +18,22 @@ values = st.lists(st.floats(0, 1), min_size=2, max_size=40)
 @given(values, st.randoms(use_true_random=False))
 @settings(max_examples=30, deadline=None)
 def test_order_changes_nothing_and_the_mean_lies_within(numbers: list[float], random: Any):
-    low, high = interval(numbers, resamples=500)
-    assert (low, high) == interval(random.sample(numbers, len(numbers)), resamples=500)
+    low, high = interval(numbers, resamples=500, fewest=2)
+    assert (low, high) == interval(random.sample(numbers, len(numbers)), resamples=500, fewest=2)
     assert min(numbers) <= low <= high <= max(numbers)
 
 
 def test_one_value_has_no_interval():
     assert interval([0.5]) is None
     assert interval([]) is None
+    assert interval([0.5], fewest=0) is None
+
+
+def test_five_values_are_too_few_and_six_are_enough():
+    assert interval([0.1, 0.2, 0.3, 0.4, 0.5]) is None
+    assert interval([0.1, 0.2, 0.3, 0.4, 0.5, 0.6]) is not None
+    # All values on one side of the median: 2/2ⁿ, the least share of cases that an interval within their range misses.
+    assert 2 / 2 ** (bootstrap.FEWEST - 1) > 1 - bootstrap.CONFIDENCE >= 2 / 2**bootstrap.FEWEST
 
 
 def test_equal_values_have_an_interval_of_no_width():

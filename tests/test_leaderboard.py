@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,9 @@ from score_examples import example_scores, report_page
 
 from avs3d_bench import media
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.scores import DEAF_REFERENCES, REFERENCES, Scores
+from avs3d_bench.scores import DEAF_REFERENCES, REFERENCES, Scores, metrics_of
 from evaluators.reporting.leaderboard import read_entries, write_leaderboard
+from evaluators.reporting.pages import interval
 from evaluators.reporting.ranking import Entry, leaderboard_values
 
 VISIBLE = ".dataset > div:not([hidden]) table"
@@ -56,6 +58,36 @@ def test_the_higher_iou_is_first_and_references_have_no_rank(tmp_path: Path) -> 
         "deaf: every instance", "deaf: most seen", "centre box", "all white", "all black",
     ]  # fmt: skip
     assert all(row.rank is None for row in rows if row.entry is None)
+
+
+def test_an_oracle_is_marked_and_takes_no_rank(tmp_path: Path) -> None:
+    files = [save(tmp_path / name, example_scores(seed=1, skill=skill, method=name, truth=truth))
+             for name, skill, truth in [("low", 0.3, None), ("oracle", 0.95, "masks of test frames"),
+                                        ("high", 0.8, None)]]  # fmt: skip
+    assert tables(files) == [[(None, "oracle"), (1, "high"), (2, "low")]]
+    assert tables(files, "part_2", "official") == [[(None, "oracle"), (1, "high"), (2, "low")]]
+    write_leaderboard(tmp_path / "board", files)
+    page = (tmp_path / "board/index.html").read_text(encoding="utf-8")
+    rows = [row for row in re.findall(r"<tr class.*?</tr>", page, re.S) if ">oracle<" in row]
+    assert rows
+    assert all("reads the truth" in row and "data-ranked" not in row for row in rows)
+    assert "reads the truth" not in "".join(set(re.findall(r"<tr class.*?</tr>", page, re.S)) - set(rows))
+
+
+@pytest.mark.parametrize(("observations", "shown"), [(5, False), (6, True)])
+def test_no_interval_of_few_observations_is_shown_whatever_a_file_holds(observations: int, shown: bool) -> None:
+    """Files of scores of earlier versions hold intervals of two observations."""
+    group = example_scores(observations).overall
+    metric = metrics_of("strict")[0]
+    old = group.strict.model_copy(update={"intervals": {"IoU": (0.1, 0.9)}, "counts": {"IoU": observations}})
+    pair = interval(group.model_copy(update={"strict": old}), metric)
+    assert pair == ((0.1, 0.9) if shown else None)
+
+
+def test_a_dash_stands_for_the_interval_of_few_observations(tmp_path: Path) -> None:
+    write_leaderboard(tmp_path / "board", [save(tmp_path / "a", example_scores(3, seed=1, method="mine"))])
+    page = (tmp_path / "board/index.html").read_text(encoding="utf-8")
+    assert '<small title="fewer than 6 observations: no interval">–</small>' in page
 
 
 def test_a_link_to_a_file_of_scores_keeps_its_report(tmp_path: Path) -> None:

@@ -473,6 +473,8 @@ def test_every_reason_for_a_null_is_listed():
 def test_constants_in_the_text_are_those_of_the_code():
     assert f"{bootstrap.RESAMPLES:,} times" in TEXT
     assert bootstrap.CONFIDENCE == 0.95
+    assert bootstrap.FEWEST == 6
+    assert "Fewer than six observations: no interval" in TEXT
     assert MAX_POINTS == 2_000_000
     assert tolerance(1008, 1008) == 12
     assert 0.15 / 0.05 == 2.9999999999999996
@@ -493,4 +495,6 @@ def test_the_snippet_reads_a_file_of_scores(
     monkeypatch.chdir(tmp_path)
     snippet = re.findall(r"^```python\n(import json.*?)^```$", TEXT, re.M | re.S)[0]
     exec(compile(snippet, str(DOCUMENT), "exec"), {})
-    assert re.match(r"IoU 0\.\d{3} \[0\.\d{3}, 0\.\d{3}\] over \d+ observations\n", capsys.readouterr().out)
+    assert re.match(
+        r"IoU 0\.\d{3} over \d+ observations\n95 % interval 0\.\d{3} to 0\.\d{3}\n", capsys.readouterr().out
+    )

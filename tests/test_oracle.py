@@ -84,6 +84,7 @@ def test_it_says_what_it_looks_at_and_every_setting(dataset: Dataset, tmp_path: 
     run("--dataset", dataset.root, "-o", tmp_path / "a", "--instance", "sounding", "--drop", 0.25, "--swap", 0.5,
         "--dilate", -3, "--confuse", 1, "--seed", 7, "--only", "part_2/*", "--workers", 1)  # fmt: skip
     record = media.read_record(tmp_path / "a" / "submission.json", SubmissionRecord)
+    assert record.truth == "masks of test frames"
     assert record.method == "oracle (sounding, drop 0.25, swap 0.5, dilate -3, confuse 1)"
     for words in ("uses the ground truth of test frames", "instance sounding", "drop 0.25, swap 0.5, dilate -3, "
                   "confuse 1, seed 7", "points none", "only part_2/*"):  # fmt: skip

@@ -202,8 +202,17 @@ def test_a_mean_goes_over_the_observations_that_have_the_figure():
     assert group.strict.counts["IoU_3D"] == 0
     assert group.strict.IoU_3D is None
     assert group.strict.unavailable["IoU_3D"] == protocols.NO_POINTS
-    assert group.strict.intervals["IoU"] == (0.0, 1.0)
+    assert group.strict.intervals == {}
+
+
+def test_a_figure_has_an_interval_from_six_observations_on():
+    sure = [observation(number, float(number == 1)) for number in range(1, 7)]
+    group = summarise([*sure, observation(7, None)])
+    low, high = group.strict.intervals["IoU"]
+    assert low == 0.0 < group.strict.IoU < high <= 1.0
     assert "FP_rate" not in group.strict.intervals
+    assert summarise(sure[:5]).strict.intervals == {}
+    assert summarise(sure[:5]).official.intervals == {}
 
 
 def test_observations_count_alike_however_many_frames_they_have():

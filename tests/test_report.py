@@ -16,13 +16,16 @@ from browser import column, launch, visit
 from score_examples import example_scores, write_masks
 from tiny import MULTI, SINGLE, write_dataset, write_release
 
+from avs3d_bench import media
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.scores import METRICS
 from evaluators.records import Evaluation, FrameScore, Submission
 from evaluators.reporting import pages
+from evaluators.reporting.leaderboard import write_leaderboard
+from evaluators.reporting.pages import write_page
 from evaluators.reporting.pictures import FALSE, HIT, MISSED, draw_triple, error_picture, percent
-from evaluators.reporting.report import best_reference, cards, chart, scale_end, write_report
+from evaluators.reporting.report import best_reference, cards, chart, report_values, scale_end, write_report
 
 HOSTILE = '"><img src=x onerror=alert(1)><script>alert(2)</script>'
 TEMPLATES = Path(pages.__file__).parent / "templates"
@@ -91,7 +94,7 @@ def test_a_report_says_what_was_scored_with_what(report: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "said", "unsaid"),
     [
-        ({"observations": 1}, ["no interval from one observation"], ["Part 2"]),
+        ({"observations": 1}, ["no interval: fewer than 6 observations"], ["Part 2"]),
         ({"protocols": ("official",)}, ["official mIoU"], ["strict IoU</", "visible</button>"]),
         ({"release": True}, ["the official release", "no instance masks"], [">category<"]),
         ({"dataset": {"observations": 60}, "observations": 34}, ["34 of 60 observations were scored"], []),
@@ -282,6 +285,26 @@ def test_the_page_never_scrolls_sideways(report: Path, browser: Any, width: int,
         opened.page.click("[data-theme-toggle]")
         assert opened.page.evaluate("getComputedStyle(document.body).backgroundColor") != ground
         assert opened.overflow == 0
+
+
+@pytest.mark.parametrize("width", [1280, 1400])
+def test_every_table_fits_a_laptop(tmp_path: Path, browser: Any, width: int) -> None:
+    scores = example_scores(34, seed=1, points=True)
+    write_page(
+        tmp_path / "report.html",
+        "report.html.j2",
+        report_values(scores) | {"frames": {"worst": (), "best": ()}, "has_twins": False},
+    )
+    file = tmp_path / "scores.json"
+    media.write_json(file, scores.model_copy(update={"report": None}))
+    write_leaderboard(tmp_path / "board", [file])
+    for page in (tmp_path / "report.html", tmp_path / "board/index.html"):
+        with visit(browser, page, width=width) as opened:
+            cut = opened.page.evaluate(
+                "[...document.querySelectorAll('.scroll')].filter((e) => e.scrollWidth > e.clientWidth)"
+                ".map((e) => `${e.ariaLabel}: ${e.scrollWidth} > ${e.clientWidth}`)"
+            )
+            assert cut == []
 
 
 def test_columns_sort_both_ways_with_what_is_missing_last(report: Path, browser: Any) -> None:

@@ -30,11 +30,19 @@ def compare(first: Sequence[float | None], second: Sequence[float | None]):
     return difference("strict.IoU", "part_2", ("a", scores_of(first)), ("b", scores_of(second)))
 
 
-def test_the_interval_of_a_difference_of_four_values_is_the_one_worked_out_in_docs_metrics():
-    """0.2, 0.2, 0.2 and 1.0: C(4, k)·3^(4−k)/256 of the resamples hold the last k times; their mean is 0.2 + 0.2·k."""
+def test_the_interval_of_a_difference_of_six_values_is_the_one_worked_out_in_docs_metrics():
+    """Five times 0.2 and 1.0: C(6, k)·5^(6−k)/6⁶ of the resamples hold the last k times; mean 0.2 + 0.8·k/6."""
+    found = compare([0.2, 0.2, 0.2, 1.0, 0.2, 0.2], [0.0] * 6)
+    assert found.estimate.mean == pytest.approx(1 / 3)
+    assert (found.estimate.low, found.estimate.high) == pytest.approx((0.2, 0.6))
+    assert found.verdict == "higher"
+
+
+def test_of_four_observations_there_is_neither_an_interval_nor_a_statement():
     found = compare([0.2, 0.2, 0.2, 1.0], [0.0] * 4)
     assert found.estimate.mean == pytest.approx(0.4)
-    assert (found.estimate.low, found.estimate.high) == pytest.approx((0.2, 0.8))
+    assert (found.estimate.low, found.estimate.high) == (None, None)
+    assert "no interval" in str(found)
     assert found.verdict == "undecided", "four observations are too few for a statement"
 
 

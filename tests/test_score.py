@@ -283,7 +283,7 @@ def test_names_of_observations_do_not_matter(data: Path, tmp_path: Path):
     media.write_json(tmp_path / "s2" / layout.SUBMISSION_JSON, said)
     renamed = evaluate(tmp_path / "s2", tmp_path / "d2", workers=2).scores
     assert renamed.overall.official == scores.overall.official
-    assert renamed.overall.strict.intervals["IoU"] == scores.overall.strict.intervals["IoU"]
+    assert renamed.overall.strict.intervals == scores.overall.strict.intervals
 
 
 def test_only_some_observations(data: Path, tmp_path: Path):
@@ -298,6 +298,9 @@ def test_worst_and_best_frames(data: Path, tmp_path: Path):
     evaluation = evaluate(submit(tmp_path / "s", data, twin), data)
     assert all(frame.iou == 0 or not frame.visible for frame in evaluation.worst)
     assert not set(evaluation.worst) & set(evaluation.best)
+    assert all(frame.iou for frame in evaluation.best), "a frame without a hit is none of the best"
+    black = evaluate(submit(tmp_path / "b", data, lambda frame: np.zeros_like(frame.mask())), data)
+    assert black.best == ()
     perfect = evaluate(submit(tmp_path / "p", data, true_mask), data)
     assert perfect.worst == ()
     assert [frame.iou for frame in perfect.best] == [1.0] * len(perfect.best) != []

@@ -27,7 +27,9 @@ from evaluators.reporting.pages import REFERENCE_TITLES
 from evaluators.reporting.table_contents import csv, frame, table_2, table_3
 from evaluators.reporting.tables import write_tables
 
-KEYS = [f"part_1/flat/{room}/1" for room in ("bathroom", "kitchen")] + [f"part_2/flat/kitchen/{i}" for i in (1, 2)]
+#: Six of each part, so that means have intervals.
+KEYS = [f"part_1/flat/{room}/{i}" for room in ("bathroom", "kitchen") for i in (1, 2, 3)]
+KEYS += [f"part_2/flat/kitchen/{i}" for i in range(1, 7)]
 PARTIAL = {"observations": 34, "sha256": None}
 COMPLETE = {"sha256": None}
 
@@ -79,13 +81,13 @@ def sweep(keys: list[str] = KEYS[:1], name: str = "EchoSegnet", **changes: Any) 
 TABLE_2 = """\
 # Table 2: methods and parts
 
-## open-s34-o7 1.0.0, 4 observations
+## open-s34-o7 1.0.0, 12 observations
 
 Protocols official 1.0 and strict 1.0.
 
 ![Table 2: methods and parts](table2.svg)
 
-### Part 1, single-instance (n = 2)
+### Part 1, single-instance (n = 6)
 
 | method | official mIoU | paper | official F | paper | strict IoU | strict F | strict wrong instance |
 | :-- | --: | --: | --: | --: | --: | --: | --: |
@@ -101,7 +103,7 @@ Protocols official 1.0 and strict 1.0.
 
 In the paper, and not among these files (mIoU / F): OWOD-BIND 0.693 / 0.523.
 
-### Part 2, multi-instance (n = 2)
+### Part 2, multi-instance (n = 6)
 
 | method | official mIoU | paper | official F | paper | strict IoU | strict F | strict wrong instance |
 | :-- | --: | --: | --: | --: | --: | --: | --: |
@@ -347,8 +349,8 @@ DIFFERENT: dict[str, dict[str, Any]] = {
     "name": {"dataset": {"name": "another", "sha256": None}},
     "protocol": {"evaluator": {"protocols": {"official": "1.0", "strict": "2.0"}}},
     "protocols": {"protocols": ("official",)},
-    "part of the dataset": {"keys": KEYS[:3], "dataset": {"observations": 4, "sha256": None}},
-    "another part": {"keys": KEYS[1:], "dataset": {"observations": 4, "sha256": None}},
+    "part of the dataset": {"keys": KEYS[:9], "dataset": {"observations": 12, "sha256": None}},
+    "another part": {"keys": KEYS[3:], "dataset": {"observations": 12, "sha256": None}},
 }
 
 
@@ -362,7 +364,7 @@ def test_what_does_not_compare_gets_a_section_of_its_own(tmp_path: Path) -> None
     written = write_tables(tmp_path / "out", sorted(tmp_path.glob("*.json")), which="2")
     text = written[0].read_text(encoding="utf-8")
     assert "8 sections: what stands in different ones was scored on other data" in text
-    assert text.count("3 of 4 observations") == 2
+    assert text.count("9 of 12 observations") == 2
     pictures = [path.name for path in written if path.suffix == ".svg"]
     assert pictures == ["table2.svg"] + [f"table2-{number}.svg" for number in range(2, 9)]
     assert re.findall(r"\((table2.*?\.svg)\)", text) == pictures

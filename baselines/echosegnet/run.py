@@ -169,11 +169,12 @@ def _writer(
         f"{settings.voting_threshold:g}; {training.iterations} iterations, seed {training.seed}; "
         f"masks of train frames: {source.name}"
     )
-    if source.name.startswith("oracle"):
+    oracle = source.name.startswith("oracle")
+    if oracle:
         notes += "; uses the ground truth of train frames"
     return SubmissionWriter(
         path, dataset, method=method_name(settings, source), notes=notes, only=tuple(only), overwrite=overwrite,
-        provenance=ProvenanceRecord.of(provenance(*METHOD)),
+        truth="masks of train frames" if oracle else None, provenance=ProvenanceRecord.of(provenance(*METHOD)),
     )  # fmt: skip
 
 

@@ -19,6 +19,7 @@ from urllib.parse import urlsplit
 from avs3d_bench.files import write_bytes
 from avs3d_bench.scores import GroupScores, Metric
 from avs3d_bench.templates import MISSING, template_environment, words
+from evaluators.bootstrap import FEWEST
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -78,10 +79,16 @@ def figure(group: GroupScores | None, metric: Metric) -> float | None:
 
 
 def interval(group: GroupScores | None, metric: Metric) -> tuple[float, float] | None:
-    """Its 95 % interval; None where it is not known."""
+    """Its 95 % interval; None where it is not known.
+
+    Files of scores of earlier versions hold intervals of two to five observations: those are left out.
+    """
     scores = getattr(group, metric.protocol, None)
-    pair: tuple[float, float] | None = scores.intervals.get(metric.name) if scores else None
-    return pair
+    if group is None or scores is None:
+        return None
+    count = scores.counts.get(metric.name, 0) if metric.protocol == "strict" else group.observations
+    pair: tuple[float, float] | None = scores.intervals.get(metric.name)
+    return pair if count >= FEWEST else None
 
 
 @lru_cache(maxsize=1)
@@ -92,7 +99,8 @@ def _environment() -> Environment:
         "web_address": web_address, "figure": figure, "interval": interval,
     }  # fmt: skip
     environment.globals |= {
-        "MISSING": MISSING, "PART_TITLES": PART_TITLES, "PART_NOTES": PART_NOTES, "REFERENCE_TITLES": REFERENCE_TITLES,
+        "FEWEST": FEWEST, "MISSING": MISSING,
+        "PART_TITLES": PART_TITLES, "PART_NOTES": PART_NOTES, "REFERENCE_TITLES": REFERENCE_TITLES,
     }  # fmt: skip
     return environment
 

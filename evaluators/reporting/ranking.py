@@ -50,6 +50,11 @@ class Entry:
         return self.scores.dataset.scored == self.scores.dataset.observations
 
     @property
+    def truth(self) -> str | None:
+        """The ground truth that its masks were made from (an oracle): it is shown, and not ranked."""
+        return self.scores.submission.truth
+
+    @property
     def short_digest(self) -> str:
         """Tells entries of one method name apart."""
         return self.digest[:_DIGEST_LENGTH]
@@ -79,7 +84,7 @@ class Row:
     """One row of a table.
 
     Attributes:
-        rank: from 1; None of what is not ranked.
+        rank: from 1; None of what is not ranked: references, oracles, parts of a dataset.
         title: the method or reference.
         entry: None for a reference.
         group: the scores in the row.
@@ -255,8 +260,10 @@ def _table(entries: Sequence[Entry], partial: Sequence[Entry], ruler: Ruler, par
     ranking = headline(metrics_of(ruler.protocol))
     assert ranking is not None  # both protocols have an IoU
     rows = [_row(entry, part) for entry in entries]
-    values = [value for row in rows if (value := figure(row.group, ranking)) is not None]
-    rows = [Row(_rank(figure(r.group, ranking), values), r.title, r.entry, r.group) for r in rows]
+    values = [value for row in rows if _competes(row) and (value := figure(row.group, ranking)) is not None]
+    rows = [
+        Row(_rank(figure(r.group, ranking), values) if _competes(r) else None, r.title, r.entry, r.group) for r in rows
+    ]
     beside = references_of(entries)
     for name in REFERENCES:
         group = beside.get(name, {}).get(part)
@@ -279,6 +286,10 @@ def _row(entry: Entry, part: str) -> Row:
     group = _group(entry, part)
     assert group is not None  # entries without the part were left out
     return Row(None, entry.scores.submission.method, entry, group)
+
+
+def _competes(row: Row) -> bool:
+    return row.entry is not None and row.entry.truth is None
 
 
 def _rank(value: float | None, values: Iterable[float]) -> int | None:
