@@ -1,4 +1,4 @@
-"""Hooks of MkDocs: pages of the repository's root become pages of the site, and links work on GitHub and here."""
+"""Hooks of MkDocs: pages outside of docs/ become pages of the site, and links work on GitHub and here."""
 
 from __future__ import annotations
 
@@ -8,10 +8,16 @@ from typing import Any
 
 from mkdocs.structure.files import File, Files
 
-#: Files of the repository's root → pages of the site.
-ROOT_PAGES = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
-#: Other folders that pages link to; they are not part of the site, so that such a link becomes plain text.
-OUTSIDE = ("scenes_manifest/", "examples/", "tests/")
+#: Files outside of docs/ → pages of the site.
+ROOT_PAGES = {
+    "README.md": "index.md",
+    "CONTRIBUTING.md": "contributing.md",
+    "CHANGELOG.md": "changelog.md",
+    "examples/README.md": "examples.md",
+}
+#: Other folders and files that pages link to; they are not part of the site: such a link becomes plain text.
+OUTSIDE = ("scenes_manifest/", "tests/")
+OUTSIDE_SUFFIXES = (".json", ".csv", ".py", ".ipynb", "/")
 _LINK = re.compile(r"(?<!!)\[([^\]]+)\]\(([^)\s]+)\)")
 _FENCE = re.compile(r"^(```|~~~).*?^\1[ ]*$", re.M | re.S)
 #: A fence with several words that are no options, which the tests read: Python-Markdown takes it for a paragraph.
@@ -21,10 +27,14 @@ _LIST = re.compile(r"^((?![-*+] |\d+\. |\s|#|\|).+\n)(?=(?:[-*+]|\d+\.) )", re.M
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Add the pages of the root."""
+    """Add the pages that lie elsewhere."""
     root = Path(config.config_file_path).parent
     for source, target in ROOT_PAGES.items():
-        files.append(File.generated(config, target, content=(root / source).read_text(encoding="utf-8")))
+        text = (root / source).read_text(encoding="utf-8")
+        if target == "examples.md":
+            scripts = sorted((root / "examples").glob("*.py"))
+            text += "".join(f"\n## {path.name}\n\n```python\n{path.read_text('utf-8')}```\n" for path in scripts)
+        files.append(File.generated(config, target, content=text))
     return files
 
 
@@ -52,6 +62,6 @@ def _linked(link: re.Match[str], prefix: str) -> str:
     name = re.sub(r"^(\.\./)+", "", file)
     if name in ROOT_PAGES:
         return f"[{text}]({prefix}{ROOT_PAGES[name]}{hash_}{anchor})"
-    if name.startswith(OUTSIDE) or (file.endswith((".json", "/", ".csv")) and "://" not in file):
+    if name.startswith(OUTSIDE) or (file.endswith(OUTSIDE_SUFFIXES) and "://" not in file):
         return text
     return link[0]
