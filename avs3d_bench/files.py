@@ -93,6 +93,25 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
             raise Avs3dError(os_error_line(error, final, "write")) from error
 
 
+def check_writable(path: str | Path) -> None:
+    """Refuse a file that could not be written, before any work is done for it; nothing is left behind.
+
+    Raises:
+        UsageError: if a folder, a socket or a block device stands there.
+        Avs3dError: if the system would refuse to make a file there.
+    """
+    if is_stream(path):
+        return
+    folder = Path(os.path.realpath(path)).parent
+    while not os.path.lexists(folder):
+        folder = folder.parent
+    try:
+        with tempfile.TemporaryFile(dir=folder, prefix=".avs3d-"):
+            pass
+    except OSError as error:
+        raise Avs3dError(os_error_line(error, path, "write")) from error
+
+
 def is_stream(path: str | Path) -> bool:
     """Whether an output is written through what stands under the name: a character device, a FIFO, a descriptor.
 

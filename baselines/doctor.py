@@ -31,6 +31,17 @@ except ImportError:
 """
 
 
+#: Which option of which baseline takes the folder of a network.
+OPTIONS = {
+    "owlv2": "owod-bind --boxes-checkpoint",
+    "mavl": "owod-bind --boxes-checkpoint",
+    "sam": "owod-bind --sam-checkpoint",
+    "imagebind": "owod-bind --similarity-checkpoint",
+    "pe-av": "owod-bind --similarity-checkpoint",
+    "denseav": "denseav --checkpoint",
+}
+
+
 def checks() -> tuple[Check, ...]:
     """Everything the baselines can make use of."""
     return (
@@ -64,7 +75,10 @@ def _checkpoints() -> tuple[Check, ...]:
     named = os.environ.get("AVS3D_CHECKPOINTS")
     if not named:
         names = ", ".join(f"{kind}/" for kind in CHECKPOINTS)
-        fix = f"export AVS3D_CHECKPOINTS=FOLDER with {names} below, and pass them with --checkpoint"
+        fix = (
+            f"export AVS3D_CHECKPOINTS=FOLDER with {names} below (for this check), and pass each to its baseline: "
+            + ", ".join(f"{kind}/ with {option}" for kind, option in OPTIONS.items())
+        )
         return (constant("checkpoints", "checkpoints", "missing", "AVS3D_CHECKPOINTS is not set", fix),)
     root = Path(named)
     if not root.is_dir():

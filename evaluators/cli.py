@@ -110,8 +110,11 @@ def _check_targets(targets: Sequence[Path | None], submission: Path, dataset: Pa
         UsageError: naming the file.
         Avs3dError: if something stands there that cannot be written to.
     """
-    from avs3d_bench.files import is_stream
+    from avs3d_bench.files import check_writable, is_stream
 
+    for target in targets:
+        if target is not None:
+            check_writable(target)
     places = [Path(os.path.realpath(target)) for target in targets if target is not None and not is_stream(target)]
     if len(set(places)) < len(places):
         raise UsageError(f"{places[0]}: named twice; expected a file each for --json and --html")

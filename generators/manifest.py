@@ -9,6 +9,7 @@ import fnmatch
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -337,13 +338,23 @@ def read_manifest(path: Path) -> ManifestFile:
     return ManifestFile(manifest, path.resolve(), raw.decode("utf-8"), hashlib.sha256(raw).hexdigest())
 
 
+def _fields() -> tuple[str, ...]:
+    """Names of the fields of every record of a manifest."""
+    records = [value for value in globals().values() if isinstance(value, type) and issubclass(value, BaseModel)]
+    return tuple(sorted({field for record in records for field in record.model_fields}))
+
+
+_FIELDS = _fields()
+
+
 def _finding(error: ValidationError) -> str:
     """The first finding of pydantic in one line, and how many more there are."""
     first, *rest = error.errors(include_url=False)
     place = ".".join(step(key) for key in first["loc"]) or "manifest"
     kind, message = first["type"], first["msg"].removeprefix("Value error, ")
     if kind == "extra_forbidden":
-        message = "unknown field; correct its name, or leave it out"
+        near = get_close_matches(str(first["loc"][-1]), _FIELDS, n=1)
+        message = "unknown field; " + (f"did you mean {near[0]!r}?" if near else "correct its name, or leave it out")
     elif kind == "missing":
         message = "is missing"
     elif kind != "value_error":  # ours say what was found

@@ -551,11 +551,12 @@ def test_descriptions_are_companions_not_parts(ours: Path, tmp_path: Path):
 
 
 def test_words_that_are_no_address_and_no_date(ours: Path, tmp_path: Path):
+    root = tiny.clone(ours, tmp_path / "data")
     with pytest.raises(UsageError, match="--url 'example': expected http"):
-        write_croissant(ours, tmp_path / "c.json", url="example")
+        write_croissant(root, root / "c.json", url="example")
     for date in ("yesterday", "2026-02-30", "20260131"):
         with pytest.raises(UsageError, match="expected YYYY-MM-DD"):
-            write_croissant(ours, tmp_path / "c.json", published=date)
+            write_croissant(root, root / "c.json", published=date)
 
 
 # --- Dataset card ---------------------------------------------------------------------------------------------------
@@ -626,17 +627,25 @@ def test_the_card_of_the_release_claims_no_licence(release: Path, tmp_path: Path
 def test_the_four_commands(ours: Path, tmp_path: Path, hub: Any):
     runner = CliRunner()
     for name, output in (
-        ("webdataset", "shards"), ("huggingface", "hub"), ("croissant", "croissant.json"), ("card", "README.md"),
+        ("webdataset", "shards"), ("huggingface", "hub"), ("card", "README.md"),
     ):  # fmt: skip
         more = ["--workers", "1"] if name in ("webdataset", "huggingface") else []
         result = runner.invoke(export, [name, str(ours), "-o", str(tmp_path / output), *more])
         assert result.exit_code == 0, result.output
         assert str(tmp_path / output) in result.output
         assert (tmp_path / output).exists()
-    assert (
-        "put it there before it is read"
-        in runner.invoke(export, ["croissant", str(ours), "-o", str(tmp_path / "c.json")]).output
-    )
+
+
+def test_a_croissant_description_belongs_into_the_dataset(ours: Path, tmp_path: Path):
+    """Readers take its paths as relative to its own folder: elsewhere nothing would be found."""
+    root = tiny.clone(ours, tmp_path / "data")
+    runner = CliRunner()
+    there = runner.invoke(export, ["croissant", str(root), "-o", str(root / "croissant.json")])
+    assert (there.exit_code, there.output) == (0, f"{root / 'croissant.json'}\n")
+    elsewhere = runner.invoke(export, ["croissant", str(root), "-o", str(tmp_path / "c.json")])
+    assert isinstance(elsewhere.exception, UsageError)
+    assert f"write it into the dataset's root: {root / 'croissant.json'}" in str(elsewhere.exception)
+    assert not (tmp_path / "c.json").exists()
 
 
 def test_the_package_loads_without_its_extras(ours: Path):

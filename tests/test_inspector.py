@@ -926,6 +926,28 @@ def test_the_release_is_shown_as_it_is(tmp_path: Path, browser: Any) -> None:
         assert not said
 
 
+def test_keys_on_the_page_can_be_read_and_all_is_in_a_landmark(site: Path, browser: Any) -> None:
+    ratios = """[...document.querySelectorAll('kbd')].filter((k) => k.offsetParent).map((k) => {
+      const numbers = (colour) => colour.match(/[\\d.]+/g).map(Number);
+      const lightness = (c) => c.slice(0, 3).map((v) => v / 255)
+        .map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
+        .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+      let below = k, alpha = 1;
+      while ((numbers(getComputedStyle(below).backgroundColor)[3] ?? 1) === 0) below = below.parentElement;
+      const paper = numbers(getComputedStyle(below).backgroundColor);
+      for (let e = k; e; e = e.parentElement) alpha *= Number(getComputedStyle(e).opacity);
+      const ink = numbers(getComputedStyle(k).color).slice(0, 3).map((v, i) => alpha * v + (1 - alpha) * paper[i]);
+      const [low, high] = [lightness(ink), lightness(paper)].sort((a, b) => a - b);
+      return (high + 0.05) / (low + 0.05);
+    })"""
+    with player(browser, (site / KEY / "index.html").as_uri()) as (page, _, _):
+        found = page.evaluate(ratios)
+        assert len(found) >= 8
+        assert min(found) >= 4.5
+        outside = "[...document.body.children].filter((e) => !e.matches('header, main, nav, footer, script, .skip'))"
+        assert page.evaluate(f"{outside}.map((e) => e.outerHTML.slice(0, 60))") == []
+
+
 def test_without_sound_the_pictures_run_on_a_clock_of_their_own(many: Path, browser: Any) -> None:
     page_file = sorted(many.glob("part_2/*/*/1/index.html"))[0]
     with player(browser, page_file.as_uri()) as (page, said, _):

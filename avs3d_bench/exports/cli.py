@@ -73,20 +73,18 @@ def huggingface(root: Path, folder: Path, **options: Any) -> None:
 
 @export.command(short_help="A Croissant description (JSON-LD).")
 @_ROOT
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="The file; beside the data, best.")
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="The file: ROOT/croissant.json.")
 @click.option("--url", default=None, help="The dataset's home page.")
 @click.option("--date", "published", default=None, metavar="YYYY-MM-DD", help="When it was published.")
 def croissant(root: Path, output: Path, url: str | None, published: str | None) -> None:
     """Describe the dataset at ROOT in Croissant: files, records, licence, citation, responsible-AI fields.
 
-    Paths in it are relative to ROOT: readers look for the files beside it.
+    Paths in it are relative to ROOT: the file must be in ROOT, because readers look for the others beside it.
     """
     from avs3d_bench.exports.croissant import write_croissant
 
     write_croissant(root, output, url=url, published=published)
     click.echo(str(output))
-    if output.resolve().parent != root.resolve():
-        click.echo(f"{output}: paths in it are relative to {root}; put it there before it is read", err=True)
 
 
 @export.command(short_help="A dataset card.")

@@ -97,11 +97,17 @@ def write_croissant(
         published: date of publication, YYYY-MM-DD.
 
     Raises:
-        UsageError: if there is no dataset, or ``url`` or ``published`` cannot be one.
+        UsageError: if there is no dataset, ``output`` is not in its root, or ``url`` or ``published`` cannot be one.
         Avs3dError: if dataset.json is damaged or the system refuses.
     """
     dataset, keys = select(root)
     check_output(dataset, output)
+    root, output = Path(root), Path(output)
+    if output.resolve().parent != root.resolve():
+        raise UsageError(
+            f"{output}: readers look for the dataset's files beside the description; write it into the dataset's root: "
+            f"{root / 'croissant.json'}"
+        )
     text = json.dumps(description(dataset, keys, url=url, published=published), indent=1, ensure_ascii=False)
     media.write_bytes(output, f"{text}\n".encode())
 

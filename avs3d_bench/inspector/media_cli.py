@@ -80,7 +80,8 @@ def video(
 def view_3d(key: str, root: Path, submissions: tuple[Path, ...], port: int, path: Path | None) -> None:
     """Show the room, the path, the sounding object and predicted points of the observation KEY.
 
-    Served on the loopback address until Ctrl-C (exit status 0). Needs viser: pip install 'avs3d-bench[inspect]'.
+    Served on the loopback address until Ctrl-C. Exit status: 0 shown, 1 something could not be read, 2 usage, a port
+    that is taken included. Needs viser: pip install 'avs3d-bench[inspect]'.
     """
     from avs3d_bench.dataset import Dataset
     from avs3d_bench.inspector.view3d import save_view, serve_view

@@ -99,7 +99,14 @@ def open_submissions(dataset: Dataset, folders: Sequence[Path]) -> tuple[ShownSu
         if not folder.is_dir():
             hint = "; unpack the archive first" if folder.is_file() else ""
             raise UsageError(f"{folder}: no such folder; expected a submission{hint}")
-        if not any((folder / key).is_dir() for key in dataset.keys):
+        masks = (layout.SUBMISSION_MASKS, *layout.RELEASED_MASKS)
+        found = [key for key in dataset.keys if (folder / key).is_dir()]
+        # A dataset into which the released pipeline wrote its masks is a submission as well.
+        if found and not any((folder / key / name).is_dir() for key in found for name in masks):
+            if any((folder / key / layout.SEMANTIC_MASKS).is_dir() for key in found):
+                raise UsageError(f"{folder}: a dataset, expected a submission (a folder of predicted masks)")
+            found = []
+        if not found:
             raise UsageError(
                 f"{folder}: no masks for {dataset.root}; expected {layout.SUBMISSION_JSON} and folders such as "
                 f"{dataset.keys[0]}/{layout.SUBMISSION_MASKS}"

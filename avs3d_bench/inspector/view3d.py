@@ -104,8 +104,8 @@ def serve_view(
         ready: called with the address once it can be opened.
 
     Raises:
-        UsageError: if there is no such observation or submission.
-        Avs3dError: if viser is missing, the port is taken, or a file is damaged.
+        UsageError: if there is no such observation or submission, or the port is taken.
+        Avs3dError: if viser is missing, or a file is damaged.
     """
     viser = load_viser()
     scene = read_scene(dataset[key], submissions)
@@ -132,7 +132,7 @@ def _serving(viser: ModuleType, port: int) -> Iterator[Any]:
                 probe.bind((HOST, port))
             except OSError as error:
                 why = "is taken" if error.errno == errno.EADDRINUSE else f"cannot be used: {error.strerror}"
-                raise Avs3dError(f"port {port} {why}; choose another with --port, or 0 for any free one") from None
+                raise UsageError(f"port {port} {why}; choose another with --port, or 0 for any free one") from None
     with contextlib.redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host=HOST, port=port, verbose=False)
     server.request_share_url = _no_sharing

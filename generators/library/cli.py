@@ -49,8 +49,13 @@ def list_assets(lock: Path | None, html: Path | None, kind: str | None, category
     from generators.library.store import Store
 
     path, store = lock_path(lock), Store.default()
-    if lock is not None and not path.is_file():
-        raise UsageError(f"{path}: no such lock file; name another with --lock")
+    if not path.is_file():
+        where = (
+            "name another with --lock"
+            if lock is not None
+            else (f"looked in {Path.cwd()}; run it where scenes_manifest/ is, or name one with --lock FILE")
+        )
+        raise UsageError(f"{path}: no such lock file; {where}")
     entries = [
         entry for entry in read_lock(path).assets if kind in (None, entry.kind) and category in (None, entry.category)
     ]

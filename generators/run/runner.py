@@ -10,16 +10,17 @@ import math
 import os
 import time
 from collections.abc import Callable, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from avs3d_bench import layout
-from avs3d_bench.errors import Avs3dError
+from avs3d_bench.errors import Avs3dError, UsageError, excerpt
 from avs3d_bench.scheduling.failures import FailureLog
 from avs3d_bench.scheduling.local import LocalScheduler
 from avs3d_bench.scheduling.lock import held
 from avs3d_bench.scheduling.tasks import Event, Failure, Policy, Scheduler, Task
+from avs3d_bench.taxonomy import PARTS
 from generators.backends import observation_provenance
 from generators.homes.cache import check_writable, is_stored
 from generators.manifest import CameraSpec, ManifestFile
@@ -96,14 +97,15 @@ def run(
         max_failures: end the run when more than so many have failed; None: go on whatever fails.
 
     Raises:
-        UsageError: if ``root`` holds observations made from another plan, or dataset.json could not hold what the
-            manifest says.
+        UsageError: if ``root`` holds observations made from another plan, or files and no dataset; or dataset.json
+            could not hold what the manifest says.
         Avs3dError: if no scan that ``plans`` need is there, the folder or the cache cannot be written, or another run
             is at work in the folder.
     """
     check(source)
     check_scans(plans)
     root, cache = root.absolute(), cache.absolute()
+    refuse_foreign(root)
     with held(root) as me:
         sweep(root)
         # Existing observations must come from the same manifest and software, selected or not.
@@ -146,6 +148,23 @@ def run(
         _await(root, made)
         seal(source, root, observation_provenance(plans[0].vision, plans[0].audio))
         return Outcome(tuple(made), kept, tuple(failed), stopped)
+
+
+def refuse_foreign(root: Path) -> None:
+    """Refuse a folder that holds something and is no dataset, finished or not: nothing is mixed into it.
+
+    A dataset shows in its dataset.json, its parts, or the lock and the failures of an earlier run.
+
+    Raises:
+        UsageError: naming what is there.
+    """
+    with suppress(OSError):  # whoever makes the folder says what is wrong with it
+        there = sorted(path.name for path in root.iterdir()) if root.is_dir() else []
+        own = {layout.DATASET_JSON, layout.LOCK, layout.FAILURES_JSONL, *PARTS}
+        if there and own.isdisjoint(there):
+            raise UsageError(
+                f"{root}: not empty and no dataset (holds {excerpt(there[0])}); choose another folder with -o"
+            )
 
 
 def _check_cache(cache: Path, todo: Sequence[ObservationPlan]) -> None:
