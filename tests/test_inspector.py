@@ -926,6 +926,27 @@ def test_the_release_is_shown_as_it_is(tmp_path: Path, browser: Any) -> None:
         assert not said
 
 
+def test_after_home_the_old_frame_is_gone_within_a_second(many: Path, browser: Any) -> None:
+    """Every picture takes longer than a frame lasts at 4×: those that come late are shown all the same."""
+    page_file = sorted(many.glob("part_2/*/*/1/index.html"))[0]
+    with player(browser, page_file.as_uri() + "#frame_008") as (page, _, _):
+        drawn(page, 8)
+        page.evaluate(
+            """() => {
+              const decode = HTMLImageElement.prototype.decode;
+              HTMLImageElement.prototype.decode = function () {
+                return new Promise((done) => setTimeout(done, 1400)).then(() => decode.call(this));
+              };
+            }"""
+        )
+        page.select_option("#rate", "4")
+        page.keyboard.press(" ")
+        page.keyboard.press("Home")
+        # Frames 0 and 1 were fetched when the page opened; those after them come late.
+        until(page, "/frame_00[2-7]/.test(document.getElementById('screen').dataset.frame)")
+        assert page.evaluate("Number(document.getElementById('stage').dataset.index)") < 9, "before the end"
+
+
 def test_keys_on_the_page_can_be_read_and_all_is_in_a_landmark(site: Path, browser: Any) -> None:
     ratios = """[...document.querySelectorAll('kbd')].filter((k) => k.offsetParent).map((k) => {
       const numbers = (colour) => colour.match(/[\\d.]+/g).map(Number);

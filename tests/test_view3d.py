@@ -19,7 +19,7 @@ from avs3d_bench import layout, media
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.geometry import Pose
-from avs3d_bench.inspector.view3d import save_view
+from avs3d_bench.inspector.view3d import room_note, save_view
 from avs3d_bench.inspector.view3d_data import MOST_PREDICTED, moved_from, read_prediction, read_scene
 from avs3d_bench.inspector.view3d_stage import box_edges, opencv_rotation
 from avs3d_bench.schema import SubmissionRecord
@@ -241,6 +241,15 @@ def test_serves_on_the_loopback_address_alone_until_interrupted(root: Path) -> N
         _, said = process.communicate(timeout=20)
     assert process.returncode == 0
     assert said.strip() == ""
+
+
+def test_the_page_says_what_the_room_is_drawn_from(root: Path, tmp_path: Path) -> None:
+    plain = read_scene(Dataset(write_release(tmp_path, frames=3, size=48))[MULTI])
+    assert plain.dense is None
+    assert "--with depth" in room_note(plain)
+    deep = read_scene(Dataset(root)[SINGLE])
+    assert deep.dense is not None
+    assert "no mesh of it" in room_note(deep)
 
 
 def test_a_port_that_is_taken_is_told(root: Path) -> None:

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import atomic_path
-from avs3d_bench.inspector.view3d_data import read_scene
+from avs3d_bench.inspector.view3d_data import Scene3D, read_scene
 from avs3d_bench.inspector.view3d_stage import Stage
 
 if TYPE_CHECKING:
@@ -147,6 +147,13 @@ def _no_sharing(*_: object, **__: object) -> None:
     """In place of viser's tunnel: what is served here stays on this computer."""
 
 
+def room_note(scene: Scene3D) -> str:
+    """One sentence for the page: what the room is drawn from. No dataset holds a mesh of it."""
+    if scene.dense is None:
+        return "The room: sparse points. A dataset generated with `--with depth` has dense ones."
+    return "The room: points from the depth of some frames; the dataset holds no mesh of it."
+
+
 class Controls:
     """Slider, play button and switches of the layers, for a scene that is served."""
 
@@ -156,6 +163,7 @@ class Controls:
         server.gui.set_panel_label("avs3d view-3d")
         frames = stage.scene.frames
         server.gui.add_markdown(f"**{stage.scene.key}**")
+        server.gui.add_markdown(room_note(stage.scene))
         caption = server.gui.add_markdown(frames[0].caption)
         self._slider = server.gui.add_slider("frame", 0, max(1, len(frames) - 1), 1, 0)
         self._playing = server.gui.add_checkbox("play", False)

@@ -9,7 +9,7 @@
   // Okabe & Ito: told apart with any colour vision; what was missed is hatched as well.
   const HIT = "rgb(86,180,233)", MISSED = "rgb(240,228,66)", FALSE = "rgb(213,94,0)", TRUTH = "rgb(255,122,69)", MARKED = "rgb(64,190,255)";
   const AHEAD = 4, KEPT = 48;
-  const state = { index: -1, playing: false, mask: false, instances: false, errors: false, submission: 0, wanted: 0 };
+  const state = { index: -1, playing: false, mask: false, instances: false, errors: false, submission: 0, wanted: 0, drawn: 0, floor: 0 };
 
   // ---- the clock ----------------------------------------------------------------------------------------------
   const clock = {
@@ -64,6 +64,15 @@
     cache.set(address, entry);
     while (cache.size > KEPT) cache.delete(cache.keys().next().value);
     return entry;
+  };
+  // After a jump nobody waits for the pictures of where it came from: what has not arrived is given up.
+  const forget = (index) => {
+    const keep = new Set(Object.values(needed(index)));
+    for (const [address, entry] of cache) {
+      if (entry.image.complete || keep.has(address)) continue;
+      entry.image.src = "";
+      cache.delete(address);
+    }
   };
   const submission = () => data.submissions.find((entry) => entry.number === state.submission);
   const predicted = (index) => Boolean(submission()?.frames.includes(data.frames[index].name));
@@ -141,7 +150,10 @@
     const index = state.index, ticket = ++state.wanted, addresses = needed(index);
     const names = Object.keys(addresses);
     const images = await Promise.all(names.map((name) => (addresses[name] ? load(addresses[name]).done : null)));
-    if (ticket !== state.wanted) return;
+    // A picture that comes late is better than an older one: with slow pictures every one is late. None of before a
+    // jump or a change of layers is drawn after it.
+    if (ticket < state.drawn || ticket < state.floor) return;
+    state.drawn = ticket;
     const got = Object.fromEntries(names.map((name, i) => [name, images[i]]));
     pen.globalCompositeOperation = "source-over";
     pen.globalAlpha = 1;
@@ -210,6 +222,10 @@
     scrub.style.setProperty("--at", `${(100 * time) / count}%`);
     plots.forEach((plot) => plot.show(index, time));
     if (index !== state.index) {
+      if (state.index >= 0 && (index < state.index || index > state.index + AHEAD)) {
+        state.floor = state.wanted + 1;
+        forget(index);
+      }
       state.index = index;
       const frame = data.frames[index];
       stage.dataset.index = index;
@@ -280,6 +296,7 @@
       return row;
     }));
     legend.hidden = !rows.length;
+    state.floor = state.wanted + 1;
     draw();
   };
   const flip = (name) => {
