@@ -7,6 +7,10 @@ The command line prints it and exits with ``exit_code``; nobody sees a traceback
 from __future__ import annotations
 
 import reprlib
+from collections.abc import Iterable
+
+#: Longer texts are no misspelt name, and slow to compare (characters).
+_LONGEST_NAME = 100
 
 
 class Avs3dError(Exception):
@@ -47,3 +51,47 @@ def excerpt(value: object) -> str:
         '[0, 1, 2, 3, ...]'
     """
     return _EXCERPT.repr(value)
+
+
+def near_names(value: object, known: Iterable[str], count: int = 1) -> list[str]:
+    """The names most like ``value``, best first.
+
+    Where no name is similar as a whole, those that hold ``value`` between slashes, as a key holds its room.
+
+    Args:
+        value: what was asked for; anything but a short text is like nothing.
+        known: the names that exist.
+        count: return at most so many.
+
+    Examples:
+        >>> near_names("microwve", ["clock", "microwave"])
+        ['microwave']
+        >>> near_names("kitchen", ["part_1/a/bathroom/1", "part_1/a/kitchen/1"])
+        ['part_1/a/kitchen/1']
+    """
+    from difflib import get_close_matches
+
+    if not isinstance(value, str) or not 0 < len(value) < _LONGEST_NAME:
+        return []
+    names = list(known)
+    found = get_close_matches(value, names, n=count)
+    return found or [name for name in names if f"/{value.strip('/')}/" in f"/{name}/"][:count]
+
+
+def did_you_mean(value: object, known: Iterable[str], *, otherwise: str = "", count: int = 1) -> str:
+    """The end of a message on an unknown name: ``; did you mean 'microwave'?``.
+
+    Args:
+        value: what was asked for.
+        known: the names that exist.
+        otherwise: what to say instead where nothing is similar.
+        count: name at most so many.
+
+    Examples:
+        >>> did_you_mean("microwve", ["clock", "microwave"])
+        "; did you mean 'microwave'?"
+        >>> did_you_mean("x", ["clock", "microwave"])
+        ''
+    """
+    near = near_names(value, known, count)
+    return f"; did you mean {' or '.join(map(repr, near))}?" if near else otherwise

@@ -48,6 +48,8 @@ SOFTWARE = "software"
 DISTRIBUTION = "avs3d-bench"
 #: Version of the way a digest is computed; raise it when that changes.
 FORMAT = 1
+#: Libraries that only import names of ours on demand: no result depends on their version.
+_NAME_RESOLVERS = frozenset({"lazy_loader"})
 #: Files of a package that are no data.
 _CODE_SUFFIXES = (".py", ".pyi", ".pyc", ".so", ".typed")
 _MODULE_TEXT = re.compile(rf"(?:{'|'.join(PACKAGES)})(?:\.\w+)+")
@@ -422,9 +424,10 @@ def _constants(tree: ast.Module) -> dict[str, str]:
 
 
 def _library(module: str) -> str:
-    """The top-level package of a library; empty for Python's own and ours."""
+    """The top-level package of a library; empty for Python's own, ours, and what only resolves names."""
     top = module.partition(".")[0]
-    return "" if not top or top in PACKAGES or top in sys.stdlib_module_names else top
+    ignored = top in PACKAGES or top in sys.stdlib_module_names or top in _NAME_RESOLVERS
+    return "" if ignored else top
 
 
 @lru_cache(maxsize=1)

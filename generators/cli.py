@@ -1,4 +1,4 @@
-"""`avs3d generate` and `avs3d contact-sheet`."""
+"""The command `avs3d generate`."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from pathlib import Path
 
 import click
 
-from avs3d_bench.scheduling.options import Options, scheduler_of, scheduling_options
+from avs3d_bench.groups import PATH, only_option
+from avs3d_bench.scheduling.options import Options, scheduling_options
 
 
 @click.command()
 @click.argument("manifest", type=click.Path(path_type=Path))
-@click.option("-o", "--output", "root", required=True, type=click.Path(path_type=Path), help="The dataset's folder.")
+@click.option("-o", "--output", "root", required=True, type=PATH, metavar="ROOT", help="The dataset's folder.")
 @click.option("--workers", type=click.IntRange(1, 256), default=None, help="Worker processes (default: one per core).")
-@click.option("--only", multiple=True, metavar="KEY_GLOB", help="Only observations whose key matches; repeatable.")
+@only_option
 @click.option("--vision", type=click.Choice(["embree", "habitat"]), default="embree", show_default=True)
 @click.option(
     "--habitat-python",
@@ -34,7 +35,7 @@ from avs3d_bench.scheduling.options import Options, scheduler_of, scheduling_opt
     metavar="ROOT",
     help="Folder with HM3D, Matterport3D or other scans (default: $AVS3D_SCANS).",
 )
-@click.option("--cache", type=click.Path(path_type=Path), default=None, help="Baked homes (default: $AVS3D_CACHE).")
+@click.option("--cache", type=PATH, metavar="DIR", default=None, help="Baked homes (default: $AVS3D_CACHE).")
 @scheduling_options
 def generate(
     manifest: Path,
@@ -65,12 +66,9 @@ def generate(
     for variable, named in (("AVS3D_HABITAT_PYTHON", habitat_python), ("AVS3D_SCANS", scans)):
         if named is not None:
             os.environ[variable] = str(user_path(named).absolute())
-    from avs3d_bench.parallel import available_cores
-    from generators.core.folders import default_cache
     from generators.manifest import read_manifest
     from generators.plan import make_plans
-    from generators.run.progress import reporting
-    from generators.run.runner import default_limit, run
+    from generators.run.generation import generate_plans
 
     source = read_manifest(manifest)
     plans = make_plans(
@@ -83,21 +81,7 @@ def generate(
         depth="depth" in extras,
         rirs="rirs" in extras,
     )
-    count = workers or available_cores()
-    with reporting(plans) as listen:
-        outcome = run(
-            source,
-            plans,
-            root,
-            workers=count,
-            cache=user_path(cache) if cache else default_cache(),
-            listen=listen,
-            scheduler=lambda: scheduler_of(scheduling, count),
-            shared=scheduling.remote,
-            policy=scheduling.policy(one_thread=True),
-            limit=scheduling.limit(default_limit(plans[0].camera)),
-            max_failures=scheduling.max_failures,
-        )
+    outcome = generate_plans(source, plans, root, workers=workers, cache=cache, scheduling=scheduling)
     click.echo(f"{root}: {len(outcome.made)} made, {len(outcome.kept)} kept, {len(outcome.failed)} failed")
     for key, message in outcome.failed:
         click.echo(f"avs3d: error: {key}: {message}", err=True)

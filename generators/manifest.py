@@ -315,12 +315,13 @@ class ManifestFile:
         return self.path.parent
 
 
-def read_manifest(path: Path) -> ManifestFile:
+def read_manifest(path: str | Path) -> ManifestFile:
     """Read and check a manifest.
 
     Raises:
         UsageError: one line with the file, the field, what was found and what was expected.
     """
+    path = Path(path)
     try:
         document, raw = read_yaml(path)
     except UsageError:

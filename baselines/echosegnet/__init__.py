@@ -6,3 +6,7 @@
 `kernels` and `memory` are what their processes share. Everything lives in the world of `sparse/0` (Y down, metres,
 OpenCV cameras). Importing the package itself imports no torch.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -20,3 +20,7 @@ of train frames are what EchoSegnet lifts into 3D.
 
 Reference: "3D Audio-Visual Segmentation", Sokolov, Bhosale, Zhu, 2024, section 4; and its released code.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -22,7 +22,15 @@ from evaluators.reading.structure import check_structure
 from evaluators.reading.submission import open_submission
 from evaluators.records import InvalidSubmission, Submission
 
-__all__ = ["InvalidSubmission", "check_contents", "check_structure", "check_submission", "has_points", "problem_of"]
+__all__ = [
+    "InvalidSubmission",
+    "check",
+    "check_contents",
+    "check_structure",
+    "check_submission",
+    "has_points",
+    "problem_of",
+]
 
 
 def check_submission(
@@ -56,6 +64,10 @@ def check_submission(
             return check_contents(submission, observations, problems, workers=workers, progress=progress)
     except InvalidSubmission as error:
         return error.report
+
+
+#: The public name: `from evaluators import check`.
+check = check_submission
 
 
 def select(dataset: Dataset, only: Iterable[str]) -> tuple[Observation, ...]:

@@ -1,0 +1,8 @@
+# The public names of exports: type checkers read them here, and lazy_loader imports them from here on first use.
+from .card import write_card as write_card
+from .croissant import write_croissant as write_croissant
+from .huggingface import waveform as waveform
+from .huggingface import write_huggingface as write_huggingface
+from .torch_dataset import AVS3DDataset as AVS3DDataset
+from .webdataset import decode_sample as decode_sample
+from .webdataset import write_webdataset as write_webdataset
