@@ -13,19 +13,19 @@ masks or meshes; its poses come from `sparse/0`, and `camera_splits.json` may na
 from __future__ import annotations
 
 import fnmatch
+import operator
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path, PurePosixPath
-from typing import Any, Literal
+from typing import Any, Literal, SupportsIndex, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench import layout, media
 from avs3d_bench.colmap import ColmapImage, ColmapModel, read_model
-from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.errors import Avs3dError, UsageError, did_you_mean, excerpt
 from avs3d_bench.geometry import Intrinsics, Pose
 from avs3d_bench.ply import Ply
 from avs3d_bench.schema import DatasetRecord, FrameRecord, ObservationRecord
@@ -34,6 +34,18 @@ from avs3d_bench.taxonomy import PARTS
 Split = Literal["train", "test"]
 _SPLITS: tuple[Split, Split] = ("train", "test")
 _EXTENSIONS = (".png", ".jpg", ".jpeg")
+#: Near keys that a message on an unknown key names.
+_NAMED_KEYS = 3
+
+
+class UnknownKeyError(UsageError, KeyError):
+    """No observation of the dataset has this key."""
+
+    __str__ = Exception.__str__  # a KeyError would print the message as a quoted text
+
+
+class UnknownPlaceError(UsageError, IndexError):
+    """The dataset has fewer observations than that."""
 
 
 def parse_splits(data: Any, where: str | Path) -> dict[str, Split]:
@@ -310,7 +322,10 @@ class Observation:
 
 
 class Dataset:
-    """A dataset on disk: iterating yields its observations, sorted by key; ``dataset[key]`` is one of them.
+    """A dataset on disk: iterating yields its observations, sorted by key.
+
+    ``dataset[0]`` is the first observation, ``dataset[-3:]`` a list of the last three, ``dataset[key]`` the one with
+    that key.
 
     Observations are found by walking the folders, so a part of a dataset, or the official release, is one too.
 
@@ -353,12 +368,37 @@ class Dataset:
         kind = "" if (self.root / layout.DATASET_JSON).exists() else ", no dataset.json"
         return f"Dataset({str(self.root)!r}, {len(self)} observations{kind})"
 
-    def __getitem__(self, key: str) -> Observation:
-        if key not in self.keys:
-            near = get_close_matches(key, self.keys, n=1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise UsageError(f"{self.root}: no observation {key!r} among {len(self)}{hint}")
-        return Observation(self.root, key)
+    @overload
+    def __getitem__(self, key: str | SupportsIndex) -> Observation: ...
+
+    @overload
+    def __getitem__(self, key: slice) -> list[Observation]: ...
+
+    def __getitem__(self, key: str | SupportsIndex | slice) -> Observation | list[Observation]:
+        """The observation with a key or at a place in the order of keys; a list of them for a slice.
+
+        Raises:
+            UnknownKeyError: if no observation has the key, with the nearest keys and how many there are.
+            UnknownPlaceError: if there is no such place, with how many observations there are.
+            TypeError: if ``key`` is no text, whole number or slice.
+        """
+        if isinstance(key, str):
+            if key not in self.keys:
+                first = f"; keys look like {self.keys[0]!r}" if self.keys else ""
+                hint = did_you_mean(key, self.keys, otherwise=first, count=_NAMED_KEYS)
+                raise UnknownKeyError(f"{self.root}: no observation {excerpt(key)} among {len(self)}{hint}")
+            return Observation(self.root, key)
+        if isinstance(key, slice):
+            return [Observation(self.root, each) for each in self.keys[key]]
+        place = operator.index(key)
+        if not -len(self) <= place < len(self):
+            expected = f"expected {-len(self)} to {len(self) - 1}, or a key" if self.keys else "it is empty"
+            raise UnknownPlaceError(f"{self.root}: no observation at {place} among {len(self)}; {expected}")
+        return Observation(self.root, self.keys[place])
+
+    def _ipython_key_completions_(self) -> list[str]:
+        """What IPython and Jupyter offer after ``dataset["``."""
+        return list(self.keys)
 
     def __iter__(self) -> Iterator[Observation]:
         return (Observation(self.root, key) for key in self.keys)

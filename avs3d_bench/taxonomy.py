@@ -5,9 +5,7 @@ Source: "3D Audio-Visual Segmentation" (Sokolov, Bhosale, Zhu, 2024), benchmark 
 
 from __future__ import annotations
 
-from difflib import get_close_matches
-
-from avs3d_bench.errors import UsageError, excerpt
+from avs3d_bench.errors import UsageError, did_you_mean, excerpt
 
 #: The seven sounding categories.
 CATEGORIES = (
@@ -28,9 +26,7 @@ PARTS = ("part_1", "part_2")
 def _known(value: str, allowed: tuple[str, ...], what: str) -> str:
     if value in allowed:
         return value
-    # Names come from files, where anything may stand; a long text is no slip of the pen, and slow to compare.
-    near = get_close_matches(value, allowed, n=1) if isinstance(value, str) and len(value) < 100 else []
-    hint = f"; did you mean {near[0]!r}?" if near else ""
+    hint = did_you_mean(value, allowed)
     raise UsageError(f"unknown {what} {excerpt(value)}: expected one of {', '.join(allowed)}{hint}")
 
 

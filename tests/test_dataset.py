@@ -192,6 +192,57 @@ def test_an_unknown_observation_is_named(ours: Path):
     assert layout.parse_key(tiny.SINGLE).room == "kitchen"
 
 
+def test_observations_are_had_by_place_and_by_slice(ours: Path):
+    dataset = Dataset(ours)
+    assert [dataset[0].key, dataset[1].key, dataset[-1].key, dataset[np.int64(0)].key] == [
+        *(tiny.SINGLE, tiny.MULTI),
+        *(tiny.MULTI, tiny.SINGLE),
+    ]
+    assert [observation.key for observation in dataset[:]] == list(dataset.keys)
+    assert [observation.key for observation in dataset[::-1]] == [tiny.MULTI, tiny.SINGLE]
+    assert isinstance(dataset[1:], list)
+    assert dataset[5:] == []
+    assert dataset._ipython_key_completions_() == list(dataset.keys)
+
+
+@pytest.mark.parametrize("place", [2, -3])
+def test_a_place_that_does_not_exist_is_told(ours: Path, place: int):
+    with pytest.raises(IndexError) as caught:
+        Dataset(ours)[place]
+    assert isinstance(caught.value, UsageError)
+    assert str(caught.value) == f"{ours}: no observation at {place} among 2; expected -2 to 1, or a key"
+
+
+def test_a_text_that_is_no_key_is_told_with_near_keys_and_their_number(ours: Path):
+    dataset = Dataset(ours)
+    with pytest.raises(KeyError) as caught:
+        dataset["kitchen"]
+    assert isinstance(caught.value, UsageError)
+    assert str(caught.value) == (
+        f"{ours}: no observation 'kitchen' among 2; did you mean '{tiny.SINGLE}' or '{tiny.MULTI}'?"
+    )
+    with pytest.raises(KeyError) as caught:
+        dataset["xyz"]
+    assert str(caught.value) == f"{ours}: no observation 'xyz' among 2; keys look like '{tiny.SINGLE}'"
+    with pytest.raises(KeyError) as caught:
+        dataset["a\n" * 5000]
+    assert len(str(caught.value)) < len(str(ours)) + 200
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("key", [1.5, None, ("part_1", 0)])
+def test_what_is_no_key_is_a_type_error(ours: Path, key: object):
+    with pytest.raises(TypeError):
+        Dataset(ours)[key]  # type: ignore[call-overload]
+
+
+def test_an_empty_dataset_says_so(ours: Path, tmp_path: Path):
+    (tmp_path / "dataset.json").write_bytes((ours / "dataset.json").read_bytes())
+    for key in (0, "kitchen"):
+        with pytest.raises(UsageError, match="among 0"):
+            Dataset(tmp_path)[key]
+
+
 def test_a_clip_at_another_rate_is_refused(ours: Path, tmp_path: Path):
     import io
 

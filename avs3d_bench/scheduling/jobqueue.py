@@ -13,12 +13,11 @@ from __future__ import annotations
 import inspect
 import subprocess
 from contextlib import suppress
-from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from avs3d_bench.errors import Avs3dError, UsageError, excerpt
+from avs3d_bench.errors import Avs3dError, UsageError, did_you_mean, excerpt
 from avs3d_bench.yamlfile import read_yaml
 
 #: Name → (module, class, package to install).
@@ -177,8 +176,7 @@ def make_cluster(kind: str, options: dict[str, Any], path: Path) -> Any:
     known = _parameters(found)
     for option in options:
         if option not in known:
-            near = get_close_matches(option, known, n=1)
-            hint = f"; did you mean {near[0]!r}?" if near else f"; expected one of {', '.join(sorted(known))}"
+            hint = did_you_mean(option, known, otherwise=f"; expected one of {', '.join(sorted(known))}")
             raise UsageError(f"{path}: unknown option {option!r} of {name}{hint}")
     if "protocol" in known and import_module("dask.config").get("distributed.comm.require-encryption", None):
         # Without it, the scheduler would try to listen without TLS, and be refused.

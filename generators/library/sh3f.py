@@ -14,13 +14,12 @@ import re
 import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
 
 from avs3d_bench import files
-from avs3d_bench.errors import Avs3dError
+from avs3d_bench.errors import Avs3dError, did_you_mean
 from generators.library.archive import LIBRARY_LIMITS, ZipLimits, bundle, read_member, vetted
 from generators.library.licences import spdx
 
@@ -109,8 +108,7 @@ class Library:
         found = [piece for piece in self.pieces if name in (piece.id, piece.id.partition("#")[2])]
         if len(found) != 1:
             many = f"{len(found)} models" if found else "no model"
-            near = get_close_matches(name, [piece.id.partition("#")[2] for piece in self.pieces], n=1)
-            hint = f"; did you mean {near[0]!r}?" if near and not found else ""
+            hint = "" if found else did_you_mean(name, [piece.id.partition("#")[2] for piece in self.pieces])
             raise Avs3dError(f"{self.path}: has {many} {name!r} among its {len(self.pieces)}{hint}")
         return found[0]
 

@@ -18,11 +18,10 @@ import os
 import shutil
 import tempfile
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 
 from avs3d_bench import files
-from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.errors import Avs3dError, UsageError, did_you_mean
 from avs3d_bench.provenance import provenance
 from generators.library.archive import read_zip
 from generators.library.lock import AssetEntry, read_lock
@@ -206,9 +205,9 @@ def find_entry(lock: Path, asset: str) -> AssetEntry:
     table = read_lock(lock)
     entry = table.find(asset)
     if entry is None:
-        near = get_close_matches(asset, [one.id for one in table.assets], n=1)
-        hint = f"did you mean {near[0]!r}?" if near else "`avs3d assets fetch` or `import` adds it"
-        raise UsageError(f"{lock}: no asset {asset!r}; {hint}")
+        added = "; `avs3d assets fetch` or `import` adds it"
+        hint = did_you_mean(asset, [one.id for one in table.assets], otherwise=added)
+        raise UsageError(f"{lock}: no asset {asset!r}{hint}")
     return entry
 
 

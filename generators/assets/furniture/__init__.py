@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from difflib import get_close_matches
 
 import numpy as np
 
-from avs3d_bench.errors import UsageError
+from avs3d_bench.errors import UsageError, did_you_mean
 from generators.assets.furniture import (
     bath,
     bathroom,
@@ -86,8 +85,7 @@ def options_of(kind: str) -> tuple[str, ...]:
 
 def _builder(kind: str) -> Callable[..., None]:
     if kind not in _BUILDERS:
-        near = get_close_matches(kind, _BUILDERS, n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
+        hint = did_you_mean(kind, _BUILDERS)
         raise UsageError(f"unknown furniture {kind!r}: expected one of {', '.join(_BUILDERS)}{hint}")
     return _BUILDERS[kind]
 
