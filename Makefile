@@ -1,4 +1,4 @@
-# make demo | dataset | test | lint | bench; `make setup` builds ./.venv with everything for the rest.
+# `make help` lists the targets; `make setup` builds ./.venv with everything for the rest.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -15,9 +15,12 @@ AUDIO ?= $(shell $(BIN)/python -c 'import rlr_audio_propagation' 2>/dev/null && 
 # The renderer; habitat needs AVS3D_HABITAT_PYTHON, scans need AVS3D_SCANS (`avs3d doctor` says what is there).
 VISION ?= embree
 
-.PHONY: setup demo dataset test lint docs bench schemas clean
+.PHONY: help setup demo dataset test lint docs bench schemas clean
 
-setup: $(STAMP)
+help: ## print a line for each target
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
+
+setup: $(STAMP) ## build ./.venv with everything for the rest
 
 $(STAMP): pyproject.toml
 	$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(v < (3, 11) and f"Python 3.11 or newer is needed, this is {v.major}.{v.minor}: make PYTHON=python3.11")'
@@ -28,7 +31,7 @@ $(STAMP): pyproject.toml
 	  echo "The SoundSpaces engine did not compile (a C++ compiler is needed): make uses --audio analytic instead."
 	touch $@
 
-demo: setup
+demo: setup ## generate two observations, score six submissions, write reports
 	@echo "sound by $(AUDIO)"
 	$(BIN)/avs3d generate scenes_manifest/demo.yaml -o data/demo --workers $(WORKERS) --audio $(AUDIO)
 	$(BIN)/avs3d validate data/demo --deep
@@ -49,29 +52,29 @@ demo: setup
 	$(BIN)/avs3d leaderboard data/demo-scores/*.json -o data/demo-leaderboard
 	@echo "Look at data/demo-sheets/*.png, data/demo-scores/oracle.html and data/demo-leaderboard/index.html."
 
-dataset: setup
+dataset: setup ## generate and validate the benchmark: MANIFEST=… OUT=… WORKERS=… VISION=… AUDIO=…
 	@echo "sound by $(AUDIO)"
 	$(BIN)/avs3d generate $(MANIFEST) -o $(OUT) --workers $(WORKERS) --audio $(AUDIO) --vision $(VISION)
 	$(BIN)/avs3d validate $(OUT) --deep
 
-test: setup
+test: setup ## run all tests
 	$(BIN)/python -m pytest
 
-lint: setup
+lint: setup ## check style, types and the documentation site
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(MAKE) docs
 
 # The site of docs/ into site/; a broken link or an unknown name is an error. Nothing is fetched.
-docs: setup
+docs: setup ## build the documentation site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
-bench: setup
+bench: setup ## measure speed and memory; writes build/bench.json
 	$(BIN)/python -m benchmarks.run
 
-schemas: setup
+schemas: setup ## write the JSON Schemas of the contract again
 	$(BIN)/avs3d schema -o avs3d_bench/schemas
 
-clean:
+clean: ## remove ./.venv, builds and caches
 	rm -rf $(VENV) build site *.egg-info .pytest_cache .mypy_cache .ruff_cache

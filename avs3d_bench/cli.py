@@ -17,13 +17,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 import click
+from click.exceptions import NoArgsIsHelpError
 
 from avs3d_bench import __version__
 from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.groups import HELP, PATH, Group, only_option
 from avs3d_bench.memory_limit import check_address_space, out_of_memory
 from avs3d_bench.text import printable
 
 if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
     from avs3d_bench.report import Problem
 
 GROUP = "avs3d.commands"
@@ -37,8 +41,10 @@ SUMMARIES = {
     "export": "Export to Croissant, WebDataset, Hugging Face; write a dataset card.",
     "assets": "Find, fetch, import and verify objects and sounds.",
     "doctor": "Report what is installed and works, and what mends the rest.",
+    "list": "List the observations of a dataset.",
     "validate": "Check a dataset; name every problem by file.",
     "schema": "Write the JSON Schema of every file of the contract.",
+    "eval": "Score a submission; the same as avs3d-eval.",
     "check": "Check a submission; name every bad file.",
     "leaderboard": "Rank files of scores on one static page.",
     "tables": "Turn files of scores into the paper's tables.",
@@ -75,7 +81,7 @@ def missing_extra(error: ModuleNotFoundError, package: str) -> str:
     return f"{missing} is not installed; this command needs {way}"
 
 
-class LazyGroup(click.Group):
+class LazyGroup(Group):
     """A group whose foreign subcommands are imported when they are used, not when they are listed."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -90,43 +96,42 @@ class LazyGroup(click.Group):
         point = _entry_points().get(cmd_name)
         return _load(point) if point else None
 
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """As click does it, with a hint at the nearest name."""
-        from difflib import get_close_matches
-
-        known = self.list_commands(ctx)
-        if args and not args[0].startswith("-") and args[0] not in known:
-            near = get_close_matches(args[0], known, n=1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise UsageError(f"no command {args[0]!r}: expected one of {', '.join(known)}{hint}")
-        return super().resolve_command(ctx, args)
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The list of commands, without importing any."""
-        rows = []
+    def summaries(self, ctx: click.Context) -> dict[str, str]:
+        """Name → one line of every command, without importing any."""
+        rows = {}
         for name in self.list_commands(ctx):
             own = super().get_command(ctx, name)
-            rows.append((name, own.get_short_help_str(limit=90) if own else SUMMARIES.get(name, "")))
+            rows[name] = own.get_short_help_str(limit=90) if own else SUMMARIES.get(name, "")
+        return rows
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The list of commands."""
         with formatter.section("Commands"):
-            formatter.write_dl(rows)
+            formatter.write_dl(list(self.summaries(ctx).items()))
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Names of commands or, after a dash, of options."""
+        from click.shell_completion import CompletionItem
+
+        names = self.summaries(ctx).items()
+        items = [CompletionItem(name, help=line) for name, line in names if name.startswith(incomplete)]
+        return [*items, *click.Command.shell_complete(self, ctx, incomplete)]
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=LazyGroup, context_settings=HELP)
 @click.version_option(__version__, prog_name="avs3d")
 def avs3d() -> None:
     """The benchmark toolkit for 3D audio-visual segmentation."""
 
 
 @avs3d.command(short_help=SUMMARIES["validate"])
-@click.argument("root", type=click.Path(path_type=Path))
+@click.argument("root", type=PATH)
 @click.option("--deep", is_flag=True, help="Decode every file: contents, hashes, sound against geometry.")
-@click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write the findings to this file as well.")
+@click.option("--json", "json_file", type=PATH, metavar="FILE", help="Write the findings to this file as well.")
 @click.option("--workers", type=click.IntRange(1, 256), default=None, help="Processes of --deep [one per core].")
 @click.option("--regenerate", type=click.IntRange(1, 100_000), metavar="N", help="Make N random frames again, compare.")
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=None, help="Which frames --regenerate takes.")
-@click.option("--manifest", type=click.Path(path_type=Path), help="Of --regenerate, if the manifest names files.")
+@click.option("--manifest", type=PATH, metavar="FILE", help="Of --regenerate, if the manifest names files.")
 def validate(
     root: Path,
     deep: bool,
@@ -177,8 +182,32 @@ def _regenerate(root: Path, count: int, seed: int | None, manifest: Path | None)
     return regenerate(root, count, seed=number, manifest=manifest, say=click.echo)
 
 
+@avs3d.command("list", short_help=SUMMARIES["list"])
+@click.argument("root", type=PATH)
+@only_option
+@click.option("--json", "json_file", type=PATH, metavar="FILE", help="Write the table to this file as well.")
+def list_observations(root: Path, only: tuple[str, ...], json_file: Path | None) -> None:
+    """List the observations of the dataset at ROOT: key, category, frames, sound, T30 and instances.
+
+    Sound is in seconds; T30 is the room's reverberation time in seconds; instances are the placed objects. What the
+    official release does not say is a dash.
+    """
+    from avs3d_bench.dataset import Dataset
+    from avs3d_bench.files import is_stream, write_json
+    from avs3d_bench.listing import list_dataset, print_listing
+
+    if json_file is not None:
+        is_stream(json_file)  # refuses a folder before any work is done
+    listing = list_dataset(Dataset(root), only)
+    try:
+        if json_file is not None:
+            write_json(json_file, listing.as_dict())
+    finally:
+        print_listing(listing)
+
+
 @avs3d.command(short_help=SUMMARIES["schema"])
-@click.option("-o", "--output", "folder", type=click.Path(path_type=Path), required=True, help="Folder for the files.")
+@click.option("-o", "--output", "folder", type=PATH, metavar="DIR", required=True, help="Folder for the files.")
 def schema(folder: Path) -> None:
     """Write the JSON Schema of every JSON file of a dataset and of a submission."""
     from avs3d_bench.files import write_bytes
@@ -190,7 +219,7 @@ def schema(folder: Path) -> None:
 
 
 @avs3d.command(short_help=SUMMARIES["doctor"])
-@click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write the findings to this file as well.")
+@click.option("--json", "json_file", type=PATH, metavar="FILE", help="Write the findings to this file as well.")
 def doctor(json_file: Path | None) -> None:
     """Report what is installed and works here, each gap with the line that mends it.
 
@@ -254,6 +283,9 @@ def run(command: click.Command, arguments: Sequence[str] | None = None, *, progr
         )
     except Avs3dError as error:
         _fail(str(error), error.exit_code, program)
+    except NoArgsIsHelpError as error:
+        error.show()  # a bare group: its help, on stderr
+        raise SystemExit(error.exit_code) from None
     except click.ClickException as error:
         _fail(error.format_message(), UsageError.exit_code if isinstance(error, click.UsageError) else 1, program)
     except (KeyboardInterrupt, click.Abort):

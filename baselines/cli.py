@@ -4,38 +4,22 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from avs3d_bench.errors import UsageError
+from avs3d_bench.groups import HELP, PATH, Group, dataset_option, only_option
 from avs3d_bench.scheduling.options import Options, scheduling_options
 
 if TYPE_CHECKING:
     from avs3d_bench.submission import SubmissionWriter
 
-_HELP = {"help_option_names": ["-h", "--help"]}
-_PATH: Any = click.Path(path_type=Path)
 _RATE = click.FloatRange(0.0, 1.0)
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 
-class _Group(click.Group):
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """As click does it, with the baselines there are and a hint at the nearest name."""
-        known = self.list_commands(ctx)
-        if args and not args[0].startswith("-") and args[0] not in known:
-            near = get_close_matches(args[0], known, n=1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise UsageError(f"no baseline {args[0]!r}: expected one of {', '.join(known)}{hint}")
-        return super().resolve_command(ctx, args)
-
-
-@click.group(cls=_Group, context_settings=_HELP)
+@click.group(cls=Group, noun="baseline", context_settings=HELP)
 def baseline() -> None:
     """Run a baseline on a dataset and write its submission.
 
@@ -47,9 +31,11 @@ def _common(command: _F) -> _F:
     """The options that every baseline has."""
     for option in (
         click.option("--overwrite", is_flag=True, help="Take the place of a submission that stands there."),
-        click.option("--only", multiple=True, metavar="KEY_GLOB", help="Only these observations; repeatable."),
-        click.option("-o", "--output", "path", type=_PATH, required=True, help="Folder of the submission."),
-        click.option("--dataset", "root", type=_PATH, required=True, help="Root of the dataset."),
+        only_option,
+        click.option(
+            "-o", "--output", "path", type=PATH, metavar="SUBMISSION", required=True, help="Folder of the submission."
+        ),
+        dataset_option,
     ):
         command = option(command)
     return command
@@ -70,28 +56,28 @@ def _trivial(name: str, root: Path, path: Path, only: tuple[str, ...], overwrite
     _done(write_trivial(name, Dataset(root), path, only=only, overwrite=overwrite, progress=progress))
 
 
-@baseline.command("all-black", context_settings=_HELP, short_help="Nothing sounds: every mask is black.")
+@baseline.command("all-black", context_settings=HELP, short_help="Nothing sounds: every mask is black.")
 @_common
 def all_black(**options: Any) -> None:
     """Write black masks, of the size of the input pictures. No truth is read."""
     _trivial("all-black", **options)
 
 
-@baseline.command("all-white", context_settings=_HELP, short_help="Everything sounds: every mask is white.")
+@baseline.command("all-white", context_settings=HELP, short_help="Everything sounds: every mask is white.")
 @_common
 def all_white(**options: Any) -> None:
     """Write white masks, of the size of the input pictures. No truth is read."""
     _trivial("all-white", **options)
 
 
-@baseline.command("centre-box", context_settings=_HELP, short_help="The central quarter of every picture.")
+@baseline.command("centre-box", context_settings=HELP, short_help="The central quarter of every picture.")
 @_common
 def centre_box(**options: Any) -> None:
     """Write masks whose middle half of rows and columns is white. No truth is read."""
     _trivial("centre-box", **options)
 
 
-@baseline.command(context_settings=_HELP, short_help="The ground truth of test frames, perfect or with errors.")
+@baseline.command(context_settings=HELP, short_help="The ground truth of test frames, perfect or with errors.")
 @_common
 @click.option(
     "--instance",
@@ -158,18 +144,18 @@ def _owod_bind_options(command: _F) -> _F:
     """Which networks, and where their checkpoints lie."""
     for option in (
         click.option("--boxes", type=click.Choice(["owlv2", "mavl"]), default="owlv2", show_default=True),
-        click.option("--boxes-checkpoint", type=_PATH, help="Folder of OWLv2 or MAVL."),
-        click.option("--sam-checkpoint", type=_PATH, help="Folder of SAM."),
+        click.option("--boxes-checkpoint", type=PATH, help="Folder of OWLv2 or MAVL."),
+        click.option("--sam-checkpoint", type=PATH, help="Folder of SAM."),
         click.option(
             "--similarity", type=click.Choice(["imagebind", "pe-av"]), help="[imagebind where installed, else pe-av]"
         ),
-        click.option("--similarity-checkpoint", type=_PATH, help="Folder of ImageBind or PE-AV."),
+        click.option("--similarity-checkpoint", type=PATH, help="Folder of ImageBind or PE-AV."),
     ):
         command = option(command)
     return command
 
 
-@baseline.command("owod-bind", context_settings=_HELP, short_help="Boxes, masks, and what sounds like what is seen.")
+@baseline.command("owod-bind", context_settings=HELP, short_help="Boxes, masks, and what sounds like what is seen.")
 @_common
 @_owod_bind_options
 @click.option("--threshold", type=_RATE, default=0.2, show_default=True, help="Of the softmax over proposals.")
@@ -204,9 +190,9 @@ def owod_bind(
         _done(write_owod_bind(Dataset(root), path, model, only=only, overwrite=overwrite, progress=progress))
 
 
-@baseline.command(context_settings=_HELP, short_help="Where self-supervised features of picture and sound agree.")
+@baseline.command(context_settings=HELP, short_help="Where self-supervised features of picture and sound agree.")
 @_common
-@click.option("--checkpoint", type=_PATH, help="Folder of DenseAV.")
+@click.option("--checkpoint", type=PATH, help="Folder of DenseAV.")
 @click.option("--threshold", type=_RATE, default=0.5, show_default=True, help="Of the normalised similarity.")
 @click.option(
     "--normalise", type=click.Choice(["observation", "frame"]), default="observation", show_default=True,
@@ -231,7 +217,7 @@ def denseav(
     _done(write_denseav(Dataset(root), path, model, only=only, overwrite=overwrite, progress=sys.stderr.isatty()))
 
 
-@baseline.command(context_settings=_HELP, short_help="3D Gaussian splatting, lifted masks, refined by sound.")
+@baseline.command(context_settings=HELP, short_help="3D Gaussian splatting, lifted masks, refined by sound.")
 @_common
 @click.option("--masks", required=True, metavar="oracle|owod-bind|DIR", help="2D masks of the train frames.")
 @click.option(
@@ -258,7 +244,7 @@ def denseav(
     help="Write one submission for each threshold of the paper's Table 3 into the output folder.",
 )  # fmt: skip
 @_owod_bind_options
-@click.option("--work", type=_PATH, default=None, help="Folder of intermediate results [OUTPUT.work].")
+@click.option("--work", type=PATH, default=None, help="Folder of intermediate results [OUTPUT.work].")
 @click.option(
     "--device",
     "devices",

@@ -13,15 +13,12 @@ import click
 from avs3d_bench import __version__, layout
 from avs3d_bench.cli import run
 from avs3d_bench.errors import UsageError
+from avs3d_bench.groups import HELP, PATH, dataset_option, only_option
 from avs3d_bench.taxonomy import PARTS
 
-_HELP = {"help_option_names": ["-h", "--help"]}
-_PATH: Any = click.Path(path_type=Path)
 #: Problems that `check` prints before it only counts.
 _SCREENFUL = 40
 
-_dataset = click.option("--dataset", type=_PATH, required=True, help="Root of the dataset.")
-_only = click.option("--only", multiple=True, metavar="KEY_GLOB", help="Only these observations; repeatable.")
 _official_folder = click.option(
     "--official-folder",
     type=click.Choice(["True", "False"], case_sensitive=False),
@@ -30,19 +27,19 @@ _official_folder = click.option(
 _workers = click.option("--workers", type=click.IntRange(1, 256), default=None, help="Processes [one per core].")
 
 
-@click.command(context_settings=_HELP)
-@click.argument("submission", type=_PATH)
-@_dataset
+@click.command(context_settings=HELP)
+@click.argument("submission", type=PATH)
+@dataset_option
 @click.option("--protocol", type=click.Choice(["official", "strict", "all"]), default="all", show_default=True)
-@click.option("--json", "json_file", type=_PATH, help="Write the scores to this file.")
-@click.option("--html", "html_file", type=_PATH, help="Write a report to this file.")
+@click.option("--json", "json_file", type=PATH, metavar="FILE", help="Write the scores to this file.")
+@click.option("--html", "html_file", type=PATH, metavar="FILE", help="Write a report to this file.")
 @_official_folder
-@_only
+@only_option
 @_workers
 @click.version_option(__version__, prog_name="avs3d-eval")
 def evaluate(
     submission: Path,
-    dataset: Path,
+    root: Path,
     protocol: str,
     json_file: Path | None,
     html_file: Path | None,
@@ -64,13 +61,13 @@ def evaluate(
     from evaluators.score import score
 
     wanted: Any = tuple(PROTOCOLS) if protocol == "all" else (protocol,)
-    data = Dataset(dataset)
-    _check_targets((json_file, html_file), submission, dataset)
+    data = Dataset(root)
+    _check_targets((json_file, html_file), submission, root)
     with open_submission(submission, aisrm=_aisrm(official_folder)) as opened:
         try:
             evaluation = score(opened, data, protocols=wanted, only=only, workers=workers, progress=sys.stderr.isatty())
         except InvalidSubmission as error:
-            _print_problems(error.report, submission, dataset)
+            _print_problems(error.report, submission, root)
             raise SystemExit(1) from None
         scores = evaluation.scores
         try:
@@ -134,16 +131,16 @@ def _print_problems(report: Any, submission: Path, dataset: Path) -> None:
         click.echo(f"all of them: avs3d check {submission} --dataset {dataset} --json FILE")
 
 
-@click.command(context_settings=_HELP, short_help="Check a submission; name every bad file.")
-@click.argument("submission", type=_PATH)
-@_dataset
-@click.option("--json", "json_file", type=_PATH, help="Write the findings to this file as well.")
+@click.command(context_settings=HELP, short_help="Check a submission; name every bad file.")
+@click.argument("submission", type=PATH)
+@dataset_option
+@click.option("--json", "json_file", type=PATH, metavar="FILE", help="Write the findings to this file as well.")
 @_official_folder
-@_only
+@only_option
 @_workers
 def check(
     submission: Path,
-    dataset: Path,
+    root: Path,
     json_file: Path | None,
     official_folder: str | None,
     only: tuple[str, ...],
@@ -157,10 +154,10 @@ def check(
     from avs3d_bench.report import print_report
     from evaluators.reading.checks import check_submission
 
-    _check_targets((json_file,), submission, dataset)
+    _check_targets((json_file,), submission, root)
     report = check_submission(
         submission,
-        dataset,
+        root,
         only=only,
         aisrm=_aisrm(official_folder),
         workers=workers,
@@ -175,9 +172,9 @@ def check(
         raise SystemExit(1)
 
 
-@click.command(context_settings=_HELP, short_help="Rank files of scores on one static page.")
-@click.argument("scores", nargs=-1, required=True, type=_PATH, metavar="SCORES.json…")
-@click.option("-o", "--output", "folder", type=_PATH, required=True, help="Folder for the page.")
+@click.command(context_settings=HELP, short_help="Rank files of scores on one static page.")
+@click.argument("scores", nargs=-1, required=True, type=PATH, metavar="SCORES.json…")
+@click.option("-o", "--output", "folder", type=PATH, metavar="DIR", required=True, help="Folder for the page.")
 def leaderboard(scores: tuple[Path, ...], folder: Path) -> None:
     """Rank any number of files of scores (avs3d-eval --json) on one static page, with links to their reports."""
     from evaluators.reporting.leaderboard import write_leaderboard
@@ -187,9 +184,9 @@ def leaderboard(scores: tuple[Path, ...], folder: Path) -> None:
     click.echo(str(folder / "index.html"))
 
 
-@click.command(context_settings=_HELP, short_help="Turn files of scores into the paper's tables.")
-@click.argument("scores", nargs=-1, required=True, type=_PATH, metavar="SCORES.json…")
-@click.option("-o", "--output", "folder", type=_PATH, required=True, help="Folder for the tables.")
+@click.command(context_settings=HELP, short_help="Turn files of scores into the paper's tables.")
+@click.argument("scores", nargs=-1, required=True, type=PATH, metavar="SCORES.json…")
+@click.option("-o", "--output", "folder", type=PATH, metavar="DIR", required=True, help="Folder for the tables.")
 @click.option("--table", "which", type=click.Choice(["2", "3", "all"]), default="all", show_default=True)
 @click.option("--plot/--no-plot", default=True, show_default=True, help="Draw PNG and SVG too; needs matplotlib.")
 def tables(scores: tuple[Path, ...], folder: Path, which: Any, plot: bool) -> None:

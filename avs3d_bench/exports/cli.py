@@ -11,13 +11,13 @@ import click
 
 from avs3d_bench.exports.samples import EXTRA_KINDS, SPLIT_CHOICES
 from avs3d_bench.exports.shards import ShardIndex
+from avs3d_bench.groups import HELP, PATH, Group, only_option
 
 _C = TypeVar("_C", bound=Callable[..., Any])
-_ROOT = click.argument("root", type=click.Path(path_type=Path))
-_ONLY = click.option("--only", multiple=True, metavar="GLOB", help="Observations whose key matches; repeatable.")
+_ROOT = click.argument("root", type=PATH)
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=Group, noun="form", context_settings=HELP)
 def export() -> None:
     """Export a dataset in forms that other tools read."""
 
@@ -27,10 +27,10 @@ def _shard_options(command: _C) -> _C:
     for option in (
         click.option("--workers", type=click.IntRange(1, 256), default=None, help="Processes [one per core]."),
         click.option("--with", "extras", type=click.Choice(list(EXTRA_KINDS)), multiple=True, help="More files."),
-        _ONLY,
+        only_option,
         click.option("--shard-size", "shard_mb", type=float, default=256.0, show_default=True, metavar="MB", help=size),
         click.option("--split", type=click.Choice(SPLIT_CHOICES), default="all", show_default=True),
-        click.option("-o", "--output", "folder", type=click.Path(path_type=Path), required=True, help="The folder."),
+        click.option("-o", "--output", "folder", type=PATH, metavar="DIR", required=True, help="The folder."),
         _ROOT,
     ):
         command = option(command)
@@ -73,7 +73,7 @@ def huggingface(root: Path, folder: Path, **options: Any) -> None:
 
 @export.command(short_help="A Croissant description (JSON-LD).")
 @_ROOT
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="The file: ROOT/croissant.json.")
+@click.option("-o", "--output", type=PATH, metavar="FILE", required=True, help="The file: ROOT/croissant.json.")
 @click.option("--url", default=None, help="The dataset's home page.")
 @click.option("--date", "published", default=None, metavar="YYYY-MM-DD", help="When it was published.")
 def croissant(root: Path, output: Path, url: str | None, published: str | None) -> None:
@@ -89,7 +89,7 @@ def croissant(root: Path, output: Path, url: str | None, published: str | None) 
 
 @export.command(short_help="A dataset card.")
 @_ROOT
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="The file, e.g. README.md.")
+@click.option("-o", "--output", type=PATH, metavar="FILE", required=True, help="The file, e.g. README.md.")
 def card(root: Path, output: Path) -> None:
     """Write the card of the dataset at ROOT: contents, sizes, rooms, sound, licences, limits, how to load it."""
     from avs3d_bench.exports.card import write_card

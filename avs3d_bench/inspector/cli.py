@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from avs3d_bench.groups import only_option
+
 if TYPE_CHECKING:
     from avs3d_bench.dataset import Dataset
     from avs3d_bench.inspector.submissions import ShownSubmission
@@ -25,11 +27,18 @@ GRACE_SECONDS = 0.7
     context_settings={"help_option_names": ["-h", "--help"]}, short_help="Look at a dataset and listen to it."
 )
 @click.argument("root", type=_PATH)
-@click.option("-o", "--output", "folder", type=_PATH, help="Write a static site into this folder instead of serving.")
+@click.option(
+    "-o",
+    "--output",
+    "folder",
+    type=_PATH,
+    metavar="DIR",
+    help="Write a static site into this folder instead of serving.",
+)
 @click.option("--submission", "submissions", type=_PATH, multiple=True, help="Lay its masks beside the truth; up to 9.")
 @click.option("--port", type=click.IntRange(0, 65535), help="Port on 127.0.0.1 [8737, or any that is free].")
 @click.option("--no-browser", is_flag=True, help="Do not open a browser.")
-@click.option("--only", multiple=True, metavar="GLOB", help="Observations whose key matches.")
+@only_option
 @click.option("--workers", type=click.IntRange(1, 256), default=None, help="Processes of -o [one per core].")
 def view(
     root: Path,

@@ -9,12 +9,13 @@ from typing import Literal
 import click
 
 from avs3d_bench.errors import UsageError
+from avs3d_bench.groups import PATH, dataset_option, only_option
 
 
 @click.command(short_help="Write an observation as a film with its binaural sound.")
 @click.argument("key")
-@click.option("--dataset", "root", type=click.Path(path_type=Path), required=True, help="Root of the dataset.")
-@click.option("-o", "--output", "path", type=click.Path(path_type=Path), required=True, help="The film: FILE.mp4.")
+@dataset_option
+@click.option("-o", "--output", "path", type=PATH, metavar="FILE", required=True, help="The film: FILE.mp4.")
 @click.option("--submission", type=click.Path(path_type=Path), help="Outline the masks of this submission as well.")
 @click.option("--size", type=int, default=720, show_default=True, help="Longer side of the picture, pixels.")
 @click.option(
@@ -62,7 +63,7 @@ def video(
 
 @click.command("view-3d", short_help="Show an observation in 3D in the browser, or save it as one HTML file.")
 @click.argument("key")
-@click.option("--dataset", "root", type=click.Path(path_type=Path), required=True, help="Root of the dataset.")
+@dataset_option
 @click.option(
     "--submission",
     "submissions",
@@ -98,8 +99,8 @@ def view_3d(key: str, root: Path, submissions: tuple[Path, ...], port: int, path
 
 @click.command("contact-sheet")
 @click.argument("root", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for one PNG each.")
-@click.option("--only", multiple=True, metavar="KEY_GLOB", help="Only observations whose key matches; repeatable.")
+@click.option("-o", "--output", type=PATH, metavar="DIR", required=True, help="Folder for one PNG each.")
+@only_option
 @click.option("--frames", "columns", type=click.IntRange(2, 24), default=8, show_default=True, help="Frames shown.")
 def contact_sheet(root: Path, output: Path, only: tuple[str, ...], columns: int) -> None:
     """Draw every observation of the dataset ROOT: frames with their masks, a map of path, source and heading, sound."""

@@ -9,6 +9,7 @@ import click
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import os_error_line
+from avs3d_bench.groups import Group
 from generators.library.cli_common import (
     CATEGORY,
     PATH,
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from generators.library.session import Session
 
 
-@click.group()
+@click.group(cls=Group)
 def assets() -> None:
     """Objects and sounds made by others: what there is, where it came from, whether it is whole.
 

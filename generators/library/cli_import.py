@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.groups import Group
 from generators.library.cli_common import (
     CATEGORY,
     PATH,
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from generators.library.lock import AssetEntry
 
 
-@click.group("import")
+@click.group("import", cls=Group, noun="source")
 def import_() -> None:
     """Take assets that are on this machine into the store and the lock file."""
 
