@@ -102,7 +102,7 @@ class Desk:
             elif block.language == "diff":
                 change = self.folder / f"change-{number}.diff"
                 change.write_text(block.text)
-                self.run("git", "apply", "--unidiff-zero", change.name)
+                self.run("git", "apply", change.name)
             elif block.language == "bash":
                 said.append(self.run("bash", "-ec", block.text))
             elif block.language == "python":
