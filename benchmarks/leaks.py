@@ -29,8 +29,9 @@ from benchmarks.unseen_homes import home_of, plans_of, sample_manifest
 from generators.arrangement import arrange, draw_sounding
 from generators.core.rays import RayCaster
 from generators.core.scene import Scene
-from generators.paths.trajectory import plan_walk
+from generators.paths.trajectory import WalkTask, plan_walk
 from generators.placement.placement import Placement
+from generators.placement.site import Site
 from generators.plan import ObservationPlan
 from generators.recording.surface_points import SurfaceSampler
 from generators.vision.base import Frame
@@ -101,10 +102,10 @@ def observe(plan: ObservationPlan, size: int, *, biased: bool = False) -> Seen |
         sounding = draw_sounding(plan, seen.placements)
         poses: Sequence[Pose] = seen.poses
         if biased:
-            poses = plan_walk(
-                home, plan.spec.room, seen.placements, frames=camera.frames, rng=plan.rng("path"),
-                watched=[sounding - 1],
-            ).poses  # fmt: skip
+            task = WalkTask(
+                Site.of(home, plan.spec.room), seen.placements, frames=camera.frames, watched=[sounding - 1]
+            )
+            poses = plan_walk(task, plan.rng("path")).poses
     except Avs3dError:
         return None
     ids, points = _pictures(plan, home, seen.placements, poses, size)

@@ -22,7 +22,7 @@ from generators.core.scene import Licence, Scene
 from generators.library import open_asset
 from generators.manifest import ObjectSpec, SoundSpec
 from generators.paths.motion import Motion, movable, plan_motion
-from generators.paths.trajectory import walk
+from generators.paths.trajectory import WalkTask, plan_walk
 from generators.placement.placement import Placement, place
 from generators.placement.site import Site
 from generators.plan import ObservationPlan, resolve_file
@@ -60,19 +60,19 @@ def arrange(plan: ObservationPlan, home: Scene, navigable: Navigable | None = No
         Avs3dError: if the room has no room for the objects, their motion or the walk.
     """
     camera = plan.camera
-    placements, motion = place_objects(plan, home)
-    poses, notes = walk(
-        home,
-        plan.spec.room,
+    site = Site.of(home, plan.spec.room)
+    placements, motion = place_objects(plan, site)
+    task = WalkTask(
+        site,
         placements,
         frames=camera.frames,
         height=camera.height,
         hfov=camera.hfov,
-        rng=plan.rng("path"),
         motion=motion,
         navigable=navigable,
     )
-    return Arrangement(placements, poses, notes, motion)
+    walk = plan_walk(task, plan.rng("path"))
+    return Arrangement(placements, walk.poses, walk.notes, motion)
 
 
 def draw_sounding(plan: ObservationPlan, placements: tuple[Placement, ...]) -> int:
@@ -81,20 +81,19 @@ def draw_sounding(plan: ObservationPlan, placements: tuple[Placement, ...]) -> i
     return ids[int(plan.rng("sounding").integers(len(ids)))]
 
 
-def place_objects(plan: ObservationPlan, home: Scene) -> tuple[tuple[Placement, ...], Motion | None]:
+def place_objects(plan: ObservationPlan, site: Site) -> tuple[tuple[Placement, ...], Motion | None]:
     """The objects at time 0 in the order of their ids, and the motion of the sounding one if it is to move."""
-    spec, rng = plan.spec, plan.rng("placement")
+    rng = plan.rng("placement")
     models = choose_models(plan)
     # Ids tell neither what was placed first nor what the manifest names first.
     order = plan.rng("ids").permutation(len(models)).tolist()
     models = tuple(models[index] for index in order)
     if not plan.moves:
-        return place(home, spec.room, models, rng=rng), None
+        return place(site, models, rng=rng), None
     standing = {id(model): movable(model) for model in models}
     models = tuple(standing[id(model)] for model in models)
-    site = Site.of(home, spec.room)
     for attempt in range(PLACES_TO_MOVE):
-        placements = place(home, spec.room, models, rng=rng)
+        placements = place(site, models, rng=rng)
         index = draw_sounding(plan, placements) - 1
         try:
             motion = plan_motion(site, placements, index, seconds=plan.camera.frames, rng=plan.rng("motion"))

@@ -14,6 +14,7 @@ from generators.assets.catalogue import build_model
 from generators.core.scene import Scene
 from generators.lighting.bake import bake, insert
 from generators.placement.placement import Placement, place
+from generators.placement.site import Site
 from generators.vision.base import Frame, VisionBackend
 
 ROOMS = ("kitchen", "bathroom")
@@ -34,7 +35,7 @@ def furnish(home: Scene, room: str = "kitchen") -> tuple[Scene, tuple[Placement,
     """The home with a microwave and a clock placed and lit: instances 1 and 2."""
     rng = np.random.default_rng(7)
     models = [build_model(name, variant, rng) for name, variant in (("microwave", "steel"), ("clock", "station"))]
-    placements = place(home, room, models, rng=rng)
+    placements = place(Site.of(home, room), models, rng=rng)
     return insert(home, tuple(p.part(n) for n, p in enumerate(placements, start=1))), tuple(placements)
 
 

@@ -13,8 +13,9 @@ from generators.arrangement import choose_models, draw_sounding
 from generators.core.rays import RayCaster
 from generators.core.scene import Scene
 from generators.lighting.bake import bake, insert
-from generators.paths.trajectory import walk
+from generators.paths.trajectory import WalkTask, plan_walk
 from generators.placement.placement import Placement, place
+from generators.placement.site import Site
 from generators.plan import make_plans, read_manifest
 from generators.vision.base import Frame
 from generators.vision.embree import EmbreeBackend
@@ -29,8 +30,8 @@ def view() -> tuple[Scene, tuple[Placement, ...], Pose, Frame]:
     (plan,) = make_plans(read_manifest(MANIFEST), only=["part_2/*"], audio="analytic")
     assert plan.scan.seed is not None
     home = bake(build_apartment(plan.spec.scan, plan.scan.seed), quality="preview").for_room(plan.spec.room)
-    placed = place(home, plan.spec.room, choose_models(plan), rng=plan.rng("placement"))
-    poses, _ = walk(home, plan.spec.room, placed, frames=120, rng=plan.rng("path"))
+    placed = place(Site.of(home, plan.spec.room), choose_models(plan), rng=plan.rng("placement"))
+    poses = plan_walk(WalkTask(Site.of(home, plan.spec.room), placed, frames=120), plan.rng("path")).poses
     scene = insert(home, tuple(p.part(number) for number, p in enumerate(placed, start=1)))
     source = placed[draw_sounding(plan, placed) - 1]
     ahead = [float(pose.rotation_matrix[:, 2] @ (np.array(pose.position) - source.source_position)) for pose in poses]

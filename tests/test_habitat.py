@@ -24,8 +24,9 @@ from generators.assets.modelframe import upright
 from generators.assets.shapes import MeshBuilder
 from generators.core.freespace import CELL, FreeSpace, distance_to_polygon
 from generators.core.scene import Material, Part, Scene, StageFile
-from generators.paths.trajectory import walk
+from generators.paths.trajectory import WalkTask, plan_walk
 from generators.placement.placement import place
+from generators.placement.site import Site
 from generators.vision.base import Frame
 from generators.vision.embree import EmbreeBackend, warm_up
 from generators.vision.glb import write_glb
@@ -251,8 +252,8 @@ def test_the_navigation_mesh_agrees_with_free_space_and_keeps_off_holes(
     assert not navigable(np.array([[2.0, 1.5, 2.0]])).any(), "in mid-air"
     # And a walk that asks it stays a step away from the hole, where free space alone would go up to its rim.
     rng = np.random.default_rng(4)
-    placements = place(toy.scene, "kitchen", [box_model("washing_machine")], rng=rng)
-    poses, _ = walk(toy.scene, "kitchen", placements, frames=24, rng=rng, navigable=navigable)
+    placements = place(Site.of(toy.scene, "kitchen"), [box_model("washing_machine")], rng=rng)
+    poses = plan_walk(WalkTask(Site.of(toy.scene, "kitchen"), placements, frames=24, navigable=navigable), rng).poses
     track = np.array([(pose.position[0], pose.position[2]) for pose in poses])
     hole = np.array([[2.8, 1.4], [4.0, 1.4], [4.0, 2.6], [2.8, 2.6]])
     assert distance_to_polygon(track, hole).min() > 0.1

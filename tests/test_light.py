@@ -10,11 +10,12 @@ import pytest
 from avs3d_bench.errors import Avs3dError
 from generators.assets.shapes import MeshBuilder
 from generators.core.low_discrepancy import PATTERNS, cosine_directions, net, pattern_of
+from generators.core.rays import Tracer
 from generators.core.scene import LightMap, Material, Mesh, Part, Room, Scene, Texture
 from generators.core.tone import develop, inverse_tone_curve, srgb_decode, tone_curve
 from generators.lighting.bake import QUALITIES, bake, insert
 from generators.lighting.sun import find_sun
-from generators.lighting.surfaces import Surfaces, Tracer
+from generators.lighting.surfaces import Surfaces
 from generators.lighting.unwrap import unwrap
 
 SIZE = (4.0, 2.5, 3.0)

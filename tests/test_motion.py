@@ -32,7 +32,7 @@ from generators.core.scene import Texture
 from generators.paths.motion import FLOOR_SPEED, RATE, TOP_SPEED, TURN_RATE, Motion, movable, plan_motion
 from generators.paths.pacing import pace
 from generators.paths.tours import OBJECT_DISTANCE, distances
-from generators.paths.trajectory import MOST_STEP, MOST_TURN, plan_walk
+from generators.paths.trajectory import MOST_STEP, MOST_TURN, WalkTask, plan_walk
 from generators.placement.fitting import SKIN
 from generators.placement.placement import Placement, place
 from generators.placement.site import Site
@@ -47,7 +47,7 @@ RATE_HZ = 44_100
 def moved(room: str, category: str, count: int = 1) -> tuple[Toy, tuple[Placement, ...], Motion]:
     toy = {"kitchen": kitchen, "living_room": living_room}[room]()
     model = movable(box_model(category))
-    placed = place(toy.scene, room, [model] * count, rng=np.random.default_rng(1))
+    placed = place(Site.of(toy.scene, room), [model] * count, rng=np.random.default_rng(1))
     motion = plan_motion(Site.of(toy.scene, room), placed, 0, seconds=SECONDS, rng=np.random.default_rng(2))
     return toy, placed, motion
 
@@ -113,7 +113,7 @@ def test_a_path_is_the_same_for_the_same_seed_and_another_for_another() -> None:
 
 def test_what_hangs_on_a_wall_is_refused_and_what_may_stand_is_stood() -> None:
     toy = living_room()
-    hung = place(toy.scene, "living_room", [box_model("clock", "wall")], rng=np.random.default_rng(1))
+    hung = place(Site.of(toy.scene, "living_room"), [box_model("clock", "wall")], rng=np.random.default_rng(1))
     with pytest.raises(Avs3dError, match=r"clock .* hangs on the wall: choose another"):
         plan_motion(Site.of(toy.scene, "living_room"), hung, 0, seconds=5, rng=np.random.default_rng(0))
     assert movable(box_model("clock", "wall_or_surface")).mount == "surface"
@@ -122,7 +122,7 @@ def test_what_hangs_on_a_wall_is_refused_and_what_may_stand_is_stood() -> None:
 
 def test_a_room_without_room_is_refused_in_one_line() -> None:
     toy = living_room()
-    placed = place(toy.scene, "living_room", [box_model("vacuum_cleaner")], rng=np.random.default_rng(1))
+    placed = place(Site.of(toy.scene, "living_room"), [box_model("vacuum_cleaner")], rng=np.random.default_rng(1))
     for x in np.arange(0.3, 5.0, 0.5):
         for z in np.arange(0.3, 4.5, 0.5):
             toy.add((x, 0, z), (x + 0.05, 1.0, z + 0.05))
@@ -134,7 +134,9 @@ def test_a_room_without_room_is_refused_in_one_line() -> None:
 @pytest.mark.parametrize(("room", "category", "count"), CASES[1:])
 def test_the_agent_keeps_its_distance_at_every_time(room: str, category: str, count: int) -> None:
     toy, placed, motion = moved(room, category, count)
-    poses = plan_walk(toy.scene, room, placed, frames=SECONDS, rng=np.random.default_rng(3), motion=motion).poses
+    poses = plan_walk(
+        WalkTask(Site.of(toy.scene, room), placed, frames=SECONDS, motion=motion), np.random.default_rng(3)
+    ).poses
     ground = np.array([pose.position for pose in poses])[:, [0, 2]]
     assert distances(ground, motion).min() >= OBJECT_DISTANCE
     for index, pose in enumerate(poses):

@@ -22,6 +22,7 @@ from generators.core.boxes import UprightBox, yaw_matrix
 from generators.core.freespace import FreeSpace
 from generators.core.scene import Mesh, Part, Room, Scene
 from generators.placement.placement import RULES, TWIN_DISTANCES, WALL_HEIGHTS, Placement, place
+from generators.placement.site import Site
 
 ROOMS: dict[str, Callable[[], Toy]] = {"kitchen": kitchen, "bathroom": bathroom, "living_room": living_room}
 #: Where each category finds a place in the toy rooms.
@@ -101,7 +102,7 @@ def test_objects_stand_where_they_belong(category: str, room: str, count: int) -
     toy = ROOMS[room]()
     if count > 1 and (category, room) in (("coffee_machine", "living_room"), ("toilet", "bathroom")):
         count = 1
-    placed = place(toy.scene, room, [box_model(category)] * count, rng=rng(count))
+    placed = place(Site.of(toy.scene, room), [box_model(category)] * count, rng=rng(count))
     assert len(placed) == count
     for placement in placed:
         check(toy, placement)
@@ -120,7 +121,7 @@ def test_every_model_of_the_catalogue_finds_its_place(category: str) -> None:
     toy = kitchen()
     for number, variant in enumerate(variants(category)):
         model = build_model(category, variant, rng(number))
-        placed = place(toy.scene, "kitchen", [model] * (1 + number % 2), rng=rng(number))
+        placed = place(Site.of(toy.scene, "kitchen"), [model] * (1 + number % 2), rng=rng(number))
         for placement in placed:
             check(toy, placement)
 
@@ -128,7 +129,7 @@ def test_every_model_of_the_catalogue_finds_its_place(category: str) -> None:
 @pytest.mark.parametrize(("category", "room"), [h for h in HOMES if h[1] != "bathroom"])
 def test_a_scan_names_no_supports_and_they_are_found(category: str, room: str) -> None:
     toy = ROOMS[room]()
-    (placement,) = place(toy.scan, room, [box_model(category)], rng=rng())
+    (placement,) = place(Site.of(toy.scan, room), [box_model(category)], rng=rng())
     low, _ = placement.bounds.astype(np.float64)
     assert not overlaps(toy, placement)
     if placement.support.kind == "wall":
@@ -143,7 +144,7 @@ def test_the_same_generator_gives_the_same_places_and_another_gives_others() -> 
 
     def run(seed: int) -> list[tuple[object, ...]]:
         models = [*[box_model("microwave")] * 2, box_model("oven"), box_model("telephone")]
-        placed = place(scene, "kitchen", models, rng=rng(seed))
+        placed = place(Site.of(scene, "kitchen"), models, rng=rng(seed))
         return [(p.model.category, p.position, p.yaw, p.relaxed) for p in placed]
 
     assert run(3) == run(3)
@@ -156,7 +157,7 @@ def test_the_order_in_which_models_are_named_has_no_influence() -> None:
     models = [*[box_model("clock")] * 2, box_model("microwave"), box_model("oven"), box_model("telephone")]
 
     def run(order: list[int], seed: int) -> list[tuple[object, ...]]:
-        placed = place(scene, "kitchen", [models[index] for index in order], rng=rng(seed))
+        placed = place(Site.of(scene, "kitchen"), [models[index] for index in order], rng=rng(seed))
         return sorted((p.model.category, p.position, p.yaw) for p in placed)
 
     for seed in range(3):
@@ -169,7 +170,7 @@ def test_single_models_are_placed_in_an_order_that_is_drawn() -> None:
     toy.table("shelf", (3.4, 0, 0), (4.0, 0.8, 0.6), (-1, 0, 0))
     models = [box_model("microwave"), box_model("coffee_machine", size=(0.48, 0.3, 0.36))]
     on_worktop = {
-        next(p.model.category for p in place(toy.scene, "kitchen", models, rng=rng(seed)) if p.position[0] < 1)
+        next(p.model.category for p in place(Site.of(toy.scene, "kitchen"), models, rng=rng(seed)) if p.position[0] < 1)
         for seed in range(8)
     }
     assert on_worktop == {"microwave", "coffee_machine"}
@@ -186,19 +187,19 @@ def test_twins_come_closer_only_where_they_must_and_say_so() -> None:
 
     # Widths of 0.48 on a worktop of 1.7 leave 1.22 between the outermost middles; on 1.3, 0.82; on 1.1, 0.62.
     for length, distance in ((1.7, 1.0), (1.3, 0.7), (1.1, 0.5)):
-        one, two = place(tight(length), "kitchen", [box_model("microwave")] * 2, rng=rng())
+        one, two = place(Site.of(tight(length), "kitchen"), [box_model("microwave")] * 2, rng=rng())
         assert float(np.linalg.norm(np.subtract(one.position, two.position))) >= distance
         assert (f"{distance} m apart" in one.relaxed) is (distance < 1.0)
     with pytest.raises(Avs3dError, match=r"no place for 2 × microwave .* no 2 of them together, 0\.5 m apart"):
-        place(tight(0.9), "kitchen", [box_model("microwave")] * 2, rng=rng())
+        place(Site.of(tight(0.9), "kitchen"), [box_model("microwave")] * 2, rng=rng())
 
 
 def test_all_copies_or_an_error_but_never_fewer() -> None:
     """The worktop takes one microwave, at one place."""
     toy = Toy("kitchen", (4.0, 2.6, 4.0)).shell().table("worktop", (0, 0, 0), (0.5, 0.9, 0.4), (0, 0, 1))
-    assert len(place(toy.scene, "kitchen", [box_model("microwave")], rng=rng())) == 1
+    assert len(place(Site.of(toy.scene, "kitchen"), [box_model("microwave")], rng=rng())) == 1
     with pytest.raises(Avs3dError, match="no place for 2 × microwave"):
-        place(toy.scene, "kitchen", [box_model("microwave")] * 2, rng=rng())
+        place(Site.of(toy.scene, "kitchen"), [box_model("microwave")] * 2, rng=rng())
 
 
 def test_a_rough_scanned_wall_still_takes_a_toilet() -> None:
@@ -215,7 +216,7 @@ def test_a_rough_scanned_wall_still_takes_a_toilet() -> None:
         np.zeros(count, dtype=np.int32), mesh.materials, mesh.acoustic_positions, mesh.acoustic_labels,
     )  # fmt: skip
     scene = Scene("scan", (Part("scan", scan),), (Room("bathroom", (0, 0, 0), (2.2, 2.5, 2.9)),), ())
-    (placement,) = place(scene, "bathroom", [box_model("toilet")], rng=rng())
+    (placement,) = place(Site.of(scene, "bathroom"), [box_model("toilet")], rng=rng())
     low, high = placement.bounds.astype(np.float64)
     back = min(low[0], 2.2 - high[0], low[2], 2.9 - high[2])
     assert 0.0 <= back <= 0.03
@@ -229,7 +230,7 @@ def test_an_oven_stands_beside_a_microwave_and_not_always_the_same(count: int) -
     nearest = []
     for seed in range(6):
         model = box_model("microwave")
-        placed = place(toy.scene, "kitchen", [*[model] * count, box_model("oven")], rng=rng(seed))
+        placed = place(Site.of(toy.scene, "kitchen"), [*[model] * count, box_model("oven")], rng=rng(seed))
         oven = placed[-1]
         assert oven.model.category == "oven"
         gaps = [float(np.linalg.norm(p.box.centre - oven.box.centre)) for p in placed[:-1]]
@@ -245,7 +246,7 @@ def test_an_oven_stands_beside_a_microwave_and_not_always_the_same(count: int) -
 def test_nothing_stands_in_a_doorway(category: str) -> None:
     toy = Toy("kitchen", (2.2, 2.5, 2.6)).shell(door=(0.6, 1.5))
     for seed in range(8):
-        (placement,) = place(toy.scene, "kitchen", [box_model(category)], rng=rng(seed))
+        (placement,) = place(Site.of(toy.scene, "kitchen"), [box_model(category)], rng=rng(seed))
         door = MultiPoint([(0.6, 2.6), (1.5, 2.6)]).convex_hull
         assert door.distance(Polygon(placement.box.footprint)) >= 0.5
 
@@ -256,14 +257,14 @@ def test_every_object_can_be_seen_from_the_free_floor() -> None:
     toy.table("side_table", (0.1, 0, 0.1), (0.6, 0.5, 0.6), (0, 0, 1)).add((0, 0, 0.75), (0.8, 2.6, 0.8))
     toy.add((0.75, 0, 0), (0.8, 2.6, 0.75))
     with pytest.raises(Avs3dError, match="are hidden from the free floor"):
-        place(toy.scene, "living_room", [box_model("telephone")], rng=rng())
+        place(Site.of(toy.scene, "living_room"), [box_model("telephone")], rng=rng())
     toy.table("side_table", (3.4, 0, 1.6), (4.0, 0.5, 2.2), (-1, 0, 0))
-    (placement,) = place(toy.scene, "living_room", [box_model("telephone")], rng=rng())
+    (placement,) = place(Site.of(toy.scene, "living_room"), [box_model("telephone")], rng=rng())
     assert placement.position[0] > 3.0
 
 
 def test_the_source_and_the_part_move_with_the_object() -> None:
-    (placement,) = place(kitchen().scene, "kitchen", [box_model("washing_machine")], rng=rng())
+    (placement,) = place(Site.of(kitchen().scene, "kitchen"), [box_model("washing_machine")], rng=rng())
     part = placement.part(3)
     assert (part.instance_id, part.category, part.licence) == (3, "washing_machine", placement.model.licence)
     np.testing.assert_array_equal(part.mesh.bounds, placement.bounds)
@@ -286,7 +287,7 @@ def test_the_source_and_the_part_move_with_the_object() -> None:
 )
 def test_no_room_for_an_object_is_one_clear_line(toy: Toy, model: Model, count: int, message: str) -> None:
     with pytest.raises(Avs3dError) as caught:
-        place(toy.scene, toy.name, [model] * count, rng=rng())
+        place(Site.of(toy.scene, toy.name), [model] * count, rng=rng())
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -300,7 +301,7 @@ def test_a_wall_without_room_for_a_clock() -> None:
             (2.7, y, 0.3), (3.0, y + 0.02, 3.0)
         )
     with pytest.raises(Avs3dError, match=r"no place for clock .* spots \d+ collide with the room"):
-        place(toy.scene, "living_room", [box_model("clock")], rng=rng())
+        place(Site.of(toy.scene, "living_room"), [box_model("clock")], rng=rng())
 
 
 # The exact tests below the rules.

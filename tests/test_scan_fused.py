@@ -19,7 +19,7 @@ from generators.apartments.apartment import build_apartment
 from generators.assets.catalogue import build_model, variants
 from generators.core.scene import Scene
 from generators.lighting.bake import insert
-from generators.paths.trajectory import walk
+from generators.paths.trajectory import WalkTask, plan_walk
 from generators.placement.placement import Placement, place
 from generators.placement.site import Site
 from generators.placement.spots import _level
@@ -37,7 +37,7 @@ def home() -> Scene:
     """The three rooms of an apartment, with a toilet (what else would make the bathroom one?)."""
     flat = build_apartment("flat", 11)
     rng = np.random.default_rng(2)
-    toilet = place(flat, "bathroom", [build_model("toilet", variants("toilet")[0], rng)], rng=rng)[0]
+    toilet = place(Site.of(flat, "bathroom"), [build_model("toilet", variants("toilet")[0], rng)], rng=rng)[0]
     parts = [p for p in flat.parts if p.name.removeprefix("shell_").split("/")[0] in ROOMS]
     parts.append(replace(toilet.part(0), name="bathroom/toilet_0"))
     return replace(flat, parts=tuple(parts))
@@ -152,7 +152,7 @@ def test_worktops_tables_and_walls_are_found(scan: Scene, home: Scene) -> None:
     ],
 )
 def test_objects_stand_and_hang_where_they_belong(scan: Scene, room: str, category: str, copies: int) -> None:
-    for placed in place(scan, room, [model(category)] * copies, rng=np.random.default_rng(4)):
+    for placed in place(Site.of(scan, room), [model(category)] * copies, rng=np.random.default_rng(4)):
         touches_its_support(scan, placed)
         low, high = placed.bounds
         box = scan.room(room)
@@ -184,8 +184,8 @@ def touches_its_support(scan: Scene, placed: Placement) -> None:
 
 def test_an_observation_goes_through(scan: Scene) -> None:
     rng = np.random.default_rng(7)
-    placements = place(scan, "kitchen", [model("microwave"), model("coffee_machine")], rng=rng)
-    poses, _ = walk(scan, "kitchen", placements, frames=24, height=1.5, hfov=90.0, rng=rng)
+    placements = place(Site.of(scan, "kitchen"), [model("microwave"), model("coffee_machine")], rng=rng)
+    poses = plan_walk(WalkTask(Site.of(scan, "kitchen"), placements, frames=24, height=1.5, hfov=90.0), rng).poses
     # Nobody walks over a hole, or through a wall by one.
     space = Site.of(scan, "kitchen").space
     assert space.contains(np.array([pose.position for pose in poses])[:, [0, 2]]).all()

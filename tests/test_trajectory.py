@@ -23,9 +23,10 @@ from generators.assets.shapes import MeshBuilder
 from generators.core.rays import RayCaster
 from generators.core.scene import Part, Room, Scene
 from generators.paths.gaze import Sight, Views
-from generators.paths.trajectory import Walk, plan_walk, walk
+from generators.paths.trajectory import Walk, WalkTask, plan_walk
 from generators.paths.watcher import line_of_sight, outer_samples, visible_fraction
 from generators.placement.placement import Placement, place
+from generators.placement.site import Site
 
 ROOMS = {"kitchen": kitchen, "bathroom": bathroom, "living_room": living_room}
 CASES = [
@@ -47,8 +48,8 @@ def rng(seed: int = 0) -> np.random.Generator:
 @cache
 def walked(room: str, category: str, count: int, frames: int) -> tuple[Toy, tuple[Placement, ...], Walk]:
     toy = ROOMS[room]()
-    placed = place(toy.scene, room, [box_model(category)] * count, rng=rng(1))
-    return toy, placed, plan_walk(toy.scene, room, placed, frames=frames, rng=rng(2))
+    placed = place(Site.of(toy.scene, room), [box_model(category)] * count, rng=rng(1))
+    return toy, placed, plan_walk(WalkTask(Site.of(toy.scene, room), placed, frames=frames), rng(2))
 
 
 def mask_sizes(toy: Toy, placed: tuple[Placement, ...], poses: tuple[Pose, ...]) -> NDArray[np.float64]:
@@ -156,7 +157,7 @@ def test_a_walk_that_is_planned_for_one_shows_it_more_than_its_twins() -> None:
     """What the walk must not be: the twin it is planned for is the one in view most often."""
     toy, placed, fair = walked("living_room", "clock", 3, 120)
     for index in range(3):
-        biased = plan_walk(toy.scene, "living_room", placed, frames=120, rng=rng(2), watched=[index])
+        biased = plan_walk(WalkTask(Site.of(toy.scene, "living_room"), placed, frames=120, watched=[index]), rng(2))
         shares = [c.look_share for c in biased.report.candidates]
         assert int(np.argmax(shares)) == index
         assert shares[index] > min(c.look_share for c in fair.report.candidates)
@@ -164,16 +165,17 @@ def test_a_walk_that_is_planned_for_one_shows_it_more_than_its_twins() -> None:
 
 def test_the_same_generator_gives_the_same_walk_and_another_gives_another() -> None:
     toy, placed, result = walked("kitchen", "microwave", 2, 120)
-    again = plan_walk(toy.scene, "kitchen", placed, frames=120, rng=rng(2))
+    again = plan_walk(WalkTask(Site.of(toy.scene, "kitchen"), placed, frames=120), rng(2))
     assert again.poses == result.poses
-    assert plan_walk(toy.scene, "kitchen", placed, frames=120, rng=rng(3)).poses != result.poses
+    assert plan_walk(WalkTask(Site.of(toy.scene, "kitchen"), placed, frames=120), rng(3)).poses != result.poses
 
 
 def test_notes_tell_what_could_not_be_had() -> None:
     toy = Toy("kitchen", (4.0, 2.6, 4.0)).shell().table("worktop", (0, 0, 0), (1.3, 0.9, 0.6), (0, 0, 1))
-    placed = place(toy.scene, "kitchen", [box_model("microwave")] * 2, rng=rng())
-    poses, notes = walk(toy.scene, "kitchen", placed, frames=2, rng=rng())
-    assert len(poses) == 2
+    placed = place(Site.of(toy.scene, "kitchen"), [box_model("microwave")] * 2, rng=rng())
+    walk = plan_walk(WalkTask(Site.of(toy.scene, "kitchen"), placed, frames=2), rng())
+    notes = walk.notes
+    assert len(walk.poses) == 2
     assert notes[0] == "2 × microwave stand 0.7 m apart: no room for 1.0 m"
     # Two frames cannot have an object on both sides 20° off and turn by at most 30° between them.
     assert any("clearly on the" in note for note in notes[1:])
@@ -183,7 +185,7 @@ def test_notes_tell_what_could_not_be_had() -> None:
 
 def test_one_frame_is_a_walk_too() -> None:
     toy, placed, _ = walked("kitchen", "microwave", 2, 120)
-    poses, _ = walk(toy.scene, "kitchen", placed, frames=1, rng=rng())
+    poses = plan_walk(WalkTask(Site.of(toy.scene, "kitchen"), placed, frames=1), rng()).poses
     assert len(poses) == 1
 
 
@@ -191,19 +193,19 @@ def test_a_room_too_small_to_walk_in() -> None:
     toy, placed, _ = walked("kitchen", "washing_machine", 1, 2)
     tiny = Toy("kitchen", (0.5, 2.5, 0.5)).shell()
     with pytest.raises(Avs3dError, match=r"toy/kitchen: no room to walk: 0\.0\d m² of free floor"):
-        walk(tiny.scene, "kitchen", placed, frames=16, rng=rng())
+        plan_walk(WalkTask(Site.of(tiny.scene, "kitchen"), placed, frames=16), rng())
     with pytest.raises(Avs3dError, match="0 objects and 16 frames"):
-        walk(toy.scene, "kitchen", (), frames=16, rng=rng())
+        plan_walk(WalkTask(Site.of(toy.scene, "kitchen"), (), frames=16), rng())
     with pytest.raises(Avs3dError, match="1 objects and 0 frames"):
-        walk(toy.scene, "kitchen", placed, frames=0, rng=rng())
+        plan_walk(WalkTask(Site.of(toy.scene, "kitchen"), placed, frames=0), rng())
 
 
 def test_a_corridor_is_walked_within_the_step_limit() -> None:
     """0.9 m wide: half a metre of free floor to walk on, for 120 and for 16 frames."""
     toy = Toy("kitchen", (0.9, 2.5, 4.0)).shell()
-    (placement,) = place(toy.scene, "kitchen", [box_model("clock", size=(0.2, 0.2, 0.04))], rng=rng(3))
+    (placement,) = place(Site.of(toy.scene, "kitchen"), [box_model("clock", size=(0.2, 0.2, 0.04))], rng=rng(3))
     for frames in (16, 120):
-        result = plan_walk(toy.scene, "kitchen", (placement,), frames=frames, rng=rng())
+        result = plan_walk(WalkTask(Site.of(toy.scene, "kitchen"), (placement,), frames=frames), rng())
         ground = np.array([pose.position for pose in result.poses])[:, [0, 2]]
         assert plan_distance(toy.ground(), plan_points(ground)).min() >= 0.20
 
@@ -214,7 +216,7 @@ def test_a_corridor_is_walked_within_the_step_limit() -> None:
 def between() -> tuple[Scene, Placement]:
     """A telephone on a table, a screen 1 m before it from 0.9 to 1.1 m of height."""
     toy = Toy("kitchen", (4.0, 2.6, 4.0)).shell().table("side_table", (1.7, 0, 0), (2.3, 0.5, 0.5), (0, 0, 1))
-    (placement,) = place(toy.scene, "kitchen", [box_model("telephone")], rng=rng())
+    (placement,) = place(Site.of(toy.scene, "kitchen"), [box_model("telephone")], rng=rng())
     builder = MeshBuilder().box((0.6, 0.2, 0.02), (2.0, 1.0, 1.5), PLAIN)
     return toy.scene.with_parts((Part("screen", builder.build()), placement.part(1))), placement
 

@@ -1,8 +1,8 @@
-"""Closest-hit and occlusion queries against triangles: a thin float32 wrapper of Embree (through embreex).
+"""Rays against triangles: the project's one wrapper of Embree (through embreex).
 
-Placement, trajectory, light and line-of-sight tests all ask the same two questions. Answers are the same bytes for
-any chunking, in any process: each ray is traced by itself, and the scene is built in Embree's robust mode, whose
-edge test is watertight (a ray cannot slip between two triangles that share an edge).
+`Tracer` hands arrays to Embree as they are. `RayCaster` checks them, and answers the two questions that placement,
+trajectory and line-of-sight tests ask: what does a ray meet first, and does it meet anything. Answers are the same
+bytes for any chunking, in any process, because each ray is traced by itself.
 """
 
 from __future__ import annotations
@@ -22,30 +22,55 @@ CHUNK = 1 << 16
 _FAR = np.float32(1e37)
 
 
-def embree_scene(positions: F32) -> Any:
-    """Build a watertight Embree scene of triangles (F, 3, 3); its ``primID`` is the row of ``positions``.
+class Tracer:
+    """Embree over a set of triangles; safe to call from several threads at once.
+
+    The scene is built in Embree's robust mode, whose edge test is watertight: no ray slips between two triangles that
+    share an edge.
+
+    Nothing is checked at a query: a ray that is not finite, or has no direction, is answered at random.
+
+    Args:
+        triangles: (F, 3, 3) metres; a hit's ``primID`` is the row.
 
     Raises:
         Avs3dError: if embreex is not installed, there is no triangle, or a coordinate is not finite.
     """
-    try:
-        from embreex.mesh_construction import TriangleMesh
-        from embreex.rtcore_scene import EmbreeScene
-    except ImportError as error:
-        raise Avs3dError(
-            f"ray casting needs embreex, which cannot be imported ({error}): pip install 'avs3d-bench[generate]'"
-        ) from error
-    triangles = np.ascontiguousarray(positions, dtype=np.float32)
-    if triangles.ndim != 3 or triangles.shape[1:] != (3, 3) or len(triangles) == 0:
-        raise Avs3dError(f"ray casting: triangles have shape {triangles.shape}, expected (F, 3, 3) with F ≥ 1")
-    bad = int((~np.isfinite(triangles)).any(axis=(1, 2)).sum())
-    if bad:
-        raise Avs3dError(f"ray casting: {bad} of {len(triangles)} triangles are not finite; repair the mesh")
-    scene = EmbreeScene(robust=True)
-    TriangleMesh(scene, triangles)
-    # The first query commits (builds) the scene: done here, so that later queries only read and may share threads.
-    scene.run(np.zeros((1, 3), dtype=np.float32), np.ones((1, 3), dtype=np.float32))
-    return scene
+
+    def __init__(self, triangles: F32) -> None:
+        try:
+            from embreex.mesh_construction import TriangleMesh
+            from embreex.rtcore_scene import EmbreeScene
+        except ImportError as error:
+            raise Avs3dError(
+                f"ray casting needs embreex, which cannot be imported ({error}): pip install 'avs3d-bench[generate]'"
+            ) from error
+        triangles = np.ascontiguousarray(triangles, dtype=np.float32)
+        if triangles.ndim != 3 or triangles.shape[1:] != (3, 3) or len(triangles) == 0:
+            raise Avs3dError(f"ray casting: triangles have shape {triangles.shape}, expected (F, 3, 3) with F ≥ 1")
+        bad = int((~np.isfinite(triangles)).any(axis=(1, 2)).sum())
+        if bad:
+            raise Avs3dError(f"ray casting: {bad} of {len(triangles)} triangles are not finite; repair the mesh")
+        self._scene = EmbreeScene(robust=True)
+        TriangleMesh(self._scene, triangles)
+        # The first query commits (builds) the scene: done here, so that later queries only read and may share threads.
+        self._scene.run(np.zeros((1, 3), dtype=np.float32), np.ones((1, 3), dtype=np.float32))
+
+    def intersect(self, origins: F32, directions: F32, far: F32 | None = None) -> dict[str, Any]:
+        """First hits: ``primID`` (-1 where none), barycentric ``u`` and ``v``, distance ``tfar`` in direction lengths.
+
+        Args:
+            origins: (N, 3) float32.
+            directions: (N, 3) float32, any length.
+            far: (N,) float32, how far to look; everywhere if missing.
+        """
+        hits: dict[str, Any] = self._scene.run(origins, directions, far, query="INTERSECT", output=True)
+        return hits
+
+    def occluded(self, origins: F32, directions: F32, far: F32) -> NDArray[np.bool_]:
+        """(N,) whether anything is met before ``far`` (N,) direction lengths."""
+        found = self._scene.run(origins, directions, far, query="OCCLUDED")
+        return np.asarray(found >= 0)
 
 
 def repeated(point: ArrayLike, count: int) -> F32:
@@ -55,7 +80,7 @@ def repeated(point: ArrayLike, count: int) -> F32:
 
 
 class RayCaster:
-    """Rays against all surfaces of a scene, or against bare triangles.
+    """Checked rays against all surfaces of a scene, or against bare triangles.
 
     Faces are numbered through the parts in their order: part p begins at ``first_face[p]``; ``face_part[f]`` is the
     part of face f. A ray may start anywhere; one that starts on a surface can hit it again at a distance of 0, so move
@@ -77,7 +102,7 @@ class RayCaster:
         else:
             triangles = np.asarray(geometry, dtype=np.float32)
             counts = [len(triangles)] if triangles.ndim else [0]
-        self._embree = embree_scene(triangles)
+        self._tracer = Tracer(triangles)
         #: (P + 1,) int64: where each part's faces begin, and the number of faces.
         self.first_face: NDArray[np.int64] = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
         #: (F,) int32: the part each face belongs to.
@@ -102,7 +127,7 @@ class RayCaster:
         face = np.full(len(along), -1, dtype=np.int32)
         for first in range(0, len(along), CHUNK):
             chunk = slice(first, first + CHUNK)
-            hit = self._embree.run(start[chunk], along[chunk], query="INTERSECT", output=True)
+            hit = self._tracer.intersect(start[chunk], along[chunk])
             found = hit["primID"] >= 0
             face[chunk] = hit["primID"]
             distance[chunk][found] = hit["tfar"][found]
@@ -131,7 +156,7 @@ class RayCaster:
         out = np.empty(len(along), dtype=np.bool_)
         for first in range(0, len(along), CHUNK):
             chunk = slice(first, first + CHUNK)
-            out[chunk] = self._embree.run(start[chunk], along[chunk], limit[chunk], query="OCCLUDED") >= 0
+            out[chunk] = self._tracer.occluded(start[chunk], along[chunk], limit[chunk])
         return out
 
 

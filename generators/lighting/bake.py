@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
+from generators.core.rays import Tracer
 from generators.core.scene import F32, LightMap, Part, Room, Scene
 from generators.lighting.direct import direct_light, shadow_rays
 from generators.lighting.emitters import BRIGHT, Emitters, bright_patches, find_emitters
@@ -23,7 +24,7 @@ from generators.lighting.insertion import insert
 from generators.lighting.radiosity import Blocks, final_gather, make_blocks, solve
 from generators.lighting.smoothing import fill, smooth, spread
 from generators.lighting.sun import Sun, find_sun, sun_light
-from generators.lighting.surfaces import Surfaces, Tracer, in_chunks
+from generators.lighting.surfaces import Surfaces, in_chunks
 from generators.lighting.texels import Sheet, Texels, rasterise
 from generators.lighting.unwrap import Layout, unwrap
 

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from generators.core.jit import inline, njit
 from generators.core.low_discrepancy import cosine_directions
+from generators.core.rays import Tracer
 from generators.core.scene import F32, I32
-from generators.lighting.surfaces import Surfaces, Tracer, in_chunks
+from generators.lighting.surfaces import Surfaces, in_chunks
 from generators.lighting.texels import Sheet, Texels
 
 #: Texels per piece of work.

@@ -6,6 +6,7 @@ take from the room is the work of `shadowing`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,15 +19,19 @@ from generators.lighting.lit_scene import LitScene
 from generators.lighting.shadowing import shadowed
 from generators.lighting.smoothing import fill, smooth, spread
 from generators.lighting.sun import sun_light
-from generators.lighting.surfaces import Surfaces, Tracer, in_chunks
+from generators.lighting.surfaces import Surfaces, in_chunks
 from generators.lighting.surroundings import RAYS, SAMPLES, WORKERS, Objects, Surroundings, behind, bundle
-from generators.lighting.texels import Sheet, rasterise
+from generators.lighting.texels import Sheet
 from generators.lighting.unwrap import Layout, unwrap
 
-#: The objects of one call get about this many texels in all, within the limits of size that follow (metres).
+#: The objects of one call get about this many texels in all.
 _TEXELS = 28000
+#: Limits of a texel's side on objects (m).
 _FINEST, _COARSEST = 0.008, 0.025
+#: Bounces of light between objects; the third carries a few per cent of the light.
 _BOUNCES = 3
+#: Light above this does not fit float16 (whose largest number is 65504).
+_BRIGHTEST = 6e4
 
 
 def insert(scene: Scene, parts: tuple[Part, ...]) -> Scene:
@@ -42,29 +47,56 @@ def insert(scene: Scene, parts: tuple[Part, ...]) -> Scene:
     if not parts:
         return scene
     objects, layouts = _prepare(parts)
-    room = Surroundings.of(scene, objects.boxes())
+    return light_parts(
+        scene, Surroundings.of(scene, objects.boxes()), objects, parts, [uv_of(each) for each in layouts]
+    )
+
+
+def light_parts(scene: Scene, room: Surroundings, objects: Objects, parts: Sequence[Part], uvs: Sequence[F32]) -> Scene:
+    """The scene with lit ``parts`` at its end, and its own parts in their shadow.
+
+    Args:
+        scene: without the objects.
+        room: what the objects find in it.
+        objects: the faces and light maps of ``parts``.
+        parts: one per light map of ``objects``.
+        uvs: for each part (F, 3, 2) places in its light map, 0 to 1.
+    """
     gathered = gather_light(objects, room)
     # The objects throw light on the room and take light from it; they stand in what is left of it.
     first = light_on(objects, room.dim, gathered)
     around, ratio = shadowed(scene.parts, room, objects, first)
     cells = light_on(objects, replace(room.dim, light=room.dim.light * ratio), gathered)
     lit = []
-    for number, (part, layout) in enumerate(zip(parts, layouts, strict=True)):
-        uv = (layout.uv / np.array([layout.width, layout.height])).astype(np.float32)
-        texels = np.minimum(objects.sheet.image(number, cells), 6e4).astype(np.float16)
+    for number, (part, uv) in enumerate(zip(parts, uvs, strict=True)):
+        texels = np.minimum(objects.sheet.image(number, cells), _BRIGHTEST).astype(np.float16)
         lit.append(replace(part, light=LightMap(uv, texels)))
     return replace(scene, parts=around + tuple(lit))
+
+
+def uv_of(layout: Layout) -> F32:
+    """(F, 3, 2) float32 the layout's places in its light map, 0 to 1."""
+    return np.asarray((layout.uv / np.array([layout.width, layout.height])).astype(np.float32))
+
+
+def texel_size(sides: NDArray[np.float64], texels: int) -> float:
+    """Side of a texel, metres, with which faces get about ``texels`` texels, within limits.
+
+    Args:
+        sides: (F, 2, 3) two sides of each face, metres.
+        texels: for all faces together.
+    """
+    area = float(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum()) / 2
+    return float(np.clip(np.sqrt(area / texels), _FINEST, _COARSEST))
 
 
 def _prepare(parts: tuple[Part, ...]) -> tuple[Objects, list[Layout]]:
     """The parts with their layouts."""
     surfaces = Surfaces.of(parts)
     corners = surfaces.triangles.astype(np.float64)
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
-    texel = float(np.clip(np.sqrt(area / _TEXELS), _FINEST, _COARSEST))
+    texel = texel_size(corners[:, 1:] - corners[:, :1], _TEXELS)
     layouts = [unwrap(part.mesh.positions, texel) for part in parts]
-    sheet = Sheet.of(layouts)
-    return Objects(surfaces, sheet, rasterise(surfaces, sheet), Tracer(surfaces.triangles)), layouts
+    return Objects.of(surfaces, Sheet.of(layouts)), layouts
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from generators.core.rays import Tracer
 from generators.core.scene import F32, I32, Part
 from generators.core.tone import inverse_tone_curve
 from generators.lighting.gather import cells_at
-from generators.lighting.surfaces import TEXTURE_LIMIT, Surfaces, Tracer, albedo_at
+from generators.lighting.surfaces import TEXTURE_LIMIT, Surfaces, albedo_at
 from generators.lighting.texels import Sheet
 from generators.lighting.unwrap import Layout
 

@@ -9,22 +9,19 @@ map, whose texels keep their sampling patterns: nothing flickers while it moves.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from generators.core.boxes import UprightBox
-from generators.core.scene import F32, LightMap, Mesh, Part, Scene
-from generators.lighting.insertion import gather_light, light_on
-from generators.lighting.shadowing import shadowed
-from generators.lighting.surfaces import Surfaces, Tracer
+from generators.core.scene import F32, Mesh, Part, Scene
+from generators.lighting.insertion import light_parts, texel_size, uv_of
+from generators.lighting.surfaces import Surfaces
 from generators.lighting.surroundings import Objects, Surroundings
-from generators.lighting.texels import Sheet, rasterise
+from generators.lighting.texels import Sheet
 from generators.lighting.unwrap import Layout, unwrap
 
-#: The object gets about this many texels, within the limits of size that follow (metres).
+#: The object gets about this many texels: fewer than objects that stand, for they are lit again in every frame.
 _TEXELS = 8000
-_FINEST, _COARSEST = 0.008, 0.025
 
 
 class MovingLight:
@@ -43,26 +40,16 @@ class MovingLight:
         self._room = Surroundings.of(scene, [around])
         layout = _layout(mesh)
         self._sheet = Sheet.of([layout])
-        self._uv = (layout.uv / np.array([layout.width, layout.height])).astype(np.float32)
+        self._uv = uv_of(layout)
 
     def at(self, part: Part) -> Scene:
         """The scene with the object, ``part`` where it is now, as the last of its parts."""
-        room = self._room
-        surfaces = Surfaces.of((part,))
-        texels = rasterise(surfaces, self._sheet)
-        objects = Objects(surfaces, self._sheet, texels, Tracer(surfaces.triangles))
-        gathered = gather_light(objects, room)
-        # It throws light on the room and takes light from it; it stands in what is left of it.
-        first = light_on(objects, room.dim, gathered)
-        around, ratio = shadowed(self._scene.parts, room, objects, first)
-        cells = light_on(objects, replace(room.dim, light=room.dim.light * ratio), gathered)
-        light = LightMap(self._uv, np.minimum(self._sheet.image(0, cells), 6e4).astype(np.float16))
-        return replace(self._scene, parts=(*around, replace(part, light=light)))
+        objects = Objects.of(Surfaces.of((part,)), self._sheet)
+        return light_parts(self._scene, self._room, objects, (part,), (self._uv,))
 
 
 def _layout(mesh: Mesh) -> Layout:
     """The light map of a mesh in its own frame: the same wherever it stands."""
     corners: F32 = mesh.positions
     sides = (corners[:, 1:] - corners[:, :1]).astype(np.float64)
-    area = float(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum()) / 2
-    return unwrap(corners, float(np.clip(np.sqrt(area / _TEXELS), _FINEST, _COARSEST)))
+    return unwrap(corners, texel_size(sides, _TEXELS))

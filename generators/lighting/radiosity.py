@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from generators.core.jit import njit
 from generators.core.low_discrepancy import PATTERNS, TILE, cosine_directions
+from generators.core.rays import Tracer
 from generators.core.scene import F32, I32
 from generators.lighting.direct import LOBE
 from generators.lighting.gather import CHUNK, cells_at, hemisphere_rays
-from generators.lighting.surfaces import Surfaces, Tracer, in_chunks
+from generators.lighting.surfaces import Surfaces, in_chunks
 from generators.lighting.texels import Sheet, Texels
 
 _MOST_BOUNCES = 64

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from generators.core.jit import njit
 from generators.core.low_discrepancy import PATTERNS, net, square_points
+from generators.core.rays import Tracer
 from generators.core.scene import F32, I32
 from generators.lighting.direct import LOBE
 from generators.lighting.emitters import face_areas, face_groups
-from generators.lighting.surfaces import Surfaces, Tracer
+from generators.lighting.surfaces import Surfaces
 
 #: Radiance of a white surface that faces the sun, over that of the brightest window pane.
 _SUN_STRENGTH = 1.5

@@ -1,4 +1,4 @@
-"""All faces of a set of parts as flat arrays, and the ray tracer over them."""
+"""All faces of a set of parts as flat arrays."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
 from generators.core.jit import njit
@@ -149,32 +147,6 @@ def albedo_at(surfaces: Surfaces, face: I32, v: F32, w: F32) -> F32:
     out = np.empty((len(face), 3), dtype=np.float32)
     _albedo(face, v, w, surfaces.uv, surfaces.material, surfaces.colour, surfaces.image, surfaces.pixels, out)
     return out
-
-
-class Tracer:
-    """Embree over a set of triangles; safe to call from several threads at once."""
-
-    def __init__(self, triangles: F32) -> None:
-        self._scene = EmbreeScene()
-        self._mesh = TriangleMesh(self._scene, np.ascontiguousarray(triangles, dtype=np.float32))
-        # The first query builds the tree: it must not happen in two threads at once.
-        self._scene.run(np.zeros((1, 3), dtype=np.float32), np.array([[0, 0, 1]], dtype=np.float32), query="OCCLUDED")
-
-    def intersect(self, origins: F32, directions: F32, far: F32 | None = None) -> dict[str, Any]:
-        """First hits: ``primID`` (-1 where none), barycentric ``u`` and ``v``, distance ``tfar`` in direction lengths.
-
-        Args:
-            origins: (N, 3) float32.
-            directions: (N, 3) float32, any length.
-            far: (N,) float32, how far to look; everywhere if missing.
-        """
-        hits: dict[str, Any] = self._scene.run(origins, directions, far, query="INTERSECT", output=True)
-        return hits
-
-    def occluded(self, origins: F32, directions: F32, far: F32) -> NDArray[np.bool_]:
-        """(N,) whether anything is met before ``far`` direction lengths."""
-        found = self._scene.run(origins, directions, far, query="OCCLUDED")
-        return np.asarray(found >= 0)
 
 
 def in_chunks(work: Callable[[int, int], None], count: int, chunk: int, workers: int) -> None:

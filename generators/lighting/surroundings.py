@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generators.core.low_discrepancy import cosine_directions
+from generators.core.rays import Tracer
 from generators.core.scene import F32, I32, Scene
 from generators.lighting.direct import LOBE, shadow_rays
 from generators.lighting.emitters import BRIGHT, Emitters, bright_patches, find_emitters
 from generators.lighting.lit_scene import LitScene
 from generators.lighting.sun import Sun, find_sun
-from generators.lighting.surfaces import Surfaces, Tracer
+from generators.lighting.surfaces import Surfaces
 from generators.lighting.texels import Sheet, Texels, rasterise
 
 #: Rays over the hemisphere, and targets on each emitter, per texel.
@@ -42,6 +43,11 @@ class Objects:
     sheet: Sheet
     texels: Texels
     tracer: Tracer
+
+    @classmethod
+    def of(cls, surfaces: Surfaces, sheet: Sheet) -> Objects:
+        """Objects with these faces and light maps."""
+        return cls(surfaces, sheet, rasterise(surfaces, sheet), Tracer(surfaces.triangles))
 
     def boxes(self) -> list[F32]:
         """(2, 3) bounds of each of them."""

@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
-from generators.core.freespace import CELL, FreeSpace, Navigable, triangles_near
+from generators.core.freespace import CELL, FreeSpace, Navigable
 from generators.core.rays import RayCaster
-from generators.core.scene import Scene
 from generators.paths import gaze
 from generators.paths.gaze import Sight, Views
 from generators.paths.motion import Motion
@@ -28,6 +27,7 @@ from generators.paths.tours import LOOKS, OBJECT_DISTANCE, Tours, best_piece, di
 from generators.paths.walk_report import WalkReport
 from generators.paths.watcher import Watcher, watchers
 from generators.placement.placement import Placement
+from generators.placement.site import Site
 
 Array = NDArray[np.float64]
 
@@ -42,74 +42,67 @@ _LEAST_AREA = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Walk:
-    """Poses and what they amount to."""
+class WalkTask:
+    """A room to walk through, and what to look at there.
 
-    poses: tuple[Pose, ...]
-    report: WalkReport
-
-
-def walk(
-    scene: Scene,
-    room: str,
-    placements: Sequence[Placement],
-    *,
-    frames: int = 120,
-    height: float = 1.5,
-    hfov: float = 90.0,
-    rng: Generator,
-    motion: Motion | None = None,
-    navigable: Navigable | None = None,
-) -> tuple[tuple[Pose, ...], tuple[str, ...]]:
-    """Poses of the agent and notes on what could not be had as asked; see `plan_walk`."""
-    result = plan_walk(
-        scene, room, placements, frames=frames, height=height, hfov=hfov, rng=rng, motion=motion, navigable=navigable
-    )
-    relaxed = tuple(placement.relaxed for placement in placements if placement.relaxed)
-    return result.poses, (*relaxed, *result.report.notes)
-
-
-def plan_walk(
-    scene: Scene,
-    room: str,
-    placements: Sequence[Placement],
-    *,
-    frames: int = 120,
-    height: float = 1.5,
-    hfov: float = 90.0,
-    rng: Generator,
-    motion: Motion | None = None,
-    navigable: Navigable | None = None,
-    watched: Sequence[int] | None = None,
-) -> Walk:
-    """Walk through ``room`` past all placed objects, none of which is preferred.
-
-    Args:
-        scene: the home without the placed objects.
-        room: name of the room.
+    Attributes:
+        site: the room, measured without the placed objects.
         placements: what was placed in it.
         frames: number of poses.
         height: of the sensor above the floor, metres.
         hfov: field of view of the (square) camera, degrees.
-        rng: the only source of randomness.
         motion: of the object that moves, if one does; it lasts ``frames`` seconds.
         navigable: what a renderer's own navigation mesh says of points on the floor; the walk keeps to both.
         watched: indices of the placements that the walk is planned for; None: all of them. Anything else tells
             something about them: it is for experiments on that (benchmarks/leaks.py), and no generator uses it.
+    """
+
+    site: Site
+    placements: Sequence[Placement]
+    frames: int = 120
+    height: float = 1.5
+    hfov: float = 90.0
+    motion: Motion | None = None
+    navigable: Navigable | None = None
+    watched: Sequence[int] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """Poses and what they amount to.
+
+    Attributes:
+        poses: of the agent, one per frame.
+        report: what the poses show of each placed object.
+        notes: constraints that were relaxed, of the placements and of the walk.
+    """
+
+    poses: tuple[Pose, ...]
+    report: WalkReport
+    notes: tuple[str, ...]
+
+
+def plan_walk(task: WalkTask, rng: Generator) -> Walk:
+    """Walk through a room past all placed objects, none of which is preferred.
+
+    Args:
+        task: the room and the objects.
+        rng: the only source of randomness.
 
     Returns:
-        Poses in free space at ``height``, pairwise distinct, with steps of at most 0.5 m and turns of at most 30°.
+        Poses in free space at the sensor's height, pairwise distinct, with steps of at most `MOST_STEP` metres and
+        turns of at most `MOST_TURN` degrees.
 
     Raises:
         Avs3dError: if nothing was placed, ``frames`` is less than 1, or the room is too small to walk in.
     """
-    name = f"{scene.name}/{room}"
+    name, placements, frames, motion = task.site.name, task.placements, task.frames, task.motion
     if not placements or frames < 1:
         raise Avs3dError(f"{name}: {len(placements)} objects and {frames} frames; expected at least one of each")
-    space, caster = _floor(scene, room, placements, motion, height, navigable)
-    extent = math.tan(math.radians(hfov) / 2)
-    everyone = watchers(caster, placements, motion, frames=frames, eye=space.floor + height, extent=extent)
-    chosen = everyone if watched is None else tuple(everyone[index] for index in watched)
+    space, caster = _floor(task)
+    extent = math.tan(math.radians(task.hfov) / 2)
+    everyone = watchers(caster, placements, motion, frames=frames, eye=space.floor + task.height, extent=extent)
+    chosen = everyone if task.watched is None else tuple(everyone[index] for index in task.watched)
     piece = best_piece(space, chosen, _LEAST_AREA)
     if piece is None:
         raise Avs3dError(
@@ -129,26 +122,21 @@ def plan_walk(
     if motion is not None:
         check_distance(poses, motion, name)
     sights = [watcher.sight(eyes[:, [0, 2]]) for watcher in everyone]
-    return Walk(poses, WalkReport.of(sights, yaw, pitch, piece))
+    report = WalkReport.of(sights, yaw, pitch, piece)
+    relaxed = tuple(placement.relaxed for placement in placements if placement.relaxed)
+    return Walk(poses, report, (*relaxed, *report.notes))
 
 
-def _floor(
-    scene: Scene,
-    room: str,
-    placements: Sequence[Placement],
-    motion: Motion | None,
-    height: float,
-    navigable: Navigable | None,
-) -> tuple[FreeSpace, RayCaster]:
+def _floor(task: WalkTask) -> tuple[FreeSpace, RayCaster]:
     """Where the agent may walk, and rays against the room and everything that stands in it."""
-    box = scene.room(room)
-    standing = [p for index, p in enumerate(placements) if motion is None or index != motion.index]
-    triangles = np.concatenate([triangles_near(scene, [(box.low, box.high)]), *(p.mesh.positions for p in standing)])
+    site, motion = task.site, task.motion
+    standing = [p for index, p in enumerate(task.placements) if motion is None or index != motion.index]
+    triangles = np.concatenate([site.triangles, *(p.mesh.positions for p in standing)])
     caster = RayCaster(triangles)
-    space = FreeSpace.of(scene, room, triangles=triangles, caster=caster, height=height)
+    space = FreeSpace.of(site.scene, site.room.name, triangles=triangles, caster=caster, height=task.height)
     # A pose may be anywhere in a cell whose centre is walkable: half a diagonal more.
     space = space.without([p.box.footprint for p in standing], OBJECT_DISTANCE + CELL * math.sqrt(0.5))
-    return space if navigable is None else space.within(navigable), caster
+    return space if task.navigable is None else space.within(task.navigable), caster
 
 
 def _search(

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from avs3d_bench.errors import Avs3dError
 from generators.core.boxes import UprightBox, yaw_matrix
-from generators.core.scene import Mesh, Part, Scene, Support, SupportKind
+from generators.core.scene import Mesh, Part, Support, SupportKind
 from generators.placement.fitting import Body, Fitting, front_points
 from generators.placement.site import Site
 from generators.placement.spots import Spot, against_wall, on_top, on_wall, open_floor
@@ -132,15 +132,14 @@ class Placement:
         return Part(name, self.mesh, instance_id=instance_id, category=model.category, licence=model.licence)
 
 
-def place(scene: Scene, room: str, models: Sequence[Model], *, rng: Generator) -> tuple[Placement, ...]:
+def place(site: Site, models: Sequence[Model], *, rng: Generator) -> tuple[Placement, ...]:
     """Find places for all objects of an observation.
 
     The order of ``models`` does not influence the places: copies of one model are placed first, the others in an order
     that is drawn, so that no model has a right before another.
 
     Args:
-        scene: the home, without objects.
-        room: name of the room.
+        site: the room, measured without the objects.
         models: one per object; a model that is listed several times stands there in as many identical copies.
         rng: the only source of randomness.
 
@@ -151,9 +150,9 @@ def place(scene: Scene, room: str, models: Sequence[Model], *, rng: Generator) -
         Avs3dError: one line with the category, the room, what failed how often, and what to do.
     """
     if not models:
-        raise Avs3dError(f"{scene.name}/{room}: no objects to place; expected at least one")
+        raise Avs3dError(f"{site.name}: no objects to place; expected at least one")
     groups = _groups(models)
-    placer = Placer(Site.of(scene, room))
+    placer = Placer(site)
     found: dict[int, list[Placement]] = {}
     for attempt in range(_ATTEMPTS):
         last = attempt == _ATTEMPTS - 1

@@ -15,7 +15,7 @@ import numpy as np
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.core.freespace import Navigable
-from generators.core.rays import CHUNK, embree_scene, repeated
+from generators.core.rays import CHUNK, Tracer, repeated
 from generators.core.scene import LightMap, Material, Part, Scene, Texture
 from generators.core.tone import WHITE, srgb_table, tone_table
 from generators.vision.base import Frame
@@ -70,8 +70,8 @@ class EmbreeSession:
         self._intrinsics = intrinsics
         tables, triangles = build_tables(scene)
         self._tables = tables
-        self._embree = embree_scene(triangles)
-        self._thin = triangles[thin_faces(triangles, tables.normal, self._embree)]
+        self._tracer: Tracer | None = Tracer(triangles)
+        self._thin = triangles[thin_faces(triangles, tables.normal, self._tracer)]
         self._tone = tone_table()
         self._srgb = srgb_table()
         self._rows = max(1, CHUNK // intrinsics.width)
@@ -90,15 +90,15 @@ class EmbreeSession:
         Raises:
             Avs3dError: if the session has been closed.
         """
-        if self._embree is None:
+        if self._tracer is None:
             raise Avs3dError("the renderer's session is closed; open the scene again")
         width, height = self._intrinsics.width, self._intrinsics.height
         view = self._view(pose)
         rgb = np.empty((height * width, 3), dtype=np.uint8)
         depth = np.empty(height * width, dtype=np.float32)
         ids = np.empty(height * width, dtype=np.uint16)
-        self._shoot_centres(view, rgb, depth, ids)
-        self._refine_edges(view, rgb, depth)
+        self._shoot_centres(self._tracer, view, rgb, depth, ids)
+        self._refine_edges(self._tracer, view, rgb, depth)
         return Frame(
             rgb=rgb.reshape(height, width, 3),
             depth=depth.reshape(height, width),
@@ -113,8 +113,8 @@ class EmbreeSession:
 
     def close(self) -> None:
         """Free what the session holds; closing twice is fine."""
-        if self._embree is not None:
-            self._embree = None
+        if self._tracer is not None:
+            self._tracer = None
             del self._tables, self._thin
 
     def _view(self, pose: Pose) -> View:
@@ -130,7 +130,7 @@ class EmbreeSession:
             height=camera.height,
         )
 
-    def _shoot_centres(self, view: View, rgb: np.ndarray, depth: np.ndarray, ids: np.ndarray) -> None:
+    def _shoot_centres(self, tracer: Tracer, view: View, rgb: np.ndarray, depth: np.ndarray, ids: np.ndarray) -> None:
         """One ray through the centre of each pixel; fills the whole frame and ``self._face``."""
         kernels, tables = self._kernels, self._tables
         for first in range(0, view.height, self._rows):
@@ -139,14 +139,14 @@ class EmbreeSession:
             block = slice(first * view.width, first * view.width + count)
             directions, light = self._directions[:count], self._light[:count]
             kernels.centre_directions(view, first, rows, directions)
-            hit = self._embree.run(repeated(view.origin, count), directions, query="INTERSECT", output=True)
+            hit = tracer.intersect(repeated(view.origin, count), directions)
             face = hit["primID"]
             self._face[block] = face
             kernels.write_geometry(face, hit["tfar"], tables, depth[block], ids[block])
             self._shade(hit, directions, view, 1.0, light)
             kernels.encode(light.reshape(-1), self._srgb, rgb[block].reshape(-1))
 
-    def _refine_edges(self, view: View, rgb: np.ndarray, depth: np.ndarray) -> None:
+    def _refine_edges(self, tracer: Tracer, view: View, rgb: np.ndarray, depth: np.ndarray) -> None:
         """Shoot the pixels at edges again and average."""
         kernels, tables = self._kernels, self._tables
         marks = np.zeros(len(rgb), dtype=np.uint8)
@@ -160,7 +160,7 @@ class EmbreeSession:
             count = len(chunk) * samples
             directions, light = self._directions[:count], self._light[:count]
             kernels.sub_pixel_directions(view, chunk, SUB_PIXELS, directions)
-            hit = self._embree.run(repeated(view.origin, count), directions, query="INTERSECT", output=True)
+            hit = tracer.intersect(repeated(view.origin, count), directions)
             self._shade(hit, directions, view, 0.5, light)
             kernels.average(light, samples, self._srgb, chunk, rgb)
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from generators.core.rays import CHUNK
+from generators.core.rays import CHUNK, Tracer
 from generators.core.scene import F32
 
 #: Solids and gaps narrower than this, in metres, can fall between two rays: a pixel of a 1008-pixel, 90° camera
@@ -27,7 +25,7 @@ SUB_PIXELS: NDArray[np.float64] = (
 ) / 16
 
 
-def thin_faces(triangles: F32, normals: F32, embree: Any) -> NDArray[np.bool_]:
+def thin_faces(triangles: F32, normals: F32, tracer: Tracer) -> NDArray[np.bool_]:
     """Which faces bound a thin solid or a narrow gap: wires, rims, boards, joints.
 
     Measured with one ray from the middle of each face into the solid and one out of it. The rounded edge of a big box
@@ -36,7 +34,7 @@ def thin_faces(triangles: F32, normals: F32, embree: Any) -> NDArray[np.bool_]:
     Args:
         triangles: (F, 3, 3) metres.
         normals: (F, 3) unit normals.
-        embree: the Embree scene of ``triangles``.
+        tracer: over ``triangles``.
 
     Returns:
         (F,) bool.
@@ -50,7 +48,7 @@ def thin_faces(triangles: F32, normals: F32, embree: Any) -> NDArray[np.bool_]:
             along = np.float32(sign) * normal
             start = np.ascontiguousarray(middle + np.float32(_LIFT) * along)
             reach = np.full(len(along), limit, dtype=np.float32)
-            out[block] |= embree.run(start, along, reach, query="OCCLUDED") >= 0
+            out[block] |= tracer.occluded(start, along, reach)
     # A face without area has no normal, hence no direction to measure along.
     out &= normals.any(axis=1)
     return out
