@@ -7,22 +7,16 @@ free clears the rest away (and puts the old folder back, should the exchange its
 
 from __future__ import annotations
 
-import errno
 import os
 import shutil
 import socket
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.file_lock import open_locked
 from avs3d_bench.files import os_error_line
-
-#: What file systems without locks answer (some of clusters and networks).
-_NO_LOCKS = (errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK)
-#: How often to try again when the last holder clears away what we are about to lock.
-_TRIES = 20
 
 
 @contextmanager
@@ -76,48 +70,15 @@ def _put_back(previous: Path, final: Path) -> None:
 
 def hold(partial: Path, path: str | Path) -> int:
     """Make and lock the folder ``partial``; the lock lasts until the descriptor is closed or the process ends."""
-    file = partial / "lock"
-    for _ in range(_TRIES):
-        partial.mkdir(parents=True, exist_ok=True)
-        try:
-            handle = os.open(file, os.O_RDWR | os.O_CREAT)
-        except FileNotFoundError:
-            continue
-        try:
-            if try_lock(handle) is False:  # without locks, two writers of one folder are not kept apart
-                holder = os.read(handle, 200).decode(errors="replace").strip() or "another process"
-                raise Avs3dError(f"{path}: {holder} is writing it; wait for that to end or choose another folder")
-            # The last holder may have removed the file between our opening and locking it.
-            if file.exists() and os.path.samestat(os.fstat(handle), file.stat()):
-                os.ftruncate(handle, 0)
-                os.write(handle, f"process {os.getpid()} on {socket.gethostname()}\n".encode())
-                return handle
-        except BaseException:
-            os.close(handle)
-            raise
-        os.close(handle)
-    raise Avs3dError(f"{path}: others keep writing it; choose another folder")
 
+    def refuse(handle: int, locked: bool | None) -> None:
+        if locked is False:  # without locks, two writers of one folder are not kept apart
+            holder = os.read(handle, 200).decode(errors="replace").strip() or "another process"
+            raise Avs3dError(f"{path}: {holder} is writing it; wait for that to end or choose another folder")
 
-def try_lock(handle: int) -> bool | None:
-    """Lock an open file for this process alone (flock), without waiting.
-
-    Returns:
-        True: locked until it is closed or the process ends; False: another holds it; None: there are no locks here.
-
-    Raises:
-        OSError: if the system refuses for another reason.
-    """
-    if sys.platform == "win32":
-        return None
-    import fcntl
-
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError as error:
-        if error.errno not in _NO_LOCKS:
-            raise
-        return None
-    return True
+    handle = open_locked(partial / "lock", refuse)
+    if handle is None:
+        raise Avs3dError(f"{path}: others keep writing it; choose another folder")
+    os.ftruncate(handle, 0)
+    os.write(handle, f"process {os.getpid()} on {socket.gethostname()}\n".encode())
+    return handle

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, Protocol
@@ -31,11 +30,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench import layout
-from avs3d_bench.dataset import Dataset, Frame, Observation
+from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.parallel import process_each
-from avs3d_bench.provenance import provenance
-from avs3d_bench.schema import ProvenanceRecord
+from avs3d_bench.method import Method, write_submission
 from avs3d_bench.submission import SubmissionWriter, frame_size
 from baselines.networks.checkpoints import find_checkpoint, has_package, loading, require_packages
 from baselines.networks.device import enough_memory, inference, pick_device
@@ -244,19 +241,5 @@ def write_denseav(
         UsageError: if no observation matches, or the target is not free.
         Avs3dError: if a file is missing or damaged, memory runs out, or the system refuses.
     """
-    only = tuple(only)
-    notes = model.notes + (f"; only {' '.join(only)}" if only else "")
-    made_by = ProvenanceRecord.of(provenance("baselines.denseav:write_denseav"))
-    with SubmissionWriter(
-        path, dataset, method="DenseAV", notes=notes, provenance=made_by, only=only, overwrite=overwrite
-    ) as writer:
-        job = partial(_write_observation, writer, model)
-        for _ in process_each(job, writer.observations, workers=1, label="DenseAV", progress=progress):
-            pass
-    return writer
-
-
-def _write_observation(writer: SubmissionWriter, model: DenseAv, observation: Observation) -> None:
-    frames = observation.test
-    for frame, mask in zip(frames, model.masks(frames), strict=True):
-        writer.write_mask(frame, mask)
+    method = Method("DenseAV", model.masks, notes=model.notes, entry="baselines.denseav:write_denseav")
+    return write_submission(dataset, path, method, only=only, overwrite=overwrite, progress=progress)

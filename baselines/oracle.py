@@ -7,7 +7,7 @@ them sounds.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Literal
@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import UsageError
-from avs3d_bench.parallel import process_each
-from avs3d_bench.provenance import provenance
-from avs3d_bench.schema import InstanceRecord, ObservationRecord, ProvenanceRecord
-from avs3d_bench.submission import SubmissionFolder, SubmissionWriter, frame_size
+from avs3d_bench.method import Method, write_submission
+from avs3d_bench.schema import InstanceRecord, ObservationRecord
+from avs3d_bench.submission import SubmissionWriter, frame_size
 from baselines.oracle_errors import CONFUSABLE, ErrorModel
 
 Instance = Literal["category", "sounding"]
@@ -192,14 +191,14 @@ def oracle_points(observation: Observation) -> NDArray[np.float32]:
     return (origin[face] + u[:, None] * first[face] + v[:, None] * second[face]).astype(np.float32)
 
 
-def describe(instance: Instance, errors: ErrorModel, points: bool, only: Sequence[str]) -> tuple[str, str]:
+def describe(instance: Instance, errors: ErrorModel, points: bool) -> tuple[str, str]:
     """(method, notes) of submission.json: that this is the truth, and every setting."""
     wrong = "".join(f", {name} {value:g}" for name, value in errors.settings.items())
     notes = (
         f"uses the ground truth of test frames; instance {instance}; errors: {errors} (dilate in pixels at "
         f"{layout.IMAGE_SIZE}); points {f'{POINTS_PER_CM2:g} per cm² of the true mesh' if points else 'none'}"
     )
-    return f"oracle ({instance}{wrong})", notes + (f"; only {' '.join(only)}" if only else "")
+    return f"oracle ({instance}{wrong})", notes
 
 
 def write_oracle(
@@ -235,26 +234,19 @@ def write_oracle(
         Avs3dError: if the dataset is damaged or the system refuses.
     """
     only = tuple(only)
-    method, notes = describe(instance, errors, points, only)
-    made_by = ProvenanceRecord.of(provenance("baselines.oracle:write_oracle"))
-    writer = SubmissionWriter(
-        path, dataset, method=method, notes=notes, truth=TRUTH, provenance=made_by, only=only, overwrite=overwrite
-    )
-    for observation in writer.observations:
+    for observation in dataset.select(*only):
         check_truth(observation, instance=instance, errors=errors, points=points)
-    with writer:
-        job = partial(_write_observation, dataset.root, writer.folder, instance, errors, points)
-        keys = [observation.key for observation in writer.observations]
-        for _ in process_each(job, keys, workers=workers, label="oracle", progress=progress):
-            pass
-    return writer
+    name, notes = describe(instance, errors, points)
+    method = Method(
+        name,
+        partial(_masks, instance, errors),
+        points=oracle_points if points else None,
+        notes=notes,
+        truth=TRUTH,
+        entry="baselines.oracle:write_oracle",
+    )
+    return write_submission(dataset, path, method, only=only, overwrite=overwrite, workers=workers, progress=progress)
 
 
-def _write_observation(
-    root: Path, folder: SubmissionFolder, instance: Instance, errors: ErrorModel, points: bool, key: str
-) -> None:
-    observation = Observation(root, key)
-    for frame in observation.test:
-        folder.write_mask(frame, oracle_mask(frame, instance=instance, errors=errors))
-    if points:
-        folder.write_points(observation, oracle_points(observation))
+def _masks(instance: Instance, errors: ErrorModel, frames: tuple[Frame, ...]) -> Iterator[Mask]:
+    return (oracle_mask(frame, instance=instance, errors=errors) for frame in frames)

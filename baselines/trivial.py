@@ -6,18 +6,16 @@ truth: sizes come from the headers of the input pictures.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench.dataset import Dataset, Observation
-from avs3d_bench.parallel import process_each
-from avs3d_bench.provenance import provenance
-from avs3d_bench.schema import ProvenanceRecord
-from avs3d_bench.submission import SubmissionFolder, SubmissionWriter, frame_size
+from avs3d_bench.dataset import Dataset, Frame
+from avs3d_bench.method import Method, write_submission
+from avs3d_bench.submission import SubmissionWriter, frame_size
 
 Mask = NDArray[np.bool_]
 
@@ -82,19 +80,10 @@ def write_trivial(
         UsageError: if no observation matches, or the target is not free.
         Avs3dError: if a picture is damaged or the system refuses.
     """
-    only = tuple(only)
-    notes = _NOTES[name] + (f"; only {' '.join(only)}" if only else "")
-    made_by = ProvenanceRecord.of(provenance("baselines.trivial:write_trivial"))
-    with SubmissionWriter(
-        path, dataset, method=name, notes=notes, provenance=made_by, only=only, overwrite=overwrite
-    ) as writer:
-        job = partial(_write_observation, writer.folder, TRIVIAL[name])
-        # Writing a uniform mask takes a millisecond: more processes would only take time to start.
-        for _ in process_each(job, writer.observations, workers=1, label=name, progress=progress):
-            pass
-    return writer
+    method = Method(name, partial(_masks, TRIVIAL[name]), notes=_NOTES[name], entry="baselines.trivial:write_trivial")
+    # Writing a uniform mask takes a millisecond: more processes would only take time to start.
+    return write_submission(dataset, path, method, only=only, overwrite=overwrite, progress=progress)
 
 
-def _write_observation(folder: SubmissionFolder, mask_of: Callable[[int, int], Mask], observation: Observation) -> None:
-    for frame in observation.test:
-        folder.write_mask(frame, mask_of(*frame_size(frame)))
+def _masks(mask_of: Callable[[int, int], Mask], frames: tuple[Frame, ...]) -> Iterator[Mask]:
+    return (mask_of(*frame_size(frame)) for frame in frames)

@@ -14,7 +14,8 @@ from avs3d_bench import files
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.layout import is_test
-from avs3d_bench.schema import FrameRecord, ObservationRecord
+from avs3d_bench.levels import ild_db
+from avs3d_bench.schema import ObservationRecord
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -162,7 +163,7 @@ def _map(axes: Any, observation: Observation, record: ObservationRecord) -> None
 def _sound(figure: Any, observation: Observation, record: ObservationRecord) -> None:
     upper, lower = figure.subplots(2, 1)
     times = [frame.time for frame in record.frames]
-    difference = [_ild(frame) for frame in record.frames]
+    difference = [ild_db(frame.rms_left, frame.rms_right) for frame in record.frames]
     azimuth = [frame.azimuth for frame in record.frames]
     upper.axhline(0, color=MUTED, linewidth=0.8)
     upper.bar(times, difference, width=0.9, color=PATH, label="ILD (right − left)")
@@ -191,7 +192,3 @@ def _sound(figure: Any, observation: Observation, record: ObservationRecord) -> 
     lower.set_yticks([0.1, 1, 10], ["0.1", "1", "10"])
     lower.set_xlabel(f"time (s), the first {count} clips as the agent hears them")
     lower.set_ylabel("frequency (kHz)")
-
-
-def _ild(frame: FrameRecord) -> float:
-    return float(20 * np.log10((frame.rms_right + 1e-12) / (frame.rms_left + 1e-12)))

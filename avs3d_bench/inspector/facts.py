@@ -19,10 +19,9 @@ from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.inspector.sound import read_clip
+from avs3d_bench.levels import ild_db, level_db
 from avs3d_bench.schema import AttributionRecord, InstanceRecord, LicenceRecord, unique_attributions
 
-#: Added to amplitudes before a logarithm: digital silence is −240 dB, not −∞.
-_TINY = 1e-12
 #: The object fills at most this share of a thumbnail, so that something of the room is seen.
 _BEST_SHARE = 0.2
 #: Degrees to either side within which the object is not at the edge of the picture.
@@ -148,16 +147,6 @@ def read_facts(dataset: Dataset, observation: Observation) -> Facts:
         has_sound=has_sound,
         has_map=any(moment.position for moment in moments),
     )
-
-
-def ild_db(left: float, right: float) -> float:
-    """Interaural level difference of two RMS values, dB: positive where the right ear is louder."""
-    return 20 * math.log10((right + _TINY) / (left + _TINY))
-
-
-def level_db(left: float, right: float) -> float:
-    """Level of both channels together, dB re full scale."""
-    return 10 * math.log10((left**2 + right**2) / 2 + _TINY**2)
 
 
 def _has(folder: Path, pattern: str, line: str, missing: list[str]) -> bool:

@@ -1,8 +1,8 @@
 """Who holds a folder: one run at a time, on whatever machine it is.
 
-The holder locks the file ``.avs3d-lock`` in the folder (flock, which Linux carries over NFS since 2.6.12) and writes
-into it who it is. The system drops the lock when the process ends, however it ends; the file is removed by its holder,
-and taken over where a killed one has left it. Where a file system has no such locks, the file alone keeps others out.
+The holder locks the file ``.avs3d-lock`` in the folder and writes into it who it is. The system drops the lock when the
+process ends, however it ends; the file is removed by its holder, and taken over where a killed one has left it.
+Where a file system has no locks, the file alone keeps others out.
 """
 
 from __future__ import annotations
@@ -14,8 +14,7 @@ import secrets
 import shlex
 import socket
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from datetime import datetime
@@ -24,13 +23,8 @@ from typing import Any
 
 from avs3d_bench import layout
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.file_lock import open_locked
 from avs3d_bench.files import os_error_line, read_bytes
-from avs3d_bench.staging import try_lock
-
-#: How often to try again when a holder removes the file that we are about to lock.
-_TRIES = 50
-#: Between two looks at whether a lock is free, seconds.
-_PAUSE = 0.2
 
 
 @dataclass(frozen=True)
@@ -93,33 +87,6 @@ def held(root: Path, what: str = "avs3d generate") -> Iterator[Holder]:
         os.close(handle)
 
 
-@contextmanager
-def turn(path: Path, waiting: Callable[[], None] = lambda: None) -> Iterator[None]:
-    """Hold the lock file ``path``, after waiting until no other process holds it; the file stays.
-
-    For what several processes need and one should make, such as compiled kernels: who comes second finds it made.
-    Where files cannot be written or locked there, nobody waits.
-
-    Args:
-        path: of the file; missing folders are made.
-        waiting: called once if another process holds it.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-    except OSError:
-        yield
-        return
-    try:
-        if try_lock(handle) is False:
-            waiting()
-            while try_lock(handle) is False:
-                time.sleep(_PAUSE)
-        yield
-    finally:
-        os.close(handle)
-
-
 def holder_of(root: Path) -> Holder | None:
     """What the lock file in ``root`` says; None if there is none that can be read. It may be of a dead process."""
     try:
@@ -131,26 +98,15 @@ def holder_of(root: Path) -> Holder | None:
 
 def _hold(root: Path, what: str) -> int:
     """Open and lock the lock file; the descriptor."""
-    path = root / layout.LOCK
-    for _ in range(_TRIES):
-        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-        try:
-            if not _lock(handle, root):
-                raise Avs3dError(f"{root}: another {what} is at work in this folder{_who(root)}; wait for it")
-            # Its holder may have removed the file between our opening and locking it.
-            with suppress(FileNotFoundError):
-                if os.path.samestat(os.fstat(handle), path.stat()):
-                    return handle
-        except BaseException:
-            os.close(handle)
-            raise
-        os.close(handle)
-    raise Avs3dError(f"{root}: others keep working in this folder; choose another with -o")
 
+    def refuse(_: int, locked: bool | None) -> None:
+        if locked is False or (locked is None and _said_to_be_held(root)):
+            raise Avs3dError(f"{root}: another {what} is at work in this folder{_who(root)}; wait for it")
 
-def _lock(handle: int, root: Path) -> bool:
-    locked = try_lock(handle)
-    return not _said_to_be_held(root) if locked is None else locked
+    handle = open_locked(root / layout.LOCK, refuse, mode=0o644)
+    if handle is None:
+        raise Avs3dError(f"{root}: others keep working in this folder; choose another with -o")
+    return handle
 
 
 def _said_to_be_held(root: Path) -> bool:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench import layout, media
 from avs3d_bench.dataset import Frame, Split
+from avs3d_bench.levels import ild_db
 from avs3d_bench.report import Severity
 from avs3d_bench.validation.findings import Findings, read
 
@@ -75,7 +76,7 @@ def check_levels(frames: tuple[Frame, ...], clips: list[Sound | None], findings:
         if entry is None or clip is None or not entry.line_of_sight or not low < abs(entry.azimuth) < high:
             continue
         judged += 1
-        level = 20 * np.log10(max(clip.rms[1], SILENCE) / max(clip.rms[0], SILENCE)) * np.sign(entry.azimuth)
+        level = ild_db(*(max(rms, SILENCE) for rms in clip.rms)) * np.sign(entry.azimuth)
         if level < -ILD_SURE and ILD_LATERAL[0] <= abs(entry.azimuth) <= ILD_LATERAL[1]:
             text = f"the ear away from the source is {-level:.1f} dB louder, at {entry.azimuth:.0f}° in line of sight"
             findings.add(layout.audio_path(layout.BINAURAL, frame.index), f"{text}: are the channels swapped?")

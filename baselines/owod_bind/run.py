@@ -15,9 +15,8 @@ from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import dump_json, read_json, write_json
 from avs3d_bench.media import write_png_mask
+from avs3d_bench.method import Method, write_submission
 from avs3d_bench.parallel import process_each
-from avs3d_bench.provenance import provenance
-from avs3d_bench.schema import ProvenanceRecord
 from avs3d_bench.submission import SubmissionWriter
 from baselines.networks.checkpoints import find_checkpoint, has_package, require_packages
 from baselines.networks.device import enough_memory, inference, pick_device
@@ -207,26 +206,13 @@ def write_owod_bind(
         UsageError: if no observation matches, or the target is not free.
         Avs3dError: if a file is missing or damaged, memory runs out, or the system refuses.
     """
-    only = tuple(only)
-    notes = model.notes + (f"; only {' '.join(only)}" if only else "")
-    made_by = ProvenanceRecord.of(provenance("baselines.owod_bind.run:write_owod_bind"))
-    with SubmissionWriter(
-        path, dataset, method=model.method, notes=notes, provenance=made_by, only=only, overwrite=overwrite
-    ) as writer:
-        job = partial(_write_masks, writer, model)
-        frames = [frame for observation in writer.observations for frame in observation.test]
-        for _ in process_each(job, _batches(frames), workers=1, label="OWOD-BIND", progress=progress):
-            pass
-    return writer
+    entry = "baselines.owod_bind.run:write_owod_bind"
+    method = Method(model.method, model.masks_of, notes=model.notes, entry=entry, batch=BATCH)
+    return write_submission(dataset, path, method, only=only, overwrite=overwrite, progress=progress)
 
 
 def _batches(frames: list[Frame]) -> list[tuple[Frame, ...]]:
     return [tuple(frames[start : start + BATCH]) for start in range(0, len(frames), BATCH)]
-
-
-def _write_masks(writer: SubmissionWriter, model: OwodBind, frames: tuple[Frame, ...]) -> None:
-    for frame, mask in zip(frames, model.masks_of(frames), strict=True):
-        writer.write_mask(frame, mask)
 
 
 def write_mask_folder(

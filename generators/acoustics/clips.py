@@ -197,15 +197,6 @@ def rms(clip: NDArray[np.floating]) -> NDArray[np.float64]:
     return np.asarray(np.sqrt(np.mean(np.square(np.asarray(clip, dtype=np.float64)), axis=-1)))
 
 
-def ild_db(clip: NDArray[np.floating]) -> float:
-    """Interaural level difference of a binaural clip (2, n) in dB: level(right) − level(left); 0 for silence."""
-    left, right = rms(clip)
-    if left == 0 and right == 0:
-        return 0.0
-    with np.errstate(divide="ignore"):
-        return float(20 * (np.log10(right) - np.log10(left)))
-
-
 def check_clip(clip: NDArray[np.floating], where: str) -> None:
     """Refuse a clip that is not finite, clips, or is silent.
 

@@ -10,7 +10,6 @@ its bytes.
 from __future__ import annotations
 
 import os
-import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -18,6 +17,7 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.file_lock import turn
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -70,17 +70,7 @@ def inline(function: F) -> F:
 def compile_lock() -> Iterator[None]:
     """Let one process at a time compile; the others then load what it has cached.
 
-    Advisory, by a lock on a file of the cache folder, which the system drops when the process ends. Where the platform
-    has no such locks nothing is guarded: compiling twice costs time, not correctness.
+    Where the cache folder has no locks nothing is guarded: compiling twice costs time, not correctness.
     """
-    if sys.platform == "win32":
+    with turn(CACHE_FOLDER / "compile.lock"):
         yield
-        return
-    import fcntl
-
-    with (CACHE_FOLDER / "compile.lock").open("w") as handle:
-        fcntl.flock(handle, fcntl.LOCK_EX)
-        try:
-            yield
-        finally:
-            fcntl.flock(handle, fcntl.LOCK_UN)

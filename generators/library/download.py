@@ -7,7 +7,6 @@ RFC 9110: Range and If-Range (§14.2, §13.1.5: strong validators only). A file 
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import hashlib
 import json
 import os
@@ -20,6 +19,7 @@ from typing import IO, Any
 
 from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.file_lock import open_locked
 from generators.library.http import (
     MEGABYTE,
     CutError,
@@ -35,6 +35,9 @@ from generators.library.http import (
 )
 
 __all__ = ["Delivered", "download"]
+
+#: How often to try to hold a part file that another process renames or clears away.
+_TRIES = 100
 
 
 @dataclass(frozen=True)
@@ -223,24 +226,14 @@ def _too_large(request: Request, found: int | None, limits: Limits) -> Avs3dErro
 @contextlib.contextmanager
 def _hold(part: Path, request: Request) -> Iterator[IO[bytes]]:
     """The part file, open and held against a second process that fetches the same."""
-    for trial in range(100):
-        try:
-            part.parent.mkdir(parents=True, exist_ok=True)
-            # Unbuffered: a buffer would hide a full disk until the file is closed.
-            stream = open(os.open(part, os.O_RDWR | os.O_CREAT, 0o666), "r+b", buffering=0)  # noqa: SIM115  # closed below
-        except FileNotFoundError:
-            # The other one has just tidied up the folder, empty as it was.
-            if trial == 99:
-                raise
-            continue
-        try:
-            try:
-                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise Avs3dError(f"{request.what}: another avs3d is fetching it; wait for that one") from None
-            # The other one may have given the file its final name between our opening and our hold: look again.
-            if part.exists() and os.path.samestat(os.fstat(stream.fileno()), os.stat(part)):
-                yield stream
-                return
-        finally:
-            stream.close()
+
+    def refuse(_: int, locked: bool | None) -> None:
+        if locked is False:
+            raise Avs3dError(f"{request.what}: another avs3d is fetching it; wait for that one")
+
+    handle = open_locked(part, refuse, tries=_TRIES)
+    if handle is None:
+        raise Avs3dError(f"{request.what}: another avs3d keeps fetching it; wait for that one")
+    # Unbuffered: a buffer would hide a full disk until the file is closed.
+    with open(handle, "r+b", buffering=0) as stream:
+        yield stream

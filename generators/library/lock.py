@@ -6,7 +6,6 @@ depends on when or where it was written.
 
 from __future__ import annotations
 
-import fcntl
 import os
 import re
 import time
@@ -22,12 +21,15 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError, excerpt
+from avs3d_bench.file_lock import lock_now
 from avs3d_bench.taxonomy import check_category
 from avs3d_bench.yamlfile import parse_yaml, read_data, step
 
 LOCK_NAME = "assets.lock.yaml"
 #: Seconds that a process waits while another one writes the lock file.
 PATIENCE = 60.0
+#: Between two looks at whether it is done (s).
+_PAUSE = 0.02
 _HEADER = (
     "# Written by `avs3d assets`. Every asset that is not made here: source, author, licence, hash, how it stands.\n"
 )
@@ -243,22 +245,22 @@ def _turn(path: Path) -> Iterator[None]:
         folder = True
         while True:
             try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                break
+                locked = lock_now(handle)
             except OSError as error:
-                if not isinstance(error, BlockingIOError):
-                    if not folder:
-                        raise Avs3dError(files.os_error_line(error, beside, "hold")) from error
-                    folder = False
-                    other = _opened(beside, path)
-                    os.close(handle)
-                    handle = other
-                    continue
-                if time.monotonic() > end:
-                    raise Avs3dError(
-                        f"{path}: another avs3d is writing there for {PATIENCE:.0f} s; wait for it and run again"
-                    ) from None
-                time.sleep(0.02)
+                if not folder:
+                    raise Avs3dError(files.os_error_line(error, beside, "hold")) from error
+                folder = False
+                other = _opened(beside, path)
+                os.close(handle)
+                handle = other
+                continue
+            if locked:
+                break
+            if time.monotonic() > end:
+                raise Avs3dError(
+                    f"{path}: another avs3d is writing there for {PATIENCE:.0f} s; wait for it and run again"
+                )
+            time.sleep(_PAUSE)
         yield
     finally:
         os.close(handle)

@@ -14,9 +14,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from avs3d_bench.file_lock import turn
 from avs3d_bench.parallel import available_cores
 from avs3d_bench.scheduling.errors import UnfitError
-from avs3d_bench.scheduling.lock import turn
 
 #: Compilers at a time: each takes 1 to 2 GiB.
 _COMPILERS = 16
