@@ -36,6 +36,40 @@ SEEN_SHARE = 0.06
 _BATCH, _OPTIONS = 16, 12
 #: Shares of frames in view and on either side at which the choice of phases aims.
 _AIM_VIEW, _AIM_SIDE = 0.45, 0.30
+#: Penalty per share of frames that is missing: of what is wanted, and, so that it outweighs everything else, of what is
+#: allowed; and per test frame.
+_WANTED_COST, _ALLOWED_COST, _TEST_COST = 5, 50, 1
+#: The share of frames on either side is wanted this much above the least that is allowed.
+_SIDE_RESERVE = 0.05
+#: Sectors of heading in which the room is to be seen.
+_SECTORS = 12
+#: A candidate counts as in view, while phases are chosen, within this share of half the field of view: its middle is
+#: then inside the image by more than the wobble.
+_IN_VIEW = 0.93
+#: Length of a phase (frames) in a walk of at least `_FULL_WALK` frames; in a shorter one phases shrink in proportion,
+#: but not below `_LEAST_PACE` of it, nor below `_LEAST_PHASE` frames. A gaze's own pace is drawn from `_PACES`.
+_PHASE, _FULL_WALK, _LEAST_PACE, _LEAST_PHASE, _PACES = (5, 14), 60.0, 0.4, 2, (0.8, 1.25)
+#: Powers of ten of the noise on an option's cost: how far a gaze's choices are from the best. The cost is a squared
+#: share of frames.
+_PATIENCE = (-4.5, -2.5)
+#: Share of the remaining turn that the head does in one frame: it eases into a turn's end.
+_EASE = 0.6
+#: Share of phases that hold a candidate in view; the others hold it out of view.
+_LOOKED = 0.6
+#: Azimuth (degrees) at the begin of a phase in view: off centre, so that its frames count for their side too. It ends
+#: between −`_END` and `_END`, towards the middle or across it.
+_BEGIN, _END = (20, 34), 30
+#: Azimuth (degrees) in a phase out of view.
+_AWAY = (60, 150)
+#: Amplitude (degrees) and period over 2π (frames) of the head's wobble.
+_WOBBLE, _WOBBLE_PERIOD = 3.0, (1.5, 3.5)
+#: The camera tilts towards candidates below this azimuth (degrees), fully from `_FACING_WIDTH` degrees further in; of
+#: several, those within some `_NEAREST` degrees count most.
+_FACING, _FACING_WIDTH, _NEAREST = 85.0, 30.0, 15.0
+#: Tilt (degrees) where nothing is ahead: mostly a little downwards.
+_REST_PITCH = (-8.0, 2.0)
+#: Share of a candidate's elevation that the camera tilts by, and of the remaining tilt that it does in one frame.
+_TILT, _TILT_EASE = 0.85, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,20 +188,21 @@ class Views:
         def short(value: Array, wanted: float) -> Array:
             return np.maximum(wanted - value, 0.0)
 
-        out = 5 * (short(look, VIEW_WANTED[0]) + short(-view, -VIEW_WANTED[1]))
-        out += 50 * (short(look, VIEW_ALLOWED[0]) + short(-view, -VIEW_ALLOWED[1]))
+        out = _WANTED_COST * (short(look, VIEW_WANTED[0]) + short(-view, -VIEW_WANTED[1]))
+        out += _ALLOWED_COST * (short(look, VIEW_ALLOWED[0]) + short(-view, -VIEW_ALLOWED[1]))
         for share in (self.left_share, self.right_share):
-            out += 5 * short(share, SIDE_SHARE + 0.05) + 50 * short(share, SIDE_SHARE)
-        out += 1 * short(empty, np.floor(EMPTY_TESTS * scale)) + 1 * short(filled, np.ceil(FILLED_TESTS * scale))
+            out += _WANTED_COST * short(share, SIDE_SHARE + _SIDE_RESERVE) + _ALLOWED_COST * short(share, SIDE_SHARE)
+        out += _TEST_COST * short(empty, np.floor(EMPTY_TESTS * scale))
+        out += _TEST_COST * short(filled, np.ceil(FILLED_TESTS * scale))
         return np.asarray(out)
 
 
 def penalty(views: Sequence[Views], yaw: Array) -> Array:
     """(P,) how far each gaze is from what is wanted for all candidates alike."""
     each = np.stack([view.shortfall() for view in views])
-    # The room is to be seen all round: 12 sectors of heading.
-    sectors = np.floor((yaw % (2 * np.pi)) / (np.pi / 6)).astype(int) % 12
-    seen = np.stack([(sectors == k).any(axis=1) for k in range(12)]).mean(axis=0)
+    # The room is to be seen all round.
+    sectors = np.floor((yaw % (2 * np.pi)) / (2 * np.pi / _SECTORS)).astype(int) % _SECTORS
+    seen = np.stack([(sectors == k).any(axis=1) for k in range(_SECTORS)]).mean(axis=0)
     return np.asarray(each.max(axis=0) + each.mean(axis=0) + 1.0 - seen)
 
 
@@ -177,7 +212,7 @@ def draw_gazes(sights: Sequence[Sight], count: int, rng: Generator) -> tuple[Arr
     around = _Around(
         np.stack([sight.bearing for sight in sights], axis=1),
         np.stack([sight.visible for sight in sights], axis=1),
-        0.93 * extent,
+        _IN_VIEW * extent,
     )
     yaw = np.concatenate([_draw_yaw(around, min(_BATCH, count - k), rng) for k in range(0, count, _BATCH)])
     elevation = np.stack([sight.elevation for sight in sights], axis=1)
@@ -204,15 +239,15 @@ def _wrapped(angle: Array) -> Array:
 def _draw_yaw(around: _Around, count: int, rng: Generator) -> Array:
     """(count, n) headings, phase by phase."""
     n, candidates = around.bearing.shape
-    pace = float(np.clip(n / 60.0, 0.4, 1.0)) * rng.uniform(0.8, 1.25)
-    patience = 10 ** rng.uniform(-4.5, -2.5, size=(count, 1))
+    pace = float(np.clip(n / _FULL_WALK, _LEAST_PACE, 1.0)) * rng.uniform(*_PACES)
+    patience = 10 ** rng.uniform(*_PATIENCE, size=(count, 1))
     side_from = np.radians(SIDE_AZIMUTH)
     had = np.zeros((3, count, candidates))  # frames in view, clearly left, clearly right
     yaw = np.zeros((count, n))
     current: Array | None = None
     i, rows = 0, np.arange(count)
     while i < n:
-        length = min(max(2, round(rng.uniform(5, 14) * pace)), n - i)
+        length = min(max(_LEAST_PHASE, round(rng.uniform(*_PHASE) * pace)), n - i)
         target = rng.integers(candidates, size=(count, _OPTIONS))
         wanted = np.radians(_wanted_azimuth(count, length, rng))
         head = np.empty((count, _OPTIONS, length))
@@ -223,10 +258,10 @@ def _draw_yaw(around: _Around, count: int, rng: Generator) -> Array:
             if current is None and step == 0:
                 at = bearing + wanted[..., 0]
             else:
-                # The head eases into a turn's end; what the target's bearing moves by is followed at once.
+                # What the target's bearing moves by is followed at once.
                 drift = bearing - around.bearing[i + step - 1][target]
                 error = _wrapped(bearing + wanted[..., step] - at - drift)
-                at = at + np.clip(drift + 0.6 * error, -np.radians(YAW_RATE), np.radians(YAW_RATE))
+                at = at + np.clip(drift + _EASE * error, -np.radians(YAW_RATE), np.radians(YAW_RATE))
             head[..., step] = at
             azimuth = around.azimuth(at, i + step)
             got[0] += (np.abs(azimuth) < around.half) & around.visible[i + step]
@@ -248,27 +283,27 @@ def _wanted_azimuth(count: int, length: int, rng: Generator) -> Array:
     """(count, options, length) azimuths at which a candidate is held, degrees: in view, off centre, or out of view."""
     shape = (count, _OPTIONS, 1)
     side = np.where(rng.uniform(size=shape) < 0.5, -1.0, 1.0)
-    # Off centre, so that these frames count for their side too, then towards the middle or across it.
-    near = rng.uniform(20, 34, size=shape)
-    looked = near + (rng.uniform(-30, 30, size=shape) - near) * np.linspace(0, 1, length) ** 2
-    away = rng.uniform(60, 150, size=shape) + np.zeros(length)
-    wobble = 3.0 * np.sin(rng.uniform(0, 2 * np.pi, size=shape) + np.arange(length) / rng.uniform(1.5, 3.5, size=shape))
-    return np.asarray(side * np.where(rng.uniform(size=shape) < 0.6, looked, away) + wobble)
+    near = rng.uniform(*_BEGIN, size=shape)
+    looked = near + (rng.uniform(-_END, _END, size=shape) - near) * np.linspace(0, 1, length) ** 2
+    away = rng.uniform(*_AWAY, size=shape) + np.zeros(length)
+    phase = rng.uniform(0, 2 * np.pi, size=shape)
+    wobble = _WOBBLE * np.sin(phase + np.arange(length) / rng.uniform(*_WOBBLE_PERIOD, size=shape))
+    return np.asarray(side * np.where(rng.uniform(size=shape) < _LOOKED, looked, away) + wobble)
 
 
 def _pitch(around: _Around, elevation: Array, yaw: Array, rng: Generator) -> Array:
     """(count, n) tilt towards what is ahead (elevations (n, K)), slowly; a little downwards where nothing is."""
     count, n = yaw.shape
     azimuth = np.abs(_wrapped(yaw[..., None] - around.bearing))
-    facing = np.clip((np.radians(85.0) - azimuth) / np.radians(30.0), 0.0, 1.0) * around.visible
-    weight = facing * np.exp(-azimuth / np.radians(15.0))
+    facing = np.clip((np.radians(_FACING) - azimuth) / np.radians(_FACING_WIDTH), 0.0, 1.0) * around.visible
+    weight = facing * np.exp(-azimuth / np.radians(_NEAREST))
     aim = (weight * elevation).sum(axis=-1) / np.maximum(weight.sum(axis=-1), 1e-12)
     share = facing.max(axis=-1)
-    rest = np.radians(rng.uniform(-8.0, 2.0, size=(count, 1)))
+    rest = np.radians(rng.uniform(*_REST_PITCH, size=(count, 1)))
     most, nod = np.radians(MOST_PITCH), np.radians(PITCH_RATE)
-    tilt = np.clip(share * 0.85 * aim + (1 - share) * rest, -most, most)
+    tilt = np.clip(share * _TILT * aim + (1 - share) * rest, -most, most)
     pitch = np.empty((count, n))
     pitch[:, 0] = tilt[:, 0]
     for i in range(1, n):
-        pitch[:, i] = pitch[:, i - 1] + np.clip(0.5 * (tilt[:, i] - pitch[:, i - 1]), -nod, nod)
+        pitch[:, i] = pitch[:, i - 1] + np.clip(_TILT_EASE * (tilt[:, i] - pitch[:, i - 1]), -nod, nod)
     return pitch
