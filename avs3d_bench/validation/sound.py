@@ -216,15 +216,15 @@ def check_delays(frames: tuple[Frame, ...], clips: list[Sound | None], findings:
     if len(evidence) < DELAY_FRAMES:
         return
     mean, error = float(np.mean(evidence)), float(np.std(evidence)) / len(evidence) ** 0.5
-    if mean + DELAY_ERRORS * error < 0:
+    if mean + DELAY_ERRORS * error < -DELAY_LEAST:
         text = f"over {len(evidence)} frames with line of sight the farther ear hears the source first ({mean:.2f})"
         findings.add(layout.BINAURAL, f"{text}: are the clips played backwards?")
 
 
 #: Azimuths at which the delay between the ears is judged, degrees; fewer frames are no sample.
 DELAY_AZIMUTHS, DELAY_FRAMES = (25.0, 155.0), 4
-#: The mean must be so many standard errors below zero.
-DELAY_ERRORS = 2.0
+#: The mean must be so many standard errors below zero, and by more than rounding makes of two equal channels.
+DELAY_ERRORS, DELAY_LEAST = 2.0, 0.01
 #: Delay of a source at the side (s), and the band in which it is looked for (Hz).
 _SIDE_DELAY, _BAND = 550e-6, (100.0, 1200.0)
 
