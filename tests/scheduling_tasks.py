@@ -63,7 +63,7 @@ def verbose(context: Context) -> None:
 
 def half_a_message(context: Context) -> None:
     """Promise a long message to the parent, and say no more."""
-    socket = int(sys.argv[-3])  # see scheduling/child.py
+    socket = int(sys.argv[-4])  # see scheduling/child.py
     os.write(socket, (1000).to_bytes(4, "big") + b"begin")
     time.sleep(60)
 
