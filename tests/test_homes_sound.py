@@ -33,15 +33,24 @@ def home(name: str, seed: int) -> Scene:
     return build_apartment(name, seed)
 
 
+def direct_sound(response: np.ndarray) -> np.ndarray:
+    """A binaural response, shape (2, samples) at 44.1 kHz, from 0.5 ms before its onset to 3 ms after it."""
+    peak = np.abs(response).max(axis=0)
+    onset = int(np.argmax(peak > 0.2 * peak.max()))
+    return response[:, max(0, onset - 22) : onset + 132]
+
+
 @pytest.mark.parametrize(
-    ("manifest", "key"),
+    ("manifest", "key", "share"),
     [
-        ("demo", "part_1/apartment_1/bathroom/1"),
-        ("demo", "part_2/apartment_1/kitchen/1"),
-        ("open-s34-o7", "part_1/apartment_1/living_room/2"),
+        # In a small bathroom, reflections win in some frames: `validate --deep` warns below 90 % and fails below 80 %.
+        ("demo", "part_1/apartment_1/bathroom/1", 0.80),
+        ("demo", "part_2/apartment_1/kitchen/1", 0.95),
+        ("open-s34-o7", "part_1/apartment_1/living_room/2", 0.95),
     ],
 )
-def test_the_louder_ear_is_on_the_sources_side(manifest: str, key: str) -> None:
+def test_the_louder_ear_is_on_the_sources_side(manifest: str, key: str, share: float) -> None:
+    """The direct sound is louder at the ear on the source's side; the clip, reflections included, nearly always."""
     (plan,) = make_plans(read_manifest(MANIFESTS / f"{manifest}.yaml"), only=[key])
     assert plan.scan.seed is not None
     flat = home(plan.spec.scan, plan.scan.seed)
@@ -51,7 +60,7 @@ def test_the_louder_ear_is_on_the_sources_side(manifest: str, key: str) -> None:
     scene = flat.with_parts(tuple(p.part(number) for number, p in enumerate(placed, start=1)))
     caster, sound = RayCaster(scene), choose_sound(plan).samples
     session = SoundSpacesBackend().open(scene, source.source_position, room=plan.spec.room)
-    right = judged = 0
+    right = direct_right = judged = 0
     responses = []
     for index in range(0, len(poses), 2):
         pose = poses[index]
@@ -60,12 +69,15 @@ def test_the_louder_ear_is_on_the_sources_side(manifest: str, key: str) -> None:
             continue
         responses.append(session.impulse_response(pose))
         left_level, right_level = rms(binaural_clip(sound, responses[-1], index + PRE_ROLL))
+        left_direct, right_direct = rms(direct_sound(responses[-1]))
         judged += 1
-        right += np.sign(right_level - left_level) == np.sign(azimuth)
+        side = np.sign(azimuth)
+        right += np.sign(right_level - left_level) == side
+        direct_right += np.sign(right_direct - left_direct) == side
     session.close()
     assert judged >= 20
-    # In a small bathroom, reflections win in some frames: `validate --deep` warns below 90 % and fails below 80 %.
-    assert right / judged >= 0.90
+    assert direct_right == judged
+    assert right / judged >= share
     decay = reverberation_time(responses[:4], 44_100)
     assert decay is not None
     assert 0.2 <= decay <= 1.2

@@ -442,10 +442,16 @@ def test_nor_an_archives_or_one_another(data: Path, tmp_path: Path, capsys: pyte
 def test_scores_that_cannot_be_written_are_printed_all_the_same(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
-    code, said, error = run(capsys, submit(tmp_path / "s", data, true_mask), "--dataset", data, "--json", "/proc/a/b")
+    submission = submit(tmp_path / "s", data, true_mask)
+    # What can be known beforehand is said before anything is scored.
+    code, said, error = run(capsys, submission, "--dataset", data, "--json", "/proc/a/b")
+    assert (code, said) == (1, "")
+    assert error.startswith("avs3d-eval: error: /proc/a/b: cannot write")
+    # A disk that is full is noticed only when the scores are written.
+    code, said, error = run(capsys, submission, "--dataset", data, "--json", "/dev/full")
     assert code == 1
     assert "overall (2)" in said
-    assert error.startswith("avs3d-eval: error: /proc/a/b: cannot write")
+    assert error.startswith("avs3d-eval: error: /dev/full: cannot write")
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
