@@ -13,12 +13,12 @@ from avs3d_bench.parallel import available_cores
 from avs3d_bench.scheduling.dask_ import DaskScheduler
 from avs3d_bench.scheduling.local import LocalScheduler
 from avs3d_bench.scheduling.options import Options
-from avs3d_bench.scheduling.tasks import Context, Policy, Scheduler, Task
+from avs3d_bench.scheduling.tasks import Context, Event, Policy, Scheduler, Task
 from benchmarks.bench_pipeline import MANIFEST
 from generators.core.folders import default_cache
 from generators.homes.store import prepare_home
 from generators.plan import make_plans, read_manifest
-from generators.run.runner import run
+from generators.run.runner import RunSettings, run
 
 #: Observations that do nothing.
 COUNT = 10_000
@@ -58,15 +58,15 @@ def scaling(repeats: int) -> dict[str, float]:
             seen: dict[str, list[tuple[float, int]]] = defaultdict(list)
             with tempfile.TemporaryDirectory() as folder:
 
-                def listen(event: tuple[str, str, str], seen: dict[str, list[tuple[float, int]]] = seen) -> None:
-                    if event[0] == "frame":
-                        seen[event[1]].append((time.perf_counter(), int(event[2])))
+                def listen(event: Event, seen: dict[str, list[tuple[float, int]]] = seen) -> None:
+                    if event.kind == "frame":
+                        seen[event.name].append((time.perf_counter(), int(event.text)))
 
-                run(
-                    source, plans, Path(folder) / "data", workers=workers, cache=cache, listen=listen,
-                    scheduler=partial(DaskScheduler, workers), shared=True,
+                settings = RunSettings(
+                    cache, workers, scheduler=partial(DaskScheduler, workers), shared=True,
                     policy=Options(scheduler="dask").policy(one_thread=True),
                 )  # fmt: skip
+                run(source, plans, Path(folder) / "data", settings, listen)
             # Events come about once a second, with the number of the newest frame.
             each = [(s[-1][1] - s[0][1]) / (s[-1][0] - s[0][0]) for s in seen.values()]
             rates[workers].append(statistics.mean(each) if workers == 1 else sum(each))

@@ -30,11 +30,11 @@ def make_example(root: Path, frames: int = 48) -> None:
     """The demo's observations at full size, for machines that have no dataset at hand."""
     from generators.core.folders import default_cache
     from generators.plan import make_plans, read_manifest
-    from generators.run.runner import run
+    from generators.run.runner import RunSettings, run
 
     source = read_manifest(Path(__file__).parent.parent / "scenes_manifest" / "demo.yaml")
     plans = make_plans(source, frames=frames, audio="analytic")
-    run(source, plans, root, workers=WORKERS, cache=default_cache(), listen=lambda _: None)
+    run(source, plans, root, RunSettings(default_cache(), WORKERS), lambda _: None)
 
 
 def files_of(dataset: AVS3DDataset) -> list[Triple]:

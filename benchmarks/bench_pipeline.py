@@ -17,6 +17,7 @@ from typing import Any
 from unittest.mock import patch
 
 from avs3d_bench.parallel import available_cores
+from avs3d_bench.scheduling.tasks import Event
 from generators import backends
 from generators import observation as story
 from generators.acoustics.clips import binaural_clip
@@ -26,7 +27,7 @@ from generators.manifest import ManifestFile
 from generators.plan import ObservationPlan, make_plans, read_manifest
 from generators.recording import hearing
 from generators.recording.writer import ObservationWriter
-from generators.run.runner import run
+from generators.run.runner import RunSettings, run
 
 MANIFEST = Path(__file__).parent.parent / "scenes_manifest" / "demo.yaml"
 #: Fewer frames than an observation has; the cost per frame does not depend on their number.
@@ -142,11 +143,11 @@ def scaling(
             stamps: dict[str, list[float]] = defaultdict(list)
             with tempfile.TemporaryDirectory() as folder:
 
-                def listen(event: tuple[str, str, str], seen: dict[str, list[float]] = stamps) -> None:
-                    if event[0] == "frame":
-                        seen[event[1]].append(time.perf_counter())
+                def listen(event: Event, seen: dict[str, list[float]] = stamps) -> None:
+                    if event.kind == "frame":
+                        seen[event.name].append(time.perf_counter())
 
-                run(source, plans, Path(folder) / "data", workers=workers, cache=cache, listen=listen)
+                run(source, plans, Path(folder) / "data", RunSettings(cache, workers), listen)
             # Only while every worker draws: beginnings and ends are not what a long run is made of.
             if workers == 1:
                 rates.append(statistics.median((len(s) - 1) / (s[-1] - s[0]) for s in stamps.values()))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -37,33 +39,39 @@ from avs3d_bench.scheduling.options import Options, scheduling_options
 )
 @click.option("--cache", type=PATH, metavar="DIR", default=None, help="Baked homes (default: $AVS3D_CACHE).")
 @scheduling_options
-def generate(
-    manifest: Path,
-    root: Path,
-    workers: int | None,
-    only: tuple[str, ...],
-    vision: str,
-    habitat_python: Path | None,
-    audio: str,
-    frames: int | None,
-    size: int | None,
-    extras: tuple[str, ...],
-    scans: Path | None,
-    cache: Path | None,
-    scheduling: Options,
-) -> None:
+def generate(manifest: Path, root: Path, scheduling: Options, **chosen: Any) -> None:
     """Generate the dataset that MANIFEST describes into a folder; run it again to go on after an interruption.
 
     The same manifest and the same versions give the same bytes, whatever the number of workers. Sound from the
     SoundSpaces engine (RLRAudioPropagation, CC-BY-NC 4.0) is for non-commercial research; --audio analytic is free.
     """
+    _generate(manifest, root, scheduling, GenerateOptions(**chosen))
+
+
+@dataclass(frozen=True)
+class GenerateOptions:
+    """The options of `generate`, as the command line names them."""
+
+    workers: int | None
+    only: tuple[str, ...]
+    vision: str
+    habitat_python: Path | None
+    audio: str
+    frames: int | None
+    size: int | None
+    extras: tuple[str, ...]
+    scans: Path | None
+    cache: Path | None
+
+
+def _generate(manifest: Path, root: Path, scheduling: Options, chosen: GenerateOptions) -> None:
     # One thread per process: parallel work is spread over processes, and results stay the same on any machine.
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ[variable] = "1"
     from avs3d_bench.files import user_path
 
     # Worker processes are told through the environment, too.
-    for variable, named in (("AVS3D_HABITAT_PYTHON", habitat_python), ("AVS3D_SCANS", scans)):
+    for variable, named in (("AVS3D_HABITAT_PYTHON", chosen.habitat_python), ("AVS3D_SCANS", chosen.scans)):
         if named is not None:
             os.environ[variable] = str(user_path(named).absolute())
     from generators.manifest import read_manifest
@@ -73,15 +81,15 @@ def generate(
     source = read_manifest(manifest)
     plans = make_plans(
         source,
-        only=only,
-        vision=vision,
-        audio=audio,
-        frames=frames,
-        size=size,
-        depth="depth" in extras,
-        rirs="rirs" in extras,
+        only=chosen.only,
+        vision=chosen.vision,
+        audio=chosen.audio,
+        frames=chosen.frames,
+        size=chosen.size,
+        depth="depth" in chosen.extras,
+        rirs="rirs" in chosen.extras,
     )
-    outcome = generate_plans(source, plans, root, workers=workers, cache=cache, scheduling=scheduling)
+    outcome = generate_plans(source, plans, root, workers=chosen.workers, cache=chosen.cache, scheduling=scheduling)
     click.echo(f"{root}: {len(outcome.made)} made, {len(outcome.kept)} kept, {len(outcome.failed)} failed")
     for key, message in outcome.failed:
         click.echo(f"avs3d: error: {key}: {message}", err=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,9 +24,10 @@ from avs3d_bench.schema import (
     SoundRecord,
     VisionRecord,
 )
+from generators.acoustics.base import AcousticBackend
 from generators.acoustics.clips import GAIN, check_clip, mono_clip, rms
 from generators.acoustics.decay import reverberation_time
-from generators.arrangement import arrange, draw_sounding, file_licence
+from generators.arrangement import Arrangement, arrange, draw_sounding, file_licence
 from generators.assets.sounds import load_sound, synthesise
 from generators.backends import acoustic_backend, vision_backend
 from generators.core.scene import Licence
@@ -39,7 +40,7 @@ from generators.plan import ObservationPlan, resolve_file
 from generators.recording.hearing import PRE_ROLL, Listening, heard
 from generators.recording.surface_points import SurfaceSampler
 from generators.recording.writer import ObservationWriter
-from generators.vision.base import Frame
+from generators.vision.base import Frame, VisionBackend
 
 #: Impulse responses from which an observation's reverberation time is read.
 T30_RESPONSES = 8
@@ -52,6 +53,11 @@ class Sound:
     samples: NDArray[np.float32]
     asset: str
     licence: Licence
+
+    @property
+    def record(self) -> SoundRecord:
+        """What observation.json says about it."""
+        return SoundRecord(asset=self.asset, licence=licence_record(self.licence))
 
 
 def generate_observation(
@@ -79,38 +85,16 @@ def generate_observation(
     Raises:
         Avs3dError: one line: no room for an object, a file that is missing or broken, a full disk, …
     """
-    spec, camera = plan.spec, plan.camera
-    home = open_home(plan, cache).for_room(spec.room)
-
-    # What can be seen, decided for all objects alike; then, independently of it, what sounds.
-    sight = vision_backend(plan.vision)
-    seen = arrange(plan, home, sight.navigable(home))
-    placements, poses = seen.placements, seen.poses
-    sounding = draw_sounding(plan, placements)
-    stage = Stage(home, placements, sounding, seen.motion)
-
-    # What is seen and heard from each pose.
-    intrinsics = Intrinsics.from_fov(camera.size, camera.hfov)
-    sound_engine = acoustic_backend(plan.audio, absorption_scale=spec.acoustics.absorption_scale)
-    sound = choose_sound(plan)
-    seconds = range(len(poses) + 1 if stage.moves else 1)
-    listening = Listening(
-        backend=plan.audio,
-        absorption_scale=spec.acoustics.absorption_scale,
-        scene=stage.scene(0),
-        room=spec.room,
-        samples=sound.samples,
-        poses=tuple(poses),
-        sources=tuple(stage.source(second).source_position for second in seconds),
-    )
-    points = SurfaceSampler(intrinsics, plan.rng("points"))
+    ready = prepare_observation(plan, cache)
+    stage, poses, sounding = ready.stage, ready.seen.poses, ready.sounding
+    points = SurfaceSampler(ready.intrinsics, plan.rng("points"))
     frames: list[FrameRecord] = []
     clips: list[NDArray[np.float32]] = []
     decays: list[NDArray[np.float32]] = []
     with (
         ObservationWriter(root / plan.key, depth=plan.depth, rirs=plan.rirs) as writer,
-        closing(Camera(sight, stage, intrinsics)) as view,
-        heard(listening, beside=beside) as sounds,
+        closing(Camera(ready.sight, stage, ready.intrinsics)) as view,
+        heard(ready.listening, beside=beside) as sounds,
     ):
 
         def write_pictures(index: int, frame: Frame) -> None:
@@ -128,38 +112,112 @@ def generate_observation(
             on_frame(index)
         for index in range(len(clips)):
             writer.add_mono(index, mono_clip(clips, index))
-        writer.add_model(intrinsics, poses, points.link(poses, stage.hidden))
+        writer.add_model(ready.intrinsics, poses, points.link(poses, stage.hidden))
         writer.add_sounding_mesh(stage.source(0).mesh)
-        return writer.finish(
-            ObservationRecord(
-                key=plan.key,
-                part=spec.part,
-                scan=spec.scan,
-                room=spec.room,
-                index=spec.index,
-                category=spec.category,
-                seed=plan.seed,
-                plan_sha256=plan.digest,
-                notes=seen.notes,
-                variant_of=spec.like,
-                source_motion="path" if stage.moves else None,
-                source_position=stage.source(0).source_position,
-                intrinsics=IntrinsicsRecord.of(intrinsics),
-                instances=tuple(describe_instance(n, p, sounding == n) for n, p in enumerate(placements, start=1)),
-                sound=SoundRecord(asset=sound.asset, licence=licence_record(sound.licence)),
-                acoustics=AcousticsRecord(
-                    backend=sound_engine.name,
-                    version=sound_engine.version,
-                    sample_rate=layout.SAMPLE_RATE,
-                    gain=GAIN,
-                    settings=sound_engine.describe(),
-                    t30=reverberation_time(decays, layout.SAMPLE_RATE),
-                ),
-                vision=VisionRecord(backend=sight.name, version=sight.version),
-                frames=tuple(frames),
-                files={},
-            )
-        )
+        return writer.finish(describe_observation(plan, ready, frames, decays))
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedObservation:
+    """Everything of an observation that is decided before its first frame.
+
+    Attributes:
+        seen: what stands where, and the walk.
+        sounding: id of the instance that sounds, from 1.
+        stage: the scene at every second.
+        sound: what the sounding instance plays.
+        intrinsics: of the camera.
+        sight: the renderer.
+        engine: the acoustic engine.
+        listening: what is heard.
+    """
+
+    seen: Arrangement
+    sounding: int
+    stage: Stage
+    sound: Sound
+    intrinsics: Intrinsics
+    sight: VisionBackend
+    engine: AcousticBackend
+    listening: Listening
+
+    @property
+    def instances(self) -> tuple[InstanceRecord, ...]:
+        """What observation.json says about the placed objects."""
+        placed = enumerate(self.seen.placements, start=1)
+        return tuple(describe_instance(number, placement, number == self.sounding) for number, placement in placed)
+
+
+def prepare_observation(plan: ObservationPlan, cache: Path) -> PreparedObservation:
+    """Decide what can be seen, for all objects alike; then, independently of it, what sounds.
+
+    Raises:
+        Avs3dError: if there is no room for the objects or the walk, or a file is missing or broken.
+    """
+    home = open_home(plan, cache).for_room(plan.spec.room)
+    sight = vision_backend(plan.vision)
+    seen = arrange(plan, home, sight.navigable(home))
+    sounding = draw_sounding(plan, seen.placements)
+    stage = Stage(home, seen.placements, sounding, seen.motion)
+    intrinsics = Intrinsics.from_fov(plan.camera.size, plan.camera.hfov)
+    engine = acoustic_backend(plan.audio, absorption_scale=plan.spec.acoustics.absorption_scale)
+    sound = choose_sound(plan)
+    seconds = range(len(seen.poses) + 1 if stage.moves else 1)
+    listening = Listening(
+        backend=plan.audio,
+        absorption_scale=plan.spec.acoustics.absorption_scale,
+        scene=stage.scene(0),
+        room=plan.spec.room,
+        samples=sound.samples,
+        poses=tuple(seen.poses),
+        sources=tuple(stage.source(second).source_position for second in seconds),
+    )
+    return PreparedObservation(seen, sounding, stage, sound, intrinsics, sight, engine, listening)
+
+
+def describe_observation(
+    plan: ObservationPlan,
+    ready: PreparedObservation,
+    frames: Sequence[FrameRecord],
+    decays: list[NDArray[np.float32]],
+) -> ObservationRecord:
+    """What observation.json says, but for the list of files.
+
+    Args:
+        plan: of the observation.
+        ready: what was decided before the first frame.
+        frames: records of all frames.
+        decays: impulse responses (2, n) from which the reverberation time is read.
+    """
+    spec, source = plan.spec, ready.stage.source(0)
+    return ObservationRecord(
+        key=plan.key,
+        part=spec.part,
+        scan=spec.scan,
+        room=spec.room,
+        index=spec.index,
+        category=spec.category,
+        seed=plan.seed,
+        plan_sha256=plan.digest,
+        notes=ready.seen.notes,
+        variant_of=spec.like,
+        source_motion="path" if ready.stage.moves else None,
+        source_position=source.source_position,
+        intrinsics=IntrinsicsRecord.of(ready.intrinsics),
+        instances=ready.instances,
+        sound=ready.sound.record,
+        acoustics=AcousticsRecord(
+            backend=ready.engine.name,
+            version=ready.engine.version,
+            sample_rate=layout.SAMPLE_RATE,
+            gain=GAIN,
+            settings=ready.engine.describe(),
+            t30=reverberation_time(decays, layout.SAMPLE_RATE),
+        ),
+        vision=VisionRecord(backend=ready.sight.name, version=ready.sight.version),
+        frames=tuple(frames),
+        files={},
+    )
 
 
 def choose_sound(plan: ObservationPlan) -> Sound:

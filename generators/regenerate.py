@@ -18,19 +18,16 @@ from numpy.typing import NDArray
 from avs3d_bench import __version__, files, layout
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.geometry import Intrinsics
 from avs3d_bench.report import Problem
 from avs3d_bench.schema import DatasetRecord, ObservationRecord
 from generators.acoustics.clips import mono_clip
-from generators.arrangement import arrange, draw_sounding
-from generators.backends import acoustic_backend, observation_provenance, vision_backend
+from generators.backends import observation_provenance
 from generators.core.folders import default_cache
-from generators.homes.store import open_home
 from generators.manifest import ManifestFile, read_manifest
-from generators.observation import choose_sound, describe_frame, describe_instance, licence_record
-from generators.paths.stage import Camera, Stage
+from generators.observation import describe_frame, licence_record, prepare_observation
+from generators.paths.stage import Camera
 from generators.plan import ObservationPlan, make_plans
-from generators.recording.hearing import Listening, heard
+from generators.recording.hearing import heard
 from generators.recording.writer import ObservationWriter
 
 
@@ -124,41 +121,25 @@ def _compare(
     """Problems of one observation."""
     record = observation.record
     assert record is not None
-    home = open_home(plan, default_cache()).for_room(plan.spec.room)
-    sight = vision_backend(plan.vision)
-    sight.warm_up()
-    seen = arrange(plan, home, sight.navigable(home))
-    sounding = draw_sounding(plan, seen.placements)
-    stage = Stage(home, seen.placements, sounding, seen.motion)
-    intrinsics = Intrinsics.from_fov(plan.camera.size, plan.camera.hfov)
-    sound = choose_sound(plan)
+    ready = prepare_observation(plan, default_cache())
+    seen, stage = ready.seen, ready.stage
+    ready.sight.warm_up()
     said = {
         "notes": seen.notes,
         "source_position": stage.source(0).source_position,
-        "instances": [describe_instance(n, p, sounding == n) for n, p in enumerate(seen.placements, start=1)],
-        "sound": {"asset": sound.asset, "licence": licence_record(sound.licence)},
+        "instances": list(ready.instances),
+        "sound": {"asset": ready.sound.asset, "licence": licence_record(ready.sound.licence)},
     }
     yield from _fields(observation.key, "", said, record)
-    engine = acoustic_backend(plan.audio, absorption_scale=plan.spec.acoustics.absorption_scale)
-    if files.dump_json(engine.describe()) != files.dump_json(record.acoustics.settings):
+    if files.dump_json(ready.engine.describe()) != files.dump_json(record.acoustics.settings):
         text = "acoustics.settings differ from those of the engine"
         yield Problem("error", f"{observation.key}/{layout.OBSERVATION_JSON}", text)
     needed = {frame for index in indices for frame, _, _ in layout.mono_window(index, len(seen.poses))}
-    seconds = range(len(seen.poses) + 1 if stage.moves else 1)
-    listening = Listening(
-        backend=plan.audio,
-        absorption_scale=plan.spec.acoustics.absorption_scale,
-        scene=stage.scene(0),
-        room=plan.spec.room,
-        samples=sound.samples,
-        poses=tuple(seen.poses),
-        sources=tuple(stage.source(second).source_position for second in seconds),
-    )
     clips: list[NDArray[np.float32]] = [np.zeros((2, layout.BINAURAL_SAMPLES), dtype=np.float32) for _ in seen.poses]
     with (
         ObservationWriter(scratch / plan.key, depth=plan.depth, rirs=plan.rirs) as writer,
-        closing(Camera(sight, stage, intrinsics)) as view,
-        heard(listening, beside=False) as sounds,
+        closing(Camera(ready.sight, stage, ready.intrinsics)) as view,
+        heard(ready.listening, beside=False) as sounds,
     ):
         for index, (clip, response) in zip(range(max(needed) + 1), sounds, strict=False):
             clips[index] = clip
@@ -166,7 +147,7 @@ def _compare(
                 continue
             pose = seen.poses[index]
             frame = view.render(index, pose)
-            mask = frame.instance_ids == sounding
+            mask = frame.instance_ids == ready.sounding
             writer.add_pictures(index, frame, mask)
             writer.add_sound(index, clip, response)
             described = describe_frame(index, pose, mask, clip, stage)

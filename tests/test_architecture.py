@@ -140,7 +140,7 @@ HOUSE = {
         "arrangement": "core assets placement paths manifest library plan",
         "observation": "core assets vision acoustics backends placement paths library plan homes recording arrangement",
         "run": "core assets vision backends scans manifest library plan homes recording observation",
-        "regenerate": "core acoustics backends paths manifest plan homes recording arrangement observation",
+        "regenerate": "core acoustics backends paths manifest plan recording observation",
         "cli": "manifest plan run",
     },
     "evaluators": {

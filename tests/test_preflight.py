@@ -21,7 +21,7 @@ from generators.library.store import default_store
 from generators.manifest import LicenceSpec, ManifestFile, ScanSpec, read_manifest
 from generators.plan import make_plans, resolve_file
 from generators.run.dataset_record import check
-from generators.run.runner import run
+from generators.run.runner import RunSettings, run
 from generators.scans import scan
 from tests.homes import write_manifest
 
@@ -39,7 +39,7 @@ def refuses_to_run(manifest: ManifestFile, tmp_path: Path, folder: Path | None =
     plans = make_plans(manifest, audio="analytic", frames=2, size=32)
     root, events = tmp_path / "data", []
     with pytest.raises(Avs3dError) as caught:
-        run(manifest, plans, root, workers=1, cache=folder or tmp_path / "cache", listen=events.append)
+        run(manifest, plans, root, RunSettings(folder or tmp_path / "cache"), events.append)
     assert events == []
     assert not list(root.glob("part_*"))
     assert str(caught.value).isprintable()

@@ -10,7 +10,7 @@ import yaml
 
 from avs3d_bench.errors import Avs3dError
 from generators.plan import check_scans, make_plans, read_manifest, scans_root
-from generators.run.runner import run
+from generators.run.runner import RunSettings, run
 from generators.scans import files as scanfiles
 from generators.scans.files import digest, find_scan_files, scan_files_of
 
@@ -216,7 +216,7 @@ def test_all_scans_missing_is_one_line_before_anything_else(tmp_path: Path, monk
     monkeypatch.setenv("AVS3D_SCANS", str(root))
     plans = make_plans(source, audio="analytic")
     with pytest.raises(Avs3dError, match="none of the scans") as caught:
-        run(source, plans, tmp_path / "out", workers=1, cache=tmp_path, listen=lambda event: pytest.fail(str(event)))
+        run(source, plans, tmp_path / "out", RunSettings(tmp_path), lambda event: pytest.fail(str(event)))
     message = str(caught.value)
     assert all(scan in message for scan in source.manifest.scans)
     assert str(root) in message

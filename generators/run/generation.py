@@ -12,11 +12,12 @@ from avs3d_bench.errors import UsageError, did_you_mean
 from avs3d_bench.files import user_path
 from avs3d_bench.parallel import available_cores
 from avs3d_bench.scheduling.options import Options, scheduler_of
+from avs3d_bench.scheduling.tasks import Listener
 from generators.core.folders import default_cache
 from generators.manifest import ManifestFile, read_manifest
 from generators.plan import ObservationPlan, make_plans
 from generators.run.progress import reporting
-from generators.run.runner import Listener, Outcome, default_limit, run
+from generators.run.runner import Outcome, RunSettings, default_limit, run
 
 #: Environment of workers: one thread a process, so that results are the same on any machine.
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
@@ -127,21 +128,18 @@ def generate_plans(
     options = scheduling or Options()
     policy = options.policy(one_thread=True)
     environment = dict(policy.environment) | ONE_THREAD
+    settings = RunSettings(
+        cache=user_path(cache) if cache else default_cache(),
+        workers=count,
+        scheduler=lambda: scheduler_of(options, count),
+        shared=options.remote,
+        policy=replace(policy, environment=tuple(sorted(environment.items()))),
+        limit=options.limit(default_limit(plans[0].camera)),
+        max_failures=options.max_failures,
+    )
     shown: AbstractContextManager[Listener] = reporting(plans) if progress else nullcontext(_ignore)
     with shown as listen:
-        return run(
-            source,
-            plans,
-            root,
-            workers=count,
-            cache=user_path(cache) if cache else default_cache(),
-            listen=listen,
-            scheduler=lambda: scheduler_of(options, count),
-            shared=options.remote,
-            policy=replace(policy, environment=tuple(sorted(environment.items()))),
-            limit=options.limit(default_limit(plans[0].camera)),
-            max_failures=options.max_failures,
-        )
+        return run(source, plans, root, settings, listen)
 
 
 def _ignore(_: object) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import timedelta
 
@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
+from avs3d_bench.scheduling.tasks import Event, Listener
 from generators.plan import ObservationPlan
 
 #: Between two lines on how far the run is, where no bar is drawn, seconds.
@@ -26,15 +27,9 @@ class _Rate(ProgressColumn):
 
 
 @contextmanager
-def reporting(plans: tuple[ObservationPlan, ...]) -> Iterator[Callable[[tuple[str, str, str]], None]]:
+def reporting(plans: tuple[ObservationPlan, ...]) -> Iterator[Listener]:
     """A listener for `generators.run.runner.run` that draws on stderr; lines only where stderr is not a terminal."""
     console = Console(file=sys.stderr, highlight=False)
-    frames = {plan.key: plan.camera.frames for plan in plans}
-    lock = threading.Lock()
-    drawn: dict[str, int] = {}
-    began = said = time.monotonic()
-    ended = made = 0
-    to_make = sum(frames.values())
     with Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -45,53 +40,69 @@ def reporting(plans: tuple[ObservationPlan, ...]) -> Iterator[Callable[[tuple[st
         console=console,
         disable=not console.is_terminal,
     ) as bar:
-        task = bar.add_task("generating", total=to_make)
+        yield _Display(plans, console, bar).listen
 
-        def say(line: str) -> None:
-            (bar.console if console.is_terminal else console).print(line, soft_wrap=True, markup=False)
 
-        def summarise() -> None:
-            """Where no bar is drawn, say every now and then how far the run is."""
-            nonlocal said
-            now = time.monotonic()
-            if console.is_terminal or now - said < _SUMMARY:
-                return
-            said = now
-            rate = made / (now - began)
-            left = (
-                "–" if not rate else str(timedelta(seconds=round((sum(frames.values()) - sum(drawn.values())) / rate)))
-            )
-            say(f"{ended} of {len(frames)} observations, {rate:.1f} frames/s, {left} left")
+class _Display:
+    """Draws the events of a run."""
 
-        def listen(event: tuple[str, str, str]) -> None:
-            nonlocal ended, made, to_make
-            kind, key, text = event
-            with lock:
-                if kind == "home":
-                    bar.update(task, description=f"opening {key}")
-                    say(f"home {key}: read, or built and lit where it is not in the cache yet")
-                elif kind == "start":
-                    bar.update(task, description="generating")
-                elif kind == "frame":
-                    # The newest of several; one that is made a second time draws from the beginning again.
-                    newest = max(drawn.get(key, 0), int(text) + 1)
-                    bar.advance(task, newest - drawn.get(key, 0))
-                    made += newest - drawn.get(key, 0)
-                    drawn[key] = newest
-                elif kind in ("kept", "done", "failed"):
-                    ended += 1
-                    rest = frames[key] - drawn.get(key, 0)
-                    if kind == "done":
-                        made += rest
-                        bar.advance(task, rest)
-                    else:  # nobody makes these frames now: counted as progress, they would spoil rate and time left
-                        to_make -= rest
-                        bar.update(task, total=to_make)
-                    drawn[key] = frames[key]
-                    mark = {"kept": "kept  ", "done": "done  ", "failed": "failed"}[kind]
-                    say(f"{mark} {key}" + (f"  {text}" if text else ""))
-                elif kind in ("retry", "worker", "note"):
-                    say("  ".join(filter(None, (f"{kind:6}", key, text))))
-                summarise()
+    def __init__(self, plans: tuple[ObservationPlan, ...], console: Console, bar: Progress) -> None:
+        self._console = console
+        self._bar = bar
+        self._lock = threading.Lock()
+        self._frames = {plan.key: plan.camera.frames for plan in plans}
+        self._drawn: dict[str, int] = {}
+        self._began = self._said = time.monotonic()
+        self._ended = self._made = 0
+        self._to_make = sum(self._frames.values())
+        self._task = bar.add_task("generating", total=self._to_make)
 
-        yield listen
+    def listen(self, event: Event) -> None:
+        """Draw one event; from any thread."""
+        with self._lock:
+            if event.kind == "home":
+                self._bar.update(self._task, description=f"opening {event.name}")
+                self._say(f"home {event.name}: read, or built and lit where it is not in the cache yet")
+            elif event.kind == "start":
+                self._bar.update(self._task, description="generating")
+            elif event.kind == "frame":
+                # The newest of several; one that is made a second time draws from the beginning again.
+                drawn = self._drawn.get(event.name, 0)
+                newest = max(drawn, int(event.text) + 1)
+                self._bar.advance(self._task, newest - drawn)
+                self._made += newest - drawn
+                self._drawn[event.name] = newest
+            elif event.kind in ("kept", "done", "failed"):
+                self._end(event)
+            elif event.kind in ("retry", "worker", "note"):
+                self._say("  ".join(filter(None, (f"{event.kind:6}", event.name, event.text))))
+            self._summarise()
+
+    def _end(self, event: Event) -> None:
+        """Count an observation that is kept, done or given up."""
+        key = event.name
+        self._ended += 1
+        rest = self._frames[key] - self._drawn.get(key, 0)
+        if event.kind == "done":
+            self._made += rest
+            self._bar.advance(self._task, rest)
+        else:  # nobody makes these frames now: counted as progress, they would spoil rate and time left
+            self._to_make -= rest
+            self._bar.update(self._task, total=self._to_make)
+        self._drawn[key] = self._frames[key]
+        self._say(f"{event.kind:6} {key}" + (f"  {event.text}" if event.text else ""))
+
+    def _say(self, line: str) -> None:
+        console = self._bar.console if self._console.is_terminal else self._console
+        console.print(line, soft_wrap=True, markup=False)
+
+    def _summarise(self) -> None:
+        """Where no bar is drawn, say every now and then how far the run is."""
+        now = time.monotonic()
+        if self._console.is_terminal or now - self._said < _SUMMARY:
+            return
+        self._said = now
+        rate = self._made / (now - self._began)
+        frames = sum(self._frames.values()) - sum(self._drawn.values())
+        left = str(timedelta(seconds=round(frames / rate))) if rate else "–"
+        self._say(f"{self._ended} of {len(self._frames)} observations, {rate:.1f} frames/s, {left} left")

@@ -11,7 +11,7 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from avs3d_bench import layout
@@ -19,7 +19,7 @@ from avs3d_bench.errors import Avs3dError, UsageError, excerpt
 from avs3d_bench.scheduling.failures import FailureLog
 from avs3d_bench.scheduling.local import LocalScheduler
 from avs3d_bench.scheduling.lock import held
-from avs3d_bench.scheduling.tasks import Event, Failure, Policy, Scheduler, Task
+from avs3d_bench.scheduling.tasks import Event, Failure, Listener, Policy, Scheduler, Task
 from avs3d_bench.taxonomy import PARTS
 from generators.backends import observation_provenance
 from generators.homes.cache import check_writable, is_stored
@@ -29,10 +29,6 @@ from generators.recording.writer import sweep
 from generators.run.dataset_record import check, seal
 from generators.run.finished import discard, find_damage, find_finished
 from generators.run.worker import Place, make_observation, prepare
-
-#: What a run tells its caller: (kind, key, text). Kinds are "home", "start", "frame", "done", "kept", "failed",
-#: "retry", "worker" (one was lost) and "note"; the text of "frame" is the number of the newest one.
-Listener = Callable[[tuple[str, str, str]], None]
 
 #: A home is built and lit once for all its observations and has this many times their time limit, but at most so many
 #: seconds.
@@ -66,19 +62,32 @@ class Outcome:
     stopped: bool = False
 
 
+@dataclass(frozen=True)
+class RunSettings:
+    """Where and how a run does its work.
+
+    Attributes:
+        cache: folder of baked homes.
+        workers: number of processes of this machine, where no scheduler is given.
+        scheduler: makes the one that does the work; called only if there is any.
+        shared: the scheduler's workers are on other machines: they check that they see the same folder and have the
+            same versions.
+        policy: retries and environment.
+        limit: seconds for an observation, of which a home has `HOME_FACTOR` times as many; None: no limit.
+        max_failures: end the run when more than so many have failed; None: go on whatever fails.
+    """
+
+    cache: Path
+    workers: int = 1
+    scheduler: Callable[[], Scheduler] | None = None
+    shared: bool = False
+    policy: Policy = field(default_factory=Policy)
+    limit: float | None = None
+    max_failures: int | None = None
+
+
 def run(
-    source: ManifestFile,
-    plans: tuple[ObservationPlan, ...],
-    root: Path,
-    *,
-    workers: int,
-    cache: Path,
-    listen: Listener,
-    scheduler: Callable[[], Scheduler] | None = None,
-    shared: bool = False,
-    policy: Policy | None = None,
-    limit: float | None = None,
-    max_failures: int | None = None,
+    source: ManifestFile, plans: tuple[ObservationPlan, ...], root: Path, settings: RunSettings, listen: Listener
 ) -> Outcome:
     """Generate ``plans`` into ``root`` and write dataset.json.
 
@@ -86,15 +95,10 @@ def run(
         source: the manifest, for dataset.json.
         plans: the observations to make.
         root: the dataset's folder; made if missing.
-        workers: number of processes of this machine, where no scheduler is given.
-        cache: folder of baked homes.
-        listen: gets every event, in this process.
-        scheduler: makes the one that does the work; called only if there is any.
-        shared: the scheduler's workers are on other machines: they check that they see the same folder and have the
-            same versions.
-        policy: retries and environment.
-        limit: seconds for an observation, of which a home has `HOME_FACTOR` times as many; None: no limit.
-        max_failures: end the run when more than so many have failed; None: go on whatever fails.
+        settings: where and how.
+        listen: gets every event, in this process. Its name is the observation's key, or the home's name. Kinds are
+            "home", "start", "frame", "done", "kept", "failed", "retry", "worker" (one was lost) and "note"; the text of
+            "frame" is the number of the newest one.
 
     Raises:
         UsageError: if ``root`` holds observations made from another plan, or files and no dataset; or dataset.json
@@ -104,7 +108,8 @@ def run(
     """
     check(source)
     check_scans(plans)
-    root, cache = root.absolute(), cache.absolute()
+    root = root.absolute()
+    settings = replace(settings, cache=settings.cache.absolute())
     refuse_foreign(root)
     with held(root) as me:
         sweep(root)
@@ -115,39 +120,52 @@ def run(
         todo = [plan for plan in plans if plan.key not in done]
         kept = tuple(plan.key for plan in plans if plan.key in done)
         for key in kept:
-            listen(("kept", key, ""))
-        made: list[str] = []
-        failed: list[tuple[str, str]] = []
-        stopped = False
+            listen(Event("kept", key, ""))
+        outcome = Outcome((), kept, ())
         if todo:
-            if not shared:  # workers on other machines see to it themselves
-                _check_cache(cache, todo)
-            place = Place(root, cache, me.token if shared else None)
-            with (scheduler or (lambda: LocalScheduler(workers)))() as pool:
-                tasks = _tasks(todo, place, threads=1 if shared else workers, limit=limit)
-                results = pool.run(tasks, policy or Policy(), lambda event: listen(_told(event)))
-                try:
-                    with closing(results):
-                        for result in results:
-                            key = result.task.name
-                            if result.task.after is None:
-                                continue  # a home; the observations that waited for it tell the rest
-                            if isinstance(result, Failure):
-                                failed.append((key, result.message))
-                                log.add(key, result.attempts)
-                                listen(("failed", key, result.message))
-                                stopped = max_failures is not None and len(failed) > max_failures
-                                if stopped:
-                                    break
-                            else:
-                                made.append(key)
-                                listen(("done", key, result.value))
-                finally:
-                    sweep(root)
-        log.tidy({*done, *made})
-        _await(root, made)
+            place = Place(root, settings.cache, me.token if settings.shared else None)
+            try:
+                outcome = _make(todo, place, settings, listen, log, kept)
+            finally:
+                sweep(root)
+        log.tidy({*done, *outcome.made})
+        _await(root, outcome.made)
         seal(source, root, observation_provenance(plans[0].vision, plans[0].audio))
-        return Outcome(tuple(made), kept, tuple(failed), stopped)
+        return outcome
+
+
+def _make(
+    todo: Sequence[ObservationPlan],
+    place: Place,
+    settings: RunSettings,
+    listen: Listener,
+    log: FailureLog,
+    kept: tuple[str, ...],
+) -> Outcome:
+    """Hand what is to be made to the scheduler; failures are logged as they come."""
+    if not settings.shared:  # workers on other machines see to it themselves
+        _check_cache(place.cache, todo)
+    made: list[str] = []
+    failed: list[tuple[str, str]] = []
+    stopped = False
+    with (settings.scheduler or (lambda: LocalScheduler(settings.workers)))() as pool:
+        tasks = _tasks(todo, place, threads=1 if settings.shared else settings.workers, limit=settings.limit)
+        with closing(pool.run(tasks, settings.policy, lambda event: listen(_named(event)))) as results:
+            for result in results:
+                key = result.task.name
+                if result.task.after is None:
+                    continue  # a home; the observations that waited for it tell the rest
+                if isinstance(result, Failure):
+                    failed.append((key, result.message))
+                    log.add(key, result.attempts)
+                    listen(Event("failed", key, result.message))
+                    stopped = settings.max_failures is not None and len(failed) > settings.max_failures
+                    if stopped:
+                        break
+                else:
+                    made.append(key)
+                    listen(Event("done", key, result.value))
+    return Outcome(tuple(made), kept, tuple(failed), stopped)
 
 
 def refuse_foreign(root: Path) -> None:
@@ -192,11 +210,9 @@ def _tasks(todo: Sequence[ObservationPlan], place: Place, *, threads: int, limit
     return tasks
 
 
-def _told(event: Event) -> tuple[str, str, str]:
+def _named(event: Event) -> Event:
     """An event of the scheduler as this run's listener knows it; a home is called by its name."""
-    if event.kind == "home":
-        return "home", event.text, ""
-    return event.kind, event.name, event.text
+    return Event("home", event.text, "") if event.kind == "home" else event
 
 
 def _await(root: Path, made: Sequence[str]) -> None:
@@ -229,7 +245,7 @@ def _finished(source: ManifestFile, plans: Sequence[ObservationPlan], root: Path
     for plan in plans:
         damage = find_damage(root / plan.key, found[plan.key]) if plan.key in found else ""
         if damage:
-            listen(("note", plan.key, f"made again: {damage}"))
+            listen(Event("note", plan.key, f"made again: {damage}"))
             discard(root / plan.key)
             del found[plan.key]
     return set(found)
