@@ -142,6 +142,28 @@ def test_a_process_that_stops_in_the_middle_of_a_message_is_given_up(
     assert attempt(child, work.double, 1) == Done(2)
 
 
+def test_cores_are_lent_again_only_when_their_number_changes(
+    child: Supervised, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written: list[int] = []
+    write = os.pwrite
+
+    def count(file: int, data: bytes, at: int) -> int:
+        written.append(int.from_bytes(data, "little"))
+        return write(file, data, at)
+
+    monkeypatch.setattr(supervised.os, "pwrite", count)
+    assert attempt(child, work.environment, "HOME")
+    for cores in (1, 2, 2, 3, 3, 1):
+        child.lend(cores)
+    assert written == [2, 3, 1]
+    child.lend(2)
+    child.kill()
+    assert attempt(child, work.environment, "HOME")
+    child.lend(2)  # the new process knows 1
+    assert written == [2, 3, 1, 2, 2]
+
+
 def test_a_message_of_many_lines_becomes_one(child: Supervised) -> None:
     assert "first second" in attempt(child, work.verbose).message
 

@@ -73,6 +73,7 @@ class Supervised:
         self._process: subprocess.Popen[bytes] | None = None
         self._work = b""
         self._begun = False
+        self._lent = 1
         self._limit: float | None = None
         self._deadline: float | None = None
 
@@ -105,9 +106,10 @@ class Supervised:
 
     def lend(self, cores: int) -> None:
         """Let the running task use so many cores from now on (see `Context`)."""
-        # In one write, so that the child never reads half of it. A child that was started again knows 1.
-        if self._process is not None:
+        # In one write, so that the child never reads half of it.
+        if self._process is not None and cores != self._lent:
             os.pwrite(self._share.fileno(), cores.to_bytes(4, "little"), 0)
+            self._lent = cores
 
     def _send(self) -> None:
         self._begun = False
@@ -196,6 +198,7 @@ class Supervised:
             os.close(end)
         self._process, self._connection, self._lifeline = process, connection, lifeline
         self._trace, self._share = trace, share
+        self._lent = 1  # what an empty file says
 
     def _died(self) -> Attempt | None:
         """The process is gone: a failed attempt, unless it had ended before it saw the task."""
