@@ -29,6 +29,8 @@ VULNERABLE = {
     "transformers": ("5.9.0", "CVE-2026-9856"),
     "scikit-learn": ("1.4.2", "CVE-2024-5206"),
     "distributed": ("2026.1.0", "CVE-2026-23528"),
+    "requests": ("2.32.5", "CVE-2026-25645"),
+    "urllib3": ("2.7.0", "CVE-2026-97687"),
     "bokeh": ("3.8.1", "CVE-2026-21883"),
     "datasets": ("5.0.0", "PYSEC-2026-3716"),
     "pytest": ("9.0.2", "CVE-2025-71176"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import email.utils
 import hashlib
+import io
 import multiprocessing
 import os
 import signal
@@ -14,6 +15,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import requests
+import urllib3
 
 from avs3d_bench.errors import Avs3dError
 from generators.library.download import download
@@ -155,12 +158,13 @@ def test_a_pause_beyond_the_limit_is_not_waited_for(server: Server, tmp_path: Pa
     assert leftovers(tmp_path) == []
 
 
-def test_retry_after_in_both_forms_and_in_none() -> None:
+def test_retry_after_in_both_forms_and_in_none(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 1_700_000_000.0
-    assert retry_after("17", now) == 17
-    assert retry_after(email.utils.formatdate(now + 90, usegmt=True), now) == 90
-    assert retry_after(email.utils.formatdate(now - 90, usegmt=True), now) == 0
-    assert [retry_after(value, now) for value in (None, "soon", "-3", "1e9", "")] == [None] * 5
+    monkeypatch.setattr(time, "time", lambda: now)
+    assert retry_after("17") == 17
+    assert retry_after(email.utils.formatdate(now + 90, usegmt=True)) == 90
+    assert retry_after(email.utils.formatdate(now - 90, usegmt=True)) == 0
+    assert [retry_after(value) for value in (None, "soon", "-3", "1e9", "")] == [None] * 5
 
 
 @pytest.mark.parametrize(
@@ -291,6 +295,48 @@ def test_a_redirect_on_the_same_host_keeps_the_token(server: Server, tmp_path: P
     server.on("/there", Reply(DATA))
     download(request(server, token=TOKEN), tmp_path / "x.bin", FAST)
     assert server.calls[1].headers["authorization"] == TOKEN
+
+
+def test_a_redirect_with_a_body_without_end_is_followed_at_once(server: Server, tmp_path: Path) -> None:
+    server.on("/file", Reply(DATA[:100], 302, {"Location": "/there"}, drip=0.05))
+    server.on("/there", Reply(DATA))
+    started = time.monotonic()
+    assert download(request(server), tmp_path / "x.bin", FAST).sha256 == SHA
+    assert time.monotonic() - started < 2
+
+
+@pytest.mark.parametrize("token", [None, TOKEN])
+def test_passwords_of_netrc_are_not_sent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, token: str | None) -> None:
+    netrc = tmp_path / "netrc"
+    netrc.write_text("default login me password mine\n")
+    monkeypatch.setenv("NETRC", str(netrc))
+    sent: list[str | None] = []
+
+    def send(_self: object, prepared: requests.PreparedRequest, **_settings: object) -> requests.Response:
+        sent.append(prepared.headers.get("Authorization"))
+        answer = requests.Response()
+        answer.request, answer.url = prepared, str(prepared.url)
+        answer.raw = urllib3.HTTPResponse(io.BytesIO(b"{}"), preload_content=False)
+        answer.status_code = 200
+        if len(sent) == 1:
+            answer.status_code, answer.headers["Location"] = 302, "https://b.invalid/"
+        return answer
+
+    monkeypatch.setattr(requests.adapters.HTTPAdapter, "send", send)
+    assert get_json(Request("https://a.invalid/", "asset/one", "The Service", token=token), FAST) == {}
+    assert sent == [token, None]
+
+
+def test_a_cut_between_chunks_is_a_cut(server: Server, tmp_path: Path) -> None:
+    chunks = {"Transfer-Encoding": "chunked"}
+    server.on("/file", Reply(b"5\r\nfirst\r\n5\r\nse", headers=chunks, length=False))
+    with pytest.raises(CutError) as caught:
+        download(request(server), tmp_path / "x.bin", FAST)
+    assert "the connection was cut" in one_line(caught.value)
+    assert leftovers(tmp_path) == []
+    server.on("/file", Reply(b"5\r\nfirst\r\n0\r\n\r\n", headers=chunks, length=False))
+    download(request(server), tmp_path / "x.bin", FAST)
+    assert (tmp_path / "x.bin").read_bytes() == b"first"
 
 
 def test_redirects_end(server: Server, tmp_path: Path) -> None:

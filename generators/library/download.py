@@ -15,7 +15,9 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
+
+import requests
 
 from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError
@@ -175,12 +177,12 @@ def _transfer(
         progress(ledger.length, ledger.length)
 
 
-def _expect(request: Request, answer: Any, ledger: _Ledger, limits: Limits) -> int | None:
+def _expect(request: Request, answer: requests.Response, ledger: _Ledger, limits: Limits) -> int | None:
     """The file's whole size, if the answer says; prepares the ledger for what comes."""
     encoding = answer.headers.get("Content-Encoding", "identity").lower()
     if encoding != "identity":
         raise Avs3dError(f"{request.what}: {request.service} sent the file as {encoding}, which nobody asked for")
-    if answer.status == 206:
+    if answer.status_code == 206:
         span = re.fullmatch(
             r"bytes ([0-9]{1,18})-([0-9]{1,18})/([0-9]{1,18}|\*)", answer.headers.get("Content-Range", "")
         )
@@ -188,7 +190,7 @@ def _expect(request: Request, answer: Any, ledger: _Ledger, limits: Limits) -> i
             ledger.restart("")
             raise interrupted(request, f"{request.service} resumed at another place than asked")
         return int(span[3]) if span[3] != "*" else int(span[2]) + 1
-    if answer.status == 416:  # the file is no longer than what is there: begin again
+    if answer.status_code == 416:  # the file is no longer than what is there: begin again
         ledger.restart("")
         raise interrupted(request, f"{request.service} could not go on where the connection was cut")
     total = content_length(answer)

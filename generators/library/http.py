@@ -1,26 +1,27 @@
 """Asking over HTTP: patient when told to wait, bounded, and never carrying a token to another host.
 
-On urllib of the standard library: it knows proxies and the system's certificates, and what is left to do (waiting and
-redirects here, ranges in `download`) is the same on any client. RFC 9110: Retry-After (§10.2.3: seconds or a date),
-redirects (§15.4).
+requests does the talking (connections, proxies, redirects). Here: which addresses are allowed, where a token goes, how
+long and how much, and what a failure says. RFC 9110: Retry-After (§10.2.3: seconds or a date), redirects (§15.4).
+docs/decisions.md says why the attempts are counted here and not by urllib3.
 """
 
 from __future__ import annotations
 
 import contextlib
-import email.utils
 import http.client
 import ipaddress
 import json
 import socket
 import ssl
 import time
-import urllib.error
-import urllib.request
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
-from urllib.parse import urljoin, urlsplit
+from urllib.parse import urlsplit
+
+import requests
+import urllib3
+from urllib3.util import Retry
 
 from avs3d_bench import __version__
 from avs3d_bench.errors import Avs3dError
@@ -29,11 +30,10 @@ MEGABYTE = 1_000_000
 #: Answers of an API that are larger than this are none.
 _JSON_LIMIT = 8 * MEGABYTE
 _CHUNK = 1 << 16
-_REDIRECTS = (301, 302, 303, 307, 308)
 _MAX_REDIRECTS = 5
-#: No pause that a server asks for counts as longer than this: ten years, seconds.
-_LONGEST = 3.2e8
-#: Answers worth another try: too many requests, and servers that are out of breath.
+#: No pause that a server asks for counts as longer than this (s): ten years.
+_LONGEST = 320_000_000
+#: Statuses worth another try: too many requests, overloaded servers.
 _PASSING = (429, 500, 502, 503, 504)
 
 Say = Callable[[str], None]
@@ -139,7 +139,7 @@ def check_url(url: str, what: str, *, loopback: bool = True) -> None:
     raise Avs3dError(f"{what}: {_shown(url)} is no https address; expected https (http only on this machine)")
 
 
-def content_length(answer: Any) -> int | None:
+def content_length(answer: requests.Response) -> int | None:
     """Bytes that an answer promises, if it says so in plain digits."""
     text = str(answer.headers.get("Content-Length") or "").strip()
     return int(text) if text.isascii() and text.isdigit() and len(text) <= 18 else None
@@ -150,75 +150,91 @@ def interrupted(request: Request, cause: str) -> CutError:
     return CutError(f"{request.what}: {cause} ({urlsplit(request.url).hostname}); run the same command again to go on")
 
 
-class _NoRedirect(urllib.request.HTTPRedirectHandler):
-    """Hands redirects back, so that each step's address is looked at and the token stays at home."""
+class _Session(requests.Session):
+    """One request and its redirects: looks at every address, and sends the token to the first one's origin only."""
 
-    def redirect_request(self, *_args: Any, **_kwargs: Any) -> None:
-        return None
+    def __init__(self, request: Request, limits: Limits, deadline: float) -> None:
+        super().__init__()
+        self.asked, self.limits, self.deadline = request, limits, deadline
+        self.url = request.url
+        self.timeout = limits.timeout
+        self.loopback = _is_loopback(urlsplit(request.url).hostname or "")
+        self.max_redirects = _MAX_REDIRECTS
+        # A proxy cannot reach this machine's own loopback.
+        self.trust_env = not self.loopback
+        # The system's certificates (SSL_CERT_FILE first), as far as it has any; else those of certifi.
+        known = ssl.get_default_verify_paths()
+        self.verify = known.cafile or known.capath or True
+        self.auth = self._authorise
+
+    def _authorise(self, prepared: requests.PreparedRequest) -> requests.PreparedRequest:
+        """The token, and nothing else: without an `auth` of its own, requests would look into ~/.netrc."""
+        if self.asked.token is not None:
+            prepared.headers["Authorization"] = self.asked.token
+        return prepared
+
+    def send(self, request: requests.PreparedRequest, **settings: Any) -> requests.Response:
+        """Called once for every address on the way."""
+        self.url = str(request.url)
+        check_url(self.url, self.asked.what, loopback=self.loopback)
+        self.timeout = max(0.01, min(self.limits.timeout, self.deadline - time.monotonic()))
+        return super().send(request, **{**settings, "timeout": self.timeout})
+
+    def get_redirect_target(self, resp: requests.Response) -> str | None:
+        if resp.is_redirect:
+            resp.close()  # or requests would read its body, however long
+        return super().get_redirect_target(resp)
+
+    def rebuild_auth(self, prepared_request: requests.PreparedRequest, response: requests.Response) -> None:
+        if _origin(str(prepared_request.url)) != _origin(self.asked.url):
+            prepared_request.headers.pop("Authorization", None)
 
 
+@contextlib.contextmanager
 def open_answer(
     request: Request, headers: Mapping[str, str], limits: Limits, deadline: float, passed: tuple[int, ...] = ()
-) -> Any:
-    """The answer (2xx, or a status in ``passed``), redirects followed.
+) -> Iterator[requests.Response]:
+    """The answer (2xx, or a status in ``passed``), redirects followed, its body still to come.
 
     Raises:
         HttpError: any other status.
         CutError: no connection, or no answer in time.
     """
-    url, posting = request.url, True
-    check_url(url, request.what)
-    origin = _origin(url)
-    loopback = _is_loopback(urlsplit(url).hostname or "")
-    # A proxy cannot reach this machine's own loopback.
-    opener = urllib.request.build_opener(_NoRedirect, *([urllib.request.ProxyHandler({})] if loopback else []))
-    for _ in range(_MAX_REDIRECTS + 1):
-        timeout = max(0.01, min(limits.timeout, deadline - time.monotonic()))
-        sent = {"User-Agent": f"avs3d-bench/{__version__}", "Accept": "*/*", "Accept-Encoding": "identity", **headers}
-        body = None
-        if request.body is not None and posting:
-            body = json.dumps(request.body).encode()
-            sent["Content-Type"] = "application/json"
-        if request.token is not None and _origin(url) == origin:
-            sent["Authorization"] = request.token
+    check_url(request.url, request.what)
+    sent = {"User-Agent": f"avs3d-bench/{__version__}", "Accept": "*/*", "Accept-Encoding": "identity", **headers}
+    with _Session(request, limits, deadline) as session:
         try:
-            return opener.open(urllib.request.Request(url, data=body, headers=sent), timeout=timeout)
-        except urllib.error.HTTPError as error:
-            status, location = error.code, error.headers.get("Location")
-            if status in passed:
-                return error
-            error.close()
-            if status not in _REDIRECTS:
-                raise _refusal(request, error) from None
-            if not location:
-                raise HttpError(
-                    f"{request.what}: {request.service} redirects to nowhere (HTTP {status})", status
-                ) from None
-            url, posting = _joined(url, location), posting and status in (307, 308)
-            check_url(url, request.what, loopback=loopback)
-        except (http.client.InvalidURL, ValueError):  # their text may quote what is sent
-            raise Avs3dError(
-                f"{request.what}: {_shown(url)} is no valid address; report it to {request.service}"
+            method = "GET" if request.body is None else "POST"
+            answer = session.request(method, request.url, headers=sent, json=request.body, stream=True)
+        except requests.TooManyRedirects:
+            raise HttpError(
+                f"{request.what}: {request.service} redirects more than {_MAX_REDIRECTS} times; report it there", 310
             ) from None
-        except (OSError, http.client.HTTPException) as error:
-            raise _no_answer(request, url, error, timeout) from None
-    raise HttpError(
-        f"{request.what}: {request.service} redirects more than {_MAX_REDIRECTS} times; report it there", 310
-    )
+        except ValueError:  # requests' InvalidURL, InvalidHeader, …: their text may quote what is sent
+            raise Avs3dError(
+                f"{request.what}: {_shown(session.url)} is no valid address; report it to {request.service}"
+            ) from None
+        except (OSError, urllib3.exceptions.HTTPError) as error:  # requests' are OSErrors
+            raise _no_answer(request, session.url, error, session.timeout) from None
+        with answer:
+            if not (200 <= answer.status_code < 300 or answer.status_code in passed):
+                raise _refusal(request, answer)
+            yield answer
 
 
-def read_block(answer: Any, request: Request, deadline: float) -> bytes:
-    """The next bytes; empty at the end."""
+def read_block(answer: requests.Response, request: Request, deadline: float) -> bytes:
+    """The next bytes, as they were sent; empty at the end."""
     if time.monotonic() > deadline:
         raise interrupted(request, "the transfer took longer than allowed (see --max-time)")
     try:
-        return bytes(answer.read1(_CHUNK))
-    except http.client.IncompleteRead as error:
-        raise interrupted(request, f"the connection was cut ({len(error.partial)} bytes into a block)") from None
-    except TimeoutError:
+        return bytes(answer.raw.read1(_CHUNK, decode_content=False))
+    except urllib3.exceptions.ReadTimeoutError:
         raise interrupted(request, f"{request.service} sent nothing for too long (see --timeout)") from None
-    except (OSError, http.client.HTTPException, ValueError) as error:
-        raise interrupted(request, f"the connection was cut ({_words(error)})") from None
+    except (OSError, urllib3.exceptions.HTTPError, ValueError) as error:
+        cause = _cause(error)
+        if isinstance(cause, urllib3.exceptions.IncompleteRead):
+            return b""  # fewer bytes than Content-Length: the callers say so, who know what came before
+        raise interrupted(request, f"the connection was cut ({_words(cause)})") from None
 
 
 class _BusyError(HttpError):
@@ -229,8 +245,10 @@ class _BusyError(HttpError):
         self.wait = wait
 
 
-def _refusal(request: Request, error: urllib.error.HTTPError) -> HttpError:
-    status = error.code
+def _refusal(request: Request, answer: requests.Response) -> HttpError:
+    status = answer.status_code
+    if status in (301, 302, 303, 307, 308):
+        return HttpError(f"{request.what}: {request.service} redirects to nowhere (HTTP {status})", status)
     known = {
         401: "it wants a valid token",
         403: "it does not allow this",
@@ -244,20 +262,14 @@ def _refusal(request: Request, error: urllib.error.HTTPError) -> HttpError:
         advice = "try again later" if status in _PASSING else "check the id and what your account may do"
     message = f"{request.what}: {request.service} answered {status}: {cause}; {advice}"
     if status in _PASSING:
-        return _BusyError(message, status, retry_after(error.headers.get("Retry-After")))
+        return _BusyError(message, status, retry_after(answer.headers.get("Retry-After")))
     return HttpError(message, status)
 
 
-def retry_after(value: str | None, now: float | None = None) -> float | None:
+def retry_after(value: str | None) -> float | None:
     """Seconds that a Retry-After header asks for (a number, or a date); None if it says nothing sensible."""
-    if value is None:
-        return None
-    text = value.strip()
-    if text.isascii() and text.isdigit():
-        return min(float(text), _LONGEST)
-    with contextlib.suppress(TypeError, ValueError, OverflowError):
-        moment = email.utils.parsedate_to_datetime(text).timestamp()
-        return min(max(0.0, moment - (time.time() if now is None else now)), _LONGEST)
+    with contextlib.suppress(urllib3.exceptions.InvalidHeader, ValueError, OverflowError):
+        return None if value is None else float(Retry(retry_after_max=_LONGEST).parse_retry_after(value))
     return None
 
 
@@ -293,19 +305,30 @@ def _attempt(request: Request, limits: Limits, say: Say, deadline: float, number
 
 def _no_answer(request: Request, url: str, error: Exception, timeout: float) -> Avs3dError:
     host = urlsplit(url).netloc.rpartition("@")[2]
-    reason = getattr(error, "reason", error)
-    if isinstance(reason, TimeoutError) or isinstance(error, TimeoutError):
+    cause = _cause(error)
+    if isinstance(cause, TimeoutError):
         return CutError(f"{request.what}: {host} did not answer within {timeout:g} s; try again later (see --timeout)")
-    if isinstance(reason, socket.gaierror):
-        return Avs3dError(f"{request.what}: no address of {host} is known ({_words(reason)}); check the network")
-    if isinstance(reason, ssl.SSLCertVerificationError):
+    if isinstance(cause, socket.gaierror):
+        return Avs3dError(f"{request.what}: no address of {host} is known ({_words(cause)}); check the network")
+    if isinstance(cause, ssl.SSLCertVerificationError):
         return Avs3dError(
-            f"{request.what}: the certificate of {host} is not valid ({reason.verify_message}); not fetched"
+            f"{request.what}: the certificate of {host} is not valid ({cause.verify_message}); not fetched"
         )
-    return CutError(f"{request.what}: no connection to {host} ({_words(reason)}); check the network or the proxy")
+    return CutError(f"{request.what}: no connection to {host} ({_words(cause)}); check the network or the proxy")
 
 
-def _words(error: Any) -> str:
+def _cause(error: BaseException) -> BaseException:
+    """The system's own error below those of requests and urllib3, which wrap it up to four times."""
+    for _ in range(8):
+        below = (error.__cause__, getattr(error, "reason", None), *error.args)
+        inner = next((each for each in below if isinstance(each, BaseException)), None)
+        if inner is None:
+            break
+        error = inner
+    return error
+
+
+def _words(error: BaseException) -> str:
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return " ".join(str(text).split())[:120]
 
@@ -318,14 +341,6 @@ def _shown(url: str) -> str:
     except ValueError:
         shown = url.partition("?")[0].rpartition("@")[2]
     return "".join(letter if letter.isprintable() else "?" for letter in shown)[:200]
-
-
-def _joined(url: str, location: str) -> str:
-    """The address that a redirect leads to; what is none is left to `check_url`."""
-    try:
-        return urljoin(url, location)
-    except ValueError:
-        return location
 
 
 def _origin(url: str) -> tuple[str, str, int]:
