@@ -23,6 +23,7 @@ from avs3d_bench import __version__
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.groups import HELP, PATH, Group, only_option
 from avs3d_bench.memory_limit import check_address_space, out_of_memory
+from avs3d_bench.one_thread import ONE_THREAD
 from avs3d_bench.text import printable
 
 if TYPE_CHECKING:
@@ -171,8 +172,7 @@ def validate(
 
 def _regenerate(root: Path, count: int, seed: int | None, manifest: Path | None) -> tuple[Problem, ...]:
     """Make frames again, saying which; threads are bounded before numpy starts them, as the generator does."""
-    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
-        os.environ[variable] = "1"
+    os.environ.update(ONE_THREAD)
     import secrets
 
     from avs3d_bench.validation.regenerate import regenerate

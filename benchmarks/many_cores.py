@@ -26,8 +26,10 @@ from typing import Any
 
 import click
 
-for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
-    os.environ.setdefault(_variable, "1")
+from avs3d_bench.one_thread import ONE_THREAD
+
+for _variable, _value in ONE_THREAD.items():
+    os.environ.setdefault(_variable, _value)
 
 #: Bytes that stay in a core's own cache, and bytes that fit no cache.
 _CACHED, _STREAMED = 1 << 15, 64 << 20

@@ -11,8 +11,10 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
-    os.environ.setdefault(_variable, "1")
+from avs3d_bench.one_thread import ONE_THREAD
+
+for _variable, _value in ONE_THREAD.items():
+    os.environ.setdefault(_variable, _value)
 
 #: Figure → (at most, at least): what the project promises on a core of about 2.1 GHz.
 TARGETS: dict[str, tuple[float | None, float | None]] = {

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import click
 
 from avs3d_bench.groups import PATH, only_option
+from avs3d_bench.one_thread import ONE_THREAD
 from avs3d_bench.scheduling.options import Options, scheduling_options
+from generators.core.limits import FRAMES, SIZE, WORKERS
+from generators.run.options import Audio, Extra, GenerateOptions, Vision
 
 
 @click.command()
 @click.argument("manifest", type=click.Path(path_type=Path))
 @click.option("-o", "--output", "root", required=True, type=PATH, metavar="ROOT", help="The dataset's folder.")
-@click.option("--workers", type=click.IntRange(1, 256), default=None, help="Worker processes (default: one per core).")
+@click.option(
+    "--workers", type=click.IntRange(*WORKERS), default=None, help="Worker processes (default: one per core)."
+)
 @only_option
-@click.option("--vision", type=click.Choice(["embree", "habitat"]), default="embree", show_default=True)
+@click.option("--vision", type=click.Choice(get_args(Vision)), default="embree", show_default=True)
 @click.option(
     "--habitat-python",
     type=click.Path(path_type=Path),
@@ -26,10 +30,10 @@ from avs3d_bench.scheduling.options import Options, scheduling_options
     metavar="FILE",
     help="Interpreter with habitat-sim (default: $AVS3D_HABITAT_PYTHON).",
 )
-@click.option("--audio", type=click.Choice(["soundspaces", "analytic"]), default="soundspaces", show_default=True)
-@click.option("--frames", type=click.IntRange(1, 999), default=None, help="Frames per observation (manifest: 120).")
-@click.option("--size", type=click.IntRange(16, 8192), default=None, help="Pixels per side (manifest: 1008).")
-@click.option("--with", "extras", multiple=True, type=click.Choice(["depth", "rirs"]), help="Optional folders.")
+@click.option("--audio", type=click.Choice(get_args(Audio)), default="soundspaces", show_default=True)
+@click.option("--frames", type=click.IntRange(*FRAMES), default=None, help="Frames per observation (manifest: 120).")
+@click.option("--size", type=click.IntRange(*SIZE), default=None, help="Pixels per side (manifest: 1008).")
+@click.option("--with", "extras", multiple=True, type=click.Choice(get_args(Extra)), help="Optional folders.")
 @click.option(
     "--scans",
     type=click.Path(path_type=Path),
@@ -39,57 +43,34 @@ from avs3d_bench.scheduling.options import Options, scheduling_options
 )
 @click.option("--cache", type=PATH, metavar="DIR", default=None, help="Baked homes (default: $AVS3D_CACHE).")
 @scheduling_options
-def generate(manifest: Path, root: Path, scheduling: Options, **chosen: Any) -> None:
+def generate(
+    manifest: Path,
+    root: Path,
+    habitat_python: Path | None,
+    scans: Path | None,
+    scheduling: Options,
+    **chosen: Any,
+) -> None:
     """Generate the dataset that MANIFEST describes into a folder; run it again to go on after an interruption.
 
     The same manifest and the same versions give the same bytes, whatever the number of workers. Sound from the
     SoundSpaces engine (RLRAudioPropagation, CC-BY-NC 4.0) is for non-commercial research; --audio analytic is free.
     """
-    _generate(manifest, root, scheduling, GenerateOptions(**chosen))
-
-
-@dataclass(frozen=True)
-class GenerateOptions:
-    """The options of `generate`, as the command line names them."""
-
-    workers: int | None
-    only: tuple[str, ...]
-    vision: str
-    habitat_python: Path | None
-    audio: str
-    frames: int | None
-    size: int | None
-    extras: tuple[str, ...]
-    scans: Path | None
-    cache: Path | None
-
-
-def _generate(manifest: Path, root: Path, scheduling: Options, chosen: GenerateOptions) -> None:
-    # One thread per process: parallel work is spread over processes, and results stay the same on any machine.
-    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
-        os.environ[variable] = "1"
+    # Before numpy is imported.
+    os.environ.update(ONE_THREAD)
     from avs3d_bench.files import user_path
 
     # Worker processes are told through the environment, too.
-    for variable, named in (("AVS3D_HABITAT_PYTHON", chosen.habitat_python), ("AVS3D_SCANS", chosen.scans)):
+    for variable, named in (("AVS3D_HABITAT_PYTHON", habitat_python), ("AVS3D_SCANS", scans)):
         if named is not None:
             os.environ[variable] = str(user_path(named).absolute())
     from generators.manifest import read_manifest
-    from generators.plan import make_plans
-    from generators.run.generation import generate_plans
+    from generators.run.generation import generate_plans, plans_of
 
+    options = GenerateOptions(**chosen)
     source = read_manifest(manifest)
-    plans = make_plans(
-        source,
-        only=chosen.only,
-        vision=chosen.vision,
-        audio=chosen.audio,
-        frames=chosen.frames,
-        size=chosen.size,
-        depth="depth" in chosen.extras,
-        rirs="rirs" in chosen.extras,
-    )
-    outcome = generate_plans(source, plans, root, workers=chosen.workers, cache=chosen.cache, scheduling=scheduling)
+    plans = plans_of(source, options)
+    outcome = generate_plans(source, plans, root, options, scheduling)
     click.echo(f"{root}: {len(outcome.made)} made, {len(outcome.kept)} kept, {len(outcome.failed)} failed")
     for key, message in outcome.failed:
         click.echo(f"avs3d: error: {key}: {message}", err=True)

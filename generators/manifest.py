@@ -20,6 +20,7 @@ from avs3d_bench.layout import observation_key
 from avs3d_bench.schema import Category, Part, Room
 from avs3d_bench.taxonomy import check_category, check_room
 from avs3d_bench.yamlfile import read_yaml, step
+from generators.core.limits import FRAMES, SIZE
 
 #: Largest coordinate of a room's box (m): far beyond any home, and single precision still holds millimetres.
 FARTHEST = 10_000.0
@@ -77,10 +78,10 @@ class _Model(BaseModel):
 class CameraSpec(_Model):
     """The camera: square frames of ``size`` pixels, ``hfov`` degrees wide, ``height`` metres above the floor."""
 
-    size: Annotated[int, Field(ge=16, le=8192)] = 1008
+    size: Annotated[int, Field(ge=SIZE[0], le=SIZE[1])] = 1008
     hfov: Annotated[Finite, Field(gt=10.0, lt=170.0)] = 90.0
     height: Annotated[Finite, Field(gt=0.2, lt=2.4)] = 1.5
-    frames: Annotated[int, Field(ge=1, le=999)] = 120
+    frames: Annotated[int, Field(ge=FRAMES[0], le=FRAMES[1])] = 120
 
 
 class LicenceSpec(_Model):

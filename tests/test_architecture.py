@@ -132,7 +132,7 @@ HOUSE = {
         "lighting": "core",
         "placement": "core assets",
         "paths": "core assets vision lighting placement",
-        "manifest": "",
+        "manifest": "core",
         "library": "core assets vision lighting manifest",
         "plan": "assets backends scans manifest library",
         "homes": "core assets apartments scans lighting plan",
@@ -141,7 +141,7 @@ HOUSE = {
         "observation": "core assets vision acoustics backends placement paths library plan homes recording arrangement",
         "run": "core assets vision backends scans manifest library plan homes recording observation",
         "regenerate": "core acoustics backends paths manifest plan recording observation",
-        "cli": "manifest plan run",
+        "cli": "core manifest run",
     },
     "evaluators": {
         "bootstrap": "",

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import click
 
 from avs3d_bench.errors import UsageError
+from avs3d_bench.one_thread import ONE_THREAD
 from avs3d_bench.scheduling.jobqueue import KINDS
 from avs3d_bench.scheduling.tasks import Policy, Scheduler
 
@@ -20,7 +21,6 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 
 #: Variables that workers on other machines get as they are here.
 _PREFIX = "AVS3D_"
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 #: Settings of glibc's allocator: freed memory stays with the process (bytes). Arrays of a frame's size would otherwise
 #: be fresh memory for every frame, which costs page faults: 7 % of an observation with 16 processes on 16 cores
 #: (`python -m benchmarks.many_cores`).
@@ -91,8 +91,7 @@ class Options:
         """
         own = {name: value for name, value in os.environ.items() if name.startswith(_PREFIX)}
         if one_thread:
-            own |= {name: os.environ.get(name, "1") for name in _THREADS}
-            own |= {name: os.environ.get(name, value) for name, value in _MEMORY.items()}
+            own |= {name: os.environ.get(name, value) for name, value in (ONE_THREAD | _MEMORY).items()}
         return Policy(retries=self.retries, environment=tuple(sorted(own.items())))
 
     def limit(self, default: float) -> float | None:

@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
-from avs3d_bench.errors import UsageError, did_you_mean
 from avs3d_bench.files import user_path
+from avs3d_bench.one_thread import ONE_THREAD
 from avs3d_bench.parallel import available_cores
-from avs3d_bench.scheduling.options import Options, scheduler_of
+from avs3d_bench.scheduling.options import Options as Scheduling
+from avs3d_bench.scheduling.options import scheduler_of
 from avs3d_bench.scheduling.tasks import Listener
 from generators.core.folders import default_cache
 from generators.manifest import ManifestFile, read_manifest
 from generators.plan import ObservationPlan, make_plans
+from generators.run.options import Audio, Extra, GenerateOptions, Vision
 from generators.run.progress import reporting
 from generators.run.runner import Outcome, RunSettings, default_limit, run
-
-#: Environment of workers: one thread a process, so that results are the same on any machine.
-ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
-#: Smallest and largest number of frames, of pixels per side, and of processes.
-LIMITS = {"frames": (1, 999), "size": (16, 8192), "workers": (1, 256)}
-#: Optional folders of an observation.
-EXTRAS = ("depth", "rirs")
 
 
 def generate(
@@ -33,11 +27,11 @@ def generate(
     *,
     only: Sequence[str] = (),
     workers: int | None = None,
-    vision: Literal["embree", "habitat"] = "embree",
-    audio: Literal["soundspaces", "analytic"] = "soundspaces",
+    vision: Vision = "embree",
+    audio: Audio = "soundspaces",
     frames: int | None = None,
     size: int | None = None,
-    extras: Collection[Literal["depth", "rirs"]] = (),
+    extras: Sequence[Extra] = (),
     progress: bool = False,
 ) -> Outcome:
     """Generate the dataset that a manifest describes into a folder, as `avs3d generate` does.
@@ -75,67 +69,59 @@ def generate(
             assert not outcome.failed
             print(Dataset("data/small")[0].frames[0].audio().shape)
     """
-    for name, number in (("frames", frames), ("size", size), ("workers", workers)):
-        low, high = LIMITS[name]
-        if number is not None and not low <= number <= high:
-            raise UsageError(f"{name} {number}: expected {low} to {high}")
-    for name, texts, what in (("only", only, "patterns"), ("extras", extras, "names")):
-        if isinstance(texts, str):
-            raise UsageError(f"{name}: {texts!r}: expected a list of {what}")
-    for extra in extras:
-        if extra not in EXTRAS:
-            hint = did_you_mean(extra, EXTRAS)
-            raise UsageError(f"extras: unknown folder {extra!r}: expected some of {', '.join(EXTRAS)}{hint}")
+    options = GenerateOptions(only, workers, vision, audio, frames, size, extras)
     source = manifest if isinstance(manifest, ManifestFile) else read_manifest(Path(manifest))
-    plans = make_plans(
+    return generate_plans(source, plans_of(source, options), Path(root), options, progress=progress)
+
+
+def plans_of(source: ManifestFile, options: GenerateOptions) -> tuple[ObservationPlan, ...]:
+    """The observations that ``options`` ask for; raises what `make_plans` does."""
+    return make_plans(
         source,
-        only=only,
-        vision=vision,
-        audio=audio,
-        frames=frames,
-        size=size,
-        depth="depth" in extras,
-        rirs="rirs" in extras,
+        only=options.only,
+        vision=options.vision,
+        audio=options.audio,
+        frames=options.frames,
+        size=options.size,
+        depth="depth" in options.extras,
+        rirs="rirs" in options.extras,
     )
-    return generate_plans(source, plans, Path(root), workers=workers, progress=progress)
 
 
 def generate_plans(
     source: ManifestFile,
     plans: tuple[ObservationPlan, ...],
     root: Path,
+    options: GenerateOptions,
+    scheduling: Scheduling | None = None,
     *,
-    workers: int | None = None,
-    cache: Path | None = None,
-    scheduling: Options | None = None,
     progress: bool = True,
 ) -> Outcome:
     """Generate planned observations into a folder: the part that `generate` and `avs3d generate` share.
 
     Args:
         source: the manifest.
-        plans: the observations to make, from `make_plans`.
+        plans: the observations to make, from `plans_of`.
         root: the dataset's folder; made if missing.
-        workers: number of processes of this machine; None: one per core.
-        cache: folder of baked homes; None: ``$AVS3D_CACHE``, or the user's cache folder.
+        options: number of processes, cache.
         scheduling: where it runs, retries and time limits; None: on this machine, with the defaults.
         progress: report on stderr.
 
     Raises:
         UsageError, Avs3dError: see `generators.run.runner.run`.
     """
-    count = workers or available_cores()
-    options = scheduling or Options()
-    policy = options.policy(one_thread=True)
+    count = options.workers or available_cores()
+    where = scheduling or Scheduling()
+    policy = where.policy(one_thread=True)
     environment = dict(policy.environment) | ONE_THREAD
     settings = RunSettings(
-        cache=user_path(cache) if cache else default_cache(),
+        cache=user_path(options.cache) if options.cache else default_cache(),
         workers=count,
-        scheduler=lambda: scheduler_of(options, count),
-        shared=options.remote,
+        scheduler=lambda: scheduler_of(where, count),
+        shared=where.remote,
         policy=replace(policy, environment=tuple(sorted(environment.items()))),
-        limit=options.limit(default_limit(plans[0].camera)),
-        max_failures=options.max_failures,
+        limit=where.limit(default_limit(plans[0].camera)),
+        max_failures=where.max_failures,
     )
     shown: AbstractContextManager[Listener] = reporting(plans) if progress else nullcontext(_ignore)
     with shown as listen:

@@ -1,0 +1,60 @@
+"""What one may choose when a manifest is generated; imports nothing heavy, for the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+from avs3d_bench.errors import UsageError, did_you_mean
+from generators.core.limits import FRAMES, SIZE, WORKERS
+
+#: Renderers, acoustic engines, and optional folders of an observation.
+Vision = Literal["embree", "habitat"]
+Audio = Literal["soundspaces", "analytic"]
+Extra = Literal["depth", "rirs"]
+
+
+@dataclass(frozen=True)
+class GenerateOptions:
+    """What is made of a manifest, and with how many processes.
+
+    Attributes:
+        only: shell patterns of observation keys; none: all observations.
+        workers: number of processes of this machine; None: one per core.
+        vision: renderer.
+        audio: acoustic engine.
+        frames: frames per observation; None: the manifest's.
+        size: side of the pictures (pixels); None: the manifest's.
+        extras: optional folders.
+        cache: folder of baked homes; None: ``$AVS3D_CACHE``, or the user's cache folder.
+    """
+
+    only: Sequence[str] = ()
+    workers: int | None = None
+    vision: Vision = "embree"
+    audio: Audio = "soundspaces"
+    frames: int | None = None
+    size: int | None = None
+    extras: Sequence[Extra] = ()
+    cache: Path | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of range.
+
+        Raises:
+            UsageError: one line.
+        """
+        numbers = (("frames", self.frames, FRAMES), ("size", self.size, SIZE), ("workers", self.workers, WORKERS))
+        for name, number, (low, high) in numbers:
+            if number is not None and not low <= number <= high:
+                raise UsageError(f"{name} {number}: expected {low} to {high}")
+        for name, texts, what in (("only", self.only, "patterns"), ("extras", self.extras, "names")):
+            if isinstance(texts, str):
+                raise UsageError(f"{name}: {texts!r}: expected a list of {what}")
+        known = get_args(Extra)
+        for extra in self.extras:
+            if extra not in known:
+                hint = did_you_mean(extra, known)
+                raise UsageError(f"extras: unknown folder {extra!r}: expected some of {', '.join(known)}{hint}")
