@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import struct
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -138,6 +139,32 @@ def test_damage_is_named_whatever_the_compression(tmp_path: Path, method: int) -
             refusals.append(str(error))
     assert len(refusals) >= 10
     assert all(text.startswith("asset/one: ") and "\n" not in text for text in refusals)
+
+
+def test_a_second_name_in_an_extra_field_is_refused(tmp_path: Path) -> None:
+    """Later versions of zipfile, and other programs, unpack the member under that name."""
+    entry, name = zipfile.ZipInfo("a.obj"), b"../../evil.obj"
+    body = struct.pack("<BI", 1, zlib.crc32(b"a.obj")) + name
+    entry.extra = struct.pack("<HH", 0x7075, len(body)) + body
+    with zipfile.ZipFile(tmp_path / "x.zip", "w") as archive:
+        archive.writestr(entry, b"v 0 0 0")
+    assert "a second name" in refused(tmp_path / "x.zip", tmp_path)
+
+
+def test_a_list_of_members_without_end_is_refused_before_it_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write(tmp_path / "x.zip", {f"{index}.txt": b"" for index in range(30)})
+    assert "holds 30 members (at most 29)" in refused(path, tmp_path, members=29)
+    monkeypatch.setattr(zipfile, "ZipFile", lambda *_: pytest.fail("opened"))
+    assert "holds 30 members (at most 29)" in refused(path, tmp_path, members=29)
+    assert "has a list of members of" in refused(path, tmp_path, directory=100)
+
+
+def test_names_from_windows_are_taken_with_forward_slashes(tmp_path: Path) -> None:
+    path = write(tmp_path / "x.zip", {"a\\b.obj": b"1", "./c//d.obj": b"2"})
+    assert read_zip(path, "asset/one") == {"a/b.obj": b"1", "c/d.obj": b"2"}
+    assert "two members named" in refused(write(path, {"a\\b.obj": b"1", "a/B.obj": b"2"}), tmp_path)
 
 
 def test_a_bomb_that_lies_about_its_packed_size_is_refused(tmp_path: Path) -> None:

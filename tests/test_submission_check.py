@@ -14,6 +14,7 @@ import time
 import zipfile
 import zlib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -602,7 +603,7 @@ def test_a_bomb_is_not_unpacked(good: Path, data: Path, tmp_path: Path):
 
 
 def test_many_small_members_are_a_bomb_as_well(good: Path, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(archive, "_SMALL_ARCHIVE", 2**20)
+    monkeypatch.setattr(archive, "LIMITS", replace(archive.LIMITS, small_total=2**20))
     path = pack(good, tmp_path / "s.zip")
     with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as out:
         for number in range(20):
@@ -631,7 +632,7 @@ def test_an_archive_with_an_endless_list_of_members(
             pack(good, path)
         assert b"PK\6\6" in path.read_bytes()
     assert findings(path, data) == {}
-    monkeypatch.setattr(archive, "MAX_DIRECTORY_BYTES", 300)
+    monkeypatch.setattr(archive, "LIMITS", replace(archive.LIMITS, directory=300))
 
     def refuse(*_: object) -> None:
         raise AssertionError("opened")
@@ -670,7 +671,7 @@ def test_a_damaged_member_is_named(good: Path, data: Path, tmp_path: Path):
 
 def test_too_many_members(good: Path, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     path = pack(good, tmp_path / "s.zip")
-    monkeypatch.setattr(archive, "MAX_MEMBERS", 3)
+    monkeypatch.setattr(archive, "LIMITS", replace(archive.LIMITS, members=3))
     with pytest.raises(UsageError, match=r"s\.zip: 7 members, expected at most 3"):
         check_submission(path, data, workers=1)
     raw = bytearray(path.read_bytes())
@@ -730,6 +731,15 @@ def test_zip64_of_a_few_members_is_read(good: Path, data: Path, tmp_path: Path):
     end = struct.pack("<4s4H2IH", b"PK\5\6", 0, 0, 0xFFFF, 0xFFFF, 0xFFFFFFFF, 0xFFFFFFFF, 0)
     path.write_bytes(raw[:at] + record + locator + end)
     assert findings(path, data) == {}
+
+
+def test_members_that_share_their_bytes(good: Path, data: Path, tmp_path: Path):
+    path = pack(good, tmp_path / "s.zip", method=zipfile.ZIP_STORED)
+    raw = bytearray(path.read_bytes())
+    for offset in (20, 24):  # packed and unpacked bytes of the last member in the list
+        struct.pack_into("<I", raw, raw.rfind(b"PK\1\2") + offset, len(raw))
+    path.write_bytes(raw)
+    assert "an archive bomb" in findings(path, data)["."]
 
 
 def test_a_second_name_in_an_extra_field(good: Path, data: Path, tmp_path: Path):

@@ -2,99 +2,87 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import lzma
-import stat
 import struct
 import zipfile
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
+from typing import IO
 
 from avs3d_bench import files
+from avs3d_bench.archive import Fault, announced, faults, plain_name
+from avs3d_bench.archive import ZipLimits as ZipLimits
 from avs3d_bench.errors import Avs3dError
-
-
-@dataclass(frozen=True)
-class ZipLimits:
-    """What an honest archive of one model stays below.
-
-    Attributes:
-        members: number of members.
-        total: bytes of all members, unpacked.
-        ratio: unpacked bytes per packed byte, of the whole and of each member above a megabyte (text of an OBJ packs
-            1:10; a picture of one colour 1:200).
-    """
-
-    members: int = 2000
-    total: int = 1_000_000_000
-    ratio: float = 250.0
-
 
 #: What the decoders say of a damaged member.
 _DAMAGE = (
     zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, EOFError, OSError, ValueError, NotImplementedError,
     RuntimeError,
 )  # fmt: skip
+MODEL_LIMITS = ZipLimits()
 #: A library of hundreds of models (an .sh3f) is larger than one model.
 LIBRARY_LIMITS = ZipLimits(members=50_000, total=4_000_000_000)
 
 
-def vetted(
-    archive: zipfile.ZipFile, what: str, limits: ZipLimits = ZipLimits()
-) -> tuple[zipfile.ZipInfo, ...]:  # frozen
+def opened(file: Path | IO[bytes], what: str, limits: ZipLimits) -> zipfile.ZipFile:
+    """An archive whose list of members is short enough to be read.
+
+    Raises:
+        Avs3dError: if it is not.
+        OSError: if it cannot be read.
+        zipfile.BadZipFile: if it is no archive.
+    """
+    with file.open("rb") if isinstance(file, Path) else contextlib.nullcontext(file) as stream:
+        fault = announced(stream, limits)
+    if fault:
+        raise _refusal(what, fault)
+    return zipfile.ZipFile(file)
+
+
+def vetted(archive: zipfile.ZipFile, what: str, limits: ZipLimits = MODEL_LIMITS) -> tuple[zipfile.ZipInfo, ...]:
     """The file members of an archive, after a look at all it says of itself.
 
     Raises:
-        Avs3dError: for absolute names, ``..``, links, devices, encrypted or doubled members, absurd counts, sizes or
-            ratios; nothing is unpacked then.
+        Avs3dError: for any of the faults of `avs3d_bench.archive`; nothing is unpacked then.
     """
-
-    def refuse(cause: str) -> Avs3dError:
-        return Avs3dError(f"{what}: refused, the archive {cause}; it is broken or hostile, take it from another place")
-
-    members = archive.infolist()
-    if len(members) > limits.members:
-        raise refuse(f"holds {len(members)} members (at most {limits.members})")
-    kept: list[zipfile.ZipInfo] = []
-    seen: set[str] = set()
-    total = packed = 0
-    for member in members:
-        # zipfile cuts names at a zero byte; what the archive really says is in orig_filename.
-        name = member.orig_filename
-        shown = repr(name[:80])
-        if not name or any(ord(letter) < 32 or letter == "\x7f" for letter in name):
-            raise refuse(f"has a member with a broken name {shown}")
-        path = PurePosixPath(name.replace("\\", "/"))
-        if path.is_absolute() or name[1:2] == ":" or ".." in path.parts:
-            raise refuse(f"has a member {shown} that points outside of it")
-        kind = stat.S_IFMT(member.external_attr >> 16)
-        if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
-            raise refuse(f"has a member {shown} that is a link or a device")
-        if member.is_dir():
-            continue
-        if member.flag_bits & 1:
-            raise refuse(f"has an encrypted member {shown}")
-        if path.as_posix().lower() in seen:
-            raise refuse(f"has two members named {shown}")
-        seen.add(path.as_posix().lower())
-        if member.file_size > 1_000_000 and member.file_size > limits.ratio * max(1, member.compress_size):
-            raise refuse(
-                f"has a member {shown} that unpacks to {member.file_size / max(1, member.compress_size):.0f} times"
-            )
-        total += member.file_size
-        packed += member.compress_size
-        kept.append(member)
-    if packed > archive.start_dir:  # what is before the directory is all there is: members overlap, or they lie
-        raise refuse(f"claims {packed} packed bytes and holds {archive.start_dir}")
-    if total > limits.total:
-        raise refuse(f"unpacks to {total / 1e6:.0f} MB (at most {limits.total / 1e6:.0f} MB)")
-    if total > 10_000_000 and total > limits.ratio * max(1, packed):
-        raise refuse(f"unpacks to {total / max(1, packed):.0f} times its size (at most {limits.ratio:g})")
+    for fault in faults(archive, limits):
+        raise _refusal(what, fault)
+    kept = tuple(member for member in archive.infolist() if not member.is_dir())
     if not kept:
-        raise refuse("is empty")
-    return tuple(kept)
+        raise Avs3dError(f"{what}: refused, the archive is empty{_CURE}")
+    return kept
+
+
+_CURE = "; it is broken or hostile, take it from another place"
+
+
+def _refusal(what: str, fault: Fault) -> Avs3dError:
+    found, limit = fault.found, fault.limit
+    shown = repr(fault.member.orig_filename[:80]) if fault.member else ""
+    times = f"{found / max(1, limit):.0f} times"
+    causes = {
+        "members": f"holds {found} members (at most {limit})",
+        "list": f"has a list of members of {found} bytes (at most {limit})",
+        "total": f"unpacks to {found / 1e6:.0f} MB (at most {limit / 1e6:.0f} MB)",
+        "overlap": f"claims {found} packed bytes and holds {limit}",
+        "total ratio": f"unpacks to {times} its size",
+        "broken": f"has a member with a broken name {shown}",
+        "absolute": f"has a member {shown} that points outside of it",
+        "separator": f"has a member {shown} with a backslash in its path",
+        "elsewhere": f"has a member {shown} that points outside of it",
+        "long path": f"has a member whose path is too long, {shown}",
+        "long name": f"has a member whose name is too long, {shown}",
+        "second name": f"has a member {shown} with a second name in an extra field",
+        "special": f"has a member {shown} that is a link or a device",
+        "encrypted": f"has an encrypted member {shown}",
+        "large": f"has a member {shown} of {found} bytes (at most {limit})",
+        "ratio": f"has a member {shown} that unpacks to {times} its size",
+        "twice": f"has two members named {shown}",
+    }
+    return Avs3dError(f"{what}: refused, the archive {causes[fault.kind]}{_CURE}")
 
 
 def read_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo, what: str) -> bytes:
@@ -113,25 +101,23 @@ def read_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo, what: str) ->
     return data
 
 
-def read_zip(path: Path, what: str, limits: ZipLimits = ZipLimits()) -> dict[str, bytes]:  # frozen
+def read_zip(path: Path, what: str, limits: ZipLimits = MODEL_LIMITS) -> dict[str, bytes]:
     """Member name (with ``/``) → bytes of a vetted archive.
 
     Raises:
         Avs3dError: see `vetted` and `read_member`; or if ``path`` is no zip archive.
     """
     try:
-        with zipfile.ZipFile(path) as archive:
+        with opened(path, what, limits) as archive:
             members = vetted(archive, what, limits)
-            return {
-                PurePosixPath(m.filename.replace("\\", "/")).as_posix(): read_member(archive, m, what) for m in members
-            }
+            return {plain_name(m.filename): read_member(archive, m, what) for m in members}
     except (zipfile.BadZipFile, ValueError, NotImplementedError) as error:
         raise Avs3dError(f"{what}: {path.name} is no zip archive or a broken one ({error}); fetch it again") from None
     except OSError as error:
         raise Avs3dError(files.os_error_line(error, path, "read")) from error
 
 
-def unpack(path: Path, folder: Path, what: str, limits: ZipLimits = ZipLimits()) -> tuple[Path, ...]:
+def unpack(path: Path, folder: Path, what: str, limits: ZipLimits = MODEL_LIMITS) -> tuple[Path, ...]:
     """Unpack a vetted archive below ``folder``; the paths written, sorted.
 
     Raises:

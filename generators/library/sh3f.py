@@ -20,7 +20,7 @@ import numpy as np
 
 from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError, did_you_mean
-from generators.library.archive import LIBRARY_LIMITS, ZipLimits, bundle, read_member, vetted
+from generators.library.archive import LIBRARY_LIMITS, ZipLimits, bundle, opened, read_member, vetted
 from generators.library.licences import spdx
 
 #: Where Debian's package sweethome3d-furniture installs its libraries.
@@ -124,7 +124,7 @@ def read_library(path: Path) -> Library:
     Raises:
         Avs3dError: one line: no such file, no ZIP, no catalogue in it, a field that is missing or no number.
     """
-    with _opened(path, str(path)) as archive:
+    with _opened(path, str(path), LIBRARY_LIMITS) as archive:
         reader = _Reader(str(path), archive, LIBRARY_LIMITS)
         if CATALOGUE.lower() not in reader.members:
             raise Avs3dError(f"{path}: has no {CATALOGUE}; expected a Sweet Home 3D furniture library")
@@ -159,12 +159,12 @@ def extract(path: Path, piece: Piece) -> dict[str, bytes]:
     Raises:
         Avs3dError: see `deliver`.
     """
-    with _opened(path, str(path)) as archive:
+    with _opened(path, str(path), LIBRARY_LIMITS) as archive:
         reader = _Reader(str(path), archive, LIBRARY_LIMITS)
         suffix = posixpath.splitext(piece.model)[1].lower()
         if suffix == ".zip":
             what = f"{path}: {piece.model}"
-            with _opened(io.BytesIO(reader.read(piece.model)), what) as nested:
+            with _opened(io.BytesIO(reader.read(piece.model)), what, ZipLimits()) as nested:
                 reader = _Reader(what, nested, ZipLimits())
                 models = sorted(n for n in reader.names.values() if posixpath.splitext(n)[1].lower() in SUFFIXES)
                 if len(models) != 1:
@@ -250,9 +250,9 @@ def _inside(folder: str, relative: str) -> str | None:
     return f"{folder}/{name}" if folder else name
 
 
-def _opened(file: Path | io.BytesIO, what: str) -> zipfile.ZipFile:
+def _opened(file: Path | io.BytesIO, what: str, limits: ZipLimits) -> zipfile.ZipFile:
     try:
-        return zipfile.ZipFile(file)
+        return opened(file, what, limits)
     except OSError as error:
         raise Avs3dError(files.os_error_line(error, what, "read")) from error
     except (zipfile.BadZipFile, ValueError, NotImplementedError) as error:
