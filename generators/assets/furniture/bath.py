@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from generators.assets.furniture.common import Kit
@@ -13,23 +15,37 @@ from generators.assets.shapes import rotation
 from generators.core.scene import Material
 
 
-def hollow(
-    kit: Kit,
-    width: float,
-    depth: float,
-    bottom: float,
-    top: float,
-    *,
-    rim: float,
-    deep: float,
-    corner: float,
-    slope: float,
-    material: Material,
-    foot: float = 1.0,
-    inset: float = 0.0,
-    centre: tuple[float, float] = (0.0, 0.0),
-) -> None:
-    """A vessel with a rounded rim: up the outside, over, and down the inside to a floor ``deep`` below the rim."""
+@dataclass(frozen=True)
+class Vessel:
+    """Sizes of a basin, tub or tray, in metres; ``foot`` is a ratio.
+
+    Attributes:
+        width, depth: of the rim's outside.
+        bottom, top: heights of the underside and of the rim.
+        rim: width of the rim.
+        deep: from the rim down to the floor inside.
+        corner: radius of the corners.
+        slope: by how much the inside narrows from the rim to the floor.
+        foot: width of the underside, relative to the rim's.
+        inset: by how much the outside stands back behind the rim.
+    """
+
+    width: float
+    depth: float
+    bottom: float
+    top: float
+    rim: float
+    deep: float
+    corner: float
+    slope: float
+    foot: float = 1.0
+    inset: float = 0.0
+
+
+def hollow(kit: Kit, size: Vessel, material: Material, *, centre: tuple[float, float] = (0.0, 0.0)) -> None:
+    """A vessel with a rounded rim: up the outside, over, and down the inside to its floor."""
+    width, depth, bottom, top = size.width, size.depth, size.bottom, size.top
+    rim, deep, corner, slope, foot, inset = size.rim, size.deep, size.corner, size.slope, size.foot, size.inset
     w, d = width - 2 * rim, depth - 2 * rim
     middle = 0.35 * foot + 0.65
     lip = min(0.012, 0.6 * rim)
@@ -64,7 +80,7 @@ def bathtub(kit: Kit, *, length: float | None = None) -> None:
     depth, top = (0.76, 0.58) if form == "freestanding" else (0.75, 0.56)
     enamel, metal = kit.m("ceramic"), kit.m("tap")
     if form == "freestanding":
-        hollow(kit, width, depth, 0.0, top, rim=0.035, deep=0.44, corner=0.34, slope=0.3, material=enamel, foot=0.78)
+        hollow(kit, Vessel(width, depth, 0.0, top, rim=0.035, deep=0.44, corner=0.34, slope=0.3, foot=0.78), enamel)
         kit.rod((0.0, 0.0, -depth / 2 - 0.07), (0.0, 0.86, -depth / 2 - 0.07), 0.016, metal)
         kit.tube(
             [(0.0, 0.84, -depth / 2 - 0.07), (0.0, 0.86, -depth / 2 + 0.02), (0.0, 0.83, -depth / 2 + 0.1)],
@@ -75,7 +91,7 @@ def bathtub(kit: Kit, *, length: float | None = None) -> None:
         kit.cylinder(0.03, 0.02, (0.0, 0.01, -depth / 2 - 0.07), metal, segments=14)
     else:
         apron = kit.m("tiles_bathroom") if form == "tiled" else kit.m("enamel")
-        hollow(kit, width, depth, 0.05, top, rim=0.06, deep=0.42, corner=0.03, slope=0.26, material=enamel, inset=0.06)
+        hollow(kit, Vessel(width, depth, 0.05, top, rim=0.06, deep=0.42, corner=0.03, slope=0.26, inset=0.06), enamel)
         kit.panel(
             (-width / 2 + 0.015, 0.0, -depth / 2 + 0.012),
             (width / 2 - 0.015, 0.045, depth / 2 - 0.03),
@@ -120,23 +136,75 @@ def shower(kit: Kit, *, width: float | None = None) -> None:
     d, tall = 0.9, 2.05
     metal, tiles = kit.m("tap"), kit.m("tiles_bathroom")
     form = kit.pick("curtain", "glass")
-    hollow(
-        kit,
-        w,
-        d,
-        0.0,
-        0.075,
-        rim=0.04,
-        deep=0.04,
-        corner=0.012,
-        slope=0.05,
-        material=kit.m("ceramic"),
-        centre=(0.0, d / 2),
-    )
+    tray = Vessel(w, d, 0.0, 0.075, rim=0.04, deep=0.04, corner=0.012, slope=0.05)
+    hollow(kit, tray, kit.m("ceramic"), centre=(0.0, d / 2))
     kit.cylinder(0.045, 0.006, (0.0, 0.036, d / 2), kit.m("chrome"), segments=18)
     with kit.one_slab():
         kit.panel((-w / 2, 0.075, 0.0), (w / 2, tall, 0.025), tiles, bevel=0.0)
         kit.panel((-w / 2, 0.075, 0.025), (-w / 2 + 0.025, tall, d), tiles, bevel=0.0)
+    _riser(kit, metal)
+    _bottles(kit, w)
+    if form == "glass":
+        _glass_side(kit, w, d)
+    else:
+        _curtain_side(kit, w, d)
+    kit.sound((-w / 2, 0.0, 0.0), (w / 2, 0.05, d), kit.m("ceramic"))
+    kit.sound((-w / 2, 0.05, 0.0), (w / 2, tall, 0.025), tiles)
+    kit.sound((-w / 2, 0.05, 0.025), (-w / 2 + 0.025, tall, d), tiles)
+
+
+def _curtain_side(kit: Kit, w: float, d: float) -> None:
+    """A rail round the corner and a curtain on the right side of a shower of width ``w`` and depth ``d`` (m)."""
+    kit.tube(
+        [
+            (w / 2 - 0.02, 1.98, 0.02),
+            (w / 2 - 0.02, 1.98, d - 0.08),
+            (w / 2 - 0.05, 1.98, d - 0.03),
+            (w / 2 - 0.1, 1.98, d - 0.02),
+            (-w / 2 + 0.02, 1.98, d - 0.02),
+        ],
+        0.011,
+        kit.m("chrome"),
+        segments=8,
+    )
+    run = np.linspace(0.06, d - 0.14, 34)
+    rows = []
+    for y in np.linspace(1.955, 0.12, 7):
+        open_ = 0.018 + 0.010 * (1.955 - y) / 1.8
+        rows.append(
+            np.stack([w / 2 - 0.022 + open_ * np.sin(run * 62 + 0.6 * np.sin(3 * y)), np.full(34, y), run], axis=1)
+        )
+    kit.shell(np.array(rows), 0.002, kit.m("towel_1"))
+    kit.sound((w / 2 - 0.03, 0.12, 0.05), (w / 2, 1.96, d - 0.1), kit.m("curtain"))
+
+
+def _glass_side(kit: Kit, w: float, d: float) -> None:
+    """A framed pane on the right side of a shower of width ``w`` and depth ``d`` (m)."""
+    glass = kit.m("glass")
+    kit.panel((w / 2 - 0.01, 0.075, 0.03), (w / 2 - 0.002, 2.0, d - 0.02), glass, bevel=0.0)
+    for y in (0.085, 2.0):
+        kit.panel((w / 2 - 0.016, y - 0.01, 0.025), (w / 2 + 0.004, y + 0.01, d - 0.015), kit.m("metal"), bevel=0.002)
+    kit.panel((w / 2 - 0.016, 0.075, d - 0.03), (w / 2 + 0.004, 2.01, d - 0.01), kit.m("metal"), bevel=0.002)
+    kit.sound((w / 2 - 0.012, 0.075, 0.0), (w / 2, 2.0, d), glass)
+
+
+def _bottles(kit: Kit, w: float) -> None:
+    """A shelf on the back wall with two or three bottles; ``w``: width of the shower (m)."""
+    shelf = w / 2 - 0.2
+    kit.panel((shelf, 1.12, 0.025), (shelf + 0.17, 1.13, 0.11), kit.m("chrome"), bevel=0.002)
+    for k, role in enumerate(("plastic_white", "ceramic_accent", "plastic_black")[: 2 + int(kit.rng.integers(2))]):
+        kit.cylinder(
+            0.024,
+            0.15 - 0.025 * k,
+            (shelf + 0.035 + 0.055 * k, 1.205 - 0.0125 * k, 0.07),
+            kit.m(role),
+            segments=12,
+            bevel=0.008,
+        )
+
+
+def _riser(kit: Kit, metal: Material) -> None:
+    """Riser rail with the overhead shower, the mixer and the hand shower on its hose."""
     kit.rod((0.0, 0.95, 0.07), (0.0, 1.98, 0.07), 0.0105, metal, sides=10)
     kit.tube(
         [(0.0, 1.97, 0.07), (0.0, 2.02, 0.1), (0.0, 2.02, 0.36), (0.0, 2.0, 0.38), (0.0, 1.97, 0.38)],
@@ -159,48 +227,3 @@ def shower(kit: Kit, *, width: float | None = None) -> None:
         axis=1,
     )
     kit.tube(hose, 0.007, kit.m("chrome"), segments=6)
-    shelf = w / 2 - 0.2
-    kit.panel((shelf, 1.12, 0.025), (shelf + 0.17, 1.13, 0.11), kit.m("chrome"), bevel=0.002)
-    for k, role in enumerate(("plastic_white", "ceramic_accent", "plastic_black")[: 2 + int(kit.rng.integers(2))]):
-        kit.cylinder(
-            0.024,
-            0.15 - 0.025 * k,
-            (shelf + 0.035 + 0.055 * k, 1.205 - 0.0125 * k, 0.07),
-            kit.m(role),
-            segments=12,
-            bevel=0.008,
-        )
-    if form == "glass":
-        glass = kit.m("glass")
-        kit.panel((w / 2 - 0.01, 0.075, 0.03), (w / 2 - 0.002, 2.0, d - 0.02), glass, bevel=0.0)
-        for y in (0.085, 2.0):
-            kit.panel(
-                (w / 2 - 0.016, y - 0.01, 0.025), (w / 2 + 0.004, y + 0.01, d - 0.015), kit.m("metal"), bevel=0.002
-            )
-        kit.panel((w / 2 - 0.016, 0.075, d - 0.03), (w / 2 + 0.004, 2.01, d - 0.01), kit.m("metal"), bevel=0.002)
-        kit.sound((w / 2 - 0.012, 0.075, 0.0), (w / 2, 2.0, d), glass)
-    else:
-        kit.tube(
-            [
-                (w / 2 - 0.02, 1.98, 0.02),
-                (w / 2 - 0.02, 1.98, d - 0.08),
-                (w / 2 - 0.05, 1.98, d - 0.03),
-                (w / 2 - 0.1, 1.98, d - 0.02),
-                (-w / 2 + 0.02, 1.98, d - 0.02),
-            ],
-            0.011,
-            kit.m("chrome"),
-            segments=8,
-        )
-        run = np.linspace(0.06, d - 0.14, 34)
-        rows = []
-        for y in np.linspace(1.955, 0.12, 7):
-            open_ = 0.018 + 0.010 * (1.955 - y) / 1.8
-            rows.append(
-                np.stack([w / 2 - 0.022 + open_ * np.sin(run * 62 + 0.6 * np.sin(3 * y)), np.full(34, y), run], axis=1)
-            )
-        kit.shell(np.array(rows), 0.002, kit.m("towel_1"))
-        kit.sound((w / 2 - 0.03, 0.12, 0.05), (w / 2, 1.96, d - 0.1), kit.m("curtain"))
-    kit.sound((-w / 2, 0.0, 0.0), (w / 2, 0.05, d), kit.m("ceramic"))
-    kit.sound((-w / 2, 0.05, 0.0), (w / 2, tall, 0.025), tiles)
-    kit.sound((-w / 2, 0.05, 0.025), (-w / 2 + 0.025, tall, d), tiles)

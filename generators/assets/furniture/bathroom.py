@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from generators.assets.furniture.bath import hollow
+from generators.assets.furniture.bath import Vessel, hollow
 from generators.assets.furniture.common import Kit
 from generators.assets.furniture.parts import (
     bowl,
@@ -18,6 +18,7 @@ from generators.assets.furniture.parts import (
     vase,
     wooden_legs,
 )
+from generators.core.scene import Material
 
 
 def washbasin(kit: Kit, *, width: float | None = None) -> None:
@@ -30,44 +31,9 @@ def washbasin(kit: Kit, *, width: float | None = None) -> None:
     low = 0.32 if hung else 0.16
     under = top - (0.14 if form == "inset" else 0.04)
     if form == "vessel":
-        slab, y0 = kit.m("wood"), top - 0.04
-        kit.panel((-w / 2, y0, 0.0), (w / 2, top, d + 0.01), slab, bevel=0.004)
-        hollow(
-            kit,
-            0.42,
-            0.36,
-            top,
-            top + 0.13,
-            rim=0.014,
-            deep=0.105,
-            corner=0.16,
-            slope=0.1,
-            material=white,
-            foot=0.72,
-            centre=(0.0, d / 2 + 0.03),
-        )
-        tap(kit, (0.0, top, 0.055), metal, style="arc", height=0.3, reach=0.17)
-        kit.cylinder(0.02, 0.004, (0.0, top + 0.027, d / 2 + 0.03), kit.m("chrome"), segments=12)
+        _vessel(kit, w, d, top, metal)
     else:
-        inner_w, inner_d = min(w - 0.16, 0.56), 0.30
-        rings = [
-            (w, d, 0.012, under),
-            (w, d, 0.012, top - 0.006),
-            (w - 0.012, d - 0.012, 0.012, top),
-        ]
-        outer = ring_stack(rings, centre=(0.0, d / 2))
-        hole = ring_stack(
-            [
-                (inner_w + 0.02, inner_d + 0.02, 0.09, top),
-                (inner_w, inner_d, 0.09, top - 0.01),
-                (inner_w - 0.03, inner_d - 0.03, 0.09, top - 0.06),
-                (inner_w - 0.12, inner_d - 0.11, 0.07, top - 0.11),
-            ],
-            centre=(0.0, d / 2 + 0.035),
-        )
-        kit.loft(np.concatenate([outer, hole]), white)
-        tap(kit, (0.0, top, 0.055), metal, style="block", height=0.12, reach=0.13)
-        kit.cylinder(0.02, 0.004, (0.0, top - 0.109, d / 2 + 0.035), kit.m("chrome"), segments=12)
+        _inset_basin(kit, w, d, under, top, metal)
     kit.panel((-w / 2 + 0.008, low, 0.0), (w / 2 - 0.008, under, d - 0.03), box, bevel=0.002)
     if hung:
         kit.cylinder(0.018, low, (0.0, low / 2, 0.12), kit.m("chrome"), segments=10)
@@ -86,27 +52,63 @@ def washbasin(kit: Kit, *, width: float | None = None) -> None:
             pull=pull_style(kit, "top", "tap"),
             grain="x",
         )
-    x = w / 2 - 0.09
-    base = top
     if w > 0.7:
-        kit.cylinder(0.028, 0.13, (-x, base + 0.065, 0.09), kit.m("ceramic_accent"), segments=14, bevel=0.008)
-        kit.rod((-x, base + 0.12, 0.09), (-x, base + 0.16, 0.12), 0.005, kit.m("chrome"), sides=6)
-        kit.lathe(
-            [(0.0, 0.0), (0.034, 0.0), (0.036, 0.09), (0.032, 0.09), (0.03, 0.01), (0.0, 0.01)],
-            kit.m("pot_white"),
-            centre=(x, base, 0.09),
-            segments=16,
-        )
-        for k, role in enumerate(("plastic_white", "fruit_orange")):
-            kit.rod(
-                (x + 0.01 * k, base + 0.012, 0.09),
-                (x + 0.035 - 0.06 * k, base + 0.19, 0.08 + 0.03 * k),
-                0.0045,
-                kit.m(role),
-                sides=6,
-            )
+        _toiletries(kit, w / 2 - 0.09, top)
     kit.sound((-w / 2, low, 0.0), (w / 2, top, d), kit.m("white"))
     kit.sound((-w / 2, under, 0.0), (w / 2, top, d), white)
+
+
+def _toiletries(kit: Kit, x: float, base: float) -> None:
+    """A soap dispenser on the left and a cup of brushes on the right, ``x`` metres from the middle."""
+    kit.cylinder(0.028, 0.13, (-x, base + 0.065, 0.09), kit.m("ceramic_accent"), segments=14, bevel=0.008)
+    kit.rod((-x, base + 0.12, 0.09), (-x, base + 0.16, 0.12), 0.005, kit.m("chrome"), sides=6)
+    kit.lathe(
+        [(0.0, 0.0), (0.034, 0.0), (0.036, 0.09), (0.032, 0.09), (0.03, 0.01), (0.0, 0.01)],
+        kit.m("pot_white"),
+        centre=(x, base, 0.09),
+        segments=16,
+    )
+    for k, role in enumerate(("plastic_white", "fruit_orange")):
+        kit.rod(
+            (x + 0.01 * k, base + 0.012, 0.09),
+            (x + 0.035 - 0.06 * k, base + 0.19, 0.08 + 0.03 * k),
+            0.0045,
+            kit.m(role),
+            sides=6,
+        )
+
+
+def _inset_basin(kit: Kit, w: float, d: float, under: float, top: float, metal: Material) -> None:
+    """A basin as wide as its vanity, from ``under`` to ``top`` above the floor (m)."""
+    inner_w, inner_d = min(w - 0.16, 0.56), 0.30
+    rings = [
+        (w, d, 0.012, under),
+        (w, d, 0.012, top - 0.006),
+        (w - 0.012, d - 0.012, 0.012, top),
+    ]
+    outer = ring_stack(rings, centre=(0.0, d / 2))
+    hole = ring_stack(
+        [
+            (inner_w + 0.02, inner_d + 0.02, 0.09, top),
+            (inner_w, inner_d, 0.09, top - 0.01),
+            (inner_w - 0.03, inner_d - 0.03, 0.09, top - 0.06),
+            (inner_w - 0.12, inner_d - 0.11, 0.07, top - 0.11),
+        ],
+        centre=(0.0, d / 2 + 0.035),
+    )
+    kit.loft(np.concatenate([outer, hole]), kit.m("ceramic"))
+    tap(kit, (0.0, top, 0.055), metal, style="block", height=0.12, reach=0.13)
+    kit.cylinder(0.02, 0.004, (0.0, top - 0.109, d / 2 + 0.035), kit.m("chrome"), segments=12)
+
+
+def _vessel(kit: Kit, w: float, d: float, top: float, metal: Material) -> None:
+    """A bowl standing on a wooden top."""
+    slab, y0 = kit.m("wood"), top - 0.04
+    kit.panel((-w / 2, y0, 0.0), (w / 2, top, d + 0.01), slab, bevel=0.004)
+    shape = Vessel(0.42, 0.36, top, top + 0.13, rim=0.014, deep=0.105, corner=0.16, slope=0.1, foot=0.72)
+    hollow(kit, shape, kit.m("ceramic"), centre=(0.0, d / 2 + 0.03))
+    tap(kit, (0.0, top, 0.055), metal, style="arc", height=0.3, reach=0.17)
+    kit.cylinder(0.02, 0.004, (0.0, top + 0.027, d / 2 + 0.03), kit.m("chrome"), segments=12)
 
 
 def mirror(kit: Kit, *, width: float | None = None, height: float | None = None) -> None:

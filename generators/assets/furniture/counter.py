@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -46,6 +47,69 @@ def kitchen_counter(
     width = float(length or 2.4)
     if not 0.4 <= width <= 6.0:
         raise UsageError(f"kitchen_counter: length is {width} m, expected 0.4 to 6")
+    run = _arrange(kit, width, features)
+    left, edge = run.left, DEPTH + 0.02
+    box, top = kit.m("front"), kit.m("worktop")
+    _carcasses(kit, run)
+    _fronts(kit, run)
+    sink = _sink(kit, run.middle(run.sink), run.step) if run.sink >= 0 else None
+    with kit.one_slab(), kit.grained("x"):
+        if sink is None:
+            kit.panel((left, TOP - 0.04, 0.0), (-left, TOP, edge), top, bevel=0.003)
+        else:
+            (x0, x1), (z0, z1) = sink
+            outline = [(left, 0.0), (-left, 0.0), (-left, -edge), (left, -edge)]
+            hole = rounded_rectangle(x1 - x0, z1 - z0, 0.02, per_corner=4) + np.array([(x0 + x1) / 2, -(z0 + z1) / 2])
+            kit.extrude(outline, 0.04, top, holes=[hole], centre=(0.0, TOP - 0.04, 0.0), rotate=LIE_DOWN)
+    if run.hob >= 0:
+        _hob(kit, run.middle(run.hob), min(0.29, run.step / 2 - 0.01), decor)
+    height = 0.52
+    if splash:
+        with kit.one_slab():
+            kit.panel((left, TOP, 0.0), (-left, TOP + height, 0.008), kit.m("tiles_kitchen"), bevel=0.0)
+    _free_tops(kit, left, run.step, [k for k in (run.hob, run.sink) if k >= 0], run.count, decor)
+    kit.sound((left, 0.0, 0.0), (-left, TOP - 0.04, DEPTH), box)
+    kit.sound((left, TOP - 0.04, 0.0), (-left, TOP, edge), top)
+    if splash:
+        kit.sound((left, TOP, 0.0), (-left, TOP + height, 0.008), kit.m("tiles_kitchen"))
+
+
+@dataclass(frozen=True)
+class _Run:
+    """Modules of equal width side by side; what stands in which, numbered from the left, -1: nowhere.
+
+    Attributes:
+        left: x of the left end; the right end is at -left (m).
+        step: width of a module (m).
+        count: number of modules.
+        hob, sink, dishwasher, drawers: their modules.
+        oven: whether an oven is built in below the hob.
+    """
+
+    left: float
+    step: float
+    count: int
+    hob: int
+    sink: int
+    dishwasher: int
+    drawers: int
+    oven: bool
+
+    def span(self, module: int) -> tuple[float, float]:
+        """Left and right side of a module (m)."""
+        return self.left + module * self.step, self.left + (module + 1) * self.step
+
+    def middle(self, module: int) -> float:
+        """The middle of a module (m)."""
+        return self.left + (module + 0.5) * self.step
+
+
+def _arrange(kit: Kit, width: float, features: Sequence[str] | None) -> _Run:
+    """Distribute the features over modules of about 60 cm: the sink at one end, the hob towards the other.
+
+    Raises:
+        UsageError: if a feature is unknown, or there is no room for all.
+    """
     count = max(1, round(width / 0.6))
     wanted = (
         tuple(features) if features is not None else (("sink", "hob", "oven", "drawers") if count > 2 else ("drawers",))
@@ -55,77 +119,66 @@ def kitchen_counter(
         raise UsageError(f"kitchen_counter: unknown feature {unknown[0]!r}, expected some of {', '.join(FEATURES)}")
     if sum(f in wanted for f in ("sink", "hob")) > count:
         raise UsageError(f"kitchen_counter: {width} m is too short for a sink and a hob")
-    step = width / count
-    order = list(range(count))
-    hob_at = (count - 2 if count >= 4 else count - 1) if "hob" in wanted else -1
-    sink_at = 0 if "sink" in wanted else -1
+    hob = (count - 2 if count >= 4 else count - 1) if "hob" in wanted else -1
+    sink = 0 if "sink" in wanted else -1
     if kit.rng.random() < 0.5:
-        hob_at, sink_at = (count - 1 - hob_at if hob_at >= 0 else -1), (count - 1 - sink_at if sink_at >= 0 else -1)
-    free = [k for k in order if k not in (hob_at, sink_at)]
-    wash_at = (sink_at + 1 if sink_at + 1 in free else sink_at - 1) if "dishwasher" in wanted and sink_at >= 0 else -1
-    drawer_at = next((k for k in free if k != wash_at), -1) if "drawers" in wanted else -1
-    box, top, shaker = kit.m("front"), kit.m("worktop"), is_shaker(kit)
-    left = -width / 2
-    for k in order:
+        hob, sink = (count - 1 - hob if hob >= 0 else -1), (count - 1 - sink if sink >= 0 else -1)
+    free = [k for k in range(count) if k not in (hob, sink)]
+    washer = (sink + 1 if sink + 1 in free else sink - 1) if "dishwasher" in wanted and sink >= 0 else -1
+    drawers = next((k for k in free if k != washer), -1) if "drawers" in wanted else -1
+    return _Run(-width / 2, width / count, count, hob, sink, washer, drawers, "oven" in wanted)
+
+
+def _carcasses(kit: Kit, run: _Run) -> None:
+    """The bodies of the cabinets and the plinth."""
+    box = kit.m("front")
+    for k in range(run.count):
         # The basin hangs into its cabinet, which is therefore lower.
-        top_y = TOP - 0.2 if k == sink_at else TOP - 0.04
-        kit.panel((left + k * step, PLINTH, 0.0), (left + (k + 1) * step, top_y, DEPTH - 0.022), box, bevel=0.0)
-    if sink_at >= 0:
-        x0 = left + sink_at * step
-        for a, b in ((x0, x0 + 0.018), (x0 + step - 0.018, x0 + step)):
+        top_y = TOP - 0.2 if k == run.sink else TOP - 0.04
+        x0, x1 = run.span(k)
+        kit.panel((x0, PLINTH, 0.0), (x1, top_y, DEPTH - 0.022), box, bevel=0.0)
+    if run.sink >= 0:
+        x0 = run.left + run.sink * run.step
+        for a, b in ((x0, x0 + 0.018), (x0 + run.step - 0.018, x0 + run.step)):
             kit.panel((a, TOP - 0.2, 0.0), (b, TOP - 0.04, DEPTH - 0.022), box, bevel=0.0)
-    kit.panel((left, 0.0, 0.02), (-left, PLINTH, DEPTH - 0.07), kit.m("plastic_black"), bevel=0.0)
-    back = DEPTH - 0.022
-    for k in order:
-        span = (left + k * step, left + (k + 1) * step)
-        if k == hob_at and "oven" in wanted:
+    kit.panel((run.left, 0.0, 0.02), (-run.left, PLINTH, DEPTH - 0.07), kit.m("plastic_black"), bevel=0.0)
+
+
+def _fronts(kit: Kit, run: _Run) -> None:
+    """Doors, drawers and the face of the oven."""
+    box, shaker, back = kit.m("front"), is_shaker(kit), DEPTH - 0.022
+    for k in range(run.count):
+        span = run.span(k)
+        if k == run.hob and run.oven:
             oven_front(kit, span, (PLINTH + 0.14, TOP - 0.045), back)
             front(kit, span, (PLINTH, PLINTH + 0.14), back, box)
-        elif k in (drawer_at, hob_at):
+        elif k in (run.drawers, run.hob):
             cuts = (PLINTH, PLINTH + 0.31, PLINTH + 0.62, TOP - 0.042)
             for y0, y1 in itertools.pairwise(cuts):
                 front(kit, span, (y0, y1), back, box, shaker=shaker, pull=pull_style(kit, "top"), grain="x")
-        elif k == wash_at:
+        elif k == run.dishwasher:
             front(kit, span, (PLINTH, TOP - 0.042), back, box, shaker=shaker, pull=pull_style(kit, "top"))
-        elif k == sink_at or step > 0.62 or k % 2:
+        elif k == run.sink or run.step > 0.62 or k % 2:
             place = "right" if k % 2 else "left"
             front(kit, span, (PLINTH, TOP - 0.042), back, box, shaker=shaker, pull=pull_style(kit, place))
         else:
             front(kit, span, (TOP - 0.2, TOP - 0.042), back, box, shaker=shaker, pull=pull_style(kit, "top"), grain="x")
             front(kit, span, (PLINTH, TOP - 0.2), back, box, shaker=shaker, pull=pull_style(kit, "left"))
-    edge = DEPTH + 0.02
-    sink = _sink(kit, left + (sink_at + 0.5) * step, step) if sink_at >= 0 else None
-    with kit.one_slab(), kit.grained("x"):
-        if sink is None:
-            kit.panel((left, TOP - 0.04, 0.0), (-left, TOP, edge), top, bevel=0.003)
-        else:
-            (x0, x1), (z0, z1) = sink
-            outline = [(left, 0.0), (-left, 0.0), (-left, -edge), (left, -edge)]
-            hole = rounded_rectangle(x1 - x0, z1 - z0, 0.02, per_corner=4) + np.array([(x0 + x1) / 2, -(z0 + z1) / 2])
-            kit.extrude(outline, 0.04, top, holes=[hole], centre=(0.0, TOP - 0.04, 0.0), rotate=LIE_DOWN)
-    if hob_at >= 0:
-        x = left + (hob_at + 0.5) * step
-        half = min(0.29, step / 2 - 0.01)
-        kit.panel((x - half, TOP, 0.06), (x + half, TOP + 0.006, 0.57), kit.m("black_glass"), bevel=0.002)
-        inner = half - 0.004
-        corners = [
-            (x - inner, TOP + 0.0063, 0.566),
-            (x + inner, TOP + 0.0063, 0.566),
-            (x + inner, TOP + 0.0063, 0.064),
-            (x - inner, TOP + 0.0063, 0.064),
-        ]
-        kit.cloth_quad(corners, kit.m("hob"))
-        if decor and kit.rng.random() < 0.6:
-            _pot(kit, (x - 0.45 * half, TOP + 0.0065, 0.22))
-    height = 0.52
-    if splash:
-        with kit.one_slab():
-            kit.panel((left, TOP, 0.0), (-left, TOP + height, 0.008), kit.m("tiles_kitchen"), bevel=0.0)
-    _free_tops(kit, left, step, [k for k in (hob_at, sink_at) if k >= 0], count, decor)
-    kit.sound((left, 0.0, 0.0), (-left, TOP - 0.04, DEPTH), box)
-    kit.sound((left, TOP - 0.04, 0.0), (-left, TOP, edge), top)
-    if splash:
-        kit.sound((left, TOP, 0.0), (-left, TOP + height, 0.008), kit.m("tiles_kitchen"))
+
+
+def _hob(kit: Kit, x: float, half: float, decor: bool) -> None:
+    """A glass-ceramic hob, ``half`` its width (m), sometimes with a pot on it."""
+    kit.panel((x - half, TOP, 0.06), (x + half, TOP + 0.006, 0.57), kit.m("black_glass"), bevel=0.002)
+    inner = half - 0.004
+    corners = [
+        (x - inner, TOP + 0.0063, 0.566),
+        (x + inner, TOP + 0.0063, 0.566),
+        (x + inner, TOP + 0.0063, 0.064),
+        (x - inner, TOP + 0.0063, 0.064),
+    ]
+    kit.cloth_quad(corners, kit.m("hob"))
+    if decor and kit.rng.random() < 0.6:
+        _pot(kit, (x - 0.45 * half, TOP + 0.0065, 0.22))
 
 
 def _sink(kit: Kit, x: float, step: float) -> tuple[tuple[float, float], tuple[float, float]]:

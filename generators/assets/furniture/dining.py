@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from generators.assets.furniture.common import Kit
+from generators.core.scene import Material
 
 
 def dining_table(kit: Kit, *, length: float | None = None) -> None:
@@ -67,100 +68,109 @@ def chair(kit: Kit) -> None:
     form = str(kit.palette.choose("chair", ("spindle", "shell", "bent")))
     wood = kit.m(str(kit.palette.choose("chair wood", ("wood", "wood_alt", "black_metal", "accent_paint"))))
     seat, w, d = 0.455, 0.43, 0.42
-    x, z = w / 2 - 0.045, d / 2 - 0.045
+    z = d / 2 - 0.045
     if form == "shell":
-        fabric = kit.m("chair_fabric")
-        rows = []
-        line = [
-            (0.47, 0.23),
-            (0.478, 0.16),
-            (0.465, 0.02),
-            (0.462, -0.1),
-            (0.49, -0.175),
-            (0.58, -0.21),
-            (0.7, -0.23),
-            (0.8, -0.245),
-            (0.835, -0.25),
-        ]
-        u = np.linspace(-1, 1, 11)
-        for k, (y, depth) in enumerate(line):
-            s = k / (len(line) - 1)
-            half = 0.235 * (1 - 0.35 * max(0.0, s - 0.8) / 0.2 * 0.6) * (1 - 0.1 * max(0.0, 0.15 - s) / 0.15)
-            curl = 0.035 * np.abs(u) ** 3
-            rows.append(
-                np.stack(
-                    [u * half, y + curl * (1 if s < 0.5 else 0.2), depth + curl * (1.6 if s >= 0.5 else 0.0)], axis=1
-                )
-            )
-        kit.shell(np.array(rows), 0.035, fabric)
-        for sx in (-1, 1):
-            for sz in (-1, 1):
-                kit.rod(
-                    (sx * 0.22, 0.0, sz * 0.2), (sx * 0.13, 0.455, sz * 0.11), 0.009, wood, end_radius=0.015, sides=9
-                )
-        kit.sound((-0.22, 0.43, -0.2), (0.22, 0.48, 0.22), fabric)
-        kit.sound((-0.22, 0.5, -0.27), (0.22, 0.83, -0.21), fabric)
+        _shell_chair(kit, wood)
         return
-    if form == "spindle":
-        kit.soft((w, 0.035, d), (0.0, seat - 0.0175, 0.0), wood, radius=0.017, puff=(0.004, 0.0, 0.006), cells=6)
-        for sx in (-1, 1):
-            kit.rod((sx * (x + 0.04), 0.0, z + 0.035), (sx * x, seat - 0.02, z), 0.012, wood, end_radius=0.018, sides=9)
-            kit.rod(
-                (sx * (x + 0.03), 0.0, -z - 0.06), (sx * x, seat - 0.02, -z), 0.012, wood, end_radius=0.018, sides=9
-            )
-            kit.rod(
-                (sx * (x - 0.0), seat - 0.01, -z),
-                (sx * (x + 0.01), 0.87, -z - 0.09),
-                0.014,
-                wood,
-                end_radius=0.011,
-                sides=9,
-            )
-            kit.rod((sx * (x + 0.02), 0.2, z + 0.02), (sx * (x + 0.016), 0.2, -z - 0.03), 0.009, wood, sides=7)
-        kit.rod((-x - 0.02, 0.2, 0.0), (x + 0.02, 0.2, 0.0), 0.009, wood, sides=7)
-        for px in np.linspace(-0.11, 0.11, 5):
-            kit.rod((px, seat - 0.01, -z), (px * 1.1, 0.84, -z - 0.085), 0.0075, wood, sides=6)
-        t = np.linspace(-1, 1, 7)
-        rail = np.stack([t * (x + 0.035), np.full(7, 0.865), -z - 0.088 - 0.03 * (1 - t**2)], axis=1)
-        kit.tube(rail, np.where(np.abs(t) > 0.9, 0.02, 0.026), wood, segments=9)
-        back = 0.09
-    else:
-        kit.soft(
-            (w, 0.05, d),
-            (0.0, seat - 0.02, 0.0),
-            kit.m("chair_fabric"),
-            radius=0.024,
-            puff=(0.004, 0.008, 0.004),
-            cells=6,
-        )
-        kit.panel(
-            (-w / 2 + 0.015, seat - 0.075, -d / 2 + 0.015),
-            (w / 2 - 0.015, seat - 0.035, d / 2 - 0.015),
-            wood,
-            bevel=0.004,
-        )
-        for sx in (-1, 1):
-            kit.rod((sx * (x + 0.015), 0.0, z + 0.01), (sx * x, seat - 0.04, z), 0.013, wood, end_radius=0.019, sides=9)
-            kit.tube(
-                [
-                    (sx * (x + 0.015), 0.0, -z - 0.05),
-                    (sx * x, seat - 0.04, -z),
-                    (sx * x, 0.62, -z - 0.03),
-                    (sx * x, 0.82, -z - 0.085),
-                ],
-                [0.012, 0.019, 0.017, 0.012],
-                wood,
-                segments=9,
-            )
-        t = np.linspace(-1, 1, 9)
-        rows = [
-            np.stack([t * (x + 0.03), np.full(9, y), -z - 0.03 - lean - 0.045 * (1 - t**2)], axis=1)
-            for y, lean in ((0.83, 0.055), (0.79, 0.05), (0.73, 0.036), (0.69, 0.028))
-        ]
-        kit.shell(np.array(rows), 0.02, wood)
-        back = 0.07
+    build = _spindle_chair if form == "spindle" else _bentwood_chair
+    back = build(kit, wood, seat, w, d)
     kit.sound((-w / 2, seat - 0.05, -d / 2), (w / 2, seat, d / 2), wood)
     kit.sound((-w / 2, 0.68, -z - back), (w / 2, 0.86, -z - 0.05), wood)
+
+
+def _bentwood_chair(kit: Kit, wood: Material, seat: float, w: float, d: float) -> float:
+    """A padded seat of width ``w`` and depth ``d`` with a curved rest; returns how far the back leans (m)."""
+    x, z = w / 2 - 0.045, d / 2 - 0.045
+    kit.soft(
+        (w, 0.05, d),
+        (0.0, seat - 0.02, 0.0),
+        kit.m("chair_fabric"),
+        radius=0.024,
+        puff=(0.004, 0.008, 0.004),
+        cells=6,
+    )
+    kit.panel(
+        (-w / 2 + 0.015, seat - 0.075, -d / 2 + 0.015),
+        (w / 2 - 0.015, seat - 0.035, d / 2 - 0.015),
+        wood,
+        bevel=0.004,
+    )
+    for sx in (-1, 1):
+        kit.rod((sx * (x + 0.015), 0.0, z + 0.01), (sx * x, seat - 0.04, z), 0.013, wood, end_radius=0.019, sides=9)
+        kit.tube(
+            [
+                (sx * (x + 0.015), 0.0, -z - 0.05),
+                (sx * x, seat - 0.04, -z),
+                (sx * x, 0.62, -z - 0.03),
+                (sx * x, 0.82, -z - 0.085),
+            ],
+            [0.012, 0.019, 0.017, 0.012],
+            wood,
+            segments=9,
+        )
+    t = np.linspace(-1, 1, 9)
+    rows = [
+        np.stack([t * (x + 0.03), np.full(9, y), -z - 0.03 - lean - 0.045 * (1 - t**2)], axis=1)
+        for y, lean in ((0.83, 0.055), (0.79, 0.05), (0.73, 0.036), (0.69, 0.028))
+    ]
+    kit.shell(np.array(rows), 0.02, wood)
+    return 0.07
+
+
+def _spindle_chair(kit: Kit, wood: Material, seat: float, w: float, d: float) -> float:
+    """A wooden seat of width ``w`` and depth ``d`` with a back of spindles; returns how far the back leans (m)."""
+    x, z = w / 2 - 0.045, d / 2 - 0.045
+    kit.soft((w, 0.035, d), (0.0, seat - 0.0175, 0.0), wood, radius=0.017, puff=(0.004, 0.0, 0.006), cells=6)
+    for sx in (-1, 1):
+        kit.rod((sx * (x + 0.04), 0.0, z + 0.035), (sx * x, seat - 0.02, z), 0.012, wood, end_radius=0.018, sides=9)
+        kit.rod((sx * (x + 0.03), 0.0, -z - 0.06), (sx * x, seat - 0.02, -z), 0.012, wood, end_radius=0.018, sides=9)
+        kit.rod(
+            (sx * (x - 0.0), seat - 0.01, -z),
+            (sx * (x + 0.01), 0.87, -z - 0.09),
+            0.014,
+            wood,
+            end_radius=0.011,
+            sides=9,
+        )
+        kit.rod((sx * (x + 0.02), 0.2, z + 0.02), (sx * (x + 0.016), 0.2, -z - 0.03), 0.009, wood, sides=7)
+    kit.rod((-x - 0.02, 0.2, 0.0), (x + 0.02, 0.2, 0.0), 0.009, wood, sides=7)
+    for px in np.linspace(-0.11, 0.11, 5):
+        kit.rod((px, seat - 0.01, -z), (px * 1.1, 0.84, -z - 0.085), 0.0075, wood, sides=6)
+    t = np.linspace(-1, 1, 7)
+    rail = np.stack([t * (x + 0.035), np.full(7, 0.865), -z - 0.088 - 0.03 * (1 - t**2)], axis=1)
+    kit.tube(rail, np.where(np.abs(t) > 0.9, 0.02, 0.026), wood, segments=9)
+    return 0.09
+
+
+def _shell_chair(kit: Kit, legs: Material) -> None:
+    """An upholstered shell on four splayed legs."""
+    fabric = kit.m("chair_fabric")
+    rows = []
+    line = [
+        (0.47, 0.23),
+        (0.478, 0.16),
+        (0.465, 0.02),
+        (0.462, -0.1),
+        (0.49, -0.175),
+        (0.58, -0.21),
+        (0.7, -0.23),
+        (0.8, -0.245),
+        (0.835, -0.25),
+    ]
+    u = np.linspace(-1, 1, 11)
+    for k, (y, depth) in enumerate(line):
+        s = k / (len(line) - 1)
+        half = 0.235 * (1 - 0.35 * max(0.0, s - 0.8) / 0.2 * 0.6) * (1 - 0.1 * max(0.0, 0.15 - s) / 0.15)
+        curl = 0.035 * np.abs(u) ** 3
+        rows.append(
+            np.stack([u * half, y + curl * (1 if s < 0.5 else 0.2), depth + curl * (1.6 if s >= 0.5 else 0.0)], axis=1)
+        )
+    kit.shell(np.array(rows), 0.035, fabric)
+    for sx in (-1, 1):
+        for sz in (-1, 1):
+            kit.rod((sx * 0.22, 0.0, sz * 0.2), (sx * 0.13, 0.455, sz * 0.11), 0.009, legs, end_radius=0.015, sides=9)
+    kit.sound((-0.22, 0.43, -0.2), (0.22, 0.48, 0.22), fabric)
+    kit.sound((-0.22, 0.5, -0.27), (0.22, 0.83, -0.21), fabric)
 
 
 def stool(kit: Kit) -> None:

@@ -80,40 +80,13 @@ def ceiling_lamp(kit: Kit, *, drop: float | None = None) -> None:
     kit.lathe([(0.0, -0.028), (0.035, -0.026), (0.055, -0.008), (0.055, 0.0), (0.0, 0.0)], metal, segments=20)
     cable = kit.m("plastic_black")
     if form == "cluster":
-        for k in range(3):
-            a = 2 * np.pi * k / 3 + 0.4
-            x, z, y = 0.13 * np.cos(a), 0.13 * np.sin(a), -(length - 0.05) * (0.72 + 0.14 * k)
-            kit.tube(
-                [
-                    (0.02 * np.cos(a), -0.02, 0.02 * np.sin(a)),
-                    (0.09 * np.cos(a), -0.1, 0.09 * np.sin(a)),
-                    (x, -0.2, z),
-                    (x, y + 0.1, z),
-                ],
-                0.003,
-                cable,
-                segments=5,
-            )
-            kit.cylinder(0.022, 0.055, (x, y + 0.09, z), metal, segments=12)
-            kit.sphere(0.06, (x, y + 0.01, z), kit.m("lamp_glass"), rings=10, segments=18)
+        _cluster(kit, length, metal)
         kit.sound((-0.15, -length, -0.15), (0.15, -length * 0.6, 0.15), kit.m("lamp_glass"))
         return
     size = {"dome": 0.2, "globe": 0.15, "drum": 0.22}[form]
     y = -length
     if form == "dome":
-        skin = kit.m(kit.pick("metal", "accent_paint", "white"))
-        outer = [
-            (size, 0.0),
-            (0.96 * size, 0.07),
-            (0.72 * size, 0.15),
-            (0.3 * size, 0.2),
-            (0.16 * size, 0.235),
-            (0.0, 0.24),
-        ]
-        inner = [(0.0, 0.215), (0.28 * size, 0.19), (0.69 * size, 0.142), (0.935 * size, 0.068), (0.975 * size, 0.0)]
-        kit.lathe(inner + outer, skin, centre=(0.0, y, 0.0), segments=36)
-        kit.sphere(0.045, (0.0, y + 0.075, 0.0), kit.m("bulb"), rings=8, segments=14)
-        kit.cylinder(0.02, 0.12, (0.0, y + 0.16, 0.0), metal, segments=10)
+        _dome(kit, size, y, metal)
         high = y + 0.235
     elif form == "globe":
         kit.sphere(size, (0.0, y + size, 0.0), kit.m("lamp_glass"), rings=18, segments=32)
@@ -128,3 +101,41 @@ def ceiling_lamp(kit: Kit, *, drop: float | None = None) -> None:
         high = y + 0.2
     kit.rod((0.0, -0.02, 0.0), (0.0, high, 0.0), 0.003, cable, sides=6)
     kit.sound((-size * 0.85, y, -size * 0.85), (size * 0.85, min(high, y + 0.26), size * 0.85), metal)
+
+
+def _dome(kit: Kit, size: float, y: float, metal: Material) -> None:
+    """An open dome of radius ``size`` whose rim is at height ``y``, with its bulb."""
+    skin = kit.m(kit.pick("metal", "accent_paint", "white"))
+    outer = [
+        (size, 0.0),
+        (0.96 * size, 0.07),
+        (0.72 * size, 0.15),
+        (0.3 * size, 0.2),
+        (0.16 * size, 0.235),
+        (0.0, 0.24),
+    ]
+    inner = [(0.0, 0.215), (0.28 * size, 0.19), (0.69 * size, 0.142), (0.935 * size, 0.068), (0.975 * size, 0.0)]
+    kit.lathe(inner + outer, skin, centre=(0.0, y, 0.0), segments=36)
+    kit.sphere(0.045, (0.0, y + 0.075, 0.0), kit.m("bulb"), rings=8, segments=14)
+    kit.cylinder(0.02, 0.12, (0.0, y + 0.16, 0.0), metal, segments=10)
+
+
+def _cluster(kit: Kit, length: float, metal: Material) -> None:
+    """Three small globes on cables of different length."""
+    cable = kit.m("plastic_black")
+    for k in range(3):
+        a = 2 * np.pi * k / 3 + 0.4
+        x, z, y = 0.13 * np.cos(a), 0.13 * np.sin(a), -(length - 0.05) * (0.72 + 0.14 * k)
+        kit.tube(
+            [
+                (0.02 * np.cos(a), -0.02, 0.02 * np.sin(a)),
+                (0.09 * np.cos(a), -0.1, 0.09 * np.sin(a)),
+                (x, -0.2, z),
+                (x, y + 0.1, z),
+            ],
+            0.003,
+            cable,
+            segments=5,
+        )
+        kit.cylinder(0.022, 0.055, (x, y + 0.09, z), metal, segments=12)
+        kit.sphere(0.06, (x, y + 0.01, z), kit.m("lamp_glass"), rings=10, segments=18)

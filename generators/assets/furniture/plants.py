@@ -121,39 +121,9 @@ def plant(kit: Kit, *, height: float | None = None) -> None:
     leaf = tree.m(tree.pick("leaf", "leaf", "leaf_alt"))
     soil = np.array([0.0, 0.87 * pot, 0.0])
     if form == "rubber":
-        for stem in range(2):
-            lean = np.array([0.09 * np.cos(2.2 * stem + 1), 1.0, 0.09 * np.sin(2.2 * stem + 1)])
-            top = soil + lean * (tall - pot - 0.1) * (1 - 0.22 * stem)
-            tree.tube(
-                [soil + 0.03 * stem, (soil + top) / 2 + 0.01, top], [0.013, 0.01, 0.006], tree.m("stem"), segments=6
-            )
-            for k in range(15):
-                s = 0.28 + 0.72 * k / 14
-                a = 2.399963 * k + stem
-                out = np.array([np.cos(a), 0.35 + 0.9 * max(0.0, s - 0.7) / 0.3, np.sin(a)])
-                _leaf(tree, soil + (top - soil) * s, out, 0.30 * (1.1 - 0.35 * s), 0.13, 0.06, leaf, 4)
+        _rubber(tree, soil, tall, pot, leaf)
     elif form == "palm":
-        for k in range(13):
-            a, s = 2.399963 * k, 0.35 + 0.65 * ((k * 7) % 13) / 12
-            out = np.array([0.22 * s * np.cos(a), 1.0, 0.22 * s * np.sin(a)])
-            length = (tall - pot) * (1.05 - 0.35 * s)
-            t = np.linspace(0, 1, 7)
-            drop = 0.38 * s * length
-            rib = (
-                soil
-                + out / np.linalg.norm(out) * (length * t)[:, None]
-                + np.array([np.cos(a), 0, np.sin(a)]) * (0.2 * s * length * t**2)[:, None]
-            )
-            rib[:, 1] -= drop * t**3
-            tree.tube(rib, np.linspace(0.006, 0.002, 7), tree.m("leaf_alt"), segments=4)
-            for at in np.linspace(0.42, 0.98, 6):
-                i = min(5, int(at * 6))
-                p = rib[i] + (rib[i + 1] - rib[i]) * (at * 6 - i)
-                ahead = (rib[i + 1] - rib[i]) / np.linalg.norm(rib[i + 1] - rib[i])
-                across = np.cross(ahead, [0.0, 1.0, 0.0])
-                across /= max(float(np.linalg.norm(across)), 1e-6)
-                for side in (-1, 1):
-                    _leaf(tree, p, ahead * 0.8 + side * across * 0.8, 0.25 * (1.15 - 0.6 * at), 0.036, 0.06, leaf, 2)
+        _palm(tree, soil, tall, pot, leaf)
     elif form == "snake":
         for k in range(13):
             a = 2.399963 * k
@@ -178,3 +148,41 @@ def plant(kit: Kit, *, height: float | None = None) -> None:
     reach = 0.45 * min(high[0] - low[0], high[2] - low[2])
     kit.sound((-r, 0.0, -r), (r, pot, r), kit.m("pot_white"))
     kit.sound((-reach, pot + 0.15, -reach), (reach, tall * 0.95, reach), leaf)
+
+
+def _palm(tree: Kit, soil: Array, tall: float, pot: float, leaf: Material) -> None:
+    """Arching ribs with a leaflet on both sides of each."""
+    for k in range(13):
+        a, s = 2.399963 * k, 0.35 + 0.65 * ((k * 7) % 13) / 12
+        out = np.array([0.22 * s * np.cos(a), 1.0, 0.22 * s * np.sin(a)])
+        length = (tall - pot) * (1.05 - 0.35 * s)
+        t = np.linspace(0, 1, 7)
+        drop = 0.38 * s * length
+        rib = (
+            soil
+            + out / np.linalg.norm(out) * (length * t)[:, None]
+            + np.array([np.cos(a), 0, np.sin(a)]) * (0.2 * s * length * t**2)[:, None]
+        )
+        rib[:, 1] -= drop * t**3
+        tree.tube(rib, np.linspace(0.006, 0.002, 7), tree.m("leaf_alt"), segments=4)
+        for at in np.linspace(0.42, 0.98, 6):
+            i = min(5, int(at * 6))
+            p = rib[i] + (rib[i + 1] - rib[i]) * (at * 6 - i)
+            ahead = (rib[i + 1] - rib[i]) / np.linalg.norm(rib[i + 1] - rib[i])
+            across = np.cross(ahead, [0.0, 1.0, 0.0])
+            across /= max(float(np.linalg.norm(across)), 1e-6)
+            for side in (-1, 1):
+                _leaf(tree, p, ahead * 0.8 + side * across * 0.8, 0.25 * (1.15 - 0.6 * at), 0.036, 0.06, leaf, 2)
+
+
+def _rubber(tree: Kit, soil: Array, tall: float, pot: float, leaf: Material) -> None:
+    """Two leaning stems with leaves all the way up."""
+    for stem in range(2):
+        lean = np.array([0.09 * np.cos(2.2 * stem + 1), 1.0, 0.09 * np.sin(2.2 * stem + 1)])
+        top = soil + lean * (tall - pot - 0.1) * (1 - 0.22 * stem)
+        tree.tube([soil + 0.03 * stem, (soil + top) / 2 + 0.01, top], [0.013, 0.01, 0.006], tree.m("stem"), segments=6)
+        for k in range(15):
+            s = 0.28 + 0.72 * k / 14
+            a = 2.399963 * k + stem
+            out = np.array([np.cos(a), 0.35 + 0.9 * max(0.0, s - 0.7) / 0.3, np.sin(a)])
+            _leaf(tree, soil + (top - soil) * s, out, 0.30 * (1.1 - 0.35 * s), 0.13, 0.06, leaf, 4)
