@@ -87,23 +87,30 @@ def _espresso(rng: Generator) -> Design:
     # Group head and portafilter.
     z = 0.060
     metal = chrome()
-    b.cylinder(0.041, 0.030, (0, 0.225, z), metal, bevel=0.004, acoustic=False)
-    b.cylinder(0.034, 0.028, (0, 0.199, z), metal, bevel=0.003, acoustic=False)
-    b.cylinder(0.026, 0.012, (0, 0.181, z), metal, top_radius=0.033, acoustic=False)
-    for x in (-0.010, 0.010):
-        b.tube([(0, 0.178, z), (x, 0.168, z), (x, 0.158, z)], 0.0045, metal, segments=8)
-    b.tube([(0, 0.197, z + 0.030), (0, 0.193, z + 0.060)], 0.007, metal, segments=10)
-    b.tube(
-        [(0, 0.193, z + 0.058), (0, 0.188, z + 0.085), (0, 0.180, z + 0.150), (0, 0.178, z + 0.158)],
-        [0.010, 0.0125, 0.0135, 0.009],
-        dark,
-        segments=16,
-    )
+    _portafilter(b, z, metal, dark)
     _cup(b, 0.0, 0.070, z, 0.056, ceramic("cup", "#f4f2ec"))
     # Steam wand and its knob.
     wand = smooth_path([(0.105, 0.238, 0.075), (0.108, 0.215, 0.095), (0.112, 0.16, 0.105), (0.116, 0.098, 0.118)], 16)
     b.tube(wand, 0.005, metal, segments=10)
     b.tube(wand[6:12], 0.008, dark, segments=10)
+    _gauge_and_switches(b, rng, metal, dark)
+    # Cups warming on top, inside the gallery rail.
+    rail = [
+        (-0.125, h + 0.022, 0.095),
+        (0.125, h + 0.022, 0.095),
+        (0.125, h + 0.022, -0.135),
+        (-0.125, h + 0.022, -0.135),
+    ]
+    b.tube(rail, 0.0035, metal, segments=8, closed=True)
+    for x, _, zz in rail:
+        b.tube([(x, h - 0.002, zz), (x, h + 0.022, zz)], 0.003, metal, segments=8)
+    for x, zz in ((-0.07, 0.03), (0.0, 0.0), (0.06, 0.04)):
+        _cup(b, x, h, zz, 0.05, ceramic("cup", "#f4f2ec"))
+    return Design(b.build(), "surface", (0.0, 0.262, 0.150))
+
+
+def _gauge_and_switches(b: MeshBuilder, rng: Generator, metal: Material, dark: Material) -> None:
+    """On the front: the steam knob, the pressure gauge, three switches with their lamps."""
     face = 0.116
     b.cylinder(0.021, 0.026, (0.105, 0.295, face + 0.012), dark, axis="z", bevel=0.004, acoustic=False)
     gauge = decals.Canvas(256, 256, "#f4f2ea")
@@ -125,19 +132,22 @@ def _espresso(rng: Generator) -> Design:
             segments=10,
             acoustic=False,
         )
-    # Cups warming on top, inside the gallery rail.
-    rail = [
-        (-0.125, h + 0.022, 0.095),
-        (0.125, h + 0.022, 0.095),
-        (0.125, h + 0.022, -0.135),
-        (-0.125, h + 0.022, -0.135),
-    ]
-    b.tube(rail, 0.0035, metal, segments=8, closed=True)
-    for x, _, zz in rail:
-        b.tube([(x, h - 0.002, zz), (x, h + 0.022, zz)], 0.003, metal, segments=8)
-    for x, zz in ((-0.07, 0.03), (0.0, 0.0), (0.06, 0.04)):
-        _cup(b, x, h, zz, 0.05, ceramic("cup", "#f4f2ec"))
-    return Design(b.build(), "surface", (0.0, 0.262, 0.150))
+
+
+def _portafilter(b: MeshBuilder, z: float, metal: Material, dark: Material) -> None:
+    """The group head at depth ``z`` with the portafilter in it and its handle."""
+    b.cylinder(0.041, 0.030, (0, 0.225, z), metal, bevel=0.004, acoustic=False)
+    b.cylinder(0.034, 0.028, (0, 0.199, z), metal, bevel=0.003, acoustic=False)
+    b.cylinder(0.026, 0.012, (0, 0.181, z), metal, top_radius=0.033, acoustic=False)
+    for x in (-0.010, 0.010):
+        b.tube([(0, 0.178, z), (x, 0.168, z), (x, 0.158, z)], 0.0045, metal, segments=8)
+    b.tube([(0, 0.197, z + 0.030), (0, 0.193, z + 0.060)], 0.007, metal, segments=10)
+    b.tube(
+        [(0, 0.193, z + 0.058), (0, 0.188, z + 0.085), (0, 0.180, z + 0.150), (0, 0.178, z + 0.158)],
+        [0.010, 0.0125, 0.0135, 0.009],
+        dark,
+        segments=16,
+    )
 
 
 def _filter(rng: Generator) -> Design:
@@ -164,7 +174,29 @@ def _filter(rng: Generator) -> Design:
         0.078, 0.006, (0, 0.046, zc), paint("hotplate", "metal", "#2d2e30", gloss=0.4), segments=40, acoustic=False
     )
     b.cylinder(0.060, 0.030, (0, 0.226, zc), body, segments=36, top_radius=0.075, acoustic=False)
-    # Jug: coffee below, clear glass above it.
+    _jug(b, zc, accent)
+    # Front: switch, window of the water gauge, name.
+    name = decals.Canvas(320, 96, tone)
+    ink = "#3a3d40" if tone == "#eceae4" else "#e8e8e6"
+    name.text((160, 48), "AROMA 12", 46, ink, bold=0.8)
+    front = 0.135
+    at = [(sx * 0.045, 0.300 + sy * 0.0135, front + 0.0006) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    b.quad(at, printed("name", name.pixels()), fit=True, acoustic=False)
+    slab(b, (0.030, 0.016, 0.006), (0.0, 0.020, front + 0.002), plastic("switch", "#141517"), corner=0.004, bevel=0.002)
+    b.cylinder(
+        0.003,
+        0.003,
+        (0.007, 0.020, front + 0.005),
+        lamp("pilot", "#ff5a2a", 0.6),
+        axis="z",
+        segments=10,
+        acoustic=False,
+    )
+    return Design(b.build(), "surface", (0.0, 0.275, front + 0.03))
+
+
+def _jug(b: MeshBuilder, zc: float, accent: Material) -> None:
+    """A jug standing at depth ``zc``: coffee below, clear glass above it."""
     coffee = glass("coffee_in_glass", "#23120a")
     clear = glass("glass", "#8fa0a5")
     b.lathe(
@@ -202,24 +234,6 @@ def _filter(rng: Generator) -> Design:
     turn = rotation("y", 38)
     handle = (handle - [0, 0, zc]) @ turn.T + [0, 0, zc]
     b.tube(handle, 0.0095, plastic("jug_handle", "#1b1c1e"), segments=12)
-    # Front: switch, window of the water gauge, name.
-    name = decals.Canvas(320, 96, tone)
-    ink = "#3a3d40" if tone == "#eceae4" else "#e8e8e6"
-    name.text((160, 48), "AROMA 12", 46, ink, bold=0.8)
-    front = 0.135
-    at = [(sx * 0.045, 0.300 + sy * 0.0135, front + 0.0006) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    b.quad(at, printed("name", name.pixels()), fit=True, acoustic=False)
-    slab(b, (0.030, 0.016, 0.006), (0.0, 0.020, front + 0.002), plastic("switch", "#141517"), corner=0.004, bevel=0.002)
-    b.cylinder(
-        0.003,
-        0.003,
-        (0.007, 0.020, front + 0.005),
-        lamp("pilot", "#ff5a2a", 0.6),
-        axis="z",
-        segments=10,
-        acoustic=False,
-    )
-    return Design(b.build(), "surface", (0.0, 0.275, front + 0.03))
 
 
 def _capsule(rng: Generator) -> Design:
@@ -229,22 +243,7 @@ def _capsule(rng: Generator) -> Design:
     body, dark = plastic("body", tone, gloss=0.6), plastic("black", "#191a1c")
     metal = chrome()
     width = 0.125
-    # Side view (z, y) of the body: foot, column at the back, head reaching forwards.
-    t = np.linspace(0, np.pi / 2, 7)
-    side = [
-        (-0.15, 0.0),
-        (0.02, 0.0),
-        (0.02, 0.030),
-        (-0.02, 0.045),
-        (-0.035, 0.075),
-        (-0.030, 0.150),
-        (-0.005, 0.178),
-        (0.075, 0.182),
-    ]
-    side += [(0.100 + 0.018 * np.sin(a), 0.205 - 0.018 * np.cos(a)) for a in t]
-    side += [(0.085 + 0.030 * np.cos(a), 0.235 + 0.032 * np.sin(a)) for a in t]
-    side += [(-0.12 - 0.030 * np.sin(a), 0.235 + 0.032 * np.cos(a)) for a in t]
-    profile = np.array(side)
+    profile = _arched_side()
     # Extruded along x: (x, y) of the outline are (−z, y) turned about Y.
     b.extrude(
         np.stack([-profile[:, 0], profile[:, 1]], axis=1)[::-1],
@@ -292,6 +291,25 @@ def _capsule(rng: Generator) -> Design:
     at = [(sx * 0.036, 0.222 + sy * 0.0135, 0.1184) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     b.quad(at, printed("name", name.pixels()), fit=True, acoustic=False)
     return Design(b.build(), "surface", (0.0, 0.20, 0.145))
+
+
+def _arched_side() -> np.ndarray:
+    """(N, 2) outline of the body from the side, (z, y) in metres: foot, column at the back, head reaching forwards."""
+    t = np.linspace(0, np.pi / 2, 7)
+    side = [
+        (-0.15, 0.0),
+        (0.02, 0.0),
+        (0.02, 0.030),
+        (-0.02, 0.045),
+        (-0.035, 0.075),
+        (-0.030, 0.150),
+        (-0.005, 0.178),
+        (0.075, 0.182),
+    ]
+    side += [(0.100 + 0.018 * np.sin(a), 0.205 - 0.018 * np.cos(a)) for a in t]
+    side += [(0.085 + 0.030 * np.cos(a), 0.235 + 0.032 * np.sin(a)) for a in t]
+    side += [(-0.12 - 0.030 * np.sin(a), 0.235 + 0.032 * np.cos(a)) for a in t]
+    return np.array(side)
 
 
 VARIANTS: dict[str, Build] = {"espresso": _espresso, "filter": _filter, "capsule": _capsule}

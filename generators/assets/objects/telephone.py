@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
@@ -14,6 +16,9 @@ from generators.assets.shapes import MeshBuilder, rotation
 from generators.core.scene import Material
 
 Array = NDArray[np.float64]
+
+#: The darker of a cordless set's colours: its prints are light.
+DARK = "#1d1f22"
 
 
 def _handset(b: MeshBuilder, length: float, material: Material, centre: Array, turn: Array) -> None:
@@ -52,27 +57,39 @@ def _handset(b: MeshBuilder, length: float, material: Material, centre: Array, t
         )
 
 
-def _keys(
-    b: MeshBuilder,
-    labels: str,
-    columns: int,
-    pitch: tuple[float, float],
-    size: tuple[float, float, float],
-    key: str,
-    ink: str,
-    at: Array,
-    turn: Array,
-) -> None:
+@dataclass(frozen=True)
+class _Keys:
+    """A block of keys.
+
+    Attributes:
+        labels: one character a key, row by row.
+        columns: keys in a row.
+        pitch: from key to key across and up (m).
+        size: of a key: across, up, out (m).
+        key: their colour (sRGB).
+        ink: colour of the print (sRGB).
+    """
+
+    labels: str
+    columns: int
+    pitch: tuple[float, float]
+    size: tuple[float, float, float]
+    key: str
+    ink: str
+
+
+def _add_keys(b: MeshBuilder, keys: _Keys, at: Array, turn: Array) -> None:
     """Raised keys with printed tops; local x right, y up the slope, z out of it; ``at`` is the block's centre."""
+    labels, columns, pitch, size = keys.labels, keys.columns, keys.pitch, keys.size
     rows = (len(labels) + columns - 1) // columns
-    material = plastic("key", key)
+    material = plastic("key", keys.key)
     for k, label in enumerate(labels):
         dx = (k % columns - (columns - 1) / 2) * pitch[0]
         dy = ((rows - 1) / 2 - k // columns) * pitch[1]
         centre = at + turn @ np.array([dx, dy, size[2] / 2])
         slab(b, size, centre, material, corner=0.003, bevel=0.0015, steps=2, rotate=turn)
-        canvas = decals.Canvas(64, 48, key)
-        canvas.text((32, 24), label, 38, ink, bold=0.5)
+        canvas = decals.Canvas(64, 48, keys.key)
+        canvas.text((32, 24), label, 38, keys.ink, bold=0.5)
         w, h = size[0] / 2 - 0.002, size[1] / 2 - 0.002
         top = at + turn @ np.array([dx, dy, size[2] + 0.0004])
         corners = [top + turn @ np.array([sx * w, sy * h, 0]) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
@@ -112,8 +129,10 @@ def _desk(rng: Generator) -> Design:
         return np.asarray(middle + turn @ np.array([x, along, lift]))
 
     key, ink = ("#4a4d50", "#ffffff") if pale else ("#e9e9e6", "#1b1c1e")
-    _keys(b, "123456789*0#", 3, (0.031, 0.026), (0.024, 0.019, 0.006), key, ink, on_top(0.042, -0.032, 0.0), turn)
-    _keys(b, "RM", 2, (0.031, 0.026), (0.024, 0.010, 0.005), "#8d9093", ink, on_top(0.042, 0.030, 0.0), turn)
+    digits = _Keys("123456789*0#", 3, (0.031, 0.026), (0.024, 0.019, 0.006), key, ink)
+    _add_keys(b, digits, on_top(0.042, -0.032, 0.0), turn)
+    others = _Keys("RM", 2, (0.031, 0.026), (0.024, 0.010, 0.005), "#8d9093", ink)
+    _add_keys(b, others, on_top(0.042, 0.030, 0.0), turn)
     slab(b, (0.108, 0.046, 0.010), on_top(0.042, 0.070, 0.005), plastic("bezel", "#17181a"), corner=0.006, rotate=turn)
     canvas = decals.Canvas(320, 128, "#9fb59a")
     canvas.digits((160, 74), f"{int(rng.integers(24)):02d}:{int(rng.integers(60)):02d}", 62, "#20281f", "#93a98f")
@@ -144,25 +163,28 @@ def _rotary(rng: Generator) -> Design:
     b = MeshBuilder()
     tone = choose(rng, "#1c1c1e", "#8f1d1f", "#e9e2cf", "#2f5d50")
     body = plastic("bakelite", tone, gloss=0.6)
-    loops = []
-    for w, d, y, z, r in (
-        (0.225, 0.205, 0.0, 0.0, 0.030),
-        (0.230, 0.210, 0.006, 0.0, 0.032),
-        (0.222, 0.200, 0.022, -0.002, 0.034),
-        (0.190, 0.160, 0.060, -0.014, 0.036),
-        (0.150, 0.105, 0.095, -0.036, 0.034),
-        (0.128, 0.080, 0.112, -0.044, 0.030),
-        (0.118, 0.070, 0.116, -0.044, 0.028),
-    ):
-        p = rounded_rectangle(w, d, r)
-        loops.append(np.stack([p[:, 0], np.full(len(p), y), z - p[:, 1]], axis=1))
-    loft(b, np.array(loops), body, crease=55)
+    _flared_case(b, body)
     for x in (-0.052, 0.052):
         slab(b, (0.020, 0.050, 0.034), (x, 0.128, -0.044), body, corner=0.008, bevel=0.004, rotate=rotation("x", -90))
         b.box((0.018, 0.026, 0.012), (x, 0.146, -0.068), body, bevel=0.004, acoustic=False)
         b.box((0.018, 0.026, 0.012), (x, 0.146, -0.020), body, bevel=0.004, acoustic=False)
     _handset(b, 0.245, body, np.array([0.0, 0.158, -0.044]), np.eye(3))
-    # The dial lies on the front slope, between (y .022, z .098) and (y .095, z .0165).
+    _dial(b)
+    cord = [
+        (-0.112, 0.145, -0.044),
+        (-0.135, 0.10, -0.05),
+        (-0.152, 0.035, -0.045),
+        (-0.150, 0.012, 0.0),
+        (-0.140, 0.011, 0.05),
+        (-0.130, 0.011, 0.075),
+        (-0.112, 0.012, 0.080),
+    ]
+    b.tube(coil(cord, 0.0065, 30), 0.0022, rubber("cord", "#1d1e20"), segments=6)
+    return Design(b.build(), "surface", (0.0, 0.130, -0.005))
+
+
+def _dial(b: MeshBuilder) -> None:
+    """A dial with ten finger holes on the front slope, between (y .022, z .098) and (y .095, z .0165)."""
     slope = float(np.degrees(np.arctan2(0.095 - 0.022, 0.098 - 0.0165)))
     face = rotation("x", slope - 90)
     at = np.array([0.0, 0.058, 0.062])
@@ -214,24 +236,30 @@ def _rotary(rng: Generator) -> Design:
         segments=28,
         acoustic=False,
     )
-    cord = [
-        (-0.112, 0.145, -0.044),
-        (-0.135, 0.10, -0.05),
-        (-0.152, 0.035, -0.045),
-        (-0.150, 0.012, 0.0),
-        (-0.140, 0.011, 0.05),
-        (-0.130, 0.011, 0.075),
-        (-0.112, 0.012, 0.080),
-    ]
-    b.tube(coil(cord, 0.0065, 30), 0.0022, rubber("cord", "#1d1e20"), segments=6)
-    return Design(b.build(), "surface", (0.0, 0.130, -0.005))
+
+
+def _flared_case(b: MeshBuilder, body: Material) -> None:
+    """The case of a rotary set, wide at its foot."""
+    loops = []
+    for w, d, y, z, r in (
+        (0.225, 0.205, 0.0, 0.0, 0.030),
+        (0.230, 0.210, 0.006, 0.0, 0.032),
+        (0.222, 0.200, 0.022, -0.002, 0.034),
+        (0.190, 0.160, 0.060, -0.014, 0.036),
+        (0.150, 0.105, 0.095, -0.036, 0.034),
+        (0.128, 0.080, 0.112, -0.044, 0.030),
+        (0.118, 0.070, 0.116, -0.044, 0.028),
+    ):
+        p = rounded_rectangle(w, d, r)
+        loops.append(np.stack([p[:, 0], np.full(len(p), y), z - p[:, 1]], axis=1))
+    loft(b, np.array(loops), body, crease=55)
 
 
 def _cordless(rng: Generator) -> Design:
     """A cordless handset upright in an answering-machine base."""
     b = MeshBuilder()
-    tone = choose(rng, "#1d1f22", "#eceae6")
-    dark = tone == "#1d1f22"
+    tone = choose(rng, DARK, "#eceae6")
+    dark = tone == DARK
     body, trim = plastic("body", tone, gloss=0.5), chrome("trim")
     slope = _wedge(b, 0.190, 0.135, 0.026, 0.060, body)
     lean = rotation("x", -14)
@@ -262,17 +290,9 @@ def _cordless(rng: Generator) -> Design:
         bevel=0,
         rotate=lean,
     )
-    _keys(
-        b,
-        "123456789*0#",
-        3,
-        (0.0155, 0.0135),
-        (0.0125, 0.0095, 0.0025),
-        "#f0f1f2" if dark else "#3c3f43",
-        "#17181a" if dark else "#ffffff",
-        on_set(0, 0.055, 0.010),
-        lean,
-    )
+    colours = ("#f0f1f2", "#17181a") if dark else ("#3c3f43", "#ffffff")
+    digits = _Keys("123456789*0#", 3, (0.0155, 0.0135), (0.0125, 0.0095, 0.0025), *colours)
+    _add_keys(b, digits, on_set(0, 0.055, 0.010), lean)
     for x, colour in ((-0.015, "#2f9a4c"), (0.015, "#c2362e")):
         slab(
             b,
@@ -283,7 +303,13 @@ def _cordless(rng: Generator) -> Design:
             bevel=0.001,
             rotate=lean,
         )
-    # Answering machine: speaker grille, counter, keys.
+    _answering_machine(b, rng, slope, tone, trim)
+    return Design(b.build(), "surface", (0.045, 0.075, 0.01))
+
+
+def _answering_machine(b: MeshBuilder, rng: Generator, slope: float, tone: str, trim: Material) -> None:
+    """Speaker grille, counter and two keys on a base that slopes by ``slope`` degrees."""
+    dark = tone == DARK
     turn = rotation("x", slope - 90)
     middle = np.array([0.0, (0.026 + 0.060) / 2, 0.0])
 
@@ -311,7 +337,6 @@ def _cordless(rng: Generator) -> Design:
             segments=18,
             acoustic=False,
         )
-    return Design(b.build(), "surface", (0.045, 0.075, 0.01))
 
 
 VARIANTS: dict[str, Build] = {"desk": _desk, "rotary": _rotary, "cordless": _cordless}

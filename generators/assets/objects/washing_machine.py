@@ -116,13 +116,7 @@ def _front_loader(style: _Style, rng: Generator) -> Design:
         depth=0.02,
         centre=(0, (0.02 + shell) / 2, 0),
     )
-    # Worktop, feet, the shadow gaps between the panels.
-    b.box((WIDTH, 0.026, style.depth + 0.012), (0, HEIGHT - 0.013, 0.0), body, bevel=0.008, acoustic=False)
-    b.box((WIDTH - 0.006, 0.006, style.depth - 0.004), (0, shell + 0.001, 0), rubber("gap"), acoustic=False)
-    foot = rubber("foot")
-    for x in (-0.25, 0.25):
-        for z in (-face + 0.06, face - 0.06):
-            b.cylinder(0.022, 0.022, (x, 0.011, z), foot, segments=16, acoustic=False)
+    _frame(b, style, body, shell)
     gap = plastic("gap_line", "#3a3c3f")
     panel_y = shell - PANEL / 2 - 0.004
     b.box((WIDTH - 0.012, 0.003, 0.002), (0, panel_y - PANEL / 2, face), gap, acoustic=False)
@@ -130,59 +124,18 @@ def _front_loader(style: _Style, rng: Generator) -> Design:
     slab(b, (0.085, 0.07, 0.006), (0.21, 0.066, face + 0.002), body, corner=0.012, bevel=0.003)
     b.box((0.05, 0.008, 0.004), (0.21, 0.092, face + 0.004), gap, acoustic=False)
 
-    # Control panel.
-    minutes = int(rng.integers(35, 170))
-    print_ = printed("control_panel", _panel(style, minutes), acoustic="plastic")
-    w, h = (WIDTH - 0.026) / 2, PANEL / 2 - 0.006
-    corners = [(-w, panel_y - h, 0), (w, panel_y - h, 0), (w, panel_y + h, 0), (-w, panel_y + h, 0)]
-    b.quad([(x, y, face + 0.0025) for x, y, _ in corners], print_, fit=True, acoustic=False)
-    knob = chrome("knob_chrome") if style.knob == "chrome" else plastic("knob", style.knob)
-    b.cylinder(0.034, 0.012, (style.knob_x, panel_y, face + 0.008), chrome(), axis="z", bevel=0.003, acoustic=False)
-    b.cylinder(
-        0.029,
-        0.026,
-        (style.knob_x, panel_y, face + 0.018),
-        knob,
-        axis="z",
-        top_radius=0.026,
-        bevel=0.004,
-        acoustic=False,
-    )
-    turn = rotation("z", float(rng.integers(10)) * 36 - 18)
-    pointer = plastic("pointer", "#d0342c")
-    b.box(
-        (0.004, 0.017, 0.002),
-        np.array([style.knob_x, panel_y, face + 0.0315]) + turn @ np.array([0, 0.014, 0]),
-        pointer,
-        rotate=turn,
-        acoustic=False,
-    )
-    buttons = plastic("buttons", "#e9eaec" if style.panel < "#8" else "#c9cccf")
-    start = style.knob_x + (190 / 1024 * WIDTH if style.knob_x < 0.1 else -440 / 1024 * WIDTH)
-    for k in range(4):
-        b.cylinder(
-            0.0085,
-            0.008,
-            (start + (24 + 41 * k) / 1024 * WIDTH, panel_y - 0.031, face + 0.004),
-            buttons,
-            axis="z",
-            segments=20,
-            bevel=0.002,
-            acoustic=False,
-        )
+    _controls(b, style, rng, panel_y)
     if style.drawer_x is not None:
-        drawer = plastic("drawer", style.panel)
-        size = (0.165, PANEL - 0.022)
-        slab(b, (*size, 0.012), (style.drawer_x, panel_y, face + 0.004), drawer, corner=0.008, bevel=0.004)
-        dx, dy = size[0] / 2 - 0.006, size[1] / 2 - 0.006
-        at = [
-            (style.drawer_x + sx * dx, panel_y + sy * dy, face + 0.0112)
-            for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))
-        ]
-        b.quad(at, printed("drawer_print", _drawer(style)), fit=True, acoustic=False)
-        slab(b, (0.11, 0.020, 0.004), (style.drawer_x, panel_y - 0.012, face + 0.0105), gap, corner=0.009, bevel=0.001)
+        _detergent_drawer(b, style, style.drawer_x, panel_y, gap)
+    _door(b, style, rng)
+    # Before the lower edge of the door, where a drum is loudest through its gasket.
+    return Design(b.build(), "floor", (0.0, style.port_height - radius - 0.01, face + 0.055))
 
-    # The door: ring, gasket, bowl. Lathe profiles run (radius, towards the room); u starts at the port's bottom.
+
+def _door(b: MeshBuilder, style: _Style, rng: Generator) -> None:
+    """Ring, gasket, bowl, hinge on the left and grip on the right."""
+    face, radius = style.depth / 2, style.port_radius
+    # Lathe profiles run (radius, towards the room); u starts at the port's bottom.
     centre = (0.0, style.port_height, face)
     turn_z = rotation("x", 90)
     ring = chrome("door_ring") if style.ring == "chrome" else plastic("door_ring", style.ring, gloss=0.5)
@@ -224,8 +177,73 @@ def _front_loader(style: _Style, rng: Generator) -> Design:
     b.box((0.03, 0.11, 0.02), (-outer + 0.004, style.port_height, face + 0.009), ring, bevel=0.005, acoustic=False)
     grip = plastic("grip", "#1f2022", gloss=0.5)
     slab(b, (0.028, 0.13, 0.012), (radius + 0.026, style.port_height, face + 0.034), grip, corner=0.013, bevel=0.004)
-    # Before the lower edge of the door, where a drum is loudest through its gasket.
-    return Design(b.build(), "floor", (0.0, style.port_height - radius - 0.01, face + 0.055))
+
+
+def _detergent_drawer(b: MeshBuilder, style: _Style, x: float, panel_y: float, gap: Material) -> None:
+    """The front of the detergent drawer about (``x``, ``panel_y``), with its print and grip."""
+    face = style.depth / 2
+    drawer = plastic("drawer", style.panel)
+    size = (0.165, PANEL - 0.022)
+    slab(b, (*size, 0.012), (x, panel_y, face + 0.004), drawer, corner=0.008, bevel=0.004)
+    dx, dy = size[0] / 2 - 0.006, size[1] / 2 - 0.006
+    at = [(x + sx * dx, panel_y + sy * dy, face + 0.0112) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    b.quad(at, printed("drawer_print", _drawer(style)), fit=True, acoustic=False)
+    slab(b, (0.11, 0.020, 0.004), (x, panel_y - 0.012, face + 0.0105), gap, corner=0.009, bevel=0.001)
+
+
+def _controls(b: MeshBuilder, style: _Style, rng: Generator, panel_y: float) -> None:
+    """The printed control panel at height ``panel_y`` (m), the programme knob and four buttons."""
+    face = style.depth / 2
+    minutes = int(rng.integers(35, 170))
+    print_ = printed("control_panel", _panel(style, minutes), acoustic="plastic")
+    w, h = (WIDTH - 0.026) / 2, PANEL / 2 - 0.006
+    corners = [(-w, panel_y - h, 0), (w, panel_y - h, 0), (w, panel_y + h, 0), (-w, panel_y + h, 0)]
+    b.quad([(x, y, face + 0.0025) for x, y, _ in corners], print_, fit=True, acoustic=False)
+    knob = chrome("knob_chrome") if style.knob == "chrome" else plastic("knob", style.knob)
+    b.cylinder(0.034, 0.012, (style.knob_x, panel_y, face + 0.008), chrome(), axis="z", bevel=0.003, acoustic=False)
+    b.cylinder(
+        0.029,
+        0.026,
+        (style.knob_x, panel_y, face + 0.018),
+        knob,
+        axis="z",
+        top_radius=0.026,
+        bevel=0.004,
+        acoustic=False,
+    )
+    turn = rotation("z", float(rng.integers(10)) * 36 - 18)
+    pointer = plastic("pointer", "#d0342c")
+    b.box(
+        (0.004, 0.017, 0.002),
+        np.array([style.knob_x, panel_y, face + 0.0315]) + turn @ np.array([0, 0.014, 0]),
+        pointer,
+        rotate=turn,
+        acoustic=False,
+    )
+    buttons = plastic("buttons", "#e9eaec" if style.panel < "#8" else "#c9cccf")
+    start = style.knob_x + (190 / 1024 * WIDTH if style.knob_x < 0.1 else -440 / 1024 * WIDTH)
+    for k in range(4):
+        b.cylinder(
+            0.0085,
+            0.008,
+            (start + (24 + 41 * k) / 1024 * WIDTH, panel_y - 0.031, face + 0.004),
+            buttons,
+            axis="z",
+            segments=20,
+            bevel=0.002,
+            acoustic=False,
+        )
+
+
+def _frame(b: MeshBuilder, style: _Style, body: Material, shell: float) -> None:
+    """Worktop, feet, and the shadow gap below the worktop; ``shell``: height of the case (m)."""
+    face = style.depth / 2
+    b.box((WIDTH, 0.026, style.depth + 0.012), (0, HEIGHT - 0.013, 0.0), body, bevel=0.008, acoustic=False)
+    b.box((WIDTH - 0.006, 0.006, style.depth - 0.004), (0, shell + 0.001, 0), rubber("gap"), acoustic=False)
+    foot = rubber("foot")
+    for x in (-0.25, 0.25):
+        for z in (-face + 0.06, face - 0.06):
+            b.cylinder(0.022, 0.022, (x, 0.011, z), foot, segments=16, acoustic=False)
 
 
 def _polar_lathe(
