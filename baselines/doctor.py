@@ -50,7 +50,6 @@ def checks() -> tuple[Check, ...]:
         package_check("baselines", "gsplat", "gsplat", _EXTRA, program=_GSPLAT, needed="EchoSegnet on a GPU"),
         package_check("baselines", "transformers", "transformers", _EXTRA, needed="OWOD-BIND"),
         package_check("baselines", "scikit-learn", "sklearn", _EXTRA, needed="the clusters of EchoSegnet"),
-        package_check("baselines", "plyfile", "plyfile", _EXTRA, needed="Gaussians as PLY"),
         *_checkpoints(),
     )
 

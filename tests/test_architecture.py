@@ -42,7 +42,7 @@ def test_imports_flow_one_way(package: str):
 
 
 #: What the core install has (pyproject, `dependencies`); everything else belongs to an extra.
-CORE = {"numpy", "scipy", "pandas", "pydantic", "click", "soundfile", "cv2", "yaml", "rich", "jinja2", "lazy_loader"}
+CORE = {"numpy", "scipy", "pydantic", "click", "soundfile", "cv2", "yaml", "rich", "jinja2", "lazy_loader"}
 CORE |= {"avs3d_bench"}
 
 

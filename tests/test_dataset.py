@@ -111,7 +111,7 @@ def test_images_stand_in_for_input(release: Path, tmp_path: Path):
 
 def test_input_and_images_each_have_their_own_camera(release: Path, tmp_path: Path):
     """The release as COLMAP undistorts it: `images/` and `sparse/0` are smaller than `input/` and the masks."""
-    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap comes with the extra 'generate'")
+    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap comes with the extra 'dev'")
     root = tiny.clone(release, tmp_path / "copy")
     observation = Observation(root, tiny.SINGLE)
     model, camera = observation.colmap, observation.intrinsics

@@ -90,7 +90,7 @@ def test_train_on_it(tmp_path: Path, data: Path) -> None:
 
 
 def test_the_tour_runs(tmp_path: Path, data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("matplotlib", reason="the plots need matplotlib, of the [generate] extra")
+    pytest.importorskip("matplotlib", reason="the plots need matplotlib, of the [plot] extra")
     nbformat = pytest.importorskip("nbformat", reason="notebooks are run with nbclient, of the [dev] extra")
     nbclient = pytest.importorskip("nbclient", reason="notebooks are run with nbclient, of the [dev] extra")
     pytest.importorskip("ipykernel", reason="notebooks are run in ipykernel, of the [dev] extra")

@@ -24,7 +24,7 @@ from avs3d_bench.validate import validate
 from generators.cli import generate
 from tests.homes import tree_digest, write_manifest
 
-pycolmap = pytest.importorskip("pycolmap", reason="pycolmap reads the sparse model back; it is in the generate extra")
+pycolmap = pytest.importorskip("pycolmap", reason="pycolmap reads the sparse model back; it is in the dev extra")
 
 KEYS = ["part_1/box/kitchen/1", "part_2/box/kitchen/1"]
 COMMAND = [sys.executable, "-m", "avs3d_bench", "generate"]

@@ -175,7 +175,7 @@ def test_points_carry_the_mean_error_of_their_tracks():
 
 
 def test_pycolmap_reads_the_model(tmp_path: Path):
-    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap comes with the extra 'generate'")
+    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap comes with the extra 'dev'")
     model = make_model(frames=6, count=200)
     write_model(tmp_path, model)
     there = pycolmap.Reconstruction(str(tmp_path))
@@ -202,7 +202,7 @@ def test_pycolmap_reads_the_model(tmp_path: Path):
 
 
 def test_we_read_what_pycolmap_writes(tmp_path: Path):
-    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap comes with the extra 'generate'")
+    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap comes with the extra 'dev'")
     model = make_model()
     (tmp_path / "a").mkdir()
     (tmp_path / "b").mkdir()

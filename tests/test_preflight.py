@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -105,6 +106,20 @@ def test_a_home_folder_is_spelled_out_and_an_unknown_one_is_refused(
         resolve_file(tmp_path, "~nobody-here/bell.wav", "sound")
     with pytest.raises(UsageError, match="too long"):
         resolve_file(tmp_path, "a" * 300, "sound")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems keep caches elsewhere")
+def test_caches_lie_where_xdg_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("AVS3D_CACHE", raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    assert default_cache() == tmp_path / ".cache" / "avs3d-bench"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
+    assert default_cache() == tmp_path / "xdg" / "avs3d-bench"
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setattr("os.path.expanduser", str)  # a user whom the system does not know
+    with pytest.raises(Avs3dError, match="set AVS3D_CACHE or XDG_CACHE_HOME"):
+        default_cache()
 
 
 def test_the_content_of_a_file_below_a_home_folder_decides_the_digest(

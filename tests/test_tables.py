@@ -24,7 +24,7 @@ from avs3d_bench.scores import Scores
 from evaluators.reporting import paper
 from evaluators.reporting.leaderboard import read_entries
 from evaluators.reporting.pages import REFERENCE_TITLES
-from evaluators.reporting.table_contents import csv, frame, table_2, table_3
+from evaluators.reporting.table_contents import csv, records, table_2, table_3
 from evaluators.reporting.tables import write_tables
 
 #: Six of each part, so that means have intervals.
@@ -255,12 +255,14 @@ def test_pandas_reads_the_csv_back(tmp_path: Path) -> None:
         assert table is not None
         (tmp_path / "table.csv").write_text(csv(table), encoding="utf-8")
         read = pd.read_csv(tmp_path / "table.csv")
-        pd.testing.assert_frame_equal(read, frame(table).astype(read.dtypes.to_dict()), check_exact=True)
+        pd.testing.assert_frame_equal(
+            read, pd.DataFrame(records(table)).astype(read.dtypes.to_dict()), check_exact=True
+        )
 
 
 def test_the_csv_holds_the_figures_of_the_files(tmp_path: Path) -> None:
     scores = example_scores(34, seed=4, method="mine")
-    data = frame(table_2(read_entries(save(tmp_path, scores))))
+    data = pd.DataFrame(records(table_2(read_entries(save(tmp_path, scores)))))
     mine = data[data["kind"] == "method"].set_index("part")
     for part, group in scores.parts.items():
         row = mine.loc[part]
@@ -506,7 +508,7 @@ def test_without_matplotlib_a_line_says_what_to_do(
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     code, _, errors = call(capsys, *files, "-o", tmp_path / "out")
     assert (code, len(errors)) == (1, 1)
-    assert "matplotlib is not installed; plots need pip install 'avs3d-bench[generate]'" in errors[0]
+    assert "matplotlib is not installed; plots need pip install 'avs3d-bench[plot]'" in errors[0]
     assert call(capsys, *files, "-o", tmp_path / "out", "--no-plot")[0] == 0
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterable, Mapping
+from csv import DictWriter
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.report import printable
@@ -15,9 +17,6 @@ from evaluators.reporting import paper
 from evaluators.reporting.pages import REFERENCE_TITLES, figure, interval
 from evaluators.reporting.ranking import Entry, Ruler, references_of
 from evaluators.reporting.series import SETTINGS, THRESHOLD, comparable, series_of, titles_of
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 #: First characters of a formula in spreadsheets, in their full width too; white space before them is skipped.
 _FORMULA = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")
@@ -193,12 +192,10 @@ def _references(entries: Iterable[Entry], part: str) -> list[Row]:
     return [Row(REFERENCE_TITLES[name], None, part, group, None, {}) for name, group in beside.items() if group]
 
 
-def frame(table: Table) -> DataFrame:
-    """A table as it stands in its CSV: one line per row and part, full precision, intervals as ``_low``, ``_high``."""
-    import pandas as pd
-
-    records = [_record(section, row, table) for section in table.sections for row in section.rows]
-    return pd.DataFrame([{name: _inert(value) for name, value in record.items()} for record in records])
+def records(table: Table) -> list[dict[str, Scalar]]:
+    """A table as in its CSV: one record per row and part, full precision, intervals as ``_low``, ``_high``."""
+    found = [_record(section, row, table) for section in table.sections for row in section.rows]
+    return [{name: _inert(value) for name, value in record.items()} for record in found]
 
 
 def _inert(value: Scalar) -> Scalar:
@@ -210,8 +207,13 @@ def _inert(value: Scalar) -> Scalar:
 
 
 def csv(table: Table) -> str:
-    """The text of the CSV file; `pandas.read_csv` gives `frame` back."""
-    return frame(table).to_csv(index=False, lineterminator="\n")
+    """The text of the CSV file; `pandas.read_csv` gives `records` back."""
+    lines = records(table)
+    stream = io.StringIO()
+    writer = DictWriter(stream, list(lines[0]) if lines else [], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(lines)
+    return stream.getvalue()
 
 
 def _record(section: Section, row: Row, table: Table) -> dict[str, Scalar]:

@@ -84,6 +84,6 @@ def _need_matplotlib() -> None:
 
     if find_spec("matplotlib") is None:
         raise Avs3dError(
-            "matplotlib is not installed; plots need pip install 'avs3d-bench[generate]', and --no-plot writes the "
+            "matplotlib is not installed; plots need pip install 'avs3d-bench[plot]', and --no-plot writes the "
             "tables without them"
         )

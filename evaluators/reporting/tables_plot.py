@@ -1,6 +1,6 @@
 """The paper's tables as pictures: dots and whiskers per method, curves over the voting threshold.
 
-Needs matplotlib (extra ``generate``). The same scores give the same bytes: no date, no version of the program, element
+Needs matplotlib (extra ``plot``). The same scores give the same bytes: no date, no version of the program, element
 names of the SVG from a fixed salt, nothing from the user's matplotlibrc.
 """
 

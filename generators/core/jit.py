@@ -18,6 +18,7 @@ from typing import Any, TypeVar, cast
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.file_lock import turn
+from generators.core.folders import user_cache
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -25,11 +26,11 @@ F = TypeVar("F", bound=Callable[..., Any])
 def _cache_folder() -> Path:
     """The first folder that can be written to."""
     chosen = os.environ.get("NUMBA_CACHE_DIR")
-    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     own = f"avs3d-bench-{os.getuid()}" if hasattr(os, "getuid") else "avs3d-bench"
-    candidates = [home / "avs3d-bench" / "numba", Path(tempfile.gettempdir()) / own / "numba"]
-    if chosen:
-        candidates.insert(0, Path(chosen))
+    candidates = [Path(chosen)] if chosen else []
+    with suppress(Avs3dError):  # a user without a home folder
+        candidates.append(user_cache() / "numba")
+    candidates.append(Path(tempfile.gettempdir()) / own / "numba")
     for folder in candidates:
         with suppress(OSError):
             folder.mkdir(parents=True, exist_ok=True)

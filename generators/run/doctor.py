@@ -59,7 +59,6 @@ def checks() -> tuple[Check, ...]:
         package_check("generate", "numba", "numba", _EXTRA, program=_JIT, needed="shading"),
         package_check("generate", "trimesh", "trimesh", _EXTRA, needed="mesh files"),
         package_check("generate", "xatlas", "xatlas", _EXTRA, needed="light maps"),
-        package_check("generate", "pycolmap", "pycolmap", _EXTRA, needed="COLMAP models"),
         _engine(),
         Check("generate", "cache of homes", _cache),
         Check("habitat", "habitat-sim", _habitat),
@@ -150,7 +149,12 @@ def _token(variable: str, service: str) -> Check:
 def _cache() -> tuple[Finding, ...]:
     from generators.core.folders import default_cache
 
-    folder = default_cache()
+    if not os.environ.get("AVS3D_CACHE") and not has_module("platformdirs"):
+        return (Finding("generate", "cache of homes", "note", "looked at once [generate] is there", _EXTRA),)
+    try:
+        folder = default_cache()
+    except Avs3dError as error:
+        return (Finding("generate", "cache of homes", "broken", str(error), "export AVS3D_CACHE=FOLDER"),)
     there = next(path for path in (folder, *folder.parents) if path.exists())
     free = shutil.disk_usage(there).free / 1e9
     if not there.is_dir() or not os.access(there, os.W_OK):
