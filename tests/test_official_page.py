@@ -108,7 +108,7 @@ def test_the_lines_that_replace_the_fixed_scan_ids_walk_our_scans(tmp_path: Path
     (root / tiny.SINGLE).parents[1].rename(root / "part_1/apartment_2")
     expected = sorted({observation.place.scan for observation in Dataset(root)})
     assert expected == ["apartment_2", "tiny"]
-    (shell,) = re.findall(r"```sh\n(.*?)```", TEXT, re.S)
+    (shell,) = re.findall(r"```bash\n(.*?)```", TEXT, re.S)
     said = subprocess.run(
         ["sh", "-c", f"{shell}\nprintf '%s\\n' $SCANS"], env={"ROOT": str(root), "PATH": "/usr/bin:/bin"},
         capture_output=True, text=True, check=True,
