@@ -1,12 +1,14 @@
 """PLY meshes and point clouds (Turk 1994), numpy only.
 
 Written: binary little endian, vertices ``float x y z`` (with ``uchar red green blue`` where there are colours) and
-triangles. Read: any PLY of triangles or points, ASCII or binary of either byte order; further properties are skipped.
-Own code, because the core install must stay small and the usual library is under the GPL.
+triangles, or tables of any columns (`write_tables`). Read: any PLY of triangles or points, ASCII or binary of either
+byte order; further properties are skipped. Own code, because the core install must stay small and the usual library is
+under the GPL.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,39 +35,62 @@ class Ply:
     colours: NDArray[np.uint8] | None = None
 
 
+#: Types that are written: numpy's → the header's.
+_WRITTEN = {"<f4": "float", "|u1": "uchar", "<i4": "int"}
+
+
+def write_tables(path: str | Path, tables: Mapping[str, NDArray[np.void]]) -> None:
+    """Write elements as they are, binary little endian, atomically.
+
+    Args:
+        path: the file.
+        tables: name of the element → its rows, of fields ``<f4``, ``u1`` and ``<i4``; a list of three is a pair of
+            fields ``#name`` (``u1``) and ``name``, as `avs3d_bench.ply_reader.read_tables` gives it.
+
+    Raises:
+        Avs3dError: if the system refuses.
+    """
+    header, body = ["ply", "format binary_little_endian 1.0"], b""
+    for element, table in tables.items():
+        header.append(f"element {element} {len(table)}")
+        kinds = {name: table.dtype[name].base.str for name in table.dtype.names or ()}
+        for name, kind in kinds.items():
+            if f"#{name}" in kinds:
+                header.append(f"property list {_WRITTEN[kinds[f'#{name}']]} {_WRITTEN[kind]} {name}")
+            elif not name.startswith("#"):
+                header.append(f"property {_WRITTEN[kind]} {name}")
+        body += table.tobytes()
+    write_bytes(path, ("\n".join([*header, "end_header"]) + "\n").encode() + body)
+
+
 def _write(path: str | Path, points: ArrayLike, faces: ArrayLike | None, colours: ArrayLike | None) -> None:
     vertices = np.asarray(points, dtype=np.float64)
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         raise Avs3dError(f"{path}: vertices have shape {vertices.shape}, expected (V, 3)")
     if not np.isfinite(vertices).all():
         raise Avs3dError(f"{path}: vertices hold NaN or infinite numbers; repair the mesh")
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
-    header += [f"property float {axis}" for axis in "xyz"]
+    columns = dict(zip("xyz", vertices.T, strict=True))
     fields = [(axis, "<f4") for axis in "xyz"]
     if colours is not None:
         rgb = np.asarray(colours)
         if rgb.shape != vertices.shape or rgb.dtype != np.uint8:
             raise Avs3dError(f"{path}: colours are {rgb.dtype} {rgb.shape}, expected uint8 {vertices.shape}")
-        header += [f"property uchar {name}" for name in RGB]
+        columns |= dict(zip(RGB, rgb.T, strict=True))
         fields += [(name, "u1") for name in RGB]
     table = np.empty(len(vertices), dtype=fields)
-    for column, axis in enumerate("xyz"):
-        table[axis] = vertices[:, column]
-    if colours is not None:
-        for column, name in enumerate(RGB):
-            table[name] = rgb[:, column]
-    body = table.tobytes()
+    for name, column in columns.items():
+        table[name] = column
+    tables: dict[str, NDArray[np.void]] = {"vertex": table}
     if faces is not None:
         index = np.asarray(faces)
         if index.ndim != 2 or index.shape[1] != 3 or not np.issubdtype(index.dtype, np.integer):
             raise Avs3dError(f"{path}: faces are {index.dtype} {index.shape}, expected integers (F, 3)")
         if index.size and (index.min() < 0 or index.max() >= len(vertices)):
             raise Avs3dError(f"{path}: a face names vertex {int(index.max())} of {len(vertices)}; repair the mesh")
-        triangles = np.empty(len(index), dtype=[("n", "u1"), ("v", "<i4", (3,))])
-        triangles["n"], triangles["v"] = 3, index
-        header += [f"element face {len(index)}", "property list uchar int vertex_indices"]
-        body += triangles.tobytes()
-    write_bytes(path, ("\n".join([*header, "end_header"]) + "\n").encode() + body)
+        triangles = np.empty(len(index), dtype=[("#vertex_indices", "u1"), ("vertex_indices", "<i4", (3,))])
+        triangles["#vertex_indices"], triangles["vertex_indices"] = 3, index
+        tables["face"] = triangles
+    write_tables(path, tables)
 
 
 def write_ply_mesh(path: str | Path, vertices: ArrayLike, faces: ArrayLike, colours: ArrayLike | None = None) -> None:

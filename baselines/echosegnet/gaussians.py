@@ -21,7 +21,8 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import read_bytes, write_bytes
+from avs3d_bench.ply import write_tables
+from avs3d_bench.ply_reader import read_tables
 
 #: The constant spherical harmonic, ½·√(1/π).
 SH_C0 = 0.28209479177387814
@@ -29,6 +30,9 @@ SH_C0 = 0.28209479177387814
 INITIAL_OPACITY = 0.1
 _NEIGHBOURS = 3
 _INTENSITY = "audio_intensity"
+_EXPECTED = (
+    "expected Gaussians as a binary little-endian PLY with one element, vertex, of float properties only; make it anew"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,9 +175,8 @@ def write_ply(path: str | Path, gaussians: Gaussians, audio_intensity: ArrayLike
     if not np.isfinite(table).all():
         bad = names[int(np.argwhere(~np.isfinite(table))[0, 1])]
         raise Avs3dError(f"{path}: {bad} holds NaN or infinite numbers; the training diverged")
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {count}"]
-    header += [*(f"property float {name}" for name in names), "end_header\n"]
-    write_bytes(path, "\n".join(header).encode() + np.ascontiguousarray(table, dtype="<f4").tobytes())
+    rows = np.ascontiguousarray(table, dtype="<f4").view([(name, "<f4") for name in names])
+    write_tables(path, {"vertex": rows.reshape(count)})
 
 
 def _numpy(values: ArrayLike | Tensor) -> NDArray[Any]:
@@ -181,23 +184,18 @@ def _numpy(values: ArrayLike | Tensor) -> NDArray[Any]:
 
 
 def _read_table(path: str | Path) -> Mapping[str, NDArray[np.float32]]:
-    data = read_bytes(path)
-    head, mark, body = data.partition(b"end_header\n")
-    lines = [line.split() for line in head.decode("latin-1").splitlines()]
-    if not mark or lines[:1] != [["ply"]] or ["format", "binary_little_endian", "1.0"] not in lines:
-        raise Avs3dError(f"{path}: expected Gaussians as a binary little-endian PLY")
-    elements = [line for line in lines if line[0] == "element"]
-    properties = [line for line in lines if line[0] == "property"]
-    simple = all(len(line) == 3 and line[1] in ("float", "float32") for line in properties)
-    if len(elements) != 1 or elements[0][1] != "vertex" or not simple:
-        raise Avs3dError(f"{path}: expected a PLY with one element, vertex, of float properties only")
-    count, names = int(elements[0][2]), [line[2] for line in properties]
-    if len(body) != 4 * count * len(names):
-        raise Avs3dError(f"{path}: {len(body)} bytes of data, expected {4 * count * len(names)}; make it anew")
-    table = np.frombuffer(body, dtype="<f4").reshape(count, len(names))
-    if not np.isfinite(table).all():
+    try:
+        header, tables = read_tables(path)
+    except Avs3dError as error:
+        raise Avs3dError(f"{error} ({_EXPECTED})") from None
+    names = [column.name for element in header.elements for column in element.properties]
+    simple = all(column.kind == "f4" and not column.count for e in header.elements for column in e.properties)
+    if header.form != "binary_little_endian" or len(header.elements) != 1 or not simple:
+        raise Avs3dError(f"{path}: {_EXPECTED}")
+    table = tables.get("vertex", np.empty(0, dtype=[(name, "<f4") for name in names]))
+    if not all(np.isfinite(table[name]).all() for name in names):
         raise Avs3dError(f"{path}: holds NaN or infinite numbers; make it anew")
-    return {name: table[:, column] for column, name in enumerate(names)}
+    return {name: table[name] for name in names}
 
 
 def read_ply(path: str | Path) -> Gaussians:
