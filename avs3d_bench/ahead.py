@@ -68,7 +68,7 @@ def _send_each(connection: Connection[Any, Any], work: Callable[[Item], Iterator
 
 
 def end_with_parent() -> None:
-    """End this worker when its parent is gone: a killed parent tells nobody, and workers would wait for ever."""
+    """End this worker when its parent has ended: a killed parent cannot notify it, and it would wait for ever."""
     parent = multiprocessing.parent_process()
     if parent is None:
         return

@@ -41,7 +41,7 @@ SUMMARIES = {
     "view-3d": "Open an observation's scene, path, source and predictions in 3D.",
     "export": "Export to Croissant, WebDataset, Hugging Face; write a dataset card.",
     "assets": "Find, fetch, import and verify objects and sounds.",
-    "doctor": "Report what is installed and works, and what mends the rest.",
+    "doctor": "Report what is installed and works, and how to get the rest.",
     "list": "List the observations of a dataset.",
     "validate": "Check a dataset; name every problem by file.",
     "schema": "Write the JSON Schema of every file of the contract.",
@@ -51,7 +51,7 @@ SUMMARIES = {
     "tables": "Turn files of scores into the paper's tables.",
     "baseline": "Run a baseline on a dataset and write its submission.",
 }
-#: Which extra brings a package that the core install lacks; others are named as they are.
+#: The extra that installs a package which the core install lacks; other packages are named themselves.
 _EXTRA_OF = {"generators": "generate", "baselines": "baselines", "evaluators": "generate"}
 
 
@@ -221,7 +221,7 @@ def schema(folder: Path) -> None:
 @avs3d.command(short_help=SUMMARIES["doctor"])
 @click.option("--json", "json_file", type=PATH, metavar="FILE", help="Write the findings to this file as well.")
 def doctor(json_file: Path | None) -> None:
-    """Report what is installed and works here, each gap with the line that mends it.
+    """Report what is installed and works here, and for each gap the command that fixes it.
 
     Looks at the core install, the generator's engines (Habitat too), scans, assets and their tokens, PyTorch, the GPU,
     checkpoints and the disk. Nothing is downloaded or changed. Exit status: 0, whatever is missing.

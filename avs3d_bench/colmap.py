@@ -214,7 +214,7 @@ class _Cursor:
     def take(self, size: int) -> int:
         start, self.at = self.at, self.at + size
         if self.at > len(self.data):
-            raise Avs3dError(f"{self.path}: truncated: {len(self.data)} bytes, expected more; make it anew")
+            raise Avs3dError(f"{self.path}: truncated: {len(self.data)} bytes, expected more; regenerate it")
         return start
 
     def unpack(self, form: str) -> tuple[int | float, ...]:
@@ -230,13 +230,13 @@ class _Cursor:
     def text(self) -> str:
         stop = self.data.find(b"\0", self.at)
         if stop < 0:
-            raise Avs3dError(f"{self.path}: truncated inside a name; make it anew")
+            raise Avs3dError(f"{self.path}: truncated inside a name; regenerate it")
         start = self.take(stop + 1 - self.at)
         return self.data[start:stop].decode("utf-8", "replace")
 
     def done(self) -> None:
         if self.at != len(self.data):
-            raise Avs3dError(f"{self.path}: {len(self.data) - self.at} bytes too many; make it anew")
+            raise Avs3dError(f"{self.path}: {len(self.data) - self.at} bytes too many; regenerate it")
 
 
 def read_cameras(path: str | Path) -> dict[int, Intrinsics]:

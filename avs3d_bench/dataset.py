@@ -5,9 +5,9 @@
         for frame in observation.test:
             frame.rgb(), frame.mask(), frame.audio(), frame.pose
 
-Our trees and the official release are read alike. The release has no `dataset.json`, `observation.json`, instance
-masks or meshes; its poses come from `sparse/0`, and `camera_splits.json` may name files with their extension, under
-``train``/``test`` or ``train_cameras``/``test_cameras``.
+Datasets of this toolkit and the official release are read in the same way. The release has no `dataset.json`,
+`observation.json`, instance masks or meshes; its poses come from `sparse/0`, and `camera_splits.json` may name files
+with their extension, under ``train``/``test`` or ``train_cameras``/``test_cameras``.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def parse_splits(data: Any, where: str | Path) -> dict[str, Split]:
     """Frame stem → split, from any of the forms of `camera_splits.json`.
 
     Raises:
-        Avs3dError: if keys are missing, a name is no text, or a frame stands in both splits.
+        Avs3dError: if keys are missing, a name is no text, or a frame is in both splits.
     """
     lists: dict[Split, list[str]] = {}
     for split in _SPLITS:
@@ -184,7 +184,7 @@ class Observation:
         Args:
             root: the dataset's folder.
             key: ``part_1/<scan>/<room>/<index>``.
-            use_record: without it observation.json is passed over, as if this were the official release.
+            use_record: if False, observation.json is ignored, as if this were the official release.
 
         Raises:
             UsageError: if ``key`` is no observation key.
@@ -313,7 +313,7 @@ class Observation:
 
     @property
     def category(self) -> str | None:
-        """Category of the sounding object; None in the official release, which does not say it."""
+        """Category of the sounding object; None in the official release, which does not have it."""
         return self.record.category if self.record else None
 
     def mesh(self) -> Ply:
@@ -416,7 +416,7 @@ class Dataset:
 
 
 def find_keys(root: str | Path) -> tuple[str, ...]:
-    """Keys of the observation folders below ``root``, sorted; folders with other names are passed over."""
+    """Keys of the observation folders below ``root``, sorted; folders with other names are ignored."""
     found = []
     for part in PARTS:
         for path in sorted((Path(root) / part).glob("*/*/*")):

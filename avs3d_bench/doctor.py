@@ -1,4 +1,4 @@
-"""`avs3d doctor`: what is installed and works on this machine, each gap with the line that would fix it.
+"""`avs3d doctor`: what is installed and works on this machine, and for each gap the command that fixes it.
 
 Every package of the project brings its own checks through an entry point in the group ``avs3d.doctor`` that names a
 function returning `Check` records; this module has those of the core install. A check is a small program that runs in
@@ -46,14 +46,14 @@ _OBSERVATION_GB, _LEAST_FREE_GB = 0.25, 5.0
 
 @dataclass(frozen=True)
 class Finding:
-    """What a check found.
+    """The result of a check.
 
     Attributes:
         group: what it is needed for, e.g. ``generate``.
         name: what was looked for.
         state: see `State`.
         found: one line: a version, a device, what went wrong.
-        fix: the line that mends it; empty where nothing is wrong.
+        fix: the command that fixes it; empty if nothing is wrong.
     """
 
     group: str
@@ -65,7 +65,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Check:
-    """One thing to look for; ``run`` gives what it found, and may be called from a thread."""
+    """One check; ``run`` returns its finding, and may be called from a thread."""
 
     group: str
     name: str
@@ -164,7 +164,7 @@ def run_python(program: str, *, limit: float = TIME_LIMIT, python: str = sys.exe
         Whether it ended well, and the last line it printed (of its errors, where it did not).
     """
     try:
-        # -P: what lies in the current folder is not what is installed.
+        # -P: modules in the current folder are not the installed ones.
         done = subprocess.run(
             [python, "-c", program],
             stdin=subprocess.DEVNULL,
@@ -251,7 +251,7 @@ def as_dict(findings: Iterable[Finding]) -> dict[str, Any]:
 
 
 def print_finding(finding: Finding, console: Console) -> None:
-    """One line, and the line that mends it below."""
+    """One line, and below it the command that fixes it."""
     word, colour = _MARK[finding.state]
     line = Text("  ").append(f"{word:<8}", style=colour).append(f"{finding.name}: ").append(finding.found)
     console.print(line, soft_wrap=True)

@@ -14,7 +14,7 @@ _LONGEST_NAME = 100
 
 
 class Avs3dError(Exception):
-    """Something the user can mend: bad data, a missing asset, a full disk (exit code 1)."""
+    """Something the user can fix: bad data, a missing asset, a full disk (exit code 1)."""
 
     exit_code = 1
 
@@ -56,10 +56,10 @@ def excerpt(value: object) -> str:
 def near_names(value: object, known: Iterable[str], count: int = 1) -> list[str]:
     """The names most like ``value``, best first.
 
-    Where no name is similar as a whole, those that hold ``value`` between slashes, as a key holds its room.
+    If no name is similar as a whole, the names that have ``value`` between slashes, as a key has its room.
 
     Args:
-        value: what was asked for; anything but a short text is like nothing.
+        value: the name that was given; anything but a short text is similar to no name.
         known: the names that exist.
         count: return at most so many.
 
@@ -84,7 +84,7 @@ def did_you_mean(value: object, known: Iterable[str], *, otherwise: str = "", co
     Args:
         value: what was asked for.
         known: the names that exist.
-        otherwise: what to say instead where nothing is similar.
+        otherwise: the text to return if nothing is similar.
         count: name at most so many.
 
     Examples:

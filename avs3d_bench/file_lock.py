@@ -1,6 +1,6 @@
 """Locks on files (flock, which Linux carries over NFS since 2.6.12): the system drops them when the process ends.
 
-The library filelock is not used: it has no answer where a file system has no locks, and does not tell who holds one.
+The library filelock is not used: it cannot handle file systems without locks, and does not report the holder of a lock.
 This module imports nothing else of ours, because the digest of every baked home covers what it imports.
 """
 

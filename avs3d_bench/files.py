@@ -49,7 +49,7 @@ _WAY_OUT = {
     errno.EPERM: "choose another folder or change its permissions",
     errno.EROFS: "choose a folder that can be written to",
     errno.ENOTDIR: "a part of the path is a file, expected a folder",
-    errno.EISDIR: "a folder stands there, expected a file",
+    errno.EISDIR: "found a folder, expected a file",
     errno.ENAMETOOLONG: "choose a shorter path",
 }
 
@@ -97,7 +97,7 @@ def check_writable(path: str | Path) -> None:
     """Refuse a file that could not be written, before any work is done for it; nothing is left behind.
 
     Raises:
-        UsageError: if a folder, a socket or a block device stands there.
+        UsageError: if the path is a folder, a socket or a block device.
         Avs3dError: if the system would refuse to make a file there.
     """
     if is_stream(path):
@@ -116,7 +116,7 @@ def is_stream(path: str | Path) -> bool:
     """Whether an output is written through what stands under the name: a character device, a FIFO, a descriptor.
 
     Raises:
-        UsageError: if a folder, a socket or a block device stands there.
+        UsageError: if the path is a folder, a socket or a block device.
         Avs3dError: if a link leads in a circle, or the name holds a NUL character.
     """
     try:
@@ -132,7 +132,7 @@ def is_stream(path: str | Path) -> bool:
     if kind in (stat.S_IFREG, stat.S_IFCHR, stat.S_IFIFO):
         return kind != stat.S_IFREG
     found = "a block device" if kind == stat.S_IFBLK else _KINDS.get(kind, "no file")
-    raise UsageError(f"{path}: cannot write: {found} stands there, expected a file; choose another name")
+    raise UsageError(f"{path}: cannot write: found {found}, expected a file; choose another name")
 
 
 def _descriptor(path: str | Path) -> int | None:

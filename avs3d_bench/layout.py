@@ -44,7 +44,7 @@ SUBMISSION_MASKS = "masks"
 SUBMISSION_POINTS = "points.ply"
 #: Where the released pipeline leaves its masks, with and without its refinement, below an observation's folder.
 RELEASED_MASKS = ("3d_segmentation_use_aisrm_True/masks/test", "3d_segmentation_use_aisrm_False/masks/test")
-#: What the released pipeline writes into an observation: folders (with "/") and files. No part of a dataset, no error.
+#: Folders (with "/") and files that the released pipeline writes into an observation: neither data nor an error.
 RELEASED_BYPRODUCTS = (
     "3d_segmentation_*/",  # run_lifting_aisrm.py: masks, renders, metrics
     "3dgs_scene/",  # the trained Gaussians

@@ -1,4 +1,4 @@
-"""Pictures and sound on disk: atomic writers with the same bytes on every run, readers that say what is wrong.
+"""Pictures and sound on disk: atomic writers with the same bytes on every run, readers that report damage.
 
 Arrays: RGB (H, W, 3) uint8; masks (H, W) bool, on disk 0 or 255; instance ids (H, W) integers; depth (H, W) metres
 along the optical axis, on disk 16-bit millimetres with 0 = nothing met; sound (channels, n) float32, channel 0 left.
@@ -80,7 +80,7 @@ F32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-#: Chunks that make a picture look otherwise in programs that heed them: transparency, animation.
+#: Chunks that change how some programs show a picture: transparency, animation.
 _PNG_EXTRAS = {b"tRNS": "transparency", b"acTL": "an animation"}
 _PNG_MODES = {0: "grey", 2: "RGB", 3: "palette", 4: "grey + alpha", 6: "RGBA"}
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
@@ -116,7 +116,7 @@ class PngHeader:
 
 @dataclass(frozen=True)
 class WavHeader:
-    """What a WAV file announces."""
+    """The header of a WAV file."""
 
     rate: int
     channels: int
@@ -209,7 +209,7 @@ def _head(path: str | Path, count: int) -> bytes:
 
 
 def _check_chunks(data: bytes, path: str | Path, *, plain: bool, whole: bool) -> None:
-    """Walk the chunks and their CRCs: OpenCV fills in what a truncated file lacks, without a word.
+    """Walk the chunks and their CRCs: OpenCV fills in the missing part of a truncated file without an error.
 
     A ``plain`` picture holds no transparency, no animation and nothing after its end. With ``whole``, the data of the
     pixels is inflated too, which takes half as long as decoding.
@@ -224,7 +224,7 @@ def _check_chunks(data: bytes, path: str | Path, *, plain: bool, whole: bool) ->
             break
         (crc,) = struct.unpack_from(">I", data, stop - 4)
         if zlib.crc32(memoryview(data)[at + 4 : stop - 4]) != crc:
-            raise Avs3dError(f"{path}: damaged PNG (chunk {kind.decode('latin-1')!r} fails its checksum); make it anew")
+            raise Avs3dError(f"{path}: damaged PNG (checksum of chunk {kind.decode('latin-1')!r}); regenerate it")
         if kind == b"IDAT":
             pixels.append(memoryview(data)[at + 8 : stop - 4])
         if plain and kind in _PNG_EXTRAS:
@@ -271,14 +271,14 @@ def _check_stream(pixels: list[memoryview], expected: int, path: str | Path) -> 
                 found += len(inflate.decompress(rest, _INFLATED))
                 rest = inflate.unconsumed_tail
             if inflate.eof and (inflate.unused_data or piece is not pixels[-1]):
-                raise Avs3dError(f"{path}: damaged PNG (data after the end of its pixels); make it anew")
+                raise Avs3dError(f"{path}: damaged PNG (data after the end of its pixels); regenerate it")
         while not inflate.eof and found <= expected and (block := inflate.decompress(b"", _INFLATED)):
             found += len(block)
     except zlib.error as error:
-        raise Avs3dError(f"{path}: damaged PNG ({error}); make it anew") from None
+        raise Avs3dError(f"{path}: damaged PNG ({error}); regenerate it") from None
     if found != expected or not inflate.eof:
         more = "more than" if found > expected else f"{found:,} bytes of pixels, not"
-        raise Avs3dError(f"{path}: damaged PNG ({more} the {expected:,} of its size); make it anew")
+        raise Avs3dError(f"{path}: damaged PNG ({more} the {expected:,} of its size); regenerate it")
 
 
 def decode_png(
@@ -306,7 +306,7 @@ def decode_png(
     except cv2.error:
         pixels = None
     if pixels is None:
-        raise Avs3dError(f"{path}: damaged PNG (it cannot be decoded); make it anew")
+        raise Avs3dError(f"{path}: damaged PNG (it cannot be decoded); regenerate it")
     return pixels
 
 
@@ -405,7 +405,7 @@ def write_wav(
 
 
 def _check_riff(path: str | Path, stream: io.BufferedReader) -> None:
-    """Libsndfile reads a truncated file as a shorter one; the sizes in the header tell."""
+    """Detect a truncated file by the sizes in its header; libsndfile reads it as a shorter one."""
     head = stream.read(12)
     if head[:4] != b"RIFF" or head[8:12] != b"WAVE":
         raise Avs3dError(f"{path}: {'empty' if not head else 'not a WAV'} file; expected a WAV file")
@@ -416,7 +416,7 @@ def _check_riff(path: str | Path, stream: io.BufferedReader) -> None:
 
 
 def _cause(error: Exception) -> str:
-    """What libsndfile said; its own text names the stream object."""
+    """The message of libsndfile, without the name of the stream object."""
     return str(getattr(error, "error_string", error))
 
 
@@ -453,7 +453,7 @@ def read_wav(path: str | Path) -> Clip:
             raise Avs3dError(f"{path}: damaged WAV: {_cause(error)}") from None
     bad = int((~np.isfinite(data)).sum())
     if bad:
-        raise Avs3dError(f"{path}: {bad} samples are NaN or infinite; make it anew")
+        raise Avs3dError(f"{path}: {bad} samples are NaN or infinite; regenerate it")
     return Clip(np.ascontiguousarray(data.T), int(rate))
 
 

@@ -1,6 +1,6 @@
-"""Limits of the address space (``ulimit -v``): said in one line before a numerical library hangs or crashes on them.
+"""Limits of the address space (``ulimit -v``): reported in one line before a numerical library hangs or crashes.
 
-What was seen under limits, with numpy 2 and OpenCV 4: below 250 MB numpy's OpenBLAS loops for ever while it is
+Observed under such limits, with numpy 2 and OpenCV 4: below 250 MB numpy's OpenBLAS loops for ever while it is
 imported; up to 450 MB libraries "failed to map segment"; up to 700 MB OpenBLAS crashes, or interrupts its own process
 when it cannot start a thread. Little of it can be caught, so that the limit itself is looked at first.
 """

@@ -5,7 +5,7 @@
 
     write_submission(Dataset("open-s34-o7"), "my-submission", Method("mine 1.0", predict))
 
-Whoever needs another order of work writes with `avs3d_bench.submission.SubmissionWriter`.
+For another order of work, use `avs3d_bench.submission.SubmissionWriter`.
 """
 
 from __future__ import annotations
@@ -64,12 +64,12 @@ def write_submission(
         path: the submission's folder.
         method: what predicts; with more than one worker its functions are sent to other processes by name.
         only: shell patterns of observation keys; the submission's notes name them.
-        overwrite: take the place of a submission that stands there.
+        overwrite: replace an existing submission.
         workers: processes, one observation each at a time; None: one per core. A method with ``batch`` runs here.
         progress: show a bar on stderr.
 
     Returns:
-        The writer, which knows what was written.
+        The writer; its attributes describe what was written.
 
     Raises:
         UsageError: if no observation matches, or the target is not free.

@@ -39,7 +39,7 @@ def process_each(
         progress: show a bar on stderr.
 
     Raises:
-        Avs3dError: if a process was killed, e.g. for want of memory. What ``work`` raises passes through.
+        Avs3dError: if a process was killed, e.g. because memory ran out. What ``work`` raises passes through.
     """
     count = max(1, min(workers or available_cores(), len(items)))
     with _Bar(label, len(items), progress) as advance:

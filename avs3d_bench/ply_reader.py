@@ -85,7 +85,7 @@ class Element:
 
 @dataclass(frozen=True)
 class PlyHeader:
-    """What a PLY file announces.
+    """The header of a PLY file.
 
     Attributes:
         form: ``ascii``, ``binary_little_endian`` or ``binary_big_endian``.
@@ -106,7 +106,7 @@ class PlyHeader:
 
 
 def read_header(path: str | Path, most: int | None = None) -> PlyHeader:
-    """What a PLY file announces, held against its size; the body is not read.
+    """Read the header of a PLY file and compare it with the size of the file; the body is not read.
 
     Args:
         path: the file.
@@ -205,7 +205,7 @@ def _check_announced(header: PlyHeader, path: str | Path) -> None:
         return
     expected = sum(element.row("<").itemsize * element.size for element in header.elements if element.size)
     lists = any(element.has_lists and element.size for element in header.elements)
-    if body != expected and not lists:  # the reader says what is wrong with polygons
+    if body != expected and not lists:  # the reader reports what is wrong with polygons
         fault = "truncated" if body < expected else "more than its header announces"
         raise Avs3dError(f"{path}: {fault}: {header.size:,} bytes, expected {header.start + expected:,}")
 

@@ -30,7 +30,7 @@ _NAMED = 4
 
 
 def check_file(path: Path, most: int) -> None:
-    """Refuse what is no plain file (a pipe would wait for ever) or absurdly large."""
+    """Raise an error if the path is no plain file (a pipe would wait for ever) or the file is too large."""
     try:
         found = os.stat(path)
     except FileNotFoundError:
@@ -91,7 +91,7 @@ def _values(pixels: NDArray[np.uint8]) -> str:
 
 
 def read_points(path: Path) -> NDArray[np.float32]:
-    """A predicted cloud, (N, 3) float32, metres, world coordinates (Y up); N = 0 says that nothing sounds.
+    """A predicted cloud, (N, 3) float32, metres, world coordinates (Y up); N = 0 means that nothing sounds.
 
     Raises:
         Avs3dError: if the file is missing, no plain file, no PLY, damaged, too large, or holds NaN.

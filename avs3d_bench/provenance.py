@@ -1,4 +1,4 @@
-"""Digest of the software that a result depends on: is what was made earlier still what would be made now?
+"""Digest of the software that a result depends on: it changes when the result may change.
 
     made_by = provenance("generators.apartments.apartment:build_apartment", "generators.lighting.bake:bake")
     made_by.digest

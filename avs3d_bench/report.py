@@ -1,4 +1,4 @@
-"""What a check found: problems by file, with a count at the end."""
+"""The findings of a check: problems by file, with a count at the end."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 Severity = Literal["error", "warning", "note"]
 _RANK: dict[Severity, int] = {"error": 0, "warning": 1, "note": 2}
 _STYLE: dict[Severity, str] = {"error": "bold red", "warning": "yellow", "note": "dim"}
-#: The screen shows this many problems; `--json` holds all.
+#: Number of problems shown on the screen; `--json` has all.
 SHOWN = 200
 
 
@@ -25,7 +25,7 @@ class Problem:
     """One finding.
 
     Attributes:
-        severity: ``error`` makes the dataset invalid, ``warning`` does not, ``note`` says what could not be checked.
+        severity: ``error`` makes the dataset invalid, ``warning`` does not, ``note`` names what could not be checked.
         path: file or folder relative to the dataset's root.
         message: what was found, what was expected.
     """

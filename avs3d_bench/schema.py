@@ -403,7 +403,7 @@ class DatasetRecord(Record):
             raise ValueError("manifest_sha256 is not the sha256 of manifest")
         keys = [entry.key for entry in self.observations]
         if keys != sorted(set(keys)):
-            raise ValueError("observations are not sorted by key, or a key stands twice")
+            raise ValueError("observations are not sorted by key, or a key is listed twice")
         for entry in self.observations:
             head = f"{entry.part}/{entry.scan}/{entry.room}/"
             if not (entry.key.startswith(head) and entry.key[len(head) :].isdigit()):
@@ -434,7 +434,7 @@ class SubmissionRecord(Record):
 
 
 _R = TypeVar("_R", bound=Record)
-#: Characters of a finding: what is wrong may be as long as the file.
+#: Longest message on a finding (characters): a wrong value may be as long as the file.
 _LONGEST_LINE = 1000
 
 

@@ -1,7 +1,7 @@
-"""The record behind the file of scores that `avs3d-eval --json` writes, and what the metrics in it are called.
+"""The record behind the file of scores that `avs3d-eval --json` writes, and the names of its metrics.
 
-Values without a unit lie in [0, 1]. A value that the data cannot give is null, and `unavailable` says why; nothing is
-guessed. docs/metrics.md has the formulas.
+Values without a unit lie in [0, 1]. A value that the data cannot give is null, with the reason in `unavailable`; no
+value is guessed. docs/metrics.md has the formulas.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from avs3d_bench.schema import (
 Protocol = Literal["official", "strict"]
 #: Protocol → version. It changes when a figure changes for the same masks.
 PROTOCOLS: dict[Protocol, str] = {"official": "1.0", "strict": "1.0"}
-#: The rows printed beside every score: what a submission gets that neither looks nor listens …
+#: Reference rows printed with every score: submissions that use neither pictures nor sound …
 BLIND_REFERENCES = ("all_black", "all_white", "centre_box")
-#: … and what one gets that has true masks but does not listen: under ``strict``, where the instances are known.
+#: … and submissions with true masks that do not use the sound: under ``strict``, if the instances are known.
 DEAF_REFERENCES = ("deaf_category", "deaf_most_seen")
 REFERENCES = (*BLIND_REFERENCES, *DEAF_REFERENCES)
 

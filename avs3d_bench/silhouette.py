@@ -30,7 +30,7 @@ def _cut_near(triangle: Array) -> Array:
 def silhouette(
     camera: Intrinsics, pose: Pose, vertices: NDArray[np.float32], faces: NDArray[np.int32], margin: int = 0
 ) -> NDArray[np.bool_]:
-    """Pixels that a mesh covers, whatever stands before it.
+    """Pixels that a mesh covers, ignoring occlusion.
 
     Args:
         camera: the camera.

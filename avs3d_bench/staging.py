@@ -26,7 +26,7 @@ def staged_folder(path: str | Path, check: Callable[[Path], None]) -> Iterator[P
     Args:
         path: the folder to make; missing parents are made.
         check: called with the resolved ``path`` before anything is made and again before the exchange; it raises if
-            what stands there must not be replaced (and deleted).
+            the existing folder must not be replaced (and deleted).
 
     Raises:
         Avs3dError: if another process is writing the same folder, or the system refuses.

@@ -122,7 +122,7 @@ class SubmissionFolder:
 
         Args:
             observation: one of those covered. Either every one gets points or none does.
-            points: (N, 3) metres, world coordinates (Y up); N = 0 says that nothing was found.
+            points: (N, 3) metres, world coordinates (Y up); N = 0 means that nothing was found.
 
         Raises:
             UsageError: if the observation is not covered.
@@ -185,7 +185,7 @@ class SubmissionWriter:
             truth: the ground truth that the masks are made from, None for none; leaderboards do not rank the former.
             provenance: the software that makes the masks, where `avs3d_bench.provenance` knows it.
             only: shell patterns of observation keys; a submission of a part is scored with the same `--only`.
-            overwrite: take the place of a submission that stands there.
+            overwrite: replace an existing submission.
 
         Raises:
             UsageError: if no observation matches, or a text is not what submission.json holds.
@@ -235,7 +235,7 @@ class SubmissionWriter:
         self.folder.write_points(observation, points)
 
     def set_runtime(self, runtime: float | str | dict[str, Scalar]) -> None:
-        """Say in submission.json what the method took: seconds, a text, or named figures."""
+        """Record the cost of the method in submission.json: seconds, a text, or named figures."""
         try:
             self.record = SubmissionRecord(**{**self.record.model_dump(), "runtime": runtime})
         except ValidationError as error:
@@ -266,7 +266,7 @@ class SubmissionWriter:
             self._folder = None
 
     def _finish(self) -> None:
-        """Refuse what is not whole; else write submission.json, the last file."""
+        """Raise an error for an incomplete submission; else write submission.json, the last file."""
         missing = self.missing()
         if missing:
             total = sum(len(observation.test) for observation in self.observations)
@@ -284,7 +284,7 @@ class SubmissionWriter:
         write_json(self.folder.root / layout.SUBMISSION_JSON, self.record)
 
     def _check_target(self, final: Path) -> None:
-        """Refuse a target that is not ours to take.
+        """Raise an error for a target that no writer has made.
 
         Raises:
             UsageError: saying why.
@@ -296,16 +296,16 @@ class SubmissionWriter:
         if not final.exists():
             return
         if not final.is_dir():
-            raise UsageError(f"{self.path}: a file stands there, expected a folder; choose another name")
+            raise UsageError(f"{self.path}: found a file, expected a folder; choose another name")
         if not any(final.iterdir()):
             return
         if not (final / layout.SUBMISSION_JSON).is_file():
             raise UsageError(f"{self.path}: not empty and no submission; choose another folder")
         if not self._overwrite:
             raise UsageError(
-                f"{self.path}: a submission stands there; choose another folder, or overwrite it (--overwrite)"
+                f"{self.path}: the folder holds a submission; choose another folder, or overwrite it (--overwrite)"
             )
-        # What is replaced is deleted: only what a writer may have written.
+        # The old folder is deleted: only one that a writer has made.
         files = (path.relative_to(final).as_posix() for path in sorted(final.rglob("*")) if not path.is_dir())
         foreign = next((f for f in files if f != layout.SUBMISSION_JSON and not _OWN_FILE.fullmatch(f)), None)
         if foreign is not None:

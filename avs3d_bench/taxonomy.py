@@ -17,7 +17,7 @@ CATEGORIES = (
     "clock",
     "telephone",
 )
-#: Categories that only ever stand by silently (the paper's hard case: an oven beside a sounding microwave).
+#: Categories that are always silent (the paper's hard case: an oven beside a sounding microwave).
 DISTRACTORS = ("oven",)
 ROOMS = ("bathroom", "kitchen", "living_room")
 PARTS = ("part_1", "part_2")

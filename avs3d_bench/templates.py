@@ -1,4 +1,4 @@
-"""What the pages of this project have in common: how their templates are read, and how names are written in them."""
+"""Shared by the HTML pages of this project: reading their templates, and writing names in them."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ def baseline() -> None:
 def _common(command: _F) -> _F:
     """The options that every baseline has."""
     for option in (
-        click.option("--overwrite", is_flag=True, help="Take the place of a submission that stands there."),
+        click.option("--overwrite", is_flag=True, help="Replace an existing submission."),
         only_option,
         click.option(
             "-o", "--output", "path", type=PATH, metavar="SUBMISSION", required=True, help="Folder of the submission."
@@ -118,8 +118,8 @@ def oracle(
 ) -> None:
     """Write the ground truth of the test frames as a submission, perfect or with errors.
 
-    This USES THE GROUND TRUTH OF TEST FRAMES: its scores are bounds, not results; submission.json says so. With
-    --instance category it is what a perfect detector reaches that cannot hear which of several objects sounds.
+    This USES THE GROUND TRUTH OF TEST FRAMES, as submission.json records: its scores are bounds, not results. With
+    --instance category it is the result of a perfect detector that ignores the sound.
     --instance sounding also works on the official release.
     """
     from avs3d_bench.dataset import Dataset
@@ -155,7 +155,7 @@ def _owod_bind_options(command: _F) -> _F:
     return command
 
 
-@baseline.command("owod-bind", context_settings=HELP, short_help="Boxes, masks, and what sounds like what is seen.")
+@baseline.command("owod-bind", context_settings=HELP, short_help="Boxes, masks, and similarity to the sound.")
 @_common
 @_owod_bind_options
 @click.option("--threshold", type=_RATE, default=0.2, show_default=True, help="Of the softmax over proposals.")
@@ -196,7 +196,7 @@ def owod_bind(
 @click.option("--threshold", type=_RATE, default=0.5, show_default=True, help="Of the normalised similarity.")
 @click.option(
     "--normalise", type=click.Choice(["observation", "frame"]), default="observation", show_default=True,
-    help="Over what the similarity's least and greatest value are taken.",
+    help="Scope of the minimum and maximum of the similarity.",
 )  # fmt: skip
 @click.option("--device", default=None, help="cpu, cuda:0, … [CUDA where there is one].")
 def denseav(
@@ -231,7 +231,7 @@ def denseav(
     "--variant", type=click.Choice(["official", "spatial"]), default="official", show_default=True,
     help="As released, or with occlusion-aware votes and the likelihood of what both ears heard; the training is one.",
 )  # fmt: skip
-@click.option("--no-aisrm", is_flag=True, help="Keep every labelled Gaussian, whatever is heard.")
+@click.option("--no-aisrm", is_flag=True, help="Keep every labelled Gaussian, ignoring the sound.")
 @click.option("--voting-threshold", type=click.FloatRange(0.0, 1.0, max_open=True), default=0.3, show_default=True)
 @click.option("--iterations", type=click.IntRange(1), default=30_000, show_default=True, help="Of the training.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the training.")

@@ -6,7 +6,7 @@ rule that makes a mask of it:
 
 1. One map for the clip: the mean over frequency (as the package's own renderings), the maximum over heads (likewise),
    the mean over time: the clip belongs to one still picture, so no moment of it is special.
-2. Negative similarities become 0, as in the package's renderings: they say "does not sound".
+2. Negative similarities become 0, as in the package's renderings: they mean "does not sound".
 3. Min-max normalised over all test frames of the observation, as the package normalises over a video: a frame in which
    nothing sounds must not be stretched to full contrast. (`normalise="frame"` does it for every frame on its own.)
 4. Resized to the frame, bilinear, so that no value lies outside of those of the patches.
@@ -62,7 +62,7 @@ class Aggregator(Protocol):
 
 
 class Network(Protocol):
-    """What is used of `denseav.train.LitAVAligner`."""
+    """The part of `denseav.train.LitAVAligner` that is used."""
 
     sim_agg: Aggregator
 
@@ -231,11 +231,11 @@ def write_denseav(
         path: the submission's folder.
         model: from `load_denseav`.
         only: shell patterns of observation keys.
-        overwrite: take the place of a submission that stands there.
+        overwrite: replace an existing submission.
         progress: show a bar on stderr.
 
     Returns:
-        The writer, which knows what was written.
+        The writer; its attributes describe what was written.
 
     Raises:
         UsageError: if no observation matches, or the target is not free.

@@ -20,7 +20,7 @@ elif torch.version.cuda is None:
 else:
     print(f"none;torch was built for CUDA {torch.version.cuda}, and no device or driver answers")
 """
-#: gsplat compiles its kernels on first use: that is no business of a check, so only what is built already is asked for.
+#: gsplat compiles its kernels on first use, which a check must not start: it only looks for kernels already built.
 _GSPLAT = """
 import gsplat
 try:

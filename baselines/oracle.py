@@ -28,7 +28,7 @@ Mask = NDArray[np.bool_]
 
 #: No error at all.
 PERFECT = ErrorModel()
-#: `truth` of submission.json: leaderboards do not rank what says so.
+#: `truth` of submission.json: leaderboards do not rank such submissions.
 TRUTH = "masks of test frames"
 #: Points of `--points` per cm² of the true mesh's surface: 100 in a face of a 5 cm voxel. What is missed are voxels of
 #: which the surface cuts off a mere tip (1 % of a washing machine's, 6 % of a telephone's).
@@ -36,7 +36,7 @@ POINTS_PER_CM2 = 4.0
 
 
 def oracle_mask(frame: Frame, *, instance: Instance, errors: ErrorModel = PERFECT) -> Mask:
-    """What the oracle predicts for a frame, test or train.
+    """The prediction of the oracle for a frame, test or train.
 
     The steps: the true mask (or the union over the category; or, after a swap, a twin's), the confusable neighbour
     added, outlines moved, and nothing at all where the frame is dropped.
@@ -76,7 +76,7 @@ def _visible(frame: Frame, ids: Sequence[int]) -> Mask:
 def check_truth(
     observation: Observation, *, instance: Instance, errors: ErrorModel = PERFECT, points: bool = False
 ) -> None:
-    """Refuse what the data, or the truth itself, cannot give.
+    """Raise an error for predictions that the data, or the truth itself, do not allow.
 
     Raises:
         UsageError: in one line.
@@ -114,7 +114,7 @@ def _category_ids(record: ObservationRecord) -> tuple[int, ...]:
 
 
 def _twin(observation: Observation, errors: ErrorModel) -> int | None:
-    """The id of the twin that is taken for the sounding instance in this observation; None: no mistake.
+    """The id of the twin that is mistaken for the sounding instance in this observation; None: no mistake.
 
     Drawn evenly from the silent twins that are in sight in some frame of the walk, train or test: nobody mistakes an
     object for another that was never seen. In a frame where that twin is out of sight the mask is black.
@@ -141,9 +141,9 @@ def _seen_twins(observation: Observation) -> tuple[int, ...]:
 
 
 def _neighbour(observation: Observation, errors: ErrorModel) -> int | None:
-    """The id of the object that is taken for one of the category as well in this observation; None: no mistake.
+    """The id of the object that is mistaken for one of the category in this observation; None: no mistake.
 
-    The likeliest category of `CONFUSABLE` that stands there, else any other; of several the nearest. Twins are no
+    The likeliest category of `CONFUSABLE` that is present, else any other; of several the nearest. Twins are no
     candidates: marking them is what `swap` and ``category`` are about.
     """
     if not errors.confuse or observation.record is None or not errors.happens("confuse", observation.key):
@@ -180,7 +180,7 @@ def oracle_points(observation: Observation) -> NDArray[np.float32]:
     cumulated = np.cumsum(0.5 * np.linalg.norm(np.cross(first, second), axis=1))
     area = float(cumulated[-1]) if len(cumulated) else 0.0
     if not area > 0:
-        raise UsageError(f"{observation.path / layout.SOUNDING_OBJECT}: a mesh without area; make the dataset anew")
+        raise UsageError(f"{observation.path / layout.SOUNDING_OBJECT}: a mesh without area; regenerate the dataset")
     count = max(1, round(area * 1e4 * POINTS_PER_CM2))
     step = np.arange(count)
     face = np.minimum(np.searchsorted(cumulated, (step + 0.5) / count * area, side="right"), len(cumulated) - 1)
@@ -219,15 +219,15 @@ def write_oracle(
         dataset: what to look at.
         path: the submission's folder.
         instance: see `oracle_mask`.
-        errors: what goes wrong in the masks; points, where asked for, are those of the true mesh.
+        errors: the errors to make in the masks; points, if asked for, are those of the true mesh.
         points: write points.ply as well.
         only: shell patterns of observation keys.
-        overwrite: take the place of a submission that stands there.
+        overwrite: replace an existing submission.
         workers: processes; None: one per core.
         progress: show a bar on stderr.
 
     Returns:
-        The writer, which knows what was written.
+        The writer; its attributes describe what was written.
 
     Raises:
         UsageError: if the data lacks what this needs, or the target is not free.

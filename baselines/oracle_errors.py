@@ -1,6 +1,6 @@
 """A seeded model of the errors that segmentation methods make, to see what each does to the scores.
 
-| error      | what a method did                                            | decided per |
+| error      | mistake of the method                                        | decided per |
 |------------|--------------------------------------------------------------|-------------|
 | ``drop``   | it missed the object                                         | frame       |
 | ``swap``   | it chose the wrong one of several identical objects          | observation |
@@ -8,7 +8,7 @@
 | ``dilate`` | its outlines lie too far outside (or, below 0, inside)       | everywhere  |
 
 A wrong choice in 3D shows in every picture, therefore `swap` and `confuse` hold for a whole observation. Every decision
-has a random generator of its own, derived from the seed and the names of what it is about: it does not depend on the
+has a random generator of its own, derived from the seed and the names of its subject: it does not depend on the
 order of frames, on the number of processes, or on the other settings. With a higher probability the same frames fail,
 and more.
 """

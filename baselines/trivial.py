@@ -70,11 +70,11 @@ def write_trivial(
         dataset: what to write masks for; no truth of it is read.
         path: the submission's folder.
         only: shell patterns of observation keys.
-        overwrite: take the place of a submission that stands there.
+        overwrite: replace an existing submission.
         progress: show a bar on stderr.
 
     Returns:
-        The writer, which knows what was written.
+        The writer; its attributes describe what was written.
 
     Raises:
         UsageError: if no observation matches, or the target is not free.

@@ -49,7 +49,7 @@ def evaluate(
 ) -> None:
     """Score SUBMISSION, a folder or a .zip, against a dataset.
 
-    SUBMISSION is laid out as docs/metrics.md says, or as the released pipeline leaves its masks. Exit status: 0 scored,
+    SUBMISSION has the layout of docs/metrics.md, or that of the released pipeline's masks. Exit status: 0 scored,
     1 submission invalid (every bad file named), 2 usage.
     """
     from avs3d_bench.dataset import Dataset
@@ -96,7 +96,7 @@ def _beside(html_file: Path | None, json_file: Path) -> str | None:
     if html_file is None or not html_file.is_file():  # a device, for one
         return None
     relative = Path(os.path.relpath(html_file.resolve(), json_file.resolve().parent)).as_posix()
-    # A name that is no UTF-8 cannot stand in a file of scores.
+    # A file of scores cannot hold a name that is not UTF-8.
     return None if relative.startswith("..") or printable(relative) != relative else relative
 
 
@@ -105,7 +105,7 @@ def _check_targets(targets: Sequence[Path | None], submission: Path, dataset: Pa
 
     Raises:
         UsageError: naming the file.
-        Avs3dError: if something stands there that cannot be written to.
+        Avs3dError: if the path exists and cannot be written to.
     """
     from avs3d_bench.files import check_writable, is_stream
 

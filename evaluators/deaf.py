@@ -3,7 +3,7 @@
     deaf_category   every visible instance of the sounding category is marked
     deaf_most_seen  of these instances, the one with the most visible pixels over the test frames is marked
 
-They say what a score is worth as evidence of listening: a method that segments perfectly gets as much without a sound.
+They show whether a score is evidence of listening: a method that segments perfectly gets as much without a sound.
 Where the sounding object is the only instance of its category, both mark the truth. They need the instances and their
 categories (`observation.json`) and, where there are several, `instance_masks/` of the test frames and no others.
 """

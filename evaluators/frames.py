@@ -1,4 +1,4 @@
-"""One frame under all that is asked of it: the prediction, and the reference predictions beside it."""
+"""The counts of one frame: of the prediction and of the reference predictions."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Twin:
 
 @dataclass(frozen=True)
 class FrameFigures:
-    """What is known of one prediction in one frame.
+    """The counts of one prediction in one frame.
 
     Attributes:
         counts: pixels.

@@ -4,7 +4,7 @@ Every figure of a frame but the boundary's follows from four counts (`FrameCount
 whatever is computed from it. Protocols and aggregation: `evaluators.protocols`. Formulas with worked examples:
 docs/metrics.md.
 
-`official_miou` and `official_f` give what the released scoring gives (that of AVSBench: Zhou et al., "Audio-Visual
+`official_miou` and `official_f` equal the released scoring (that of AVSBench: Zhou et al., "Audio-Visual
 Segmentation", ECCV 2022), to 1e-6. Its F sweeps 255 thresholds over the sigmoid of the prediction; of a binary mask the
 sigmoid has two values, 0.5 and 0.731, so the sweep has two levels: everything marked (thresholds up to 0.5), and the
 mask itself (up to 0.731). Above, nothing is marked and F is 0.

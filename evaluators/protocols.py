@@ -1,7 +1,7 @@
 """From the frames of an observation to its scores, and from observations to means with intervals.
 
 A protocol is a pair of pure functions: one over the frames of an observation, one over observations. Their versions
-stand in `avs3d_bench.scores.PROTOCOLS`: change a figure, change the version.
+are in `avs3d_bench.scores.PROTOCOLS`: change the version whenever a figure changes.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ class Submission:
         masks: the folder of masks below an observation's folder.
         record: submission.json; made up from the folder's name where there is none, or none that can be read.
         source: the folder or archive as the user named it, where that is not ``root``.
-        problems: what was found wrong on opening.
+        problems: found when the submission was opened.
     """
 
     root: Path

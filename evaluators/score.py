@@ -76,7 +76,7 @@ class Outcome:
         references: name of the reference → its scores; without the deaf ones where the instances are not known.
         worst: its worst frames.
         best: its best frames.
-        problems: what is wrong with the submission's files.
+        problems: of the submission's files.
         files: how many files of the submission were read.
     """
 
@@ -132,7 +132,7 @@ def score(
     observations = select(dataset, only)
     problems = check_structure(submission, dataset, observations)
     if any(problem.severity == "error" for problem in problems):
-        # Nothing will be scored: now name what is wrong inside the files as well.
+        # Nothing will be scored: now report problems inside the files as well.
         raise InvalidSubmission(check_contents(submission, observations, problems, workers=workers, progress=progress))
     points = has_points(submission, observations)
     job = partial(score_observation, dataset.root, submission, tuple(protocols), points)
@@ -199,7 +199,7 @@ def score_observation(
         files += 1
         path = submission.points_path(key)
         try:
-            # Read whatever becomes of it: a submission with a bad file gets no score under any protocol.
+            # Always read it: a submission with a bad file gets no score under any protocol.
             cloud = read_points(path)
         except Avs3dError as error:
             problems.append(problem_of(submission, path, error))
@@ -232,7 +232,7 @@ def _truth(frame: Frame, twin_ids: tuple[int, ...] | None, strict: bool) -> Trut
         if ids.shape != mask.shape:
             path = frame.path(layout.INSTANCE_MASKS)
             raise Avs3dError(
-                f"{path}: shape {ids.shape}, expected that of the mask, {mask.shape}; make the dataset anew"
+                f"{path}: shape {ids.shape}, expected that of the mask, {mask.shape}; regenerate the dataset"
             )
     return Truth.of(mask, ids, twin_ids or (), outlines=strict)
 
@@ -310,7 +310,7 @@ def _record(
     """The record of scores: observations, and their means over parts, categories and rooms."""
     scored = [scores for scores, _ in outcomes]
     record = dataset.record
-    # A row goes over all observations or is left out: it stands beside means over all of them.
+    # A row covers all observations or is left out, because it is printed beside means over all of them.
     known = [name for name in REFERENCES if all(name in beside for _, beside in outcomes)]
     missing = [name for name in REFERENCES if name not in known]
     return Scores(

@@ -167,9 +167,9 @@ def _triangles(vertices: ArrayLike, faces: ArrayLike) -> Floats:
     if points.ndim != 2 or points.shape[1] != 3 or index.ndim != 2 or index.shape[1] != 3:
         raise Avs3dError(f"the true mesh has vertices {points.shape}, faces {index.shape}: expected (V, 3) and (F, 3)")
     if len(index) == 0:
-        raise Avs3dError("the true mesh has no face: expected triangles; make the dataset anew")
+        raise Avs3dError("the true mesh has no face: expected triangles; regenerate the dataset")
     if not np.issubdtype(index.dtype, np.integer) or index.min() < 0 or index.max() >= len(points):
-        raise Avs3dError(f"the true mesh names vertices outside of its {len(points)}; make the dataset anew")
+        raise Avs3dError(f"the true mesh names vertices outside of its {len(points)}; regenerate the dataset")
     corners: Floats = points[index].astype(np.float64)
     # NaN compares false as well.
     if not np.all(np.abs(corners) <= _MAX_COORDINATE):
@@ -179,7 +179,7 @@ def _triangles(vertices: ArrayLike, faces: ArrayLike) -> Floats:
         )
     sides = corners[:, 1:] - corners[:, :1]
     if not np.cross(sides[:, 0], sides[:, 1]).any():
-        raise Avs3dError("the true mesh has no area: expected the surface of an object; make the dataset anew")
+        raise Avs3dError("the true mesh has no area: expected the surface of an object; regenerate the dataset")
     return corners
 
 

@@ -147,7 +147,7 @@ def test_ply_faults_are_named(tmp_path: Path) -> None:
     whole = path.read_bytes()
     for content, words in (
         (b"", "expected Gaussians"),
-        (whole[:-3], "make it anew"),
+        (whole[:-3], "regenerate it"),
         (whole.replace(b"property float opacity\n", b"property float opacify\n"), "no property opacity"),
         (whole.replace(b"float opacity", b"uchar opacity"), "float properties only"),
         (whole[:-4] + np.float32(np.nan).tobytes(), "NaN"),

@@ -147,9 +147,9 @@ def test_what_cannot_be_written_to_is_one_line(tmp_path: Path):
     with tempfile.TemporaryDirectory(dir="/tmp") as short, socket.socket(socket.AF_UNIX) as listener:
         listener.bind(f"{short}/s")
         for path, says in [
-            (tmp_path / "folder", "a folder stands there, expected a file"),
-            (tmp_path / "link", "a folder stands there, expected a file"),
-            (Path(short, "s"), "a socket stands there, expected a file"),
+            (tmp_path / "folder", "found a folder, expected a file"),
+            (tmp_path / "link", "found a folder, expected a file"),
+            (Path(short, "s"), "found a socket, expected a file"),
             (tmp_path / "circle", "too many levels of symbolic links"),
             (tmp_path / "nul\0", "null byte"),
         ]:
@@ -157,7 +157,7 @@ def test_what_cannot_be_written_to_is_one_line(tmp_path: Path):
                 write_bytes(path, b"x")
             assert "\n" not in str(caught.value)
         assert stat.S_ISSOCK(os.stat(f"{short}/s").st_mode)
-    with pytest.raises(UsageError, match="a folder stands there"):
+    with pytest.raises(UsageError, match="found a folder"):
         write_png_mask(tmp_path / "folder", [[1]])
 
 

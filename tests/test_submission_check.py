@@ -657,7 +657,7 @@ def test_a_member_twice(good: Path, data: Path, tmp_path: Path):
     path = pack(good, tmp_path / "s.zip")
     with zipfile.ZipFile(path, "a") as out:
         out.writestr(FIRST.upper(), b"")
-    assert "stands twice" in findings(path, data)[FIRST.upper()]
+    assert "is listed twice" in findings(path, data)[FIRST.upper()]
 
 
 def test_a_damaged_member_is_named(good: Path, data: Path, tmp_path: Path):
@@ -753,7 +753,7 @@ def test_a_second_name_in_an_extra_field(good: Path, data: Path, tmp_path: Path)
                 body = struct.pack("<BI", 1, zlib.crc32(FIRST.encode())) + new
                 member.extra = struct.pack("<HHI", 0x5455, 4, 0) + struct.pack("<HH", 0x7075, len(body)) + body
             out.writestr(member, file.read_bytes())
-    assert findings(path, data) == {FIRST: "has a second name in an extra field; pack it anew, with plain names"}
+    assert findings(path, data) == {FIRST: "has a second name in an extra field; pack it again, with plain names"}
 
 
 def test_names_are_printable():

@@ -1,4 +1,4 @@
-"""A dataset card: what is in it, how it was made, what may be done with it, what it cannot tell, how to load it.
+"""A dataset card: contents, origin, licence, known limits, and how to load it.
 
 The front matter is the one of Hugging Face's cards, with the files of each configuration where the card stands in an
 export. All numbers come from the observations' records; nothing is decoded.
@@ -43,7 +43,7 @@ _SIZES = (
 
 @dataclass(frozen=True)
 class ObservationFacts:
-    """What the card says of an observation; None where the official release does not say it."""
+    """The facts of an observation on the card; None for those that the official release lacks."""
 
     key: str
     part: str
@@ -67,7 +67,7 @@ class ObservationFacts:
 
 @dataclass(frozen=True)
 class CardFacts:
-    """What the card says of the dataset; ``sizes``: kind → (files, bytes)."""
+    """The facts of the dataset on the card; ``sizes``: kind → (files, bytes)."""
 
     name: str
     record: DatasetRecord | None
@@ -174,7 +174,7 @@ def _front_matter(facts: CardFacts, configs: Mapping[str, Mapping[str, str]] | N
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """A Markdown table; the first column is text, the others stand right."""
+    """A Markdown table; the first column is text, the others are aligned right."""
     lines = [f"| {' | '.join(header)} |", f"|{'|'.join(['---', *['---:'] * (len(header) - 1)])}|"]
     return "\n".join(lines + [f"| {' | '.join(str(cell).replace('|', '/') for cell in row)} |" for row in rows])
 
@@ -195,7 +195,7 @@ def _opening(facts: CardFacts) -> str:
         engines = ", ".join(f"{name} {version}" for name, version in sorted(facts.record.backends.items()))
         made = (
             f"\nRendered with {engines} by avs3d-bench {facts.record.toolkit_version}; the manifest "
-            f"(sha256 `{facts.record.manifest_sha256[:16]}…`) stands verbatim in the dataset's `dataset.json`, "
+            f"(sha256 `{facts.record.manifest_sha256[:16]}…`) is stored verbatim in the dataset's `dataset.json`, "
             "and the same manifest and engines give the same bytes."
         )
     return (

@@ -1,4 +1,4 @@
-"""What every export hands on: one sample per frame, its facts as JSON and its files as they are.
+"""The samples that all exports write: one per frame, with its facts as JSON and its files unchanged.
 
 A sample's key is ``<observation key>/<frame name>``, e.g. ``part_1/apartment_1/kitchen/1/frame_007``. Pictures and
 sound are never re-encoded. What an observation does not have (the official release has no observation.json, instance
@@ -65,7 +65,7 @@ _RELEASE_RGB = Kind(layout.IMAGES, "rgb.png", KINDS["rgb"].what)
 
 @dataclass(frozen=True)
 class Member:
-    """One file of a sample: what it is called, where it lies, its size in bytes and its sha256."""
+    """One file of a sample: its name, its path, its size in bytes and its sha256."""
 
     name: str
     path: Path
@@ -240,7 +240,7 @@ def instance_facts(instance: InstanceRecord) -> dict[str, Any]:
 
 
 def frame_facts(frame: Frame) -> dict[str, Any]:
-    """All that is known of a frame, as JSON types; None for what its observation does not say.
+    """All facts of a frame, as JSON types; None for those that its observation does not have.
 
     Units and axes are the dataset's: metres, degrees, Y up, camera-to-world (w, x, y, z), azimuth positive right.
     ``source_position`` and ``sounding_position``/``sounding_rotation`` are those at the frame's time, moving or not.

@@ -67,7 +67,7 @@ class ShardIndex(Record):
     dataset_version: Text | None
     licence: Text | None
     attributions: tuple[AttributionRecord, ...]
-    members: dict[str, str] = Field(description="what a sample may hold: name → what it is")
+    members: dict[str, str] = Field(description="possible members of a sample: name → description")
     splits: dict[str, SplitRecord]
     shards: tuple[ShardRecord, ...]
 
@@ -221,7 +221,7 @@ def write_shard(
             file=shard.file, split=shard.split, samples=shard.samples, bytes=stream.size, sha256=stream.hexdigest(),
             plan=shard.plan, first=first, last=last,
         )  # fmt: skip
-        # The receipt first: whatever stands under a shard's name is then known, and removed when no longer wanted.
+        # The receipt first: then every file under a shard's name is known, and removed when it is no longer wanted.
         media.write_json(partial_folder / f"{flat}.json", record)
         os.replace(temporary, final)
     except OSError as error:

@@ -137,7 +137,7 @@ def _write_files(site: ObservationSite, names: Sequence[str], folder: Path) -> l
 
 
 def _check_target(final: Path, named: Path, sources: Sequence[Path]) -> None:
-    """Refuse a folder that is not ours to take."""
+    """Raise an error for a folder that this program has not written."""
     for source in sources:
         root = source.resolve()
         if final.is_relative_to(root) or root.is_relative_to(final):
@@ -146,12 +146,12 @@ def _check_target(final: Path, named: Path, sources: Sequence[Path]) -> None:
     if not final.exists():
         return
     if not final.is_dir():
-        raise UsageError(f"{named}: a file stands there, expected a folder; choose another name")
+        raise UsageError(f"{named}: found a file, expected a folder; choose another name")
     if not any(final.iterdir()):
         return
     if not (final / MARKER).is_file():
         raise UsageError(f"{named}: not empty and no site of avs3d view; choose another folder")
-    # What is replaced is deleted: only what we may have written.
+    # The old folder is deleted: only one that this program has written.
     files = (path.relative_to(final).as_posix() for path in sorted(final.rglob("*")) if not path.is_dir())
     foreign = next((name for name in files if not _OWN.fullmatch(name)), None)
     if foreign is not None:

@@ -35,7 +35,7 @@ GRACE_SECONDS = 0.7
     metavar="DIR",
     help="Write a static site into this folder instead of serving.",
 )
-@click.option("--submission", "submissions", type=_PATH, multiple=True, help="Lay its masks beside the truth; up to 9.")
+@click.option("--submission", "submissions", type=_PATH, multiple=True, help="Show its masks with the truth; up to 9.")
 @click.option("--port", type=click.IntRange(0, 65535), help="Port on 127.0.0.1 [8737, or any that is free].")
 @click.option("--no-browser", is_flag=True, help="Do not open a browser.")
 @only_option
@@ -68,7 +68,7 @@ def view(
         what = f"no observation matches {' '.join(only)}" if only else "no observation to show"
         raise UsageError(f"{root}: {what}; expected some of {', '.join(dataset.keys[:3]) or 'part_1/…'}")
     check_link(root / DATASET_JSON, root)
-    _ = dataset.record  # a damaged dataset.json is said before anything is made
+    _ = dataset.record  # report a damaged dataset.json before any page is made
     shown = open_submissions(dataset, submissions)
     if folder is not None:
         if port is not None:
@@ -102,7 +102,7 @@ def _serve(
     with ViewServer(dataset, keys, shown, port=port) as server, _signals(server.stop) as received:
         click.echo(f"{dataset.name}: {len(keys)} observations at {server.url} (Ctrl-C ends)")
         if browse:
-            # A browser of the terminal, or a first start of another, keeps whoever opens it: who would answer it then?
+            # A text browser, or the first start of another one, blocks its caller: the server could not answer it then.
             threading.Thread(target=webbrowser.open, args=[server.url], daemon=True).start()
         server.serve()
         status = 128 + signal.SIGTERM if signal.SIGTERM in received else 0

@@ -42,7 +42,7 @@ class Moment:
         source: (x, y, z) where the sound comes from at this time; None if unknown.
         azimuth: of the source, 0 ahead, positive right.
         distance: to the source, metres.
-        line_of_sight: nothing stands between sensor and source.
+        line_of_sight: nothing is between sensor and source.
         ild: level(right) − level(left) of the clip, dB; None without a clip.
         level: RMS over both channels, dB re full scale.
         visible: pixels of the sounding object in the frame.

@@ -1,6 +1,6 @@
-"""What is shown lies in the dataset or submission: a symbolic link that leads out of it is refused.
+"""Only files inside the dataset or submission are shown: a symbolic link that leads out of it is an error.
 
-Whoever shares a dataset could otherwise have a link in the place of a frame show a file of whoever looks at it. Hard
+Otherwise a link in the place of a frame could show a private file of the person who views the dataset. Hard
 links and links within the root are plain parts of a dataset, and the root itself may be a link.
 """
 
@@ -50,7 +50,7 @@ def check_links(observation: Path, root: Path) -> None:
         try:
             with os.scandir(folder) as entries:
                 links = sorted(entry.path for entry in entries if entry.is_symlink())
-        except OSError:  # missing, or no folder: its reader says so
+        except OSError:  # missing, or no folder: its reader reports that
             continue
         for link in links:
             check_link(Path(link), root)

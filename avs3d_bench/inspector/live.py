@@ -31,7 +31,7 @@ _KEPT = (THUMBNAIL, FLOOR, SOUND)
 
 
 class KeptFiles:
-    """Bytes by name, in one temporary file without a name: nothing is left of it however the process ends.
+    """Bytes by name, in one temporary file without a name: nothing remains of it, however the process ends.
 
     Where there is no room for it nothing is kept. Safe to use from several threads.
     """
@@ -109,7 +109,7 @@ class LiveSite:
             with site.reading():
                 return self._read(key, site, name)
         except DamagedError as error:
-            # What was read before may be about to be mended: the next request begins afresh.
+            # The damaged file may be repaired soon: the next request reads it again.
             with self._lock:
                 self._sites.pop(key, None)
             raise self._damaged(key, name, site.without_paths(str(error))) from error
@@ -124,7 +124,7 @@ class LiveSite:
         return site.make(name)
 
     def close(self) -> None:
-        """Give back what is kept."""
+        """Free the cached bytes."""
         self._files.close()
 
     def _one_at_a_time(self, what: str) -> threading.Lock:
@@ -143,7 +143,7 @@ class LiveSite:
             return self._gallery
         cards = [self._card(key) for key in self._keys]
         page = gallery_page(self._dataset, cards, [s.name for s in self._submissions])
-        # Damaged files may be mended while this runs.
+        # Damaged files may be repaired while this runs.
         if all(card.problem is None for card in cards):
             self._gallery = page
         return page

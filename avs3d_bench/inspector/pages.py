@@ -88,7 +88,7 @@ def observation_page(
         site: its files.
         before: key of the observation before it in the gallery.
         after: key of the one after it.
-        linked: whether the dataset's own pictures can be had at ``full/``.
+        linked: whether the dataset's own pictures are served at ``full/``.
         problems: one line for each file that could not be read or made.
     """
     facts = site.facts
@@ -191,7 +191,7 @@ def hexadecimal(colour: tuple[int, int, int]) -> str:
 
 
 def _script_json(value: Any) -> str:
-    """JSON that may stand in a script element: nothing in it can end the element."""
+    """JSON that is safe inside a script element: nothing in it can end the element."""
     text = json.dumps(value, ensure_ascii=True, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 

@@ -27,7 +27,7 @@ from avs3d_bench.inspector.site import PAGE, DamagedError, NotThereError, media_
 from avs3d_bench.inspector.submissions import ShownSubmission
 
 HOST = "127.0.0.1"
-#: What is tried first, so that an address can be bookmarked.
+#: The port that is tried first, so that an address can be bookmarked.
 DEFAULT_PORT = 8737
 POLICY = (
     "default-src 'self'; img-src 'self' data:; object-src 'none'; base-uri 'none'; form-action 'none'; "
@@ -35,7 +35,7 @@ POLICY = (
 )
 #: Of every answer, whatever its status.
 HEADERS = (
-    # The next server on this port may show another dataset, or the same submission made anew.
+    # The next server on this port may show another dataset, or a new version of the same submission.
     ("Cache-Control", "no-cache"),
     ("Content-Security-Policy", POLICY),
     ("Cross-Origin-Opener-Policy", "same-origin"),

@@ -1,4 +1,4 @@
-"""The submissions whose masks a page lays beside the truth."""
+"""The submissions whose masks a page shows together with the truth."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class ShownSubmission:
             return None
         for folder in (layout.SUBMISSION_MASKS, *layout.RELEASED_MASKS):
             path = self.root / frame.observation.key / folder / f"{frame.name}.png"
-            # Also what is no plain file: reading it says so.
+            # Also names that are no plain files: reading them reports that.
             if os.path.lexists(path):
                 return path
         return None

@@ -45,7 +45,7 @@ QUALITY, SOUND_BITS = 20, 256_000
 _BINAURAL = {"aac_is": "0", "aac_pns": "0", "aac_ms": "0"}
 #: The loudest sample is raised to this at most, dB re full scale: the encoder overshoots a little.
 PEAK_DB = -3.0
-#: What is added at most, dB: a source behind two walls stays a quiet one.
+#: Largest gain (dB): a source behind two walls stays quiet.
 MAX_GAIN_DB = 24
 #: Sizes of the picture, pixels of the longer side.
 SMALLEST, LARGEST = 64, 2160
@@ -115,7 +115,7 @@ def write_video(
     if target.suffix.lower() != ".mp4":
         raise UsageError(f"{target}: the film is an MP4; expected a name that ends with .mp4")
     if target.is_dir():
-        raise UsageError(f"{target}: a folder stands there, expected the name of a file")
+        raise UsageError(f"{target}: found a folder, expected the name of a file")
     if not SMALLEST <= size <= LARGEST:
         raise UsageError(f"size {size}: expected {SMALLEST} to {LARGEST} pixels")
     av = load_av()

@@ -31,7 +31,7 @@ _INK, _DIM, _TRACK = (240, 240, 240), (150, 156, 164), (58, 62, 70)
 TINT = 0.35
 #: Height of the caption, in widths of the picture.
 _CAPTION = 0.125
-#: What the meters show, dB re full scale.
+#: Range of the level meters (dB re full scale).
 _QUIET_DB = -60.0
 _FONT = cv2.FONT_HERSHEY_DUPLEX
 
@@ -47,7 +47,7 @@ class Loudness:
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """What a picture of the film shows.
+    """The contents of one picture of the film.
 
     Attributes:
         rgb: (H, W, 3) the frame.
@@ -185,7 +185,7 @@ class Canvas:
 
 
 def _whereabouts(moment: Moment) -> list[tuple[str, Colour]]:
-    """What is known of where the sound comes from."""
+    """The known direction and distance of the source, as text."""
     out: list[tuple[str, Colour]] = []
     if moment.azimuth is not None:
         degrees = round(moment.azimuth)

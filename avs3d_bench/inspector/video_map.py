@@ -23,11 +23,11 @@ _REACH = 0.75
 
 @dataclass(frozen=True, eq=False)
 class MapInset:
-    """The map in the corner: what stands still is drawn once.
+    """The map in the corner: everything that does not move is drawn once.
 
     Attributes:
         facts: of the observation.
-        bounds: what is shown, metres.
+        bounds: of the shown area, metres.
         scale: pixels of the double-sized picture a metre.
         ground: (2h, 2w, 3) the floor plan and the placed objects.
     """
@@ -39,7 +39,7 @@ class MapInset:
 
     @classmethod
     def of(cls, observation: Observation, facts: Facts, width: int) -> MapInset | None:
-        """Draw what stands still, for a film of this width in pixels; None if no frame has a pose.
+        """Draw everything that does not move, for a film of this width in pixels; None if no frame has a pose.
 
         Raises:
             Avs3dError: if the sparse model is missing or damaged.

@@ -2,7 +2,7 @@
 
 viser and not rerun, after serving and recording with both (viser 1.1, rerun-sdk 0.41; see docs/inspector.md):
 
-- viser listens where it is told to, hence on the loopback address alone; rerun's `serve_grpc` and `serve_web_viewer`
+- viser listens on a given address, here the loopback address only; rerun's `serve_grpc` and `serve_web_viewer`
   listen on all interfaces, and take no address.
 - A recording of viser is one HTML file with its viewer inside, which any browser opens from disk, without a network
   and without viser; its bytes are the same on every run. A .rrd needs rerun's viewer, and differs every time.
@@ -69,7 +69,7 @@ def save_view(dataset: Dataset, key: str, path: str | Path, submissions: Sequenc
     if target.suffix not in (".html", ".viser"):
         raise UsageError(f"{target}: expected a name that ends with .html (opens in any browser) or .viser")
     if target.is_dir():
-        raise UsageError(f"{target}: a folder stands there, expected the name of a file")
+        raise UsageError(f"{target}: found a folder, expected the name of a file")
     viser = load_viser()
     scene = read_scene(dataset[key], submissions)
     with atomic_path(target) as temporary, _serving(viser, 0) as server:
@@ -144,7 +144,7 @@ def _serving(viser: ModuleType, port: int) -> Iterator[Any]:
 
 
 def _no_sharing(*_: object, **__: object) -> None:
-    """In place of viser's tunnel: what is served here stays on this computer."""
+    """Replaces viser's tunnel to an external server: nothing leaves this computer."""
 
 
 def room_note(scene: Scene3D) -> str:

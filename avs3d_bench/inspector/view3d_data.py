@@ -120,7 +120,7 @@ def read_scene(observation: Observation, submissions: Sequence[str | Path] = ())
         UsageError: if a submission has no points of the observation.
         Avs3dError: if no frame has a pose, or a file is missing or damaged.
     """
-    # Submissions first: a wrong name is told before anything large is read.
+    # Submissions first: a wrong name is reported before anything large is read.
     predictions = tuple(read_prediction(folder, observation.key) for folder in submissions)
     record = observation.record
     frames = tuple(_moment(frame, record) for frame in observation.frames if frame.has_pose)
@@ -177,7 +177,7 @@ def fused_depth(observation: Observation) -> Cloud:
         depth, rgb = frame.depth(), frame.rgb()
         if depth.shape != rgb.shape[:2]:
             raise Avs3dError(
-                f"{frame.path(layout.DEPTH)}: {depth.shape}, expected {rgb.shape[:2]} as the picture; make it anew"
+                f"{frame.path(layout.DEPTH)}: {depth.shape}, expected {rgb.shape[:2]} as the picture; regenerate it"
             )
         step = max(1, math.ceil(math.sqrt(depth.size / DEPTH_POINTS)))
         rows, columns = np.mgrid[step // 2 : depth.shape[0] : step, step // 2 : depth.shape[1] : step].reshape(2, -1)

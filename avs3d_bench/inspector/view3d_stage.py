@@ -41,7 +41,7 @@ class Stage:
         self._pictures: dict[int, NDArray[np.uint8]] = {}
 
     def build(self) -> None:
-        """Draw everything that stands still, and the first frame."""
+        """Draw everything that does not move, and the first frame."""
         self.server.scene.set_up_direction("+y")
         self._look()
         self._points()
@@ -135,7 +135,7 @@ class Stage:
             self._now["source"] = ball
             self._add("source", ball)
         if self.scene.moves:
-            # A source that stands is named by its box.
+            # A source that does not move is named by its box.
             what = f"{(self.scene.category or 'object').replace('_', ' ')} (sounding)"
             self._add("source", add.add_label("/source/name", what, anchor="bottom-center", position=(0.0, 0.1, 0.0)))
             self._add("source", self._polyline("/source_path", spots, _TRUTH))

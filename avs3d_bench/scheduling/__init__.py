@@ -1,7 +1,7 @@
 """Many tasks on many processes: this machine's, or those of a Dask cluster.
 
-    tasks.py       what is run: `Task`, `Policy`, and what comes back: `Event`, `Success`, `Failure`
-    ledger.py      which task is next, what is tried again, what has failed for good; knows no processes
+    tasks.py       the input: `Task`, `Policy`, and the results: `Event`, `Success`, `Failure`
+    ledger.py      which task is next, which is tried again, which has failed; knows no processes
     supervised.py  a child process that runs one task at a time, with a time limit; replaced when it dies or hangs
     child.py       the program in that process
     local.py       a pool of supervised processes
@@ -12,5 +12,5 @@
     failures.py    failures.jsonl
 
 A task is a function of a module with arguments that can be pickled, so that any process can find it. Whatever a task
-does to its process (a crash in a library, a kill for want of memory, a loop without end) ends that process alone.
+does to its process (a crash in a library, a kill because memory ran out, a loop without end) ends that process alone.
 """

@@ -70,7 +70,7 @@ def _attempt(connection: Connection[Any, Any], share: int, work: bytes) -> tuple
     except BaseException as error:
         if os.environ.get("AVS3D_DEBUG"):
             traceback.print_exc()
-        text = " ".join(str(error).split())  # one line, whatever a library says
+        text = " ".join(str(error).split())  # messages of libraries may have several lines
         message = f"internal error: {type(error).__name__}: {text} (AVS3D_DEBUG=1 shows where; please report it)"
         return "failed", ("error", message, traceback.format_exc())
 

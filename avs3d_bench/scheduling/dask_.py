@@ -40,9 +40,9 @@ _REFRESH = 3.0
 _ASK = 10.0
 #: Events a second that all workers together may send, about.
 _EVENTS = 100.0
-#: How long workers may take to stop what is no longer wanted, seconds.
+#: Time limit for workers to stop tasks that are no longer wanted (s).
 _STOP = 10.0
-#: What a scheduler is given to answer: the first time, and later, seconds.
+#: Time limits for a scheduler's answer: the first, and the later ones (s).
 _CONNECT, _ANSWER = 20.0, 10.0
 
 
@@ -341,7 +341,7 @@ class _Run:
         if content.get("run") == self._name:
             self._listen(Event(content["kind"], content["name"], content["text"]))
         elif content.get("action") == "remove-worker" and not content.get("expected"):
-            self._listen(Event("worker", "", f"{content.get('worker')} is lost; what it was at is made elsewhere"))
+            self._listen(Event("worker", "", f"{content.get('worker')} is lost; its tasks run elsewhere"))
 
     def _attempt_of(self, error: BaseException) -> Attempt:
         """Whatever a Dask task ended with, as a failed attempt.
@@ -461,7 +461,7 @@ def _deaf() -> Iterator[None]:
 
 
 def _hush() -> None:
-    """What Dask logs about lost connections, with tracebacks, this module says in a line."""
+    """Hide Dask's log of lost connections with tracebacks: this module reports them in one line."""
     for name in ["asyncio", "tornado", *logging.root.manager.loggerDict]:
         if name.partition(".")[0] in ("distributed", "asyncio", "tornado"):
             logging.getLogger(name).setLevel(_LEVEL)

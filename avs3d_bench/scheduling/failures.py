@@ -1,7 +1,7 @@
-"""failures.jsonl: what a run has given up, with every attempt; it stands beside a dataset only while it is needed.
+"""failures.jsonl: the tasks that a run has given up, with every attempt; it exists only while there are any.
 
 One JSON object a line: key, seed, and attempts, each with worker, cause, message and traceback. A line is appended the
-moment a task is given up, so that a run that is killed has told what it knew.
+moment a task is given up, so that nothing is lost when the run is killed.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class FailureLog:
         self._seeds = seeds
 
     def add(self, key: str, attempts: Collection[Attempt]) -> None:
-        """Append one; where the disk is full or read-only, the terminal is what remains to tell it."""
+        """Append one; if the disk is full or read-only, only the terminal reports it."""
         line = {"key": key, "seed": self._seeds.get(key), "attempts": [asdict(attempt) for attempt in attempts]}
         with suppress(OSError), self._path.open("a", encoding="utf-8") as stream:
             stream.write(json.dumps(line, ensure_ascii=False) + "\n")

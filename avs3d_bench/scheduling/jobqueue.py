@@ -78,7 +78,7 @@ def start_cluster(kind: str, path: Path, workers: int) -> Any:
 class Jobs:
     """The jobs of a cluster as the queue knows them.
 
-    A job whose workers cannot start, or whose time is over, is gone without a word to Dask. Queues that cannot be asked
+    Dask is not told when a job ends or its workers cannot start. Queues that cannot be asked
     (`_LIST`) are taken to keep their jobs.
     """
 
@@ -88,7 +88,7 @@ class Jobs:
         self._worked: set[str] = set()
 
     def see(self) -> None:
-        """Note which jobs have workers. To be called often: what is never seen to work is not replaced."""
+        """Note which jobs have workers. Call it often: a job that was never seen to work is not replaced."""
         # The workers of a job are called like the job, with a number where there are several.
         named = {str(worker["name"]) for worker in dict(self._cluster.scheduler_info["workers"]).values()}
         self._worked |= named | {name.rpartition("-")[0] for name in named}
@@ -115,7 +115,7 @@ class Jobs:
         return len(again), len(ended) == len(jobs) and not again
 
     def _standing(self, jobs: list[str]) -> set[str] | None:
-        """Those of ``jobs`` that wait or run; None if the queue does not say."""
+        """Those of ``jobs`` that wait or run; None if the queue does not answer."""
         assert self._list is not None
         command = [*self._list, ",".join(jobs)]
         try:
@@ -153,7 +153,7 @@ def _scale(cluster: Any, workers: int) -> None:
 
 
 def _close(cluster: Any) -> None:
-    """Close a cluster, some of whose jobs the queue has refused; left as they are, Dask takes that for a mistake."""
+    """Close a cluster, some of whose jobs the queue has refused; otherwise Dask reports an error for these."""
     from distributed import Status
 
     for job in getattr(cluster, "workers", {}).values():

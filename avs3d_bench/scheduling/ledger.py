@@ -1,4 +1,4 @@
-"""The book of a run: what is next, what is tried again, what has failed for good. Pure; knows no processes."""
+"""The state of a run: the next task, the tasks to try again, the failed ones. Pure; knows no processes."""
 
 from __future__ import annotations
 

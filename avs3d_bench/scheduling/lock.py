@@ -88,7 +88,7 @@ def held(root: Path, what: str = "avs3d generate") -> Iterator[Holder]:
 
 
 def holder_of(root: Path) -> Holder | None:
-    """What the lock file in ``root`` says; None if there is none that can be read. It may be of a dead process."""
+    """The contents of the lock file in ``root``; None if it cannot be read. Its process may have ended."""
     try:
         found: Any = json.loads(read_bytes(root / layout.LOCK))
         return Holder(**found)

@@ -1,4 +1,4 @@
-"""The command line's options for where the work is done, and `scheduler_of`, which starts what they ask for."""
+"""The command-line options for where the work is done, and `scheduler_of`, which starts the scheduler."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from avs3d_bench.scheduling.tasks import Policy, Scheduler
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
-#: Variables that workers on other machines get as they are here.
+#: Environment variables that are copied to workers on other machines.
 _PREFIX = "AVS3D_"
 #: Settings of glibc's allocator: freed memory stays with the process (bytes). Arrays of a frame's size would otherwise
 #: be fresh memory for every frame, which costs page faults: 7 % of an observation with 16 processes on 16 cores

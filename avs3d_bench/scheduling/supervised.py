@@ -24,7 +24,7 @@ from typing import Any
 
 from avs3d_bench.scheduling.tasks import Attempt, Task
 
-#: How long a process may take to write its stack before it is killed, and to end by itself, seconds.
+#: Time limits for a process to write its stack before it is killed, and to end by itself (s).
 _GRACE = 0.5
 #: How long one may be stuck in the middle of a message to the other, seconds.
 _STALL = 5
@@ -118,7 +118,7 @@ class Supervised:
             self._spawn()
         try:
             self._connection.send_bytes(self._work)
-        except OSError:  # it ended for want of work in just this moment
+        except OSError:  # the idle timeout ended it at this moment
             self._spawn()
             self._connection.send_bytes(self._work)
 

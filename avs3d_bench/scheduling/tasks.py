@@ -1,4 +1,4 @@
-"""What is run and what comes back."""
+"""Tasks and their results."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Cause = Literal["refused", "unfit", "error", "crash", "hang"]
 
 @dataclass(frozen=True)
 class Context:
-    """What a task is given as its first argument.
+    """The first argument of every task.
 
     Attributes:
         slot: number of the place it runs in, from 0, unique among what runs on the same machine for this run; picks
@@ -53,7 +53,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Policy:
-    """How a run deals with what goes wrong.
+    """How a run handles failures.
 
     Attributes:
         retries: how often a task is tried again after anything but a refusal.
@@ -112,7 +112,7 @@ class Failure:
 
     @property
     def message(self) -> str:
-        """What the last attempt said, in one line."""
+        """The message of the last attempt, in one line."""
         last = self.attempts[-1]
         if len(self.attempts) == 1:
             return last.message
@@ -129,7 +129,7 @@ class Scheduler(Protocol):
     slots: int
 
     def run(self, tasks: Sequence[Task], policy: Policy, listen: Listener) -> Generator[Success | Failure, None, None]:
-        """Yield every task as it is done or given up, in any order.
+        """Yield every task when it is done or given up, in any order.
 
         Closing the iterator (or an exception in it, such as Ctrl-C) ends whatever still runs.
         """

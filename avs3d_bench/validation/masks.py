@@ -122,7 +122,7 @@ def _check_line_of_sight(
 ) -> None:
     """Where the pixel that shows the source, and all around it, belong to the sounding object, the line is free.
 
-    The opposite may be: what stands close before the source hides its pixel but does not count.
+    The opposite may be: an object close before the source hides its pixel but does not count.
     """
     if entry.line_of_sight:
         return

@@ -21,7 +21,7 @@ MOST_SPEED = 1.0
 
 
 def motion_problems(record: ObservationRecord) -> Iterator[tuple[str, str]]:
-    """What is wrong with the way of a source that moves, as (path, message).
+    """Problems of the path of a moving source, as (path, message).
 
     It must begin where the record says, be continuous, and carry the source as one body.
     """

@@ -41,7 +41,7 @@ def choose_frames(root: str | Path, count: int, seed: int) -> dict[str, tuple[in
 
 
 def entry_points() -> tuple[metadata.EntryPoint, ...]:
-    """What is installed that makes frames again."""
+    """The installed functions that make frames again."""
     return tuple(metadata.entry_points(group=GROUP))
 
 
@@ -76,7 +76,7 @@ def regenerate(
         count: how many frames.
         seed: decides which.
         manifest: the manifest's file, if it names files beside it.
-        say: is told what is being made.
+        say: called with a line about what is being made.
 
     Raises:
         UsageError: if the generator is not installed, or its versions are not those that made the dataset.

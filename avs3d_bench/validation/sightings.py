@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from avs3d_bench.colmap import ColmapModel
 from avs3d_bench.geometry import Intrinsics
 
-#: Distance from the pixel's centre below which a sighting is taken for the point's origin (pixels).
+#: Distance from the pixel's centre below which a sighting counts as the point's origin (pixels).
 AT_CENTRE = 1e-6
 
 
@@ -157,7 +157,7 @@ def depth_problem(depth: NDArray[np.float32], z: NDArray[np.float64], sightings:
     return f"{wrong} of {int(mine.sum())} sparse points taken from the frame have another depth" if wrong else None
 
 
-#: Depth is stored in millimetres, rounded; what is farther than 16 bits hold is stored as 0 (metres).
+#: Depth is stored in millimetres, rounded; depth beyond the range of 16 bits is stored as 0 (metres).
 DEPTH_STEP, MOST_DEPTH = 1.1e-3, 65.0
 
 

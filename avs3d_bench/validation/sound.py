@@ -202,7 +202,7 @@ ORDER_FRAMES, ORDER_SPREAD, ORDER_LEAST = 8, 0.25, 0.4
 
 
 def check_delays(frames: tuple[Frame, ...], clips: list[Sound | None], findings: Findings) -> None:
-    """The ear on the source's side hears it first: clips that are played backwards tell it the wrong way round.
+    """The ear on the source's side hears it first: for clips that are played backwards it is the other ear.
 
     Below 1.2 kHz, where the delay between the ears is less than half a period, their correlation is higher at the delay
     of the source (Woodworth's sphere) than at its opposite. Echoes and tones mislead single frames, not their mean.

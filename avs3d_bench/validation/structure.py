@@ -70,7 +70,7 @@ def check_structure(observation: Observation, *, ours: bool) -> tuple[Findings, 
 
 
 def _without_byproducts(files: set[str], findings: Findings) -> set[str]:
-    """The files of the dataset; what the released pipeline wrote beside them is named in a note per folder."""
+    """The files of the dataset; for output of the released pipeline there is one note per folder."""
     made = {path: top for path in files if (top := layout.released_byproduct(path)) is not None}
     for top, count in sorted(Counter(made.values()).items()):
         what = f"{count} file{'' if count == 1 else 's'}, " if top.endswith("/") else ""

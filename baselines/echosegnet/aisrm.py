@@ -28,7 +28,7 @@ _TINY = 1e-6
 
 
 def loudness(clips: Sequence[NDArray[np.floating]] | NDArray[np.floating]) -> Array:
-    """(T, 2) smoothed RMS of both ears: a trailing mean over six clips; the first five stay as they are.
+    """(T, 2) smoothed RMS of both ears: a trailing mean over six clips; the first five are not averaged.
 
     Args:
         clips: (T, 2, n), channel 0 left, in the order of time.
@@ -41,7 +41,7 @@ def loudness(clips: Sequence[NDArray[np.floating]] | NDArray[np.floating]) -> Ar
         raise Avs3dError(f"clips have shape {array.shape}, expected (T, 2, n)")
     rms = np.sqrt(np.mean(array**2, axis=2))
     if not np.isfinite(rms).all():
-        raise Avs3dError("clips hold NaN or infinite numbers; make the dataset anew")
+        raise Avs3dError("clips hold NaN or infinite numbers; regenerate the dataset")
     out: Array = rms.copy()
     if len(rms) >= WINDOW:
         out[WINDOW - 1 :] = np.lib.stride_tricks.sliding_window_view(rms, WINDOW, axis=0).mean(axis=-1)
@@ -93,7 +93,7 @@ def audio_centre(points: ArrayLike, intensity: Array, threshold: float = REFEREN
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """What is left of the labelled points.
+    """The remaining labelled points.
 
     Attributes:
         chosen: (N,) bool: the points of the chosen cluster; all False if none was kept.

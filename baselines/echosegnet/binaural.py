@@ -1,4 +1,4 @@
-"""What a binaural clip says about direction, and what a spherical head says it should: cues and their prediction.
+"""Cues of a binaural clip for the direction of its source, and their prediction for a spherical head.
 
 Two cues, one per half of Rayleigh's duplex theory (J. Blauert, *Spatial Hearing*, MIT Press 1997, §2.4), both functions
 of the **lateral angle** alone: the angle φ between the source and the head's median plane, positive to the right.
@@ -42,12 +42,12 @@ SPEED_OF_SOUND = 343.0  # m/s
 PHASE_BAND = (150.0, 1500.0)
 #: Edges of the octaves in which level differences are read, Hz (the last one ends where the air begins to absorb).
 OCTAVE_EDGES = np.array([177.0, 354.0, 707.0, 1414.0, 2828.0, 5657.0, 11314.0, 18000.0])
-#: Octaves this far below the loudest say nothing (dB): they hold leakage and quantisation noise.
+#: Octaves this far below the loudest are ignored (dB): they hold leakage and quantisation noise.
 _BAND_FLOOR_DB = 30.0
 _WINDOW, _HOP = 1024, 256  # 23 ms and 6 ms
 #: A bin is an onset if it is this much louder (3 dB) than the mean of its past, forgotten with this time constant (s).
 _ONSET, _MEMORY = 2.0, 0.05
-#: What a bin that is no onset counts, so that a steady tone is heard as well.
+#: Weight of a bin that is no onset, so that a steady tone counts as well.
 _STEADY = 0.02
 #: Brown and Duda's smallest zero coefficient and the angle (radians) at which it is reached, their eq. (4).
 _ALPHA_MIN, _THETA_MIN = 0.1, np.radians(150.0)
@@ -55,7 +55,7 @@ _ALPHA_MIN, _THETA_MIN = 0.1, np.radians(150.0)
 
 @dataclass(frozen=True, eq=False)
 class Cues:
-    """What V clips say.
+    """The cues of V clips.
 
     Attributes:
         frequencies: (F,) Hz, of the phasors.
@@ -93,7 +93,7 @@ def observe(clips: NDArray[np.floating]) -> Cues:
         raise Avs3dError(f"binaural clips: shape {clips.shape}, expected (views, 2, samples ≥ {_WINDOW})")
     bad = np.flatnonzero(~np.isfinite(clips).all(axis=(1, 2)))
     if len(bad):
-        raise Avs3dError(f"binaural clips: clip {bad[0]} holds NaN or infinite samples; make the audio anew")
+        raise Avs3dError(f"binaural clips: clip {bad[0]} holds NaN or infinite samples; regenerate the audio")
     frequencies = rfftfreq(_WINDOW, 1 / SAMPLE_RATE)
     phase_bins = (frequencies >= PHASE_BAND[0]) & (frequencies < PHASE_BAND[1])
     edges = np.searchsorted(frequencies, OCTAVE_EDGES)

@@ -1,4 +1,4 @@
-"""Checkpoints of a training: parameters, moments and running sums, under a digest of what they were made from."""
+"""Checkpoints of a training: parameters, moments and running sums, with a digest of their inputs."""
 
 from __future__ import annotations
 
@@ -81,4 +81,4 @@ def load(path: Path, optimiser: torch.optim.Adam, made_from: str, device: torch.
         return int(content["iteration"]), Pull(*(content["pull"][name] for name in _SUMS)), content["full_at"]
     except (OSError, RuntimeError, EOFError, KeyError, TypeError, pickle.UnpicklingError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise Avs3dError(f"{path}: damaged checkpoint ({reason[:80]}); delete it to start anew") from None
+        raise Avs3dError(f"{path}: damaged checkpoint ({reason[:80]}); delete it to start again") from None

@@ -172,7 +172,7 @@ def checked(points: ArrayLike, labels: ArrayLike | None = None) -> tuple[Points,
         raise Avs3dError(f"candidate points: shape {place.shape}, expected (N, 3)")
     bad = int((~np.isfinite(place)).any(axis=1).sum())
     if bad:
-        raise Avs3dError(f"candidate points: {bad} of {len(place)} are NaN or infinite; train the Gaussians anew")
+        raise Avs3dError(f"candidate points: {bad} of {len(place)} are NaN or infinite; train the Gaussians again")
     number = np.zeros(len(place), np.int64) if labels is None else np.asarray(labels)
     if number.shape != (len(place),) or not np.issubdtype(number.dtype, np.integer):
         raise Avs3dError(f"labels: {number.dtype} {number.shape}, expected one whole number for each of {len(place)}")

@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 END_SIGMAS = 1.5
 #: The length of the 3D long axis that the centre's move is measured in, in standard deviations.
 AXIS_SIGMAS = 3.0
-#: What is left of the part inside.
+#: Factor on the size of the part inside.
 SHRINK = 0.8
 #: Nearer to the camera's plane than this a centre has no pixel, metres.
 _NEAR = 1e-6

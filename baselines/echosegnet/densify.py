@@ -35,7 +35,7 @@ class DensityControl:
             measures it), from which on a Gaussian is cloned or split.
         size: share of the camera extent up to which it is cloned, beyond which it is split.
         min_opacity: below this it is removed.
-        reset_opacity: what a reset lowers opacities to.
+        reset_opacity: largest opacity after a reset.
         max_screen: after the first reset, a Gaussian is removed if its radius on screen (3σ, pixels) was above this in
             a view since the last densification; None: whatever its radius, which is what the reference does in effect.
         max_size: after the first reset, it is removed if its largest scale is above this share of the camera extent.
@@ -61,7 +61,7 @@ class DensityControl:
 
 @dataclass(eq=False)
 class Pull:
-    """What was seen of N Gaussians since the last densification.
+    """Statistics of N Gaussians since the last densification.
 
     Attributes:
         total: (N,) sum of gradient lengths.
@@ -139,7 +139,7 @@ def densify(
             kept &= size <= control.max_size * extent
             if control.max_screen is not None:
                 kept &= pull.radius <= control.max_screen
-            # Clones are small; of what is split, the halves count.
+            # Clones are small; a Gaussian that is split is represented by its halves.
             split = split[size[split] / _SHRINK <= control.max_size * extent]
         cloned, split = cloned[opaque[cloned]], split[opaque[split]]
         parts = {name: value[torch.cat([cloned, split, split])] for name, value in old.items()}
@@ -153,7 +153,7 @@ def densify(
 
 
 def reset_opacities(optimiser: torch.optim.Adam, ceiling: float) -> None:
-    """Lower all opacities to at most ``ceiling`` and forget their moments: what is not needed does not come back."""
+    """Lower all opacities to at most ``ceiling`` and forget their moments; unneeded Gaussians stay transparent."""
     with torch.no_grad():
         for group in optimiser.param_groups:
             if group["name"] == "opacities":

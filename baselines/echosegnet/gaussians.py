@@ -31,7 +31,7 @@ INITIAL_OPACITY = 0.1
 _NEIGHBOURS = 3
 _INTENSITY = "audio_intensity"
 _EXPECTED = (
-    "expected Gaussians as a binary little-endian PLY with one element, vertex, of float properties only; make it anew"
+    "expected Gaussians as a binary little-endian PLY with one element, vertex, of float properties only; regenerate it"
 )
 
 
@@ -194,7 +194,7 @@ def _read_table(path: str | Path) -> Mapping[str, NDArray[np.float32]]:
         raise Avs3dError(f"{path}: {_EXPECTED}")
     table = tables.get("vertex", np.empty(0, dtype=[(name, "<f4") for name in names]))
     if not all(np.isfinite(table[name]).all() for name in names):
-        raise Avs3dError(f"{path}: holds NaN or infinite numbers; make it anew")
+        raise Avs3dError(f"{path}: holds NaN or infinite numbers; regenerate it")
     return {name: table[name] for name in names}
 
 

@@ -51,10 +51,10 @@ class Outcome:
         """Refuse to go on if any job failed.
 
         Args:
-            kept: the folder of intermediate results, from which a rerun takes what is done.
+            kept: the folder of intermediate results, which a rerun reuses.
 
         Raises:
-            Avs3dError: one line that names every observation that failed and says why the first did.
+            Avs3dError: one line that names every observation that failed and the cause of the first failure.
         """
         if not self.failed:
             return
@@ -91,7 +91,7 @@ def spread(devices: Sequence[str], jobs: int) -> tuple[str, ...]:
 
 
 def device_of(context: Context, devices: Sequence[str]) -> Rasteriser:
-    """The rasteriser of a task's slot, kept by its process; a device that stands there k times is shared by k of them.
+    """The rasteriser of a task's slot, kept by its process; a device that is listed k times is shared by k of them.
 
     Args:
         context: of the task.
@@ -125,7 +125,7 @@ def run_each(
     Args:
         call: a function of a module.
         jobs: one per observation; they can be pickled.
-        workers: the device of each worker (`spread`); a device may stand there several times.
+        workers: the device of each worker (`spread`); a device may be listed several times.
         progress: report on stderr.
         scheduling: where it runs; None: here.
     """

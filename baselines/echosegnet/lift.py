@@ -23,7 +23,7 @@ NO_VOTE = -1
 
 
 class Camera(Protocol):
-    """What is needed of a `views.View`: name, intrinsics, rotation (3, 3) camera-to-world and position (3,), OpenCV."""
+    """The used part of a `views.View`: name, intrinsics, rotation (3, 3) camera-to-world and position (3,), OpenCV."""
 
     @property
     def name(self) -> str: ...  # noqa: D102

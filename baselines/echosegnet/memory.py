@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import torch
 
-#: What a Gaussian takes while the set is rebuilt, bytes: 59 float32 of parameters, two moments and a gradient, the new
+#: Memory per Gaussian while the set is rebuilt, bytes: 59 float32 of parameters, two moments and a gradient, the new
 #: copy of a parameter and its moments beside the old one, and sums.
 BYTES = 4 * 59 * 4 + 3 * 4 * 48 + 3 * 4
 #: Share of a training's memory that stays free: the driver's own, and lists of tiles, which differ from view to view.
@@ -44,7 +44,7 @@ def room_for(count: int, device: torch.device) -> int | None:
     free, total = torch.cuda.mem_get_info(device)
     used, reserved = torch.cuda.memory_allocated(device), torch.cuda.memory_reserved(device)
     mine = total * _PARTS.get(device, 1.0)
-    # What this process holds back for later is free to it; what others use is not.
+    # Memory that this process has reserved is free for it; memory of other processes is not.
     available = min(mine - used, free + reserved - used) - RESERVE * mine
     passing = _MARGIN * (torch.cuda.max_memory_allocated(device) - used)
     return max(0, int((available - passing) / (BYTES + passing / max(1, count))))

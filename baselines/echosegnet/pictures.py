@@ -1,4 +1,4 @@
-"""The pictures that Gaussians are trained on and judged by, and what to say when they do not fit into memory.
+"""The pictures that Gaussians are trained on and judged by, and the error when they do not fit into memory.
 
 They are those of `images/`, undistorted and of the size of the cameras in `sparse/0`, as 3D-GS reads them; of `input/`
 where a tree has no `images/`.
@@ -21,7 +21,7 @@ from baselines.echosegnet.rasteriser.rendering import Rasteriser
 from baselines.echosegnet.similarity import psnr
 from baselines.echosegnet.views import View, picture_folder
 
-#: Decoded at a time; more threads than that wait for one another.
+#: Pictures decoded at a time; more threads would only wait for each other.
 _READERS = 8
 
 
@@ -61,7 +61,7 @@ def _picture(view: View) -> Tensor:
 
 @contextmanager
 def out_of_memory(what: str) -> Iterator[None]:
-    """Turn every form of "out of memory" into one line that says what to lower.
+    """Turn every form of "out of memory" into one line that names the option to lower.
 
     Raises:
         Avs3dError: in place of it.

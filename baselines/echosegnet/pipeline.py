@@ -1,4 +1,4 @@
-"""EchoSegnet (Sokolov, Bhosale, Zhu, 2024), as its Figure 2 tells it; training-free but for the splats.
+"""EchoSegnet (Sokolov, Bhosale, Zhu, 2024), as in its Figure 2; only the splats are trained.
 
     pictures, poses ──▶ 3D Gaussians                                train
     2D masks ─────────▶ votes ──▶ labelled Gaussians                lift
@@ -8,7 +8,7 @@
 
 ``official`` is what the released code does, in its order: the choice is made on the undecomposed centres, and only the
 chosen Gaussians are decomposed. ``spatial`` is what we think it should do, and differs in four stages: votes weighted
-by the splats' own transmittance, so that what is hidden has no say; fragments merged and the cluster chosen by the
+by the splats' own transmittance, so that hidden points do not vote; fragments merged and the cluster chosen by the
 likelihood of what both ears heard; no decomposition; masks visible-only. Both share the training.
 
 Training reads `images/` with the cameras of `sparse/0`. Masks, given and made, belong to `input/`: they meet the
@@ -48,7 +48,7 @@ from baselines.echosegnet.voting_stage import Variant, vote_share
 
 @dataclass(frozen=True)
 class Settings:
-    """What the pipeline is asked for.
+    """The settings of the pipeline.
 
     Attributes:
         variant: ``official`` or ``spatial``.
@@ -198,7 +198,7 @@ def _refine_spatial(part: Gaussians, views: Sequence[View], refine: bool) -> tup
 
 
 def _reach(points: NDArray[np.float64]) -> float:
-    """DBSCAN's radius, metres: the published 4 cm, or more where splats stand further apart than that."""
+    """DBSCAN's radius, metres: the published 4 cm, or more where the splats are farther apart."""
     if len(points) <= aisrm.MIN_POINTS:
         return aisrm.EPS
     distance, _ = cKDTree(points).query(points, k=[aisrm.MIN_POINTS])

@@ -21,7 +21,7 @@ Mask = NDArray[np.bool_]
 
 @torch.no_grad()
 def amodal_mask(rasteriser: Rasteriser, chosen: Gaussians, view: View, threshold: float = AMODAL_THRESHOLD) -> Mask:
-    """(H, W) bool: the chosen Gaussians drawn alone; what stands in front of them is ignored."""
+    """(H, W) bool: the chosen Gaussians drawn alone; occlusion by others is ignored."""
     if not len(chosen):
         return np.zeros((view.camera.height, view.camera.width), np.bool_)
     splat = rasteriser.splat(chosen, view, features=torch.ones(len(chosen), 1, device=chosen.device))

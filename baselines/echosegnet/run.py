@@ -108,7 +108,7 @@ def write_echosegnet(
             observations at a time. With one device and no time limit, in this process. Dask workers use the devices
             that they have.
         only: shell patterns of observation keys.
-        overwrite: take the place of a submission that stands there.
+        overwrite: replace an existing submission.
         progress: report on stderr.
         scheduling: where it runs; None: here.
 

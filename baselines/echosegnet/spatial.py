@@ -54,7 +54,7 @@ DECIDED = 0.9
 #: Degrees of freedom of Student's t.
 _FREEDOM = 4.0
 _ITERATIONS = 8
-#: No level fits better than this (dB): what a spherical head leaves out of a real one.
+#: Standard deviation of levels is at least this (dB): the error of a spherical head as a model of a real one.
 _SMALLEST_ERROR = 0.3
 #: Largest gain of a fitted level difference over the sphere's.
 _LARGEST_GAIN = 1.5
@@ -63,7 +63,7 @@ _GRID = np.radians(np.arange(-90.0, 91.0))
 
 
 class Pose(Protocol):
-    """What is needed of a `views.View`: its name and split, rotation (3, 3) camera-to-world and position (3,)."""
+    """The used part of a `views.View`: its name and split, rotation (3, 3) camera-to-world and position (3,)."""
 
     @property
     def name(self) -> str: ...  # noqa: D102
@@ -84,7 +84,7 @@ class CueWeights:
 
     Attributes:
         phase: independent phases per frame (of 31 bins), N.
-        ild: independent level differences per octave and frame where the phase says nothing.
+        ild: independent level differences per octave and frame where the phase is not informative.
         level: independent levels per frame.
     """
 
@@ -254,7 +254,7 @@ def _listeners(views: Sequence[Pose], clips: NDArray[np.floating]) -> tuple[Arra
         if view.split != "train":
             raise Avs3dError(f"{view.name}: a {view.split} view; only train views may be listened to")
         if not (np.isfinite(view.rotation).all() and np.isfinite(view.position).all()):
-            raise Avs3dError(f"{view.name}: its pose is NaN or infinite; make the sparse model anew")
+            raise Avs3dError(f"{view.name}: its pose is NaN or infinite; regenerate the sparse model")
     order = sorted(range(len(views)), key=lambda v: views[v].name)
     rotation = np.stack([np.asarray(views[v].rotation, dtype=np.float64) for v in order])
     position = np.stack([np.asarray(views[v].position, dtype=np.float64) for v in order])

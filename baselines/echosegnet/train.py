@@ -5,7 +5,7 @@ nothing waits for it (save for what the rasteriser itself counts). What is rando
 alone, so a run that was interrupted goes on from its checkpoint as if nothing had happened.
 
 Schedule, densification and pruning are the reference's (`schedule`, `densify`). The number of Gaussians has no cap;
-where the device's memory is nearly used, growth ends, and the report says at which iteration that was.
+when the device's memory is nearly used up, growth ends; the report names the iteration.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ __all__ = ["DensityControl", "Progress", "Report", "TrainingSettings", "load_pic
 
 @dataclass(frozen=True)
 class Report:
-    """Where a training stands.
+    """The state of a training.
 
     Attributes:
         iteration: of ``iterations``.
@@ -75,10 +75,10 @@ def train(
     """Train Gaussians on the train views.
 
     Args:
-        views: of one observation; those of the test split are passed over.
+        views: of one observation; those of the test split are ignored.
         points: (N, 3) where Gaussians start, metres, Y-down world (`views.load_points`).
         colours: (N, 3) uint8, or floats in [0, 1].
-        rasteriser: also says on which device.
+        rasteriser: also determines the device.
         settings: None: the reference's.
         checkpoint: file to go on from where it exists, and to save to.
         checkpoint_every: iterations between two saves; one more is made at the end.
@@ -175,7 +175,7 @@ class _Job:
             reset_opacities(self.optimiser, settings.density.reset_opacity)
 
     def _densify(self) -> None:
-        # On the CPU and of its own: what it gives depends on seed and iteration alone.
+        # A CPU generator of its own: its numbers depend on seed and iteration only.
         generator = torch.Generator().manual_seed(self.settings.seed * 1_000_003 + self.iteration)
         count, cap = len(self.pull.total), self.density.max_gaussians
         room = room_for(count, self.rasteriser.device)

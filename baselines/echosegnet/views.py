@@ -122,7 +122,7 @@ def load_points(observation: Observation) -> tuple[NDArray[np.float64], NDArray[
     if not len(points.ids):
         raise Avs3dError(f"{base / 'points3D.bin'}: no points; the Gaussians start from at least two")
     if not np.isfinite(points.positions).all():
-        raise Avs3dError(f"{base / 'points3D.bin'}: points hold NaN or infinite coordinates; make it anew")
+        raise Avs3dError(f"{base / 'points3D.bin'}: points hold NaN or infinite coordinates; regenerate it")
     return flip_world(points.positions), points.colours
 
 
@@ -134,7 +134,7 @@ def picture_folder(observation: Observation) -> str:
 def camera_extent(views: Sequence[View]) -> float:
     """1.1 × the largest distance of a camera from the mean of all, metres: the unit of lengths in 3D-GS.
 
-    Where all cameras stand in one place it would be 0 and nothing could move; there it is 1 m.
+    If all cameras are at one place it would be 0 and nothing could move; then it is 1 m.
     """
     centres = np.stack([view.position for view in views])
     extent = 1.1 * float(np.linalg.norm(centres - centres.mean(axis=0), axis=1).max())

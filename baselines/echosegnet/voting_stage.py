@@ -35,7 +35,7 @@ def vote_share(
     """(N,) share of each Gaussian's votes that are for it; 0 where nobody votes.
 
     ``official``: one vote per train view that has the centre in its picture. ``spatial``: a view's vote weighs as much
-    as the Gaussian contributes to its pixels, so that what is hidden there has no say.
+    as the Gaussian contributes to its pixels, so that hidden points do not vote.
     """
     software = software_digest(LIFTING, rasteriser)
     name = digest({"gaussians": key, "masks": arrays_digest(masks), "votes": variant, "software": software})

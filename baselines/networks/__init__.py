@@ -1,1 +1,1 @@
-"""What the baselines that use other people's networks share: checkpoints, devices, pictures and clips as input."""
+"""Shared by the baselines that use networks of others: checkpoints, devices, pictures and clips as input."""

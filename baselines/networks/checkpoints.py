@@ -1,8 +1,8 @@
 """Checkpoints of other people's networks: local folders, looked at before they are loaded, never downloaded.
 
 Every network that a baseline runs is described once in `CHECKPOINTS`: which files its folder must hold, where they come
-from, under which licence, and how large they are. What is missing or broken becomes one line that says all of it.
-Whoever loads a network does so inside of `loading`, where no library may fetch anything.
+from, under which licence, and how large they are. A missing or broken file is reported in one line with all of this.
+Networks are loaded inside `loading`, where no library may fetch anything.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from avs3d_bench.errors import Avs3dError, UsageError
 _WEIGHTS = ("model.safetensors", "model.safetensors.index.json", "pytorch_model.bin", "pytorch_model.bin.index.json")
 _PREPROCESSOR = ("preprocessor_config.json", "processor_config.json")
 _OFFLINE = ("HF_HUB_OFFLINE", "TRANSFORMERS_OFFLINE")
-#: What a library's message is cut to in ours.
+#: Longest quotation of a library's message (characters).
 _CAUSE = 160
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """What a network needs on disk.
+    """The files and packages that a network needs.
 
     Attributes:
         name: as messages and submission.json name it.
-        files: what the folder must hold; of each inner tuple one file is enough.
+        files: required files of the folder; of each inner tuple one file is enough.
         source: where the files come from.
         licence: of the weights.
         size: of the download, roughly.
@@ -65,7 +65,7 @@ def _brief(choice: tuple[str, ...]) -> tuple[str, ...]:
 
 _TRANSFORMERS = "pip install 'avs3d-bench[baselines]'"
 
-#: Name on the command line → what the network needs.
+#: Name on the command line → requirements of the network.
 CHECKPOINTS: dict[str, Checkpoint] = {
     "owlv2": Checkpoint(
         name="OWLv2",
@@ -152,7 +152,7 @@ def find_checkpoint(kind: str, folder: str | Path | None) -> dict[str, Path]:
 
     Args:
         kind: a key of `CHECKPOINTS`.
-        folder: where the user says it lies; None: they did not say.
+        folder: the folder that the user gave, or None.
 
     Returns:
         For each entry of `Checkpoint.files`, keyed by its first name, the path of the file that is there.
@@ -184,7 +184,7 @@ def loading(kind: str, folder: str | Path) -> Iterator[None]:
     """A block that loads a network: nothing is downloaded in it, and what fails becomes one line.
 
     Raises:
-        Avs3dError: for whatever a library raises about unreadable, truncated or foreign files.
+        Avs3dError: for every error of a library about unreadable, truncated or foreign files.
     """
     checkpoint = CHECKPOINTS[kind]
     try:
@@ -223,7 +223,7 @@ def _quiet() -> Iterator[None]:
 
 
 def _load_errors() -> tuple[type[Exception], ...]:
-    """What the libraries raise for files that are not what they should be."""
+    """The exceptions of the libraries for wrong or damaged files."""
     known: list[type[Exception]] = [OSError, ValueError, RuntimeError, KeyError, TypeError, AttributeError, EOFError]
     known += [AssertionError, pickle.UnpicklingError]
     if "safetensors" in sys.modules:
@@ -234,7 +234,7 @@ def _load_errors() -> tuple[type[Exception], ...]:
 
 
 def _cause(error: BaseException) -> str:
-    """The first line of what a library said, cut."""
+    """The first line of a library's message, cut."""
     lines = str(error).strip().splitlines()
     text = f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
     return text if len(text) <= _CAUSE else f"{text[:_CAUSE]}…"

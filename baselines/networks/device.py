@@ -1,4 +1,4 @@
-"""The device that networks run on, and what goes wrong with it, in one line."""
+"""The device that networks run on, and its errors, in one line."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ def enough_memory(device: Any, where: str) -> Iterator[None]:
     """A block after which too little memory has become one line.
 
     Args:
-        device: what the block runs on.
-        where: what the message names, e.g. the frame.
+        device: on which the block runs.
+        where: the place that the message names, e.g. the frame.
 
     Raises:
         Avs3dError: if the device, or the machine, has too little memory.

@@ -35,5 +35,5 @@ def check_clip(clip: NDArray[np.float32], where: str) -> NDArray[np.float32]:
     if not len(clip):
         raise Avs3dError(f"{where}: the mono clip is empty, expected two seconds of sound")
     if not np.isfinite(clip).all():
-        raise Avs3dError(f"{where}: the mono clip holds NaN or infinite samples; make the dataset anew")
+        raise Avs3dError(f"{where}: the mono clip holds NaN or infinite samples; regenerate the dataset")
     return clip

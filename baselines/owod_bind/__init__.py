@@ -14,7 +14,7 @@ A frame without any detection gets no file from the released code. Here it gets 
 for every test frame, and in a folder of train masks a file says that the frame is done, so that a second run goes on
 after it. `echosegnet` takes a missing file for an empty mask as well (`sources.FolderMasks`).
 
-The three networks stand behind the protocols of `protocols`; their weights are local folders (see
+The three networks implement the protocols of `protocols`; their weights are local folders (see
 `baselines.networks.checkpoints`). Nothing of a frame's truth is read. The masks of test frames are a submission, those
 of train frames are what EchoSegnet lifts into 3D.
 

@@ -1,4 +1,4 @@
-"""Class-agnostic boxes from OWLv2: its objectness head, which says of every patch how much it looks like an object.
+"""Class-agnostic boxes from OWLv2: its objectness head, which scores every patch by how much it looks like an object.
 
 OWLv2 ("Scaling Open-Vocabulary Object Detection", Minderer et al., 2023) was trained to score objects without a text,
 so no query is needed. The picture is padded to a square at its right and bottom, therefore boxes are relative to the

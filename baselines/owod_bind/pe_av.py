@@ -25,7 +25,7 @@ from baselines.networks.sound import resample
 
 #: Crops that are embedded at a time.
 BATCH = 16
-#: What the ``-16-frame`` checkpoints take; the others take any number.
+#: Number of frames for the ``-16-frame`` checkpoints; the others take any number.
 STILL_FRAMES = 16
 
 
@@ -144,7 +144,7 @@ def read_still(folder: Path) -> Still:
     `save_pretrained` puts them into a file of their own or, with those of the audio, into one of the processor.
 
     Raises:
-        ValueError: if no file there says how to prepare a frame.
+        ValueError: if no file there describes the preparation of a frame.
     """
     found: dict[str, Any] = {}
     for name, part in (("video_preprocessor_config.json", None), ("processor_config.json", "video_processor")):

@@ -1,4 +1,4 @@
-"""What the three networks of OWOD-BIND must offer; a test can put anything in their place."""
+"""The interfaces of the three networks of OWOD-BIND; a test can use other implementations."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class BoxProposer(Protocol):
 
 
 class MaskPredictor(Protocol):
-    """Segments what a box shows."""
+    """Segments the object in a box."""
 
     @property
     def name(self) -> str:

@@ -29,7 +29,7 @@ BoxKind = Literal["owlv2", "mavl"]
 SimilarityKind = Literal["imagebind", "pe-av"]
 Split = Literal["train", "test"]
 
-#: Says, in a folder of masks, what they were made with.
+#: File in a folder of masks that records how they were made.
 MASKS_JSON = "masks.json"
 #: Pictures that go through the box network at a time.
 BATCH = 4
@@ -132,7 +132,7 @@ def load_owod_bind(
     device: str | None = None,
     threshold: float = select.THRESHOLD,
 ) -> OwodBind:
-    """Load the networks from local folders; see `baselines.networks.checkpoints.CHECKPOINTS` for what must lie there.
+    """Load the networks from local folders; see `baselines.networks.checkpoints.CHECKPOINTS` for the required files.
 
     Args:
         boxes: which detector.
@@ -164,7 +164,7 @@ def load_owod_bind(
         if network not in known:
             raise UsageError(f"no network {network!r}: expected one of {', '.join(known)}")
     folders = {boxes: boxes_checkpoint, "sam": sam_checkpoint, similarity: similarity_checkpoint}
-    # What is missing is said before the first network takes its minutes.
+    # Report missing files before the first network runs for minutes.
     for kind, folder in folders.items():
         require_packages(kind)
         find_checkpoint(kind, folder)
@@ -196,11 +196,11 @@ def write_owod_bind(
         path: the submission's folder.
         model: from `load_owod_bind`.
         only: shell patterns of observation keys.
-        overwrite: take the place of a submission that stands there.
+        overwrite: replace an existing submission.
         progress: show a bar on stderr.
 
     Returns:
-        The writer, which knows what was written.
+        The writer; its attributes describe what was written.
 
     Raises:
         UsageError: if no observation matches, or the target is not free.

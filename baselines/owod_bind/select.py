@@ -1,4 +1,4 @@
-"""The selection rule of OWOD-BIND as released: which boxes count, what is shown to the network, which masks stay.
+"""The selection rule of OWOD-BIND as released: boxes, cut-outs, and the masks that are kept.
 
 Pure functions of arrays; `run` puts the networks between them. The order is `keep_boxes`, `cut_out`, `softmax`,
 `choose`, `union`.
@@ -118,7 +118,7 @@ def softmax(logits: NDArray[np.float64]) -> NDArray[np.float64]:
     """Scores (N,) of the proposals of one frame, from their logits (N,): positive, with the sum 1.
 
     Raises:
-        Avs3dError: if a logit is not finite: the network, or what it was given, is broken.
+        Avs3dError: if a logit is not finite: the network or its input is broken.
     """
     if not np.isfinite(logits).all():
         raise Avs3dError("the similarity network gave numbers that are not finite; check its checkpoint and the clip")

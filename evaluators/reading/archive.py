@@ -37,12 +37,12 @@ _MESSAGES = {
     "elsewhere": "a path that leads elsewhere ('..', '.' or '//'); expected a plain one",
     "long path": f"a path of more than {MAX_PATH} bytes or {MAX_FOLDERS} folders; expected a mask's",
     "long name": f"a name of more than {MAX_NAME} bytes; expected a mask's",
-    "second name": "has a second name in an extra field; pack it anew, with plain names",
+    "second name": "has a second name in an extra field; pack it again, with plain names",
     "special": "a symlink or device; expected files and folders only",
     "encrypted": "encrypted; expected a plain archive",
     "large": "unpacks to {found:,} bytes, expected at most {limit:,}",
     "ratio": "unpacks from {limit:,} to {found:,} bytes: an archive bomb",
-    "twice": "stands twice in the archive (upper and lower case do not tell files apart everywhere)",
+    "twice": "is listed twice in the archive (upper and lower case do not tell files apart everywhere)",
 }
 
 
@@ -83,15 +83,15 @@ def unpack(archive: zipfile.ZipFile, folder: Path) -> Iterator[Problem]:
         try:
             archive.extract(member, folder)
         except (zipfile.BadZipFile, NotImplementedError, EOFError, ValueError, RuntimeError) as error:
-            yield Problem("error", printable(member.filename), f"damaged in the archive ({error}); pack it anew")
+            yield Problem("error", printable(member.filename), f"damaged in the archive ({error}); pack it again")
         except FileExistsError:
-            yield Problem("error", printable(member.filename), "both a file and a folder in the archive; pack it anew")
+            yield Problem("error", printable(member.filename), "both a file and a folder in the archive; pack it again")
         except NotADirectoryError:
-            yield Problem("error", printable(member.filename), "lies below a file in the archive; pack it anew")
+            yield Problem("error", printable(member.filename), "lies below a file in the archive; pack it again")
         except OSError as error:
             raise Avs3dError(f"{folder}: cannot unpack the submission there ({error.strerror})") from None
         except Exception as error:  # a damaged deflate stream raises zlib.error, lzma and bz2 their own
-            yield Problem("error", printable(member.filename), f"damaged in the archive ({error}); pack it anew")
+            yield Problem("error", printable(member.filename), f"damaged in the archive ({error}); pack it again")
 
 
 def top_folder(folder: Path) -> Path:

@@ -1,4 +1,4 @@
-"""What is wrong with a submission, file by file, before anyone scores it.
+"""Problems of a submission, file by file, found before it is scored.
 
 `check_structure` (in `evaluators.reading.structure`) looks at names, kinds and links and opens nothing but folders;
 `check_contents` decodes what is left. Scoring runs the first and does the second while it decodes anyway.
@@ -90,7 +90,7 @@ def problem_of(submission: Submission, path: Path, error: Avs3dError) -> Problem
 
 
 def has_points(submission: Submission, observations: Iterable[Observation]) -> bool:
-    """Whether the submission holds any 3D prediction; the released pipeline writes none, whatever its folders hold."""
+    """Whether the submission holds any 3D prediction; the released pipeline never writes one."""
     if submission.layout == "official":
         return False
     return any(os.path.lexists(submission.points_path(observation.key)) for observation in observations)

@@ -1,4 +1,4 @@
-"""The names in a submission: what is missing, surplus, misplaced or no plain file. Nothing but folders is opened."""
+"""The names in a submission: missing, surplus, misplaced and special files. Only folders are opened."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from avs3d_bench.report import Problem, Severity, printable
 from avs3d_bench.taxonomy import PARTS
 from evaluators.records import Submission
 
-#: Files that may stand at the top beside submission.json.
+#: Files that are allowed at the top beside submission.json.
 _COMPANIONS = ("README", "LICENCE", "LICENSE", "CITATION")
 #: Entries of a folder tree that are looked at beyond those expected.
 _SURPLUS = 100_000
@@ -29,7 +29,7 @@ def check_structure(submission: Submission, dataset: Dataset, observations: Sequ
 
     Args:
         submission: the opened submission.
-        dataset: what it is for.
+        dataset: that the submission is for.
         observations: those of the dataset that are asked for; the rest is neither missed nor surplus.
     """
     problems = list(submission.problems)
@@ -86,7 +86,7 @@ def _expected(submission: Submission, observations: Iterable[Observation]) -> di
 
 @dataclass
 class _Tree:
-    """What stands below a submission's folder, links not followed.
+    """The contents of a submission's folder, links not followed.
 
     Attributes:
         root: the submission's folder.
@@ -135,7 +135,7 @@ class _Tree:
         return True
 
     def look_up(self, path: str) -> None:
-        """Note what stands at one relative path, if anything does and no link leads there."""
+        """Note the file or folder at one relative path, if it exists and no link leads there."""
         place = self.root
         *folders, name = path.split("/")
         try:
@@ -162,7 +162,7 @@ def _walk(
     """Everything in the submission, up to ``surplus`` entries that are not expected.
 
     In the official layout the folder is the pipeline's own: only the masks' folders are looked at. In ours the two
-    parts come first, so that whatever else lies at the top (a virtual environment, a .git) cannot hide them.
+    parts come first, so that other contents of the top folder (a virtual environment, a .git) cannot hide them.
     """
     tree = _Tree(submission.root, len(expected) + len(observations) * _ENTRIES + surplus)
     points = [f"{o.key}/{layout.SUBMISSION_POINTS}" for o in observations]
@@ -272,5 +272,5 @@ def _check_points(
         for path in missing:
             yield Problem(
                 "error", path, f"missing, but {len(paths) - len(missing)} other observations have one; expected one in "
-                "all or in none (a PLY of 0 vertices says that nothing sounds)",
+                "all or in none (a PLY of 0 vertices means that nothing sounds)",
             )  # fmt: skip

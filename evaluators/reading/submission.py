@@ -28,7 +28,7 @@ _EXPECTED = (
     f"PNG per test frame (or {layout.RELEASED_MASKS[0]}/ in place of {layout.SUBMISSION_MASKS}/)"
 )
 _JSON = '{"method": …, "dataset": …, "dataset_version": …}'
-#: Entries of folders that are looked at to tell the layout, and how far a misplaced submission is looked for.
+#: Folder entries that are read to determine the layout, and the depth of the search for a misplaced submission.
 _LOOKED_AT = 100_000
 _NEAR = 200
 
@@ -66,7 +66,7 @@ def open_submission(path: str | Path, *, aisrm: bool | None = None) -> Iterator[
                 problems = list(vet(archive)) or list(unpack(archive, Path(folder)))
                 members = len(archive.infolist())
         except (zipfile.BadZipFile, NotImplementedError, ValueError) as error:
-            raise UsageError(f"{source}: a damaged archive ({error}); pack it anew") from None
+            raise UsageError(f"{source}: a damaged archive ({error}); pack it again") from None
         if problems:
             raise InvalidSubmission(Report(source, False, 0, members, ordered(problems)))
         yield _opened(top_folder(Path(folder)), source, aisrm)

@@ -103,14 +103,14 @@ def _read_entry(path: Path, reports: bool) -> Entry:
     if len(scores.observations) != scores.dataset.scored:
         raise Avs3dError(
             f"{path}: observations: {len(scores.observations)} in the list, but dataset.scored is "
-            f"{scores.dataset.scored}; score the submission anew"
+            f"{scores.dataset.scored}; score the submission again"
         )
     if not scores.avs3d_eval.protocols:
-        raise Avs3dError(f"{path}: avs3d_eval.protocols: empty, expected official or strict; score the submission anew")
+        raise Avs3dError(f"{path}: avs3d_eval.protocols: empty, expected official or strict; score it again")
     for protocol in scores.avs3d_eval.protocols:
         if getattr(scores.overall, protocol) is None:
             raise Avs3dError(
-                f"{path}: overall.{protocol}: null, though avs3d_eval.protocols lists it; score the submission anew"
+                f"{path}: overall.{protocol}: null, though avs3d_eval.protocols lists it; score the submission again"
             )
     # Without the report's place and the order of keys, so that a copy in a leaderboard counts as the same entry.
     contents = json.dumps(scores.model_dump(mode="json", exclude={"report"}), sort_keys=True)

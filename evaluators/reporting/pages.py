@@ -1,4 +1,4 @@
-"""What the report and the leaderboard share: one HTML page with all inside it, and how numbers and untrusted text look.
+"""Shared by the report and the leaderboard: one self-contained HTML page, and the format of numbers and untrusted text.
 
 A page needs no network and trusts nobody: text is escaped, a link is http(s) or no link, and a content security policy
 lets run the one script whose hash it names and loads nothing. The same input gives the same bytes.
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 #: Decimals of every figure, so that a column of them lines up.
 DECIMALS = 3
-#: What stands where there is no figure.
+#: Text in place of a missing figure.
 PART_TITLES = {"overall": "Overall", "part_1": "Part 1", "part_2": "Part 2"}
 PART_NOTES = {"overall": "all observations", "part_1": "single-instance", "part_2": "multi-instance"}
 REFERENCE_TITLES = {

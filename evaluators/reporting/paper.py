@@ -1,11 +1,11 @@
-"""The paper's own figures, and which of its rows a submission may stand beside.
+"""The paper's own figures, and the choice of the row that a submission is compared with.
 
     Artem Sokolov, Swapnil Bhosale, Xiatian Zhu: 3D Audio-Visual Segmentation. 2024, arXiv:2411.02236.
 
 They were measured on the paper's dataset, 3DAVS-S34-O7, under the released scoring (our protocol ``official``): beside
 scores of another dataset they say how large an effect the authors saw, not who is better.
 
-A submission is matched by what submission.json says, and by nothing else:
+A submission is matched by the fields of submission.json only:
 
 1. The method is ``runtime.method`` where ``runtime`` has it (``echosegnet``, ``denseav``, ``owod-bind``), else the name
    in ``method`` up to its first comma or bracket, upper and lower case alike (``OWOD-BIND (MAVL, SAM, ImageBind)``).
@@ -13,7 +13,7 @@ A submission is matched by what submission.json says, and by nothing else:
 3. What else is known to differ from the paper's setting (other masks, iterations, voting threshold, networks), or is
    not said, does not undo a match: it goes into a footnote.
 
-Whatever has no row is told why.
+A submission without a row gets the reason.
 """
 
 from __future__ import annotations
@@ -65,12 +65,12 @@ _HEAD = re.compile(r"[^,(\[]*")
 
 @dataclass(frozen=True)
 class Match:
-    """What the paper has to say about a submission.
+    """The figures of the paper for a submission.
 
     Attributes:
         row: of the paper's table; None where it has none.
         why: why there is none; empty where there is one.
-        differs: what is known to be other than in the paper.
+        differs: the known differences from the paper.
     """
 
     row: str | None
@@ -84,7 +84,7 @@ def settings(submission: SubmissionRecord) -> Mapping[str, Scalar]:
 
 
 def match(submission: SubmissionRecord) -> Match:
-    """The row of the paper's Table 2 that a submission may stand beside."""
+    """The row of the paper's Table 2 that a submission is compared with."""
     method, said = _method(submission), settings(submission)
     if method is None:
         return Match(None, "not one of the paper's methods")
@@ -104,7 +104,7 @@ def match(submission: SubmissionRecord) -> Match:
 
 
 def match_sweep(submission: SubmissionRecord) -> Match:
-    """Whether the paper's Table 3, a sweep of EchoSegnet's voting threshold, may stand beside a submission."""
+    """Whether the paper's Table 3, a sweep of EchoSegnet's voting threshold, is comparable with a submission."""
     if _method(submission) != "echosegnet":
         return Match(None, "the paper's sweep is of EchoSegnet")
     said = settings(submission)

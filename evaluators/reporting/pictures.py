@@ -1,7 +1,7 @@
 """Picture triples of a report: the frame, the truth in it, and the prediction with its errors.
 
 Colours are of Okabe & Ito's palette (2008), which people with any colour vision tell apart, and no meaning hangs on
-colour alone: what was missed is hatched, the truth has a line around it, a silent twin a dashed one.
+colour alone: missed pixels are hatched, the truth has an outline, a silent twin a dashed one.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Picture:
         data: ``data:image/jpeg;base64,…``.
         width: pixels.
         height: pixels.
-        alt: what it shows, in words.
+        alt: a description in words.
     """
 
     data: str
@@ -58,7 +58,7 @@ class Triple:
 
     Attributes:
         score: which frame it is and how it went.
-        frame: what the camera saw.
+        frame: the camera's picture.
         truth: the object in its colours, all else grey.
         prediction: hit, missed and false pixels.
         twins: how many silent twins are in the frame.
@@ -111,7 +111,7 @@ def _frame(dataset: Dataset, score: FrameScore) -> Frame:
 
 
 def _twins(frame: Frame) -> list[Mask]:
-    """The visible silent instances of the sounding category; none where the data does not tell."""
+    """The visible silent instances of the sounding category; none if the data do not identify them."""
     record = frame.observation.record
     if record is None or not (frame.observation.path / layout.INSTANCE_MASKS).is_dir():
         return []
@@ -236,7 +236,7 @@ def _picture(pixels: U8, alt: str) -> Picture:
 
 
 def percent(share: float) -> str:
-    """``3.1 %``, ``42 %``; what is neither nothing nor all is never written as such."""
+    """``3.1 %``, ``42 %``; only exact values are written as 0 % or 100 %."""
     value = 100 * share
     if 0 < value < 0.1:
         return "< 0.1 %"

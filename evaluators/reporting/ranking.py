@@ -84,7 +84,7 @@ class Row:
     """One row of a table.
 
     Attributes:
-        rank: from 1; None of what is not ranked: references, oracles, parts of a dataset.
+        rank: from 1; None for rows that are not ranked: references, oracles, parts of a dataset.
         title: the method or reference.
         entry: None for a reference.
         group: the scores in the row.
@@ -102,7 +102,7 @@ class Table:
 
     Attributes:
         rows: best first, reference rows among them.
-        partial: what was scored over a part of the dataset, not ranked.
+        partial: rows scored on a part of the dataset, not ranked.
         metrics: the columns.
         ranking: the figure that ranks.
         observations: how many each mean in ``rows`` goes over.
@@ -117,7 +117,7 @@ class Table:
 
 @dataclass(frozen=True)
 class View:
-    """What the page shows of a dataset for one choice of part and ruler.
+    """The rows of the page for a dataset, one part and one ruler.
 
     Attributes:
         part: ``overall``, ``part_1`` or ``part_2``.
@@ -154,7 +154,7 @@ class Section:
 
 
 def leaderboard_values(entries: Sequence[Entry]) -> dict[str, Any]:
-    """What the template needs."""
+    """The values for the template."""
     rulers = _ordered({ruler for entry in entries for ruler in rulers_of(entry)})
     parts = [name for name in _PARTS if any(_group(entry, name) is not None for entry in entries)]
     several = Counter((ruler.protocol, ruler.version) for ruler in rulers)
@@ -242,7 +242,7 @@ def _left_out(entries: Iterable[Entry], ruler: Ruler) -> tuple[str, ...]:
 
 
 def truth_figures(entry: Entry, ruler: Ruler) -> tuple[Any, ...]:
-    """The figures of the blind reference rows: what one dataset gives one protocol, whoever scores it.
+    """The figures of the blind reference rows: they depend only on the dataset and the protocol.
 
     The observations belong to it, because a dataset without a sha256 may share its name with another. The deaf rows do
     not: files of scores of earlier versions have none, and only a dataset with a sha256 has them.

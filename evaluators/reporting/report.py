@@ -36,7 +36,7 @@ class Bar:
     """One row of a chart; positions are in percent of its scale.
 
     Attributes:
-        label: what it is the figure of.
+        label: the name of the figure.
         note: a word more about it.
         kind: ``own`` (the submission on a part), ``reference`` (below it), ``group`` (the submission on a group).
         value: the figure; None where there is none.
@@ -84,7 +84,7 @@ class Card:
         note: what it holds.
         group: its scores.
         metric: the figure printed large.
-        beside: the other figures worth a line.
+        beside: the other main figures.
         best: name and value of the best reference that neither looks nor listens.
         deaf: name and value of the best one that has true masks but does not listen, where several objects could sound.
     """
@@ -104,7 +104,7 @@ def write_report(path: Path, evaluation: Evaluation, dataset: Dataset, submissio
     Args:
         path: the HTML file.
         evaluation: what `evaluators.score.score` returned.
-        dataset: what was scored against, for the pictures.
+        dataset: the truth, for the pictures.
         submission: the submission, still open, for the pictures.
 
     Raises:
@@ -124,7 +124,7 @@ def _triples(frames: Iterable[FrameScore], dataset: Dataset, submission: Submiss
 
 
 def report_values(scores: Scores) -> dict[str, Any]:
-    """What the template needs of the scores."""
+    """The values of the scores for the template."""
     known = tuple(metric for metric in METRICS if _known(scores, metric))
     return {
         "scores": scores,
@@ -160,13 +160,13 @@ def observation_figure(observation: ObservationScores, metric: Metric) -> float 
 
 
 def headline(known: Iterable[Metric]) -> Metric | None:
-    """The figure that stands for the whole: strict IoU, else the released mIoU."""
+    """The main figure: strict IoU, else the released mIoU."""
     by_name = {(metric.protocol, metric.name): metric for metric in known}
     return by_name.get(("strict", "IoU")) or by_name.get(("official", "mIoU"))
 
 
 def in_order(known: tuple[Metric, ...]) -> tuple[Metric, ...]:
-    """The figures with the one that stands for the whole, and its protocol, first."""
+    """The figures, those of the main figure's protocol first."""
     first = headline(known)
     return tuple(sorted(known, key=lambda metric: first is None or metric.protocol != first.protocol))
 
@@ -194,7 +194,7 @@ def cards(scores: Scores, known: tuple[Metric, ...]) -> tuple[Card, ...]:
 
 
 def _parts(scores: Scores) -> dict[str, GroupScores]:
-    """Overall first; a dataset of one part is told once."""
+    """Overall first; a dataset of one part has one group."""
     found: dict[str, GroupScores] = {str(name): group for name, group in scores.parts.items()}
     parts = {name: found[name] for name in PARTS if name in found}
     return parts if len(parts) == 1 else {"overall": scores.overall, **parts}
@@ -249,7 +249,7 @@ def _count(observations: int) -> str:
 
 
 def _order(names: Iterable[str], found: Mapping[str, Any]) -> list[str]:
-    """In the order of the taxonomy; whatever it does not know comes last."""
+    """In the order of the taxonomy; unknown names come last."""
     known = [name for name in names if name in found]
     return known + sorted(name for name in found if name not in known)
 
@@ -295,7 +295,7 @@ def authors_text(authors: str | tuple[str, ...] | None) -> str:
 
 
 def runtime_text(runtime: Any) -> str:
-    """Whatever submission.json says about its runtime, in one line."""
+    """The `runtime` of submission.json, in one line."""
     if runtime is None:
         return ""
     if isinstance(runtime, Mapping):

@@ -40,7 +40,7 @@ def read_report(path: Path) -> bytes:
     """The bytes of a report that this toolkit wrote.
 
     Raises:
-        Avs3dError: if it is missing, no regular file, or not such a report; what speaks against it is said.
+        Avs3dError: if it is missing, no regular file, or not such a report, with the reason.
     """
     data = read_bytes(path, MAX_REPORT_BYTES)
     head = report_head()
@@ -49,14 +49,14 @@ def read_report(path: Path) -> bytes:
     except UnicodeDecodeError:
         text = ""
     if not text.startswith(head):
-        raise Avs3dError(f"{path}: not a report that this version of avs3d-eval wrote; write it anew with --html")
+        raise Avs3dError(f"{path}: not a report that this version of avs3d-eval wrote; write it again with --html")
     parser = _Elements()
     parser.feed(text[len(head) - len("<title>") :])
     parser.close()
     if parser.scripts != [page_script()] or parser.styles != 1:
         parser.faults.append("a script or style sheet of its own")
     if parser.faults:
-        raise Avs3dError(f"{path}: holds {parser.faults[0]}, which no report of avs3d-eval does; write it anew")
+        raise Avs3dError(f"{path}: holds {parser.faults[0]}, which no report of avs3d-eval does; write it again")
     return data
 
 

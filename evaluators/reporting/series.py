@@ -1,4 +1,4 @@
-"""Which files of scores may stand in one table, what each is called there, and which are one series of thresholds."""
+"""Which files of scores share a table, their names in it, and which of them form a series of thresholds."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Series = dict[float, Entry]
 
 
 def comparable(entries: Iterable[Entry]) -> tuple[tuple[tuple[Ruler, ...], tuple[Entry, ...]], ...]:
-    """Groups of what was scored on the same data, the same observations and with the same protocols.
+    """Groups of scores on the same data, the same observations and with the same protocols.
 
     Returns:
         (protocols, entries) of every group, the one with the most observations and files first; in it the best first.
@@ -106,6 +106,6 @@ def _threshold(entry: Entry) -> float | None:
     if isinstance(value, bool | str) or not 0.0 <= value <= 1.0:
         raise Avs3dError(
             f"{entry.source}: submission.runtime.{THRESHOLD}: found {value!r}, expected a number from 0 to 1; correct "
-            "submission.json and score it anew"
+            "submission.json and score it again"
         )
     return round(float(value), _DECIMALS)

@@ -1,4 +1,4 @@
-"""What the paper's tables hold: sections of what compares, rows of methods and references, and their CSV."""
+"""Contents of the paper's tables: sections of comparable scores, rows of methods and references, and their CSV."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Row:
     """One row of a table.
 
     Attributes:
-        title: the method or reference, told apart from others of its name.
+        title: the method or reference, with a suffix if others have the same name.
         entry: None for a reference.
         part: ``part_1``, ``part_2`` or ``overall``.
         group: the scores in the row.
@@ -70,7 +70,7 @@ class Section:
 
     @property
     def scores(self) -> Scores:
-        """Any of its files: what they say of dataset, observations and references is the same."""
+        """Any of its files: they agree in dataset, observations and references."""
         return self._entry.scores
 
     @property
@@ -90,7 +90,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of the paper, made anew.
+    """A table of the paper with our figures.
 
     Attributes:
         name: ``table2`` or ``table3``.
@@ -177,7 +177,7 @@ def _check_parts(entries: Iterable[Entry]) -> None:
         if found != expected or not found:
             raise Avs3dError(
                 f"{entry.source}: parts: found {', '.join(found) or 'none'}, expected {', '.join(expected) or 'one'} "
-                "as in observations; score the submission anew"
+                "as in observations; score the submission again"
             )
 
 
@@ -199,7 +199,7 @@ def records(table: Table) -> list[dict[str, Scalar]]:
 
 
 def _inert(value: Scalar) -> Scalar:
-    """Text of one line that is no formula: an apostrophe precedes what a spreadsheet would take for one (OWASP)."""
+    """Text of one line that is no formula: an apostrophe precedes text that a spreadsheet would read as one (OWASP)."""
     if not isinstance(value, str):
         return value
     text = printable(value)

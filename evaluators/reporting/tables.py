@@ -1,6 +1,6 @@
 """The paper's Table 2 (methods × parts) and Table 3 (voting thresholds) from files of scores.
 
-Only like stands beside like: a section of a table holds one dataset (name, version, sha256 of dataset.json), one set of
+A section of a table holds comparable rows only: one dataset (name, version, sha256 of dataset.json), one set of
 protocols and versions, one set of scored observations, one truth (`evaluators.reporting.ranking`). Files that differ
 in any of it get a section of their own, which says what it holds.
 

@@ -39,7 +39,7 @@ def markdown(table: Table, *, pictures: bool = True) -> str:
 
 
 def plain(text: str) -> str:
-    """Text that Markdown shows as it is, in one line."""
+    """Text of one line with Markdown's special characters escaped."""
     return _MARKUP.sub(r"\\\1", clean(" ".join(text.split())))
 
 
@@ -76,7 +76,7 @@ def _section(table: Table, section: Section, pictures: bool) -> Iterable[str]:
 def _grid(
     first: str, names: Sequence[str], rows: Sequence[Row], columns: Sequence[Metric], notes: list[tuple[str, ...]]
 ) -> str:
-    """One table; adds what is said below it to ``notes``."""
+    """One table; adds its footnotes to ``notes``."""
     beside = {m.name for m in columns if m.protocol == "official" and any(m.name in row.paper for row in rows)}
     head = [first]
     for metric in columns:
@@ -139,6 +139,6 @@ def _legend(table: Table, section: Section, notes: Sequence[tuple[str, ...]]) ->
         yield f"- No row of the paper for {plain(title)}: {plain(why)}."
     if section.swept:
         yield (
-            f"- Of a series of voting thresholds only the run at {paper.VOTING_THRESHOLD:g} stands here; "
+            f"- Of a series of voting thresholds only the run at {paper.VOTING_THRESHOLD:g} is listed; "
             f"the rest ({section.swept}) in Table 3."
         )

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 INK, SOFT, LINE, BAND, MARKED = "#1c1b19", "#5d5950", "#dcd7cc", "#f6f4ef", "#ece8de"
-#: Blue and vermilion first: told apart with every kind of colour vision.
+#: Blue and vermilion first: distinguishable with every kind of colour vision.
 COLOURS = ("#2a6f97", "#d1602f", "#4f8a5b", "#8a5a9e", "#a8842c", "#5d5950")
 _STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",

@@ -47,9 +47,9 @@ def _interval(group: GroupScores, metric: Metric) -> str:
 
 
 def print_scores(scores: Scores, console: Console | None = None) -> None:
-    """Print the means per part, category and room, the reference rows beside, and what could not be had.
+    """Print the means per part, category and room, the reference rows, and the figures that are unavailable.
 
-    The intervals (95 %, bootstrap over observations) stand below the means of the parts.
+    The intervals (95 %, bootstrap over observations) are printed below the means of the parts.
     """
     from rich.box import SIMPLE_HEAD
     from rich.table import Table

@@ -87,7 +87,7 @@ class GsplatRasteriser:
             near_plane=NEAR,
             eps2d=BLUR,
             sh_degree=min(sh_degree, gaussians.sh_degree) if features is None else None,
-            # One camera sees most of a room: packing what is visible would cost more than it saves.
+            # One camera sees most of a room: packing the visible Gaussians would cost more than it saves.
             packed=False,
             render_mode=mode,
         )

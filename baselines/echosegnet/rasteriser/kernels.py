@@ -2,7 +2,7 @@
 
 gsplat compiles them when it is first imported, into torch's folder of extensions. It clears a folder that holds no
 finished library, and torch's own lock as well; so of two processes that begin with an empty cache each would delete the
-other's build. Here whoever imports gsplat holds a lock beside that folder: one process compiles, the others wait.
+other's build. Here the process that imports gsplat holds a lock beside that folder: one compiles, the others wait.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def gsplat() -> Any:
             kernels = import_module("gsplat.cuda._backend")._C
         except ImportError as error:
             raise UnfitError(f"gsplat cannot be imported ({error}); pip install gsplat, or use --device cpu") from None
-        except Exception as error:  # a compiler that fails, a full disk: torch raises whatever it meets
+        except Exception as error:  # a compiler that fails, a full disk: torch raises many kinds of errors
             line = " ".join(str(error).split())[:200] or type(error).__name__
             raise UnfitError(f"gsplat's kernels cannot be compiled ({line}); VERBOSE=1 shows why") from None
     if kernels is None:

@@ -1,9 +1,9 @@
-"""What goes into a rasteriser and what comes out: `Camera`, `Splat`, `Rendering`, and the protocol `Rasteriser`.
+"""Inputs and outputs of a rasteriser: `Camera`, `Splat`, `Rendering`, and the protocol `Rasteriser`.
 
 The model of the picture (both implementations; that of gsplat 1.5): EWA splatting (Zwicker et al. 2002) as in 3D-GS. A
 Gaussian's covariance goes through the local affine approximation of the perspective (its centre clamped to 1.3 times
 the field of view), 0.3 px² is added to the diagonal, α = min(0.999, opacity · exp(−σ)) at pixel centres (u + 0.5,
-v + 0.5), what is below 1/255 is skipped, and front to back a pixel ends before its transmittance would fall to 1e-4.
+v + 0.5), an alpha below 1/255 is skipped, and front to back a pixel ends before its transmittance would fall to 1e-4.
 """
 
 from __future__ import annotations
