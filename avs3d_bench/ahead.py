@@ -62,7 +62,7 @@ def _send_each(connection: Connection[Any, Any], work: Callable[[Item], Iterator
             connection.send(("result", result))
         connection.send(("end", None))
     except BrokenPipeError:
-        return  # nobody wants the rest
+        return  # the rest is not needed
     except Exception as error:
         connection.send(("error", error))
 

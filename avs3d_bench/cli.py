@@ -1,7 +1,7 @@
-"""The `avs3d` command: `validate`, `schema` and `doctor` live here, the rest is found through entry points.
+"""The `avs3d` command: `validate`, `schema` and `doctor` are defined here, the rest is found through entry points.
 
 A package adds a subcommand with an entry point in the group ``avs3d.commands`` that names a click command. It is
-imported only when it is called or asked for its own help, so that ``avs3d --help`` stays fast whatever it drags in.
+imported only when it is called or asked for its own help, so that ``avs3d --help`` stays fast.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The one exception family of the toolkit.
 
 Every message is a single line that names the file or the field, what was found, what was expected and what to do.
-The command line prints it and exits with ``exit_code``; nobody sees a traceback for bad input.
+The command line prints it and exits with ``exit_code``; bad input never causes a traceback.
 """
 
 from __future__ import annotations

@@ -97,7 +97,7 @@ def turn(path: Path, waiting: Callable[[], None] = lambda: None) -> Iterator[Non
     """Hold the lock file ``path``, after waiting until no other process holds it; the file stays.
 
     For what several processes need and one should make, such as compiled kernels: who comes second finds it made.
-    Where files cannot be written or locked there, nobody waits.
+    If files cannot be written or locked there, the call does not wait.
 
     Args:
         path: of the file; missing folders are made.

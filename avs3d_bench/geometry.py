@@ -177,7 +177,7 @@ def from_colmap(qvec: ArrayLike, tvec: ArrayLike) -> Pose:
     """
     q, t = np.asarray(qvec, dtype=np.float64), np.asarray(tvec, dtype=np.float64)
     sound = q.shape == (4,) and t.shape == (3,) and bool(np.isfinite(q).all() and np.isfinite(t).all())
-    # COLMAP normalises what it reads; a norm far from 1 is no rounding but damage.
+    # COLMAP normalises quaternions when it reads them; a norm far from 1 is damage, not rounding.
     if not sound or np.abs(q).max() > 2 or abs(float(np.linalg.norm(q)) - 1.0) > 0.01:
         raise Avs3dError(f"COLMAP pose {q.tolist()} {t.tolist()}: expected a unit quaternion (w, x, y, z) and (3,)")
     w, x, y, z = (float(c) for c in canonical(q))

@@ -32,7 +32,7 @@ class Method:
         name: as tables will show it.
         predict: the masks of test frames, one per frame and in their order: (H, W) bool, or integers 0 and 255.
         points: the 3D prediction of an observation, (N, 3) metres; None if the method makes none.
-        notes: settings, whatever a reader must know.
+        notes: settings and other remarks for readers.
         truth: what truth of the dataset it reads; None: none (see `SubmissionRecord`).
         entry: ``package.module:function`` of ours that makes the masks; the digest of its sources is written, too.
         batch: frames that ``predict`` gets at a time, over all observations; None: the test frames of an observation.

@@ -181,7 +181,7 @@ class SubmissionWriter:
             method: the method's name, as tables will show it.
             url: where the method is described.
             authors: one text or several.
-            notes: settings, whatever a reader must know.
+            notes: settings and other remarks for readers.
             truth: the ground truth that the masks are made from, None for none; leaderboards do not rank the former.
             provenance: the software that makes the masks, where `avs3d_bench.provenance` knows it.
             only: shell patterns of observation keys; a submission of a part is scored with the same `--only`.

@@ -25,7 +25,7 @@ from avs3d_bench.errors import UsageError, excerpt
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _CONSTRUCTOR = yaml.constructor.SafeConstructor()
 _TAG = "tag:yaml.org,2002:"
-#: Tags that say nothing but that a value is text.
+#: Tags for plain text.
 _TEXT_TAGS = ("!", f"{_TAG}str")
 #: Control characters and surrogates, which no text of ours has; tabs and line ends remain.
 _UNFIT = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")

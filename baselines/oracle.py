@@ -1,7 +1,7 @@
 """The oracle: the truth as a prediction, perfect or with the errors of `baselines.oracle_errors`.
 
 It looks at the truth of test frames by design, so its scores are bounds, not results: ``sounding`` is perfect,
-``category`` is what a perfect detector reaches that finds every object of the right category and cannot hear which of
+``category`` is the result of a perfect detector that finds every object of the right category and ignores which of
 them sounds.
 """
 

@@ -1,4 +1,4 @@
-"""Predictions that look at nothing but the size of the pictures: what any method must beat.
+"""Predictions that use only the size of the pictures: a lower bound that any method must exceed.
 
 The evaluator prints the same three as reference rows. Here they are real submissions, written without a look at the
 truth: sizes come from the headers of the input pictures.

@@ -303,7 +303,7 @@ def _variants(facts: CardFacts) -> str:
 
 def _engine(facts: CardFacts) -> str:
     engines = sorted({o.acoustics for o in facts.observations if o.acoustics})
-    return f"\n- The sound is that of {', '.join(engines)} with one head; other ears hear otherwise." if engines else ""
+    return f"\n- The sound is that of {', '.join(engines)} with the HRTF of one head." if engines else ""
 
 
 def _licences(facts: CardFacts) -> str:

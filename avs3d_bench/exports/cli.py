@@ -51,7 +51,7 @@ def _say(folder: Path, index: ShardIndex) -> None:
 def webdataset(root: Path, folder: Path, **options: Any) -> None:
     """Write the dataset at ROOT as WebDataset shards.
 
-    The same dataset and options give the same bytes. An interrupted export goes on where it stopped; `shards.json` is
+    The same dataset and options give the same bytes. The same command continues an interrupted export; `shards.json` is
     written last and holds the sha256 of every shard.
     """
     from avs3d_bench.exports.webdataset import write_webdataset

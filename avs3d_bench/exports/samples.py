@@ -89,7 +89,7 @@ class Member:
 
 @dataclass(frozen=True)
 class Sample:
-    """A frame on its way into an export.
+    """A frame to be exported.
 
     Attributes:
         key: ``<observation key>/<frame name>``.

@@ -239,7 +239,7 @@ def _samples(root: Path, split: SplitChoice, extras: tuple[str, ...], shard: Sha
 
 @contextmanager
 def _under_way(folder: Path) -> Iterator[None]:
-    """Hold ``DIR/.partial``; it stays where the run is cut short, so that the next one can go on from there."""
+    """Hold ``DIR/.partial``; it stays if the run is interrupted, so that the next one can continue."""
     partial_folder = folder / PARTIAL
     if folder.exists() and not folder.is_dir():
         raise UsageError(f"{folder}: a file; expected a folder for the export")

@@ -20,7 +20,7 @@ An item is a dictionary of tensors and texts that `default_collate` stacks:
 | `category`, `key`, `frame`, `split` | text                                                               |
 | `frame_index`, `item` | int, collated int64: the frame's number; the item's place in this dataset        |
 
-What the dataset does not know is absent: the official release has neither category, source nor instance ids. With
+Values that the dataset lacks are absent: the official release has neither category, source nor instance ids. With
 ``stack=k`` an item is k consecutive frames of one observation and every value gains a leading dimension (texts become
 lists of k, ``key`` and ``category`` stay single).
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from avs3d_bench.inspector.submissions import ShownSubmission
 
 _PATH = click.Path(path_type=Path)
-#: How long answers in the making are waited for after Ctrl-C or SIGTERM (s).
+#: Time that requests in progress get after Ctrl-C or SIGTERM (s).
 GRACE_SECONDS = 0.7
 
 

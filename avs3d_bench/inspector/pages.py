@@ -1,6 +1,6 @@
 """The HTML of the gallery and of an observation's page.
 
-Pages trust nobody: text is escaped, and a content security policy lets them load from their own site alone. They are
+Pages trust no input: text is escaped, and a content security policy lets them load from their own site alone. They are
 plain files: opened from disk they work as they do from the server. The same input gives the same bytes.
 """
 

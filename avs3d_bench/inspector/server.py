@@ -76,7 +76,7 @@ class _Server(ThreadingHTTPServer):
         super().shutdown_request(request)
 
     def hang_up(self, seconds: float | None) -> bool:
-        """Close the port and every connection, and wait for answers in the making.
+        """Close the port and every connection, and wait for requests in progress.
 
         Args:
             seconds: how long; None waits for as long as it takes.
@@ -270,7 +270,7 @@ class ViewServer:
         self.server.ending = True
 
     def close(self, seconds: float | None = None) -> bool:
-        """Hang up, and wait for answers in the making, for ``seconds`` or as long as it takes.
+        """Close the connections, and wait for requests in progress, for ``seconds`` or as long as it takes.
 
         Returns:
             Whether all of them ended. Of those that did not, threads go on.

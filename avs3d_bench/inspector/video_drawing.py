@@ -74,7 +74,7 @@ class Shown:
 
 @dataclass(frozen=True)
 class Canvas:
-    """Sizes in pixels, all even, as yuv420p wants them: the picture, and the caption below it."""
+    """Sizes in pixels, all even, as yuv420p requires: the picture, and the caption below it."""
 
     width: int
     picture: int
@@ -231,7 +231,7 @@ def _meters(big: U8, loudness: Loudness, left: float, unit: float) -> None:
 
 
 def at_pixel(x: float, y: float) -> tuple[int, int]:
-    """Whole pixels, as OpenCV wants them."""
+    """Whole pixels, as OpenCV requires."""
     return round(x), round(y)
 
 

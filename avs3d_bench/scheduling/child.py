@@ -14,7 +14,7 @@ import traceback
 from multiprocessing.connection import Connection
 from typing import Any
 
-#: A process that nobody gave a task for so long ends, seconds.
+#: Idle timeout of a worker process (s).
 IDLE = 120.0
 
 

@@ -1,6 +1,6 @@
 """Tasks on a Dask cluster: one of this machine, one that runs already, or one that a job queue starts.
 
-Tasks are submitted in a bounded window, so that neither this process nor Dask's scheduler ever knows more than a few
+Tasks are submitted in a bounded window, so that neither this process nor Dask's scheduler holds more than a few
 per worker of a run of many thousands. When this process ends, however it ends, Dask forgets what it had submitted and
 the workers stop.
 """
@@ -38,7 +38,7 @@ _ELSEWHERE = 32
 _REFRESH = 3.0
 #: Between two questions to a job queue about its jobs, seconds.
 _ASK = 10.0
-#: Events a second that all workers together may send, about.
+#: Approximate limit of events per second from all workers together.
 _EVENTS = 100.0
 #: Time limit for workers to stop tasks that are no longer wanted (s).
 _STOP = 10.0
@@ -210,7 +210,7 @@ class _Run:
             return None
 
     def _look(self) -> None:
-        """See who is there, now and then."""
+        """Update the list of workers, at intervals."""
         if time.monotonic() - self._looked < (_REFRESH if self._threads else 0.5):
             return
         self._looked = time.monotonic()
@@ -385,7 +385,7 @@ class _Run:
 
 
 def _expect_scheduler(address: str) -> None:
-    """Ask who is at an address: Dask's own client waits for ever for one that accepts but never answers.
+    """Ask for the identity of a scheduler: Dask's client waits for ever if it accepts a connection but never answers.
 
     Raises:
         Avs3dError: if it is no Dask scheduler.
@@ -438,7 +438,7 @@ def _line(error: BaseException) -> str:
 
 @contextmanager
 def _deaf() -> Iterator[None]:
-    """Put Ctrl-C off until the end; the processes that are started meanwhile never hear of it.
+    """Delay Ctrl-C until the end; the processes that are started meanwhile never receive it.
 
     It reaches every process of a terminal, but only the first one decides what it means. A blocked signal stays blocked
     in the threads and processes that are started meanwhile. (Dask's workers that take the place of lost ones are made

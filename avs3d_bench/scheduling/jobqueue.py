@@ -76,7 +76,7 @@ def start_cluster(kind: str, path: Path, workers: int) -> Any:
 
 
 class Jobs:
-    """The jobs of a cluster as the queue knows them.
+    """The jobs of a cluster in the queue.
 
     Dask is not told when a job ends or its workers cannot start. Queues that cannot be asked
     (`_LIST`) are taken to keep their jobs.
@@ -122,7 +122,7 @@ class Jobs:
             listed = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
         except (OSError, subprocess.TimeoutExpired):
             return None
-        # Slurm forgets jobs some minutes after their end; a number that it does not know any more is no mistake then.
+        # Slurm forgets jobs some minutes after their end; an unknown number is then not an error.
         if listed.returncode != 0 and "Invalid job id" not in listed.stderr:
             return None
         return set(listed.stdout.split())
@@ -147,7 +147,7 @@ def _scale(cluster: Any, workers: int) -> None:
 
     async def scale() -> None:
         cluster.scale(workers)
-        await cluster._correct_state()  # what `scale` has only put in line; its errors reach nobody there
+        await cluster._correct_state()  # `scale` only schedules this, and its errors would be lost
 
     cluster.sync(scale)
 

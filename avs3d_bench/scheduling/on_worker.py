@@ -33,7 +33,7 @@ class AttemptError(Exception):
 
 @dataclass(frozen=True)
 class Terms:
-    """What all tasks of a run have in common.
+    """The settings shared by all tasks of a run.
 
     Attributes:
         run: name of the run, unique in its cluster.

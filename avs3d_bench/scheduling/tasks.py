@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol, Self
 
 #: Why an attempt failed. ``refused``: an `Avs3dError`, which another attempt would meet again; ``unfit``: this worker
-#: cannot do it, another may; ``error``: an exception nobody expected; ``crash``: the process died; ``hang``: the time
+#: cannot do it, another may; ``error``: an unexpected exception; ``crash``: the process died; ``hang``: the time
 #: limit passed.
 Cause = Literal["refused", "unfit", "error", "crash", "hang"]
 

@@ -87,7 +87,7 @@ def check_levels(frames: tuple[Frame, ...], clips: list[Sound | None], findings:
             f"the louder ear is on the wrong side of the source in {len(wrong)} of {judged} frames with line of sight "
             f"({', '.join(wrong[:5])}…); expected it right in {ILD_SHARE:.0%}"
         )
-        # Reflections of a live room may win in some frames; they do not in many.
+        # Reflections of a reverberant room may dominate in some frames, but not in many.
         if len(wrong) > (1 - ILD_LEAST) * judged:
             findings.add(layout.BINAURAL, f"{text}: are the channels swapped?")
         else:
@@ -254,7 +254,7 @@ def delay_evidence(samples: NDArray[np.float32], azimuth: float) -> float:
 def check_response(frame: Frame, clip: Sound | None, response: NDArray[np.float32], findings: Findings) -> None:
     """Both ears hear one source through their own responses: left ∗ h_right equals right ∗ h_left.
 
-    It holds from where the responses have died away (the source before the clip is not known).
+    It holds once the responses have decayed (the source before the clip is not known).
     """
     if clip is None:
         return

@@ -97,7 +97,7 @@ def _look(root: str | Path, key: str, ours: bool, deep: bool) -> _Outcome:
 
 
 def _check_tree(root: Path) -> Iterator[Problem]:
-    """Things between the root and the observations that the layout does not know."""
+    """Files and folders between the root and the observations that are not part of the layout."""
     known = set(find_keys(root))
     for path in sorted(root.iterdir()):
         name = path.name

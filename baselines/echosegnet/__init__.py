@@ -3,7 +3,7 @@
 `pipeline` reads as the story of the job; `views`, `gaussians`, `rasterise` and `train` make the scene, `lift` and
 `decompose` bring masks into it, `aisrm` and `spatial` listen, `render` writes the masks of the test views.
 `training_stage` and `voting_stage` keep what takes long. `run` and `jobs` do that for a dataset on several devices,
-`kernels` and `memory` are what their processes share. Everything lives in the world of `sparse/0` (Y down, metres,
+`kernels` and `memory` are what their processes share. All coordinates are in the world of `sparse/0` (Y down, metres,
 OpenCV cameras). Importing the package itself imports no torch.
 """
 

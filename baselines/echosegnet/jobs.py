@@ -48,7 +48,7 @@ class Outcome:
     total: int = 0
 
     def check(self, kept: Path) -> None:
-        """Refuse to go on if any job failed.
+        """Raise an error if any job failed.
 
         Args:
             kept: the folder of intermediate results, which a rerun reuses.

@@ -105,7 +105,7 @@ def vote_counts(
 
 
 def vote_share(inside: NDArray[Any], total: NDArray[Any]) -> NDArray[np.float64]:
-    """(N,) share of each point's votes that are for it; 0 where nobody votes."""
+    """(N,) share of each point's votes that are for it; 0 for points without votes."""
     inside, total = inside.astype(np.float64), total.astype(np.float64)
     return np.asarray(np.divide(inside, total, out=np.zeros_like(inside), where=total > 0))
 

@@ -70,7 +70,7 @@ def method_name(settings: Settings, source: MaskSource) -> str:
 
 
 def runtime_of(settings: Settings, source: MaskSource) -> dict[str, Scalar]:
-    """What `avs3d tables` needs to know of a submission."""
+    """The settings of a submission that `avs3d tables` reads."""
     return {
         "method": "echosegnet",
         "variant": settings.variant,

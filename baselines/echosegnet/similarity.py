@@ -1,4 +1,4 @@
-"""How alike two pictures are: PSNR and SSIM (Wang et al. 2004), the second as a training loss with its own gradient."""
+"""Similarity of two pictures: PSNR and SSIM (Wang et al. 2004), the second as a training loss with its own gradient."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ class OracleMasks:
     """The truth of train frames, perfect or with errors.
 
     Attributes:
-        instance: ``category``, the ambiguous masks of a perfect detector that cannot hear, or ``sounding``.
+        instance: ``category``, the ambiguous masks of a perfect detector without sound, or ``sounding``.
         errors: what goes wrong.
     """
 

@@ -2,7 +2,7 @@
 
 All pictures stay on the device as bytes; between two reports nothing is copied to or from it but a view's number, and
 nothing waits for it (save for what the rasteriser itself counts). What is random depends on the seed and the iteration
-alone, so a run that was interrupted goes on from its checkpoint as if nothing had happened.
+alone, so an interrupted run continues from its checkpoint with the same result.
 
 Schedule, densification and pruning are the reference's (`schedule`, `densify`). The number of Gaussians has no cap;
 when the device's memory is nearly used up, growth ends; the report names the iteration.
@@ -80,7 +80,7 @@ def train(
         colours: (N, 3) uint8, or floats in [0, 1].
         rasteriser: also determines the device.
         settings: None: the reference's.
-        checkpoint: file to go on from where it exists, and to save to.
+        checkpoint: file to save to, and to continue from if it exists.
         checkpoint_every: iterations between two saves; one more is made at the end.
         progress: called every ``report_every`` iterations and at the end.
         report_every: see there.

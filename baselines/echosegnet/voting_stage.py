@@ -32,7 +32,7 @@ def vote_share(
     stages: Stages,
     key: str,
 ) -> NDArray[np.float64]:
-    """(N,) share of each Gaussian's votes that are for it; 0 where nobody votes.
+    """(N,) share of each Gaussian's votes that are for it; 0 for Gaussians without votes.
 
     ``official``: one vote per train view that has the centre in its picture. ``spatial``: a view's vote weighs as much
     as the Gaussian contributes to its pixels, so that hidden points do not vote.

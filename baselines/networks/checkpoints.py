@@ -125,7 +125,7 @@ CHECKPOINTS: dict[str, Checkpoint] = {
 
 
 def require_packages(kind: str) -> None:
-    """Refuse to go on without the packages of a network; nothing is imported.
+    """Raise an error if packages of a network are missing; nothing is imported.
 
     Raises:
         UsageError: naming the missing package and how to install it.
@@ -300,7 +300,7 @@ def load_pretrained(kind: str, cls: Any, folder: str | Path) -> Any:
 
 
 def load_weights(kind: str, path: Path) -> Any:
-    """The tensors of a ``.pth`` file, on the CPU; nothing but tensors and plain containers is unpickled.
+    """The tensors of a ``.pth`` file, on the CPU; only tensors and plain containers are unpickled.
 
     Raises:
         Avs3dError: if the file is no such file.

@@ -1,4 +1,4 @@
-"""Pictures as a network wants them: another size, normalised, channels first.
+"""Pictures as input of a network: resized, normalised, channels first.
 
 With Pillow's filters, which widen where a picture shrinks: the networks were trained on pictures resized so.
 """

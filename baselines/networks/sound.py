@@ -1,4 +1,4 @@
-"""The clip as a network wants it: another sampling rate."""
+"""The clip as input of a network: resampled."""
 
 from __future__ import annotations
 

@@ -226,7 +226,7 @@ def write_mask_folder(
 ) -> int:
     """Write masks as ``<key>/<frame>.png``, the folder that ``baseline echosegnet --masks DIR`` reads.
 
-    A second run with the same networks and settings goes on where the first one stopped.
+    A second run with the same networks and settings continues where the first one stopped.
 
     Args:
         dataset: what to look at; only pictures and mono clips are read.

@@ -163,7 +163,7 @@ def _record(path: Path, named: Path) -> tuple[SubmissionRecord, tuple[Problem, .
 def _hint(root: Path, source: Path | None) -> str:
     """Where the submission lies, if it is a folder further down."""
     if source is not None:
-        return ""  # nobody can point into an archive
+        return ""  # paths inside an archive are of no use to the user
     try:
         for path in sorted(islice(root.iterdir(), _NEAR)):
             if not path.is_dir() or path.is_symlink():

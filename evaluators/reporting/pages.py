@@ -1,6 +1,6 @@
 """Shared by the report and the leaderboard: one self-contained HTML page, and the format of numbers and untrusted text.
 
-A page needs no network and trusts nobody: text is escaped, a link is http(s) or no link, and a content security policy
+A page needs no network and trusts no text: it is escaped, a link is http(s) or no link, and a content security policy
 lets run the one script whose hash it names and loads nothing. The same input gives the same bytes.
 """
 
@@ -116,7 +116,7 @@ def render(template: str, values: Mapping[str, Any]) -> str:
 
 
 def report_head() -> str:
-    """How every report begins: up to its title, with the policy that lets run nothing but `page_script`."""
+    """How every report begins: up to its title, with the policy that allows only `page_script` to run."""
     page = _environment().get_template("head.html.j2")
     return page.render(script_hash=_script_hash(), generator=GENERATORS["report.html.j2"])
 

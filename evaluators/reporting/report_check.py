@@ -1,7 +1,7 @@
 """Whether a file is a report that this toolkit wrote, so that a leaderboard may publish a copy of it.
 
 A file of scores may come from anybody and name anything as its report: a file of secrets, a page with scripts. Three
-things are asked of the file, none of which its text can talk around:
+properties of the file are checked, which text inside it cannot circumvent:
 
 1. it begins, byte for byte, as `evaluators.reporting.pages` begins every report. So the content security policy is in
    force before anything else: the browser runs no script but the one with that hash, and loads nothing;

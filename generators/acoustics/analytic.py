@@ -5,7 +5,7 @@
 - From there on the arrivals are too dense to count: Gaussian noise with the power that the image sources would have
   had, 4πc/V per second, decaying with Eyring's time in each octave (Moorer 1979; Lehmann and Johansson 2010).
 - Each arrival reaches both ears through `hrtf`: Woodworth's delay, Brown and Duda's head shadow.
-- If something stands between source and listener, the direct sound is weakened like behind a thin screen (Maekawa
+- If something is between source and listener, the direct sound is attenuated like behind a thin screen (Maekawa
   1968, 10·lg(3 + 20·N) with the Fresnel number N of a detour of 10 cm).
 
 The box is the room that holds source and listener. If the listener is in another room or between rooms, the box grows
@@ -328,7 +328,7 @@ def _inside(room: Room, position: tuple[float, float, float]) -> bool:
 
 
 def _room_bounds(room: Room, mesh: AcousticMesh) -> Array:
-    """(2, 3) what may hold a source: the room's box and whatever sound meets."""
+    """(2, 3) bounds of possible sources: the room's box and all acoustic surfaces."""
     corners = [np.array([room.low, room.high], dtype=np.float64)]
     if mesh.bounds is not None:
         corners.append(mesh.bounds)
@@ -359,7 +359,7 @@ def _box_of(rooms: list[Room], mesh: AcousticMesh, absorption: float | None) -> 
         alpha = np.array(DEFAULT_MATERIAL.scaled(scale).in_situ)
         if area > 0:
             hull = Box((low[0], low[1], low[2]), (high[0], high[1], high[2]), ()).surface
-            # Furniture adds its area; a wall that is missing (an opening) swallows sound.
+            # Furniture adds its area; a missing wall (an opening) absorbs sound.
             covered = min(area / hull, 1.0)
             alpha = mean_absorption(triangles, labels, scale) * area / hull + 0.5 * (1 - covered)
         alpha = np.clip(alpha, 0.005 * min(scale, 1.0), 0.95)

@@ -32,7 +32,7 @@ class AcousticSession(Protocol):
         ...
 
     def close(self) -> None:
-        """Free what the session holds."""
+        """Free the resources of the session."""
         ...
 
 

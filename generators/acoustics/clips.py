@@ -29,7 +29,7 @@ def binaural_clip(
     sample_rate: int = SAMPLE_RATE,
     gain: float = GAIN,
 ) -> NDArray[np.float32]:
-    """The second ``index`` of the source as heard by someone who stands at pose ``index``: past included.
+    """The second ``index`` of the source as heard by a listener at pose ``index``, earlier reverberation included.
 
     clip = gain · (source ∗ h)[index·sr : (index + 1)·sr]. Only the stretch of the source that can still be heard is
     convolved (overlap-add).
@@ -64,9 +64,9 @@ def moving_clip(
     sample_rate: int = SAMPLE_RATE,
     gain: float = GAIN,
 ) -> NDArray[np.float32]:
-    """The second ``index`` of a source that moves, as heard by someone who stands at pose ``index``.
+    """The second ``index`` of a moving source, as heard by a listener at pose ``index``.
 
-    Sound goes by where the source is when it leaves it. So what is cross-faded is the source signal, not the result:
+    The position of the source at the time of emission counts. So the source signal is cross-faded, not the result:
 
         clip = gain · Σ_k (w_k · x_k) ∗ h_k,
 
@@ -77,7 +77,7 @@ def moving_clip(
     such a way that all direct sounds arrive together, at every moment as late as the distance by then says, its
     Doppler shift included.
 
-    To a listener who stands, the clips of successive seconds join without a step, but for reverberation that is older
+    To a listener who stands still, successive clips join without a step, except for reverberation that is older
     than the first k.
 
     Args:

@@ -44,7 +44,7 @@ def t30(response: NDArray[np.floating], sample_rate: int) -> float | None:
     """Reverberation time in s of one (filtered) response (n,).
 
     Returns:
-        None where it cannot be told: silence, numbers that are not finite, or a response that does not fall by 35 dB
+        None if it cannot be measured: silence, numbers that are not finite, or a response that does not fall by 35 dB
         over at least 20 samples.
     """
     if not np.isfinite(response).all():
@@ -60,7 +60,7 @@ def t30(response: NDArray[np.floating], sample_rate: int) -> float | None:
 def reverberation_time(
     responses: Iterable[NDArray[np.floating]], sample_rate: int, bands: tuple[float, ...] = MID_BANDS
 ) -> float | None:
-    """Mean T30 in s over responses (channels, n), their channels and ``bands``; None where none can be told.
+    """Mean T30 in s over responses (channels, n), their channels and ``bands``; None if none can be measured.
 
     A few poses spread over the room are enough: T30 hardly depends on the place.
     """

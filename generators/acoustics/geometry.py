@@ -183,7 +183,7 @@ def checked_position(
     """``position`` as three floats, if it is finite and inside ``bounds`` (2, 3) with half a metre of margin.
 
     Raises:
-        Avs3dError: naming the scene, what stands there, the position and the scene's extent.
+        Avs3dError: naming the scene, the object, its position and the scene's extent.
     """
     numbers = [float(c) for c in position]
     if len(numbers) != 3 or not all(math.isfinite(c) for c in numbers):

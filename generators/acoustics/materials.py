@@ -6,9 +6,9 @@ Absorption is the random-incidence energy coefficient α that a reverberation ch
 - [V] M. Vorländer, *Auralization*, Springer 2008, appendix "Tables of random-incidence absorption coefficients".
 - [K] V. O. Knudsen, C. M. Harris, *Acoustical Designing in Architecture*, Acoustical Society of America 1978.
 - [B] L. L. Beranek, T. Hidaka, "Sound absorption in concert halls by seats …", JASA 104 (1998) 3169–3177.
-- [E] Estimated for this project between neighbouring entries, because no table covers the thing as it stands in a flat.
+- [E] Estimated for this project between neighbouring entries, because no table covers the object as it is in a flat.
 
-What the tables leave out is everything that is too small for the acoustic twin: books, towels, clothes, shoes, gaps
+The tables leave out everything that is too small for the acoustic twin: books, towels, clothes, shoes, gaps
 under doors, pipes. Rooms built of table values alone ring twice as long as inhabited ones. `AcousticMaterial.in_situ`
 adds one `RESIDUAL` absorption to every surface, chosen once so that furnished rooms come near the 0.5 s that
 ISO 16283-1 and ISO 717-1 take as the reference for dwellings, because furnished rooms have it at all frequencies.
@@ -44,9 +44,9 @@ class AcousticMaterial:
         label: `Material.acoustic` of the faces it belongs to.
         absorption: energy absorption coefficient per octave of `OCTAVE_BANDS`, in [0, 1].
         scattering: scattering coefficient per octave, in [0, 1].
-        basis: what the values stand for and where they come from ([V], [K], [B], [E] of the module's docstring).
-        scale: factor of its Eyring exponent −ln(1 − α in situ): above 1 it swallows more, below 1 less.
-        residual: absorption that the small things on the surface add; 0 for what is used as it was given.
+        basis: the meaning of the values and their source ([V], [K], [B], [E] of the module's docstring).
+        scale: factor of its Eyring exponent −ln(1 − α in situ): above 1 it absorbs more, below 1 less.
+        residual: absorption that the small things on the surface add; 0 for given values that are used unchanged.
     """
 
     label: str
@@ -109,7 +109,7 @@ _TABLE = (
 
 #: The materials by label.
 MATERIALS: dict[str, AcousticMaterial] = {material.label: material for material in _TABLE}
-#: What a label that nobody knows gets: 0.1 in every octave, the mean of a furnished room and the engine's own fallback.
+#: Absorption for an unknown label: 0.1 in every octave, the mean of a furnished room and the engine's own fallback.
 DEFAULT_MATERIAL = AcousticMaterial("default", (0.1,) * 6, _ROUGH, "unknown surface [E]")
 
 
@@ -119,7 +119,7 @@ _SPECTRAL = re.compile(r"given:([01]\.\d{4}(?:,[01]\.\d{4}){5})/([01]\.\d{4}(?:,
 
 
 def spectral_label(absorption: Spectrum, scattering: Spectrum) -> str:
-    """A label that stands for these coefficients, rounded to four digits: `material_for` reads them back."""
+    """A label that encodes these coefficients, rounded to four digits; `material_for` decodes it."""
     spectra = "/".join(",".join(f"{v:.4f}" for v in values) for values in (absorption, scattering))
     return f"given:{spectra}"
 

@@ -1,7 +1,7 @@
 """The acoustic engine of SoundSpaces 2.0 (RLRAudioPropagation) behind the `AcousticBackend` protocol.
 
 The engine traces energy along rays through the acoustic twin of the scene and renders it through its own head-related
-transfer functions. It is licensed CC-BY-NC 4.0: what it makes is for non-commercial research.
+transfer functions. It is licensed CC-BY-NC 4.0: its output is for non-commercial research.
 
 It hangs, crashes or lies on bad numbers, so that everything is checked here, before it gets there:
 finite poses and vertices, unit quaternions, indices in range, a supported sample rate, positions inside the scene.

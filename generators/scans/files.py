@@ -4,7 +4,7 @@ Layouts known by name, at the root itself or any number of folders below it (``v
 ``v1/tasks/mp3d/``, ``scans/``, …):
 
 - HM3D: ``00800-TEEsavR23oF/TEEsavR23oF.glb`` (or ``.basis.glb``), ``.semantic.glb``, ``.semantic.txt``; the id is
-  ``00800-TEEsavR23oF`` or ``TEEsavR23oF``. HM3D comes in several archives; what one folder lacks is taken from a
+  ``00800-TEEsavR23oF`` or ``TEEsavR23oF``. HM3D comes in several archives; files that one folder lacks are taken from a
   folder of the same name elsewhere below the root.
 - Matterport3D: ``<id>/<id>.glb`` with ``<id>.house`` and ``<id>_semantic.ply``.
 - anything else: ``<id>.glb``, ``.gltf``, ``.obj`` or ``.ply``.
@@ -73,7 +73,7 @@ class ScanFiles:
         return tuple(p for p in own if p is not None)
 
     def digests(self) -> dict[str, str]:
-        """Name → sha256 of every file; what the mesh refers to is named as it does, since names alone may repeat."""
+        """Name → sha256 of every file; files of the mesh are named as it refers to them: bare names may repeat."""
         named = {os.path.relpath(path, self.mesh.parent): path for path in _referred(self.mesh)}
         named |= {path.name: path for path in self._own}
         return {name: digest(path) for name, path in sorted(named.items())}
@@ -99,12 +99,12 @@ def _referred(mesh: Path) -> tuple[Path, ...]:
         elif suffix == ".ply":
             names = _texture_of_ply(mesh)
     except (OSError, ValueError, AttributeError, TypeError):
-        return ()  # the reader will say what is wrong with it
+        return ()  # the reader will report what is wrong with it
     return tuple(path for path in (mesh.parent / name for name in dict.fromkeys(names)) if path.is_file())
 
 
 def _images(library: Path) -> list[str]:
-    """Textures of a material library; options may stand before a name."""
+    """Textures of a material library; options may precede a name."""
     words = _after(library, "map_kd")
     return [(word.split()[-1] if word.startswith("-") else word).replace("\\", "/") for word in words]
 

@@ -70,7 +70,7 @@ def read_table(path: Path) -> list[tuple[int, str, int]]:
         if not line.strip():
             continue
         try:
-            # Line by line: a quote that is never closed is not to swallow the rest of the file.
+            # Line by line, so that an unclosed quote affects one line only.
             _, code, *words, region = next(csv.reader([line], skipinitialspace=True))
             colour = int(code, 16)
             if len(code) != 6 or not words:
@@ -102,7 +102,7 @@ def _coloured_points(mesh: Path, colours: list[int], rotation: Array) -> tuple[A
 def _codes(
     part: Any, faces: NDArray[np.int64], weight: Array, face: NDArray[np.int64], images: dict[int, NDArray[np.uint8]]
 ) -> NDArray[np.int64]:
-    """(P,) the 24-bit colour at points of a part, as it stands in the file: −1 where it has none.
+    """(P,) the 24-bit colour at points of a part, as in the file; −1 where it has none.
 
     ``images`` holds the textures met so far: parts share them, and they are decoded once.
     """
@@ -127,7 +127,7 @@ def _codes(
 
 
 def _head(category: str) -> str:
-    """What a thing is: ``floor`` of ``floor /other room``, ``lamp`` of ``floor lamp``."""
+    """The noun of a name: ``floor`` of ``floor /other room``, ``lamp`` of ``floor lamp``."""
     words = category.partition("/")[0].split()
     return words[-1] if words else ""
 

@@ -1,4 +1,4 @@
-"""Where something could stand or hang in a scanned room: floor, worktops, tables, shelves, free wall, by ray casting.
+"""Places for objects in a scanned room: floor, worktops, tables, shelves, free wall, by ray casting.
 
 1. Height layers. On a 5 cm grid over the room's box, rays go down from its top through every surface they meet. Each
    hit has a height, a slope and a clearance: the distance to the surface above it. Where a scan is noisy, the slopes of

@@ -92,7 +92,7 @@ def candidates(annotations: Annotations, regions: Iterable[Region], room: str) -
 
 
 def large_enough(region: Region) -> bool:
-    """Whether a person can stand in it."""
+    """Whether it is large enough for a standing person."""
     sides = region.box[1] - region.box[0]
     return bool(np.isfinite(sides).all() and min(sides[0], sides[2]) >= SMALLEST[0] and sides[1] >= SMALLEST[1])
 

@@ -20,7 +20,7 @@ from generators.scans.patches import LEVEL
 
 Array = NDArray[np.float64]
 
-#: What a face is where nothing tells.
+#: Label of a face if nothing is known.
 DEFAULT_LABEL = "plaster"
 FLOOR_LABEL = "parquet"
 #: Floors of rooms that are not parquet.
@@ -57,13 +57,13 @@ CATEGORIES: dict[str, str] = {
     "concrete": "pavement|concrete floor",
     "parquet": "wood floor|wooden floor|parquet|laminate floor",
 }
-#: Nothing is put on what sounds like this, nor on what is called like that.
+#: No object is placed on surfaces with these labels or names.
 _SOFT = frozenset({"upholstery", "ceramic", "fabric", "curtain", "foliage", "glass"})
 _SEATS = frozenset(
     {"chair", "stool", "stairs", "step", "radiator", "stove", "cooktop", "hob", "bin", "basket", "lamp", "shower"}
 )
 _LABEL_OF = {name: label for label, names in CATEGORIES.items() for name in names.split("|")}
-#: What is a floor by its annotation, whose material the annotation does not tell.
+#: Names of floors in annotations, which do not give the material.
 _FLOORS = frozenset({"floor", "floors", "ground"})
 
 

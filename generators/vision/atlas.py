@@ -53,7 +53,7 @@ class Atlas:
 
 @dataclass(frozen=True, eq=False)
 class _Charts:
-    """What is packed. A point at light-map texel p lies (p − low)·scale texels into its chart, margins apart.
+    """The packed charts. A point at light-map texel p lies (p − low)·scale texels into its chart, margins apart.
 
     Attributes:
         of: (K,) the chart of each face.
@@ -74,7 +74,7 @@ class _Places:
 
     Attributes:
         corner: (C, 2) column and row of the chart's outer corner on its page.
-        shelf: (C,) the shelf it stands on.
+        shelf: (C,) the shelf of the chart.
         shelves: page, first row and height of each.
         sizes: (P, 2) width and height of each page.
     """
@@ -108,7 +108,7 @@ def bake_atlas(tables: SceneTables, triangles: F32, face: I64, *, texel: float, 
     footprint[face] = _footprint(tables, face, charts.scale[charts.of])
     pages = tuple(np.zeros((height, width, 3), dtype=np.uint8) for width, height in places.sizes.tolist())
     tone, srgb = tone_table(), srgb_table()
-    # Shelf by shelf, so that what is remembered per texel stays small.
+    # Shelf by shelf, so that the memory per texel stays small.
     for number, (page, top, height) in enumerate(places.shelves):
         here = np.flatnonzero(places.shelf == number)
         own = np.flatnonzero(places.shelf[charts.of] == number)

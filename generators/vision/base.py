@@ -43,7 +43,7 @@ class VisionSession(Protocol):
         ...
 
     def close(self) -> None:
-        """Free what the session holds."""
+        """Free the resources of the session."""
         ...
 
 
@@ -61,7 +61,7 @@ class VisionBackend(Protocol):
         ...
 
     def warm_up(self) -> None:
-        """Compile or load what is slow the first time; called once, before worker processes start."""
+        """Compile or load everything that is slow the first time; called once, before worker processes start."""
         ...
 
     def open(self, scene: Scene, intrinsics: Intrinsics) -> VisionSession:
@@ -69,5 +69,5 @@ class VisionBackend(Protocol):
         ...
 
     def navigable(self, home: Scene) -> Navigable | None:
-        """Where the backend's own navigation mesh lets an agent stand in ``home``; None if it has no such mesh."""
+        """Where an agent can stand in ``home`` by the backend's own navigation mesh; None if it has none."""
         ...

@@ -112,7 +112,7 @@ class EmbreeSession:
         return other
 
     def close(self) -> None:
-        """Free what the session holds; closing twice is fine."""
+        """Free the resources of the session; closing twice is allowed."""
         if self._tracer is not None:
             self._tracer = None
             del self._tables, self._thin

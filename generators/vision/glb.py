@@ -1,4 +1,4 @@
-"""A scene as a binary glTF file whose colours are what the camera is to see.
+"""A scene as a binary glTF file with the final colours that the camera shows.
 
 Renderers that take a file know no light maps, exposure or tone curve. So all of that is in the textures: faces with a
 light map get an atlas (generators/vision/atlas.py), all others keep their texture and its coordinates, each texel of

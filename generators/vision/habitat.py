@@ -6,7 +6,7 @@ goes there as files: a scan as the file that it was read from, everything else e
 textures (generators/vision/glb.py). Colour is supersampled; depth and ids are those at the pixels' centres.
 
 In a scan's own file habitat-sim does not draw the backs of faces: through a hole in a cupboard's door one looks past
-its inside, which the CPU renderer shows. What is exported here has both sides.
+its inside, which the CPU renderer shows. The exported meshes have both sides.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ MAX_SIDE = 16384 // SUPERSAMPLING
 BACKGROUND = 0.82
 #: Metres from the camera between which things are seen.
 NEAR, FAR = 0.02, 1000.0
-#: Texels of what is exported, by what a pixel covers at this distance (metres), within limits (metres).
+#: Texel size of exports: what a pixel covers at this distance (m), within these limits (m).
 HOME_DISTANCE, HOME_TEXELS = 0.6, (0.004, 0.01)
 OBJECT_DISTANCE, OBJECT_TEXELS = 0.3, (0.0015, 0.006)
 #: Largest height above or below the navigation mesh at which a point still counts as on it, metres.
@@ -107,7 +107,7 @@ class HabitatBackend:
         return HabitatSession(scene, intrinsics, find_interpreter(self._interpreter), self._limits)
 
     def navigable(self, home: Scene) -> Navigable:
-        """Where habitat-sim's navigation mesh of ``home``, computed for our agent, lets it stand.
+        """Where the agent can stand by habitat-sim's navigation mesh of ``home``, computed for this agent.
 
         The worker behind it ends when the answer is no longer referred to.
 
@@ -139,7 +139,7 @@ class HabitatSession:
 
     @property
     def about(self) -> Header:
-        """What the worker says of itself: ``version`` of habitat_sim, ``python``, ``cuda``."""
+        """The worker's description of itself: ``version`` of habitat_sim, ``python``, ``cuda``."""
         return self._client.about
 
     def render(self, pose: Pose) -> Frame:

@@ -1,6 +1,6 @@
 """The child process that runs habitat-sim: started, asked, restarted once, and explained when it ends.
 
-What it prints goes to a nameless file whose last lines are quoted when it dies. It ends with its standard input, and
+Its output goes to an unnamed file, whose last lines are quoted when it dies. It ends with its standard input, and
 looks after its parent while it works (generators/vision/habitat_worker.py).
 """
 
@@ -31,7 +31,7 @@ GPU_VARIABLE = "AVS3D_HABITAT_GPU"
 HOW = f"set {VARIABLE} or --habitat-python to a Python ≥ 3.8 in which 'import habitat_sim' works"
 #: Variables of this interpreter that would mislead another one.
 _OURS = ("PYTHONHOME", "PYTHONPATH", "PYTHONSTARTUP", "VIRTUAL_ENV")
-#: How much of what the worker printed is quoted: lines, and bytes that are looked at for them.
+#: Quoted part of the worker's output: number of lines, and of bytes that are read for them.
 _LINES, _TAIL = 3, 8192
 _LONGEST = 600
 
@@ -244,7 +244,7 @@ class Client:
 
 
 def start(interpreter: str, limits: Limits, folder: str | None = None) -> tuple[Worker, Header]:
-    """A worker that has said hello, and what it said: ``version`` of habitat_sim, ``python``, ``cuda``.
+    """A worker that has started, and its description: ``version`` of habitat_sim, ``python``, ``cuda``.
 
     It removes ``folder`` when this process lets it go, or is killed. It is told so before it loads habitat_sim, which
     takes a while.

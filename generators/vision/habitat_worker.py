@@ -1,6 +1,6 @@
 """The process that renders with habitat-sim, in an interpreter of its own; run by generators/vision/habitat.py.
 
-This file stands alone: Python 3.8 or newer, numpy and habitat_sim, nothing of this package. It is spoken to over its
+This file needs Python 3.8 or newer, numpy and habitat_sim, nothing of this package. It is spoken to over its
 standard input and output. A message is the length of its header (4 bytes, little-endian), the header (JSON, UTF-8), and
 the raw bytes of the arrays that the header's ``arrays`` list describes (name, dtype, shape; C order), one after the
 other. Every request has a ``command`` and gets one answer, which has ``ok``: true, or false with an ``error``.
@@ -147,7 +147,7 @@ class World:
             self._sensor("ids", types.SEMANTIC, 1, request),
         ]
         self.simulator = habitat_sim.Simulator(habitat_sim.Configuration(backend, [agent]))
-        # Without physics an object that nobody holds cannot be found again.
+        # Without physics an object cannot be found again unless a reference is kept.
         self.objects = [self._add(item) for item in request["objects"]]
 
     def _sensor(self, name: str, kind: Any, factor: int, request: dict[str, Any]) -> Any:
@@ -269,7 +269,7 @@ class Service:
         self.world = None
 
     def remove_folder(self) -> None:
-        """Remove what the parent wrote for this process, which nobody needs once the parent has let it go."""
+        """Remove the files of the parent for this process; not needed after the parent has released it."""
         if self.folder is not None:
             shutil.rmtree(self.folder, ignore_errors=True)
 

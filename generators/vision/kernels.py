@@ -260,7 +260,7 @@ def shade(
 ) -> None:
     """Display light of hits: tone(exposure · (albedo · light + emission)), whichever side of the face is seen.
 
-    What is developed already (the textures of a scan) is shown as it is.
+    Colours that already include light and tone curve (the textures of a scan) are shown unchanged.
 
     Args:
         face: (N,) face, −1 where the ray missed.
@@ -269,7 +269,7 @@ def shade(
         v: (N,) barycentric weight of corner 2.
         direction: (N, 3) of the rays.
         view: the camera.
-        spread: width in pixels of what one ray stands for.
+        spread: width in pixels of the area that one ray represents.
         tables: the scene.
         tone: table of the tone curve, over the square root of radiance / ``white``.
         white: radiance at the end of that table.

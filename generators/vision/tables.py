@@ -26,7 +26,7 @@ class SceneTables(NamedTuple):
         texture: (S,) int32 texture of the pool, −1 for none.
         light: (S,) int32 light map, −1 for none.
         instance: (S,) uint16 instance id.
-        albedo: (S, 3) float32 material colour times exposure, or what is shown in its place.
+        albedo: (S, 3) float32 material colour times exposure, or the colour that is shown instead.
         emission: (S, 3) float32 emission times exposure; 0 where something is shown in its place.
         developed: (S,) uint8, 1 where colour × texture is display light already: the pictures of a scan's own file.
         light_texels: flat float32; a map is (height, width, 3), row 0 at v = 0.
