@@ -243,7 +243,8 @@ def doctor(json_file: Path | None) -> None:
             console.print(group, style="bold")
         print_finding(finding, console)
 
-    findings = examine(all_checks(), show)
+    with console.status("looking at what is installed …"):
+        findings = examine(all_checks(), show)
     print_summary(findings, console)
     if json_file is not None:
         write_json(json_file, as_dict(findings))

@@ -18,7 +18,7 @@ from pathlib import Path
 from numpy.typing import ArrayLike
 
 from avs3d_bench.dataset import Dataset, Frame, Observation
-from avs3d_bench.parallel import process_each
+from avs3d_bench.parallel import advance, process_each
 from avs3d_bench.provenance import provenance
 from avs3d_bench.schema import ProvenanceRecord
 from avs3d_bench.submission import SubmissionFolder, SubmissionWriter
@@ -93,11 +93,13 @@ def write_submission(
             frames = [frame for observation in writer.observations for frame in observation.test]
             batches = [tuple(frames[start : start + method.batch]) for start in range(0, len(frames), method.batch)]
             job = partial(_write_masks, writer.folder, method)
-            done = process_each(job, batches, workers=1, label=method.name, progress=progress)
+            sizes = [len(batch) for batch in batches]
+            done = process_each(job, batches, workers=1, label=method.name, progress=progress, sizes=sizes)
         else:
             keys = [observation.key for observation in writer.observations]
+            sizes = [len(observation.test) for observation in writer.observations]
             each = partial(_write_observation, dataset.root, writer.folder, method)
-            done = process_each(each, keys, workers=workers, label=method.name, progress=progress)
+            done = process_each(each, keys, workers=workers, label=method.name, progress=progress, sizes=sizes)
         for _ in done:
             pass
     return writer
@@ -111,5 +113,6 @@ def _write_observation(root: Path, folder: SubmissionFolder, method: Method, key
 
 
 def _write_masks(folder: SubmissionFolder, method: Method, frames: tuple[Frame, ...]) -> None:
-    for frame, mask in zip(frames, method.predict(frames), strict=True):
+    for number, (frame, mask) in enumerate(zip(frames, method.predict(frames), strict=True), start=1):
         folder.write_mask(frame, mask)
+        advance(number, len(frames))

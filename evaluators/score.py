@@ -23,7 +23,7 @@ from avs3d_bench import __version__, layout
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import sha256_file
-from avs3d_bench.parallel import process_each
+from avs3d_bench.parallel import advance, process_each
 from avs3d_bench.predictions import read_mask, read_points
 from avs3d_bench.provenance import provenance
 from avs3d_bench.report import Problem, Report, ordered
@@ -140,7 +140,9 @@ def score(
     worst: tuple[FrameScore, ...] = ()
     best: tuple[FrameScore, ...] = ()
     keys = [observation.key for observation in observations]
-    for key, outcome in process_each(job, keys, workers=workers, label="scoring", progress=progress):
+    sizes = [len(observation.test) for observation in observations]
+    scored = process_each(job, keys, workers=workers, label="scoring frames", progress=progress, sizes=sizes)
+    for key, outcome in scored:
         worst = _worst((*worst, *outcome.worst), SHOWN_FRAMES)
         best = _best((*best, *outcome.best), 2 * SHOWN_FRAMES)
         outcomes[key] = replace(outcome, worst=(), best=())
@@ -175,7 +177,8 @@ def score_observation(
     references: dict[str, list[FrameFigures]] = {name: [] for name in BLIND_REFERENCES}
     frames, problems, files = [], [], 0
     deaf: list[DeafFrame] = []
-    for frame in observation.test:
+    for number, frame in enumerate(observation.test):
+        advance(number, len(observation.test))
         truth = _truth(frame, twin_ids, strict)
         height, width = truth.mask.shape
         path = submission.mask_path(key, frame.name)

@@ -26,7 +26,7 @@ from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.samples import UNLISTED, Sample, SplitChoice, samples_of
 from avs3d_bench.files import os_error_line
-from avs3d_bench.parallel import process_each
+from avs3d_bench.parallel import advance, process_each
 from avs3d_bench.schema import AttributionRecord, Record, Sha256, Text
 from avs3d_bench.staging import hold
 
@@ -233,8 +233,12 @@ def write_shard(
 
 
 def _samples(root: Path, split: SplitChoice, extras: tuple[str, ...], shard: Shard) -> Iterator[Sample]:
+    done = 0
     for key, frames in shard.runs:
-        yield from samples_of(Observation(root, key), split, extras, frozenset(frames))
+        for sample in samples_of(Observation(root, key), split, extras, frozenset(frames)):
+            yield sample
+            done += 1
+            advance(done, shard.samples)
 
 
 @contextmanager
@@ -330,7 +334,8 @@ def export_shards(
     if target.is_relative_to(dataset.root.resolve()):
         raise UsageError(f"{folder}: lies inside the dataset; choose a folder outside of {dataset.root}")
     ask = partial(plan_observation, dataset.root, split, extras, style.room)
-    found = dict(process_each(ask, keys, workers=workers, label="plan", progress=progress))
+    sizes = [len(dataset[key]) for key in keys]
+    found = dict(process_each(ask, keys, workers=workers, label="plan", progress=progress, sizes=sizes))
     planned = [sample for key in keys for sample in found[key]]
     if not planned:
         raise UsageError(f"{dataset.root}: no frames in split {split}; expected at least one")
@@ -343,7 +348,8 @@ def export_shards(
         _remove(target / SHARDS_JSON)
         pairs = [(shard, known.get(shard.file)) for shard in shards]
         work = partial(_keep_or_write, dataset.root, target, split, extras, style)
-        made = process_each(work, pairs, workers=workers, label="write", progress=progress)
+        sizes = [shard.samples for shard in shards]
+        made = process_each(work, pairs, workers=workers, label="write", progress=progress, sizes=sizes)
         done = {shard.file: record for (shard, _), record in made}
         for name in sorted(set(known) - set(done)):
             _remove(target / name)

@@ -24,7 +24,7 @@ from avs3d_bench.inspector.site import (
     static_asset,
 )
 from avs3d_bench.inspector.submissions import ShownSubmission
-from avs3d_bench.parallel import process_each
+from avs3d_bench.parallel import advance, process_each
 from avs3d_bench.staging import staged_folder
 
 #: Marks a folder as ours, so that it may be replaced.
@@ -84,7 +84,9 @@ def build_site(
     with staged_folder(folder, lambda final: _check_target(final, Path(folder), sources)) as fresh:
         neighbours = zip([None, *keys[:-1]], keys, [*keys[1:], None], strict=True)
         tasks = [_Task(dataset.root, key, before, after, submissions, fresh) for before, key, after in neighbours]
-        done = dict(process_each(_build_observation, tasks, workers=workers, label="pages", progress=progress))
+        sizes = [len(dataset[key]) for key in keys]
+        made = process_each(_build_observation, tasks, workers=workers, label="frames", progress=progress, sizes=sizes)
+        done = dict(made)
         cards = [done[task][0] for task in tasks]
         problems = tuple(line for task in tasks for line in done[task][1])
         shown = sum(card.problem is None for card in cards)
@@ -123,7 +125,8 @@ def _build_observation(task: _Task) -> tuple[Card, tuple[str, ...]]:
 def _write_files(site: ObservationSite, names: Sequence[str], folder: Path) -> list[str]:
     """Write what the page shows; one line for each file that cannot be made."""
     problems = [*site.facts.problems]
-    for name in names:
+    for number, name in enumerate(names):
+        advance(number, len(names))
         try:
             with site.reading():
                 data = site.make(name)

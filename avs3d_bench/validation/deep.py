@@ -5,6 +5,7 @@ from __future__ import annotations
 from avs3d_bench import layout, media
 from avs3d_bench.dataset import Frame, Observation
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.parallel import advance
 from avs3d_bench.schema import FrameRecord, ObservationRecord
 from avs3d_bench.validation.findings import Findings, read
 from avs3d_bench.validation.masks import (
@@ -51,7 +52,8 @@ def check_contents(
     sightings = _sightings(observation, files) if record else {}
     labels, boxes = Labels(), Boxes(record) if record else None
     tally = Tally()
-    for frame in frames:
+    for number, frame in enumerate(frames):
+        advance(number, len(frames))
         found = read_contents(frame, record, files, findings)
         if ours:
             check_twin(frame, files, findings)

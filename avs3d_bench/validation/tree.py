@@ -65,7 +65,9 @@ def validate(root: str | Path, *, deep: bool = False, workers: int | None = 1, p
         problems.append(Problem("note", layout.DATASET_JSON, "absent: read as the official release"))
     look = partial(_look, base, ours=ours, deep=deep)
     count = workers if deep else workers or 1
-    outcomes = dict(process_each(look, dataset.keys, workers=count, label="checking", progress=progress))
+    sizes = [len(dataset[key]) for key in dataset.keys]
+    looked = process_each(look, dataset.keys, workers=count, label="checking frames", progress=progress, sizes=sizes)
+    outcomes = dict(looked)
     for key in dataset.keys:
         problems += outcomes[key].problems
     if record:

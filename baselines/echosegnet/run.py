@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 from avs3d_bench.cli import missing_extra
@@ -214,8 +214,10 @@ def predict_one(context: Context, job: Job) -> dict[str, Scalar]:
         observation = Observation(job.root, job.key)
         figures: dict[str, Scalar] = {}
         for settings, folder in job.targets:
-            say = partial(_say, context, job.key, set())
-            prediction = predict(observation, job.source, rasteriser, settings, job.work / job.key, progress=say)
+            teller = _Teller(context, job.key)
+            prediction = predict(
+                observation, job.source, rasteriser, settings, job.work / job.key, progress=teller.tell
+            )
             for frame in observation.test:
                 folder.write_mask(frame, prediction.masks[frame.name])
             folder.write_points(observation, prediction.points)
@@ -231,21 +233,34 @@ def predict_one(context: Context, job: Job) -> dict[str, Scalar]:
         raise type(error)(text if job.key in text else f"{job.key}: {text}") from None
 
 
-#: Iterations between two lines of progress.
+#: Iterations between two lines of progress, and the longest time without one (s).
 _SAID_EVERY = 5_000
+_SAID_SECONDS = 30.0
 
 
-def _say(context: Context, key: str, told: set[str], report: Report) -> None:
-    if report.full_at is not None and key not in told:
-        told.add(key)
-        context.report(
-            "note",
-            f"{key}: the device's memory is nearly used: growth ended at iteration {report.full_at:,} with "
-            f"{report.gaussians:,} Gaussians",
-        )
-    if report.iteration % _SAID_EVERY == 0 or report.iteration == report.iterations:
-        context.report(
-            "training",
-            f"{key}: iteration {report.iteration:,} of {report.iterations:,}, loss {report.loss:.4f}, "
-            f"{report.psnr:.1f} dB, {report.gaussians:,} Gaussians",
-        )
+class _Teller:
+    """Tells how an observation's training goes."""
+
+    def __init__(self, context: Context, key: str) -> None:
+        self._context, self._key = context, key
+        self._full = False
+        self._said = time.monotonic()
+
+    def tell(self, report: Report) -> None:
+        """Tell what is worth a line."""
+        if report.full_at is not None and not self._full:
+            self._full = True
+            self._context.report(
+                "note",
+                f"{self._key}: the device's memory is nearly used: growth ended at iteration {report.full_at:,} with "
+                f"{report.gaussians:,} Gaussians",
+            )
+        now = time.monotonic()
+        due = report.iteration % _SAID_EVERY == 0 or report.iteration == report.iterations
+        if due or now - self._said > _SAID_SECONDS:
+            self._said = now
+            self._context.report(
+                "training",
+                f"{self._key}: iteration {report.iteration:,} of {report.iterations:,}, loss {report.loss:.4f}, "
+                f"{report.psnr:.1f} dB, {report.gaussians:,} Gaussians",
+            )

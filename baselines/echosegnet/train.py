@@ -11,6 +11,7 @@ when the device's memory is nearly used up, growth ends; the report names the it
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -71,6 +72,7 @@ def train(
     checkpoint_every: int = 5_000,
     progress: Progress | None = None,
     report_every: int = 100,
+    report_seconds: float = math.inf,
 ) -> Gaussians:
     """Train Gaussians on the train views.
 
@@ -82,8 +84,9 @@ def train(
         settings: None: the reference's.
         checkpoint: file to save to, and to continue from if it exists.
         checkpoint_every: iterations between two saves; one more is made at the end.
-        progress: called every ``report_every`` iterations and at the end.
+        progress: called every ``report_every`` iterations, where none came for ``report_seconds``, and at the end.
         report_every: see there.
+        report_seconds: see there.
 
     Returns:
         The Gaussians, on the rasteriser's device, without gradients.
@@ -101,12 +104,13 @@ def train(
     digest = saving.digest(settings, start, pictures)
     if checkpoint is not None and checkpoint.exists():
         job.iteration, job.pull, job.full_at = saving.load(checkpoint, job.optimiser, digest, rasteriser.device)
+    reported = time.monotonic()
     while job.iteration < settings.iterations:
         with out_of_memory(f"{len(job.pull.total)} Gaussians at {chosen[0].camera.width} × {chosen[0].camera.height}"):
             job.step()
         done = job.iteration == settings.iterations
-        if done or job.iteration % report_every == 0:
-            report = job.report()
+        if done or job.iteration % report_every == 0 or time.monotonic() - reported > report_seconds:
+            report, reported = job.report(), time.monotonic()
             if progress is not None:
                 progress(report)
         if checkpoint is not None and (done or job.iteration % checkpoint_every == 0):

@@ -15,6 +15,8 @@ from baselines.echosegnet.views import View, load_points, train_views
 
 #: What makes the stage's result, besides the rasteriser (see `avs3d_bench.provenance`).
 TRAINING = ("baselines.echosegnet.training_stage:trained",)
+#: On a CPU, a hundred iterations may take an hour: then a report comes after this time (s).
+_REPORT_SECONDS = 5.0
 
 
 def trained(
@@ -46,7 +48,10 @@ def trained(
         if progress is not None:
             progress(report)
 
-    gaussians = train(train_views(views), points, colours, rasteriser, settings, checkpoint=checkpoint, progress=note)
+    gaussians = train(
+        train_views(views), points, colours, rasteriser, settings,
+        checkpoint=checkpoint, progress=note, report_seconds=_REPORT_SECONDS,
+    )  # fmt: skip
     full_at = last[0].full_at if last else None
     write_json(record, {"gaussians": len(gaussians), "memory_full_at": full_at})
     write_ply(path, gaussians)

@@ -250,7 +250,9 @@ def write_mask_folder(
     _claim(folder, {"dataset": dataset.name, "method": model.method, "notes": model.notes, "split": split})
     frames = [f for o in observations for f in _split(o, split) if not _mask_path(folder, f).exists()]
     job = partial(_write_files, folder, model)
-    for _ in process_each(job, _batches(frames), workers=1, label="OWOD-BIND", progress=progress):
+    batches = _batches(frames)
+    sizes = [len(batch) for batch in batches]
+    for _ in process_each(job, batches, workers=1, label="OWOD-BIND", progress=progress, sizes=sizes):
         pass
     return len(frames)
 

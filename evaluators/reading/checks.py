@@ -15,7 +15,7 @@ from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.media import png_header
-from avs3d_bench.parallel import process_each
+from avs3d_bench.parallel import advance, process_each
 from avs3d_bench.predictions import read_mask, read_points
 from avs3d_bench.report import Problem, Report, ordered
 from evaluators.reading.structure import check_structure
@@ -122,7 +122,9 @@ def check_contents(
     keys = [observation.key for observation in observations]
     files = int(submission.layout == "avs3d")
     found = list(problems)
-    for _, (count, more) in process_each(look, keys, workers=workers, label="checking", progress=progress):
+    sizes = [len(observation.test) for observation in observations]
+    looked = process_each(look, keys, workers=workers, label="checking frames", progress=progress, sizes=sizes)
+    for _, (count, more) in looked:
         files += count
         found += more
     return Report(submission.named, True, len(keys), files, ordered(found))
@@ -134,7 +136,8 @@ def _look(
     """(files read, findings) of one observation."""
     observation = Observation(root, key)
     problems, files = [], 0
-    for frame in observation.test:
+    for number, frame in enumerate(observation.test):
+        advance(number, len(observation.test))
         path = submission.mask_path(key, frame.name)
         name = path.relative_to(submission.root)
         if not bad.isdisjoint((name.as_posix(), name.parent.as_posix())):  # the file, or a folder behind a link
