@@ -245,7 +245,7 @@ def test_acoustic_faces_are_few_and_labelled(seed: int) -> None:
 def test_rooms_hold_what_makes_them_recognisable(seed: int) -> None:
     scene = flat(seed)
     wanted = {
-        "bathroom": {"washbasin", "mirror", "towel_rail", "bath_mat", "laundry_basket", "ceiling_lamp"},
+        "bathroom": {"washbasin", "vanity_cabinet", "towel_rail", "bath_mat", "laundry_basket", "ceiling_lamp"},
         "kitchen": {"kitchen_counter", "wall_cabinet", "fridge", "dining_table", "chair", "ceiling_lamp"},
         "living_room": {"sofa", "armchair", "coffee_table", "tv_stand", "bookshelf", "rug", "side_table", "curtains"},
     }
@@ -253,6 +253,16 @@ def test_rooms_hold_what_makes_them_recognisable(seed: int) -> None:
         found = {name for name, _ in furniture(scene, room)}
         assert found >= kinds, f"{room} lacks {kinds - found}"
     assert {"bathtub", "shower"} & {name for name, _ in furniture(scene, "bathroom")}
+
+
+def test_pictures_on_blank_walls_change_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("generators.apartments.furnish.dress_walls", lambda _: None)
+    bare = [(part.name, part.mesh.positions.tobytes()) for part in build_apartment("flat", 0).parts]
+    dressed = [(part.name, part.mesh.positions.tobytes()) for part in flat(0).parts]
+    more = [name for name, _ in dressed if name not in dict(bare)]
+    assert len(more) >= 4
+    assert {kind(name) for name in more} == {"picture"}
+    assert [part for part in dressed if part[0] not in more] == bare
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -1,13 +1,16 @@
 """Furnishes a room by the rules of its kind.
 
 Every room is furnished several times with other random choices; the first arrangement that meets its room's demands
-(walking area, free spots for the objects of the benchmark) is taken, or else the best one.
+(walking area, free spots for the objects of the benchmark) is taken, or else the best one. Then
+pictures are hung on the walls that are still blank.
 """
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable
 
+import numpy as np
 from numpy.random import Generator
 
 from generators.apartments.floorplan import FloorPlan, RoomPlan
@@ -17,6 +20,7 @@ from generators.apartments.interior.bedroom import furnish_bedroom, furnish_hall
 from generators.apartments.interior.fittings import lamps
 from generators.apartments.interior.kitchen import furnish_kitchen
 from generators.apartments.interior.living import furnish_living_room
+from generators.apartments.interior.walls import dress_walls
 from generators.assets.materials import Palette
 
 #: How often a room is furnished before the best arrangement is taken.
@@ -54,4 +58,7 @@ def furnish(plan: FloorPlan, room: RoomPlan, palette: Palette, seed: int, rng: G
             best, best_quality = attempt, quality
         if quality >= 0.999:
             break
+    # Its own generator: what hangs on the walls changes nothing that stands in the room.
+    best.rng = np.random.default_rng([seed, zlib.crc32(b"walls"), zlib.crc32(room.name.encode())])
+    dress_walls(best)
     return best

@@ -332,7 +332,6 @@ _RECIPES: dict[str, Recipe] = {
     "radiator": _plain("metal", "#e7e6e2", 0.3),
     "ceramic": _plain("ceramic", "#e9e8e4", 0.45),
     "ceramic_accent": _paint("accent_paint"),
-    "mirror": _plain("glass", "#c3ced3", 0.9),
     "glass": _plain("glass", "#b9c8ca", 0.6),
     "black_glass": _plain("glass", "#353638", 0.7),
     "screen": _drawn("glass", pictures.tv_screen, 0.6),

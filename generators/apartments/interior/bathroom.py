@@ -48,7 +48,7 @@ def _shower(a: Arranger, score: Callable[[Spot], float]) -> tuple[Placed, Spot] 
 
 
 def furnish_bathroom(a: Arranger) -> float:
-    """Tub or shower in a corner, washbasin with its mirror, towels, mat, basket; free walls for machines and toilet."""
+    """Tub or shower in a corner, washbasin and cabinet, towels, mat, basket; free walls for machines and toilet."""
     doors = doors_of(a)
     far = near(doors.mean(axis=0), -0.5)
     tub = a.seed % 3 != 2
@@ -67,10 +67,10 @@ def furnish_bathroom(a: Arranger) -> float:
         return 0.0
     _tub_piece, tub_spot = main
     spot = basin[1]
-    mirror = a.model("mirror")
-    height = max(1.14, float(basin[0].high[1]) + 0.02) - float(mirror.mesh.bounds[0, 1])
+    cabinet = a.model("vanity_cabinet")
+    height = max(1.14, float(basin[0].high[1]) + 0.02) - float(cabinet.mesh.bounds[0, 1])
     at = spot.wall.point(spot.along, 0.0)
-    if a.place_free(mirror, at[[0, 2]], spot.wall.yaw, height=height) is None:
+    if a.place_free(cabinet, at[[0, 2]], spot.wall.yaw, height=height) is None:
         return 0.0
     mat = a.model("bath_mat")
     depth = float(mat.mesh.bounds[1, 2] - mat.mesh.bounds[0, 2])

@@ -47,13 +47,13 @@ def furnish_bedroom(a: Arranger) -> float:
 
 
 def furnish_hall(a: Arranger) -> float:
-    """Shoe cabinet, coats, mirror, runner; a long hall has shelves too."""
+    """Shoe cabinet, coats, picture, runner; a long hall has shelves too."""
     cabinet = a.place("shoe_cabinet", front=0.6)
     if cabinet is not None:
         spot = cabinet[1]
-        mirror = a.model("mirror", 1)
-        height = max(1.15, float(cabinet[0].high[1]) + 0.04) - float(mirror.mesh.bounds[0, 1])
-        a.place_free(mirror, spot.wall.point(spot.along, 0.0)[[0, 2]], spot.wall.yaw, height=height)
+        picture = a.model("picture", 5, width=0.7, height=0.9)
+        height = max(1.15, float(cabinet[0].high[1]) + 0.04) - float(picture.mesh.bounds[0, 1])
+        a.place_free(picture, spot.wall.point(spot.along, 0.0)[[0, 2]], spot.wall.yaw, height=height)
     rack = a.model("coat_rack")
     a.place("coat_rack", height=1.95 - float(rack.mesh.bounds[1, 1]), score=near(doors_of(a)[-1], 0.5))
     r = a.room

@@ -37,7 +37,7 @@ _BUILDERS: dict[str, Callable[..., None]] = {
         bath.bathtub,
         bath.shower,
         bathroom.washbasin,
-        bathroom.mirror,
+        bathroom.vanity_cabinet,
         bathroom.towel_rail,
         bathroom.bath_mat,
         bathroom.laundry_basket,

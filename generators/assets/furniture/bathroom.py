@@ -1,4 +1,4 @@
-"""Bathroom: washbasin, mirror, towel rail, bath mat, laundry basket, tall cabinet."""
+"""Bathroom: washbasin, wall cabinet, towel rail, bath mat, laundry basket, tall cabinet."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from generators.assets.furniture.parts import (
     carcass,
     front,
     is_shaker,
-    picture_frame,
     pull_style,
     ring_stack,
     tap,
@@ -111,37 +110,25 @@ def _vessel(kit: Kit, w: float, d: float, top: float, metal: Material) -> None:
     kit.cylinder(0.02, 0.004, (0.0, top + 0.027, d / 2 + 0.03), kit.m("chrome"), segments=12)
 
 
-def mirror(kit: Kit, *, width: float | None = None, height: float | None = None) -> None:
-    """A mirror: round, framed rectangle, or a lit cabinet with two doors."""
-    form = kit.pick("round", "framed", "cabinet") if width is None else kit.pick("framed", "cabinet")
+def vanity_cabinet(kit: Kit) -> None:
+    """A wall cabinet with two doors and a lamp over them.
+
+    It takes the place of a mirror: light that depends on the view cannot be baked, and a mirror that shows nothing is
+    seen to be false.
+    """
     kit.mount = "wall"
-    w, h = width or kit.near(0.65, 0.15), height or 0.8
-    glass, metal = kit.m("mirror"), kit.m("metal")
-    if form == "round":
-        r = w / 2 + 0.02
-        kit.cylinder(r, 0.018, (0.0, 0.0, 0.009), kit.m("plastic_black"), axis="z", segments=40)
-        kit.cylinder(r - 0.008, 0.004, (0.0, 0.0, 0.02), glass, axis="z", segments=40)
-        kit.torus(r, 0.009, (0.0, 0.0, 0.016), metal, axis="z", segments=40, minor_segments=6)
-        kit.sound((-r * 0.85, -r * 0.85, 0.0), (r * 0.85, r * 0.85, 0.02), glass)
-    elif form == "framed":
-        frame = kit.m(kit.pick("wood", "metal"))
-        band = 0.035 if frame.acoustic == "wood" else 0.015
-        picture_frame(kit, w, h, band, 0.028, frame)
-        kit.panel((-w / 2 + 0.01, -h / 2 + 0.01, 0.0), (w / 2 - 0.01, h / 2 - 0.01, 0.016), glass, bevel=0.0)
-        kit.sound((-w / 2, -h / 2, 0.0), (w / 2, h / 2, 0.025), glass)
-    else:
-        h = min(h, 0.7)
-        kit.panel((-w / 2, -h / 2, 0.0), (w / 2, h / 2, 0.13), kit.m("white"), bevel=0.002)
-        for side in (-1, 1):
-            x0, x1 = sorted((side * 0.001, side * w / 2))
-            kit.panel((x0, -h / 2, 0.132), (x1, h / 2, 0.148), glass, bevel=0.004)
-        kit.panel(
-            (-w / 2 + 0.05, h / 2 + 0.015, 0.02), (w / 2 - 0.05, h / 2 + 0.035, 0.19), kit.m("chrome"), bevel=0.004
-        )
-        kit.panel(
-            (-w / 2 + 0.07, h / 2 + 0.009, 0.155), (w / 2 - 0.07, h / 2 + 0.0149, 0.185), kit.m("lamp_glass"), bevel=0.0
-        )
-        kit.sound((-w / 2, -h / 2, 0.0), (w / 2, h / 2, 0.15), glass)
+    w, h = kit.near(0.65, 0.15), 0.7
+    doors, metal = kit.m(kit.pick("white", "wood", "wood_alt")), kit.m("metal")
+    kit.panel((-w / 2, -h / 2, 0.0), (w / 2, h / 2, 0.13), kit.m("white"), bevel=0.002)
+    for side in (-1, 1):
+        x0, x1 = sorted((side * 0.001, side * w / 2))
+        kit.panel((x0, -h / 2, 0.132), (x1, h / 2, 0.148), doors, bevel=0.004)
+        kit.rod((side * 0.025, -h / 2 + 0.05, 0.155), (side * 0.025, -h / 2 + 0.17, 0.155), 0.005, metal, sides=8)
+    kit.panel((-w / 2 + 0.05, h / 2 + 0.015, 0.02), (w / 2 - 0.05, h / 2 + 0.035, 0.19), kit.m("chrome"), bevel=0.004)
+    kit.panel(
+        (-w / 2 + 0.07, h / 2 + 0.009, 0.155), (w / 2 - 0.07, h / 2 + 0.0149, 0.185), kit.m("lamp_glass"), bevel=0.0
+    )
+    kit.sound((-w / 2, -h / 2, 0.0), (w / 2, h / 2, 0.15), doors)
 
 
 def towel_rail(kit: Kit) -> None:

@@ -245,7 +245,7 @@ def _bag(kit: Kit, x: float, role: str) -> None:
 
 
 def wardrobe(kit: Kit, *, width: float | None = None) -> None:
-    """A wardrobe with hinged doors (framed or plain, one with a mirror) or two sliding ones, some with drawers."""
+    """A wardrobe with hinged doors (framed or plain) or two sliding ones, some with drawers."""
     form = kit.pick("hinged", "hinged", "sliding")
     w, d, tall = width or float(kit.rng.choice([1.2, 1.6, 1.8])), 0.6, kit.near(2.1, 0.03)
     box = kit.m(kit.pick("white", "wood", "wood_alt"))
@@ -256,8 +256,7 @@ def wardrobe(kit: Kit, *, width: float | None = None) -> None:
             kit.panel((-w / 2, y0, d - 0.06), (w / 2, y1, d), box, bevel=0.002)
         for k, (x0, x1) in enumerate(((-w / 2 + 0.004, 0.02), (-0.02, w / 2 - 0.004))):
             z = d - 0.055 + 0.026 * k
-            skin = kit.m("mirror") if k == 1 and kit.rng.random() < 0.5 else box
-            kit.panel((x0, 0.102, z), (x1, tall - 0.052, z + 0.022), skin, bevel=0.002)
+            kit.panel((x0, 0.102, z), (x1, tall - 0.052, z + 0.022), box, bevel=0.002)
             for x in (x0, x1 - 0.022):
                 kit.panel((x, 0.102, z + 0.022), (x + 0.022, tall - 0.052, z + 0.027), kit.m("metal"), bevel=0.001)
     else:
