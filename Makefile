@@ -3,10 +3,14 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+DEMO_STAMP := $(VENV)/.demo
 MANIFEST ?= scenes_manifest/open-s34-o7.yaml
 NAME := $(basename $(notdir $(MANIFEST)))
 OUT ?= data/$(NAME)
 WORKERS ?= $(shell nproc 2>/dev/null || echo 2)
+# Processes that share the tests; each takes up to 3 GiB.
+JOBS ?= $(shell n=$(WORKERS); [ "$$n" -gt 8 ] && echo 8 || echo "$$n")
+PYTEST = $(BIN)/python -m pytest -n $(JOBS) --dist worksteal --durations 10
 # A pinned PyTorch: on a machine with a GPU, `make setup TORCH=torch` takes the newest build.
 TORCH ?= torch==2.13.0
 # Where the SoundSpaces engine could not be compiled, sound comes from the closed-form renderer.
@@ -15,50 +19,85 @@ AUDIO ?= $(shell $(BIN)/python -c 'import rlr_audio_propagation' 2>/dev/null && 
 # The renderer; habitat needs AVS3D_HABITAT_PYTHON, scans need AVS3D_SCANS (`avs3d doctor` says what is there).
 VISION ?= embree
 
-.PHONY: help setup demo dataset test lint docs bench schemas clean
+.PHONY: help setup demo demo-validate demo-sheets dataset test test-slow test-all lint docs bench schemas clean
 
 help: ## print a line for each target
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
 
 setup: $(STAMP) ## build ./.venv with everything for the rest
 
-$(STAMP): pyproject.toml
-	$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(v < (3, 11) and f"Python 3.11 or newer is needed, this is {v.major}.{v.minor}: make PYTHON=python3.11")'
+define make_venv
+	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(v < (3, 11) and f"Python 3.11 or newer is needed, this is {v.major}.{v.minor}: make PYTHON=python3.11")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check '$(TORCH)'
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[generate,baselines,cluster,inspect,exports,dev,docs]'
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[soundspaces]' || \
+endef
+define install_engine
+	@echo "installing the SoundSpaces engine (a C++ compiler makes it) …"
+	$(PIP) -e '.[soundspaces]' || \
 	  echo "The SoundSpaces engine did not compile (a C++ compiler is needed): make uses --audio analytic instead."
-	touch $@
+endef
+PIP = @$(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-demo: setup ## generate two observations, score six submissions, write reports
-	@echo "sound by $(AUDIO)"
+$(STAMP): pyproject.toml
+	$(make_venv)
+	@echo "installing PyTorch …"
+	$(PIP) '$(TORCH)'
+	@echo "installing the rest …"
+	$(PIP) -e '.[generate,baselines,cluster,inspect,exports,dev,docs]'
+	$(install_engine)
+	@touch $@ $(DEMO_STAMP)
+
+# What the demo runs, and no more; `make setup` adds the rest to it.
+$(DEMO_STAMP): pyproject.toml
+	$(make_venv)
+	@echo "installing the generator …"
+	$(PIP) -e '.[generate]'
+	$(install_engine)
+	@touch $@
+
+# The submissions of the demo: `avs3d baseline` with these arguments.
+BASELINE_all-black := all-black
+BASELINE_all-white := all-white
+BASELINE_centre-box := centre-box
+BASELINE_oracle := oracle
+BASELINE_oracle-sounding := oracle --instance sounding --points
+BASELINE_oracle-with-errors := oracle --instance sounding --drop 0.1 --swap 0.5 --dilate 4 --confuse 0.5 --seed 1
+DEMO_SCORES := $(patsubst BASELINE_%,demo-score-%,$(filter BASELINE_%,$(.VARIABLES)))
+
+demo: $(DEMO_STAMP) ## generate two observations, score six submissions, write reports
+	@echo "generating data/demo, sound by $(AUDIO) …"
 	$(BIN)/avs3d generate scenes_manifest/demo.yaml -o data/demo --workers $(WORKERS) --audio $(AUDIO)
-	$(BIN)/avs3d validate data/demo --deep
-	$(BIN)/avs3d contact-sheet data/demo -o data/demo-sheets
-	$(BIN)/avs3d baseline all-black --dataset data/demo -o data/demo-submissions/all-black --overwrite
-	$(BIN)/avs3d baseline all-white --dataset data/demo -o data/demo-submissions/all-white --overwrite
-	$(BIN)/avs3d baseline centre-box --dataset data/demo -o data/demo-submissions/centre-box --overwrite
-	$(BIN)/avs3d baseline oracle --dataset data/demo -o data/demo-submissions/oracle --overwrite
-	$(BIN)/avs3d baseline oracle --dataset data/demo -o data/demo-submissions/oracle-sounding --overwrite \
-	  --instance sounding --points
-	$(BIN)/avs3d baseline oracle --dataset data/demo -o data/demo-submissions/oracle-with-errors --overwrite \
-	  --instance sounding --drop 0.1 --swap 0.5 --dilate 4 --confuse 0.5 --seed 1
 	@mkdir -p data/demo-scores
-	for name in all-black all-white centre-box oracle oracle-sounding oracle-with-errors; do \
-	  $(BIN)/avs3d-eval data/demo-submissions/$$name --dataset data/demo \
-	    --json data/demo-scores/$$name.json --html data/demo-scores/$$name.html || exit 1; \
-	done
+	@echo "checking it, drawing it, writing and scoring submissions, $(WORKERS) at a time …"
+	@$(MAKE) --no-print-directory --output-sync -j $(WORKERS) demo-validate demo-sheets $(DEMO_SCORES)
 	$(BIN)/avs3d leaderboard data/demo-scores/*.json -o data/demo-leaderboard
-	@echo "Look at data/demo-sheets/*.png, data/demo-scores/oracle.html and data/demo-leaderboard/index.html."
+	@echo
+	@echo "Sheets: data/demo-sheets/*.png. Scores: data/demo-scores/oracle.html, data/demo-leaderboard/index.html."
+	@echo "To see and hear the observations in a browser (Ctrl-C ends it):"
+	@echo "  $(CURDIR)/$(BIN)/avs3d view $(CURDIR)/data/demo --submission $(CURDIR)/data/demo-submissions/oracle-with-errors"
+
+demo-validate:
+	$(BIN)/avs3d validate data/demo --deep --workers 1
+demo-sheets:
+	$(BIN)/avs3d contact-sheet data/demo -o data/demo-sheets
+$(DEMO_SCORES): demo-score-%:
+	$(BIN)/avs3d baseline $(BASELINE_$*) --dataset data/demo -o data/demo-submissions/$* --overwrite
+	$(BIN)/avs3d-eval data/demo-submissions/$* --dataset data/demo --workers 1 \
+	  --json data/demo-scores/$*.json --html data/demo-scores/$*.html
 
 dataset: setup ## generate and validate the benchmark: MANIFEST=… OUT=… WORKERS=… VISION=… AUDIO=…
 	@echo "sound by $(AUDIO)"
 	$(BIN)/avs3d generate $(MANIFEST) -o $(OUT) --workers $(WORKERS) --audio $(AUDIO) --vision $(VISION)
 	$(BIN)/avs3d validate $(OUT) --deep
 
-test: setup ## run all tests
-	$(BIN)/python -m pytest
+test: setup ## run the fast tests, before each commit
+	$(PYTEST) -m "not slow"
+
+test-slow: setup ## run the slow tests: engines, browser, cluster, faults, full-size data
+	$(PYTEST) -m slow
+
+test-all: ## run all tests
+	$(MAKE) test
+	$(MAKE) test-slow
 
 lint: setup ## check style, types and the documentation site
 	$(BIN)/ruff check .
