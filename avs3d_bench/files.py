@@ -26,7 +26,7 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import BaseModel
 
-from avs3d_bench.errors import Avs3dError, UsageError, excerpt
+from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.schema import Record, parse_record
 
 _R = TypeVar("_R", bound=Record)
@@ -205,20 +205,6 @@ _KINDS = {
     stat.S_IFBLK: "a device",
     stat.S_IFDIR: "a folder",
 }
-
-
-def user_path(name: str | os.PathLike[str]) -> Path:
-    """A path as users write it: ``~`` and ``~user`` at its beginning stand for home folders.
-
-    Raises:
-        UsageError: if nothing is known of that home folder.
-    """
-    text = os.fspath(name)
-    expanded = os.path.expanduser(text)
-    if text.startswith("~") and expanded == text:
-        home = text.partition("/")[0]
-        raise UsageError(f"{text}: no home folder is known for {excerpt(home)}; write the whole path")
-    return Path(expanded)
 
 
 @contextlib.contextmanager

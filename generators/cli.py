@@ -58,7 +58,7 @@ def generate(
     """
     # Before numpy is imported.
     os.environ.update(ONE_THREAD)
-    from avs3d_bench.files import user_path
+    from avs3d_bench.user_path import user_path
 
     # Worker processes are told through the environment, too.
     for variable, named in (("AVS3D_HABITAT_PYTHON", habitat_python), ("AVS3D_SCANS", scans)):

@@ -19,6 +19,7 @@ import numpy as np
 
 from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.user_path import user_path
 from generators.library.lock import LOCK_NAME
 from generators.manifest import (
     AssetSpec,
@@ -239,7 +240,7 @@ def make_plans(
 def scans_root(base: Path) -> Path:
     """Where relative names of scan files start: ``$AVS3D_SCANS``, else the manifest's folder."""
     named = os.environ.get("AVS3D_SCANS")
-    return files.user_path(named) if named else base
+    return user_path(named) if named else base
 
 
 def check_scans(plans: Sequence[ObservationPlan]) -> None:
@@ -271,7 +272,7 @@ def locate(base: Path, name: str) -> Path:
     Raises:
         UsageError: if the name begins with ``~`` and nothing is known of that home folder, or it is too long.
     """
-    path = base / files.user_path(name)
+    path = base / user_path(name)
     try:
         path.is_file()
     except OSError as error:

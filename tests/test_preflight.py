@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.files import user_path
+from avs3d_bench.user_path import user_path
 from generators.acoustics.materialfile import read_material_file
 from generators.assets.meshfile import load_model
 from generators.core.folders import default_cache

@@ -23,6 +23,7 @@ from pathlib import Path
 from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError, UsageError, did_you_mean
 from avs3d_bench.provenance import provenance
+from avs3d_bench.user_path import user_path
 from generators.library.archive import read_zip
 from generators.library.lock import AssetEntry, read_lock
 
@@ -38,7 +39,7 @@ def default_store() -> Path:
     """``$AVS3D_ASSETS``, else ``assets`` in ``$AVS3D_CACHE`` or the user's cache folder."""
     named = os.environ.get("AVS3D_ASSETS")
     if named:
-        return files.user_path(named)
+        return user_path(named)
     from generators.core.folders import default_cache
 
     return default_cache() / "assets"

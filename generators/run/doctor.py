@@ -8,7 +8,7 @@ from pathlib import Path
 
 from avs3d_bench.doctor import Check, Finding, constant, has_module, package_check
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import user_path
+from avs3d_bench.user_path import user_path
 
 _EXTRA = "pip install 'avs3d-bench[generate]'"
 #: Scans of the paper's benchmark (their ids are published).

@@ -7,12 +7,12 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
-from avs3d_bench.files import user_path
 from avs3d_bench.one_thread import ONE_THREAD
 from avs3d_bench.parallel import available_cores
 from avs3d_bench.scheduling.options import Options as Scheduling
 from avs3d_bench.scheduling.options import scheduler_of
 from avs3d_bench.scheduling.tasks import Listener
+from avs3d_bench.user_path import user_path
 from generators.core.folders import default_cache
 from generators.manifest import ManifestFile, read_manifest
 from generators.plan import ObservationPlan, make_plans
