@@ -105,6 +105,7 @@ def test_doors_and_passages_have_the_widths_of_doors() -> None:
             assert low <= opening.stop - opening.start <= high + 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_furniture_does_not_overlap(seed: int) -> None:
     scene = flat(seed)
@@ -310,6 +311,7 @@ def test_there_is_room_for_the_objects_of_the_benchmark(seed: int) -> None:
     assert total("living_room", "side_table") >= 1.0
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes_and_the_name_does_not_matter() -> None:
     assert digest(build_apartment("another name", 2)) == digest(flat(2))
 

@@ -32,6 +32,7 @@ def visible(folder: Path) -> dict[str, str]:
     return {name: digest for name, digest in tree_digest(folder).items() if name.split("/")[0] not in TRUTH}
 
 
+@pytest.mark.slow
 def test_what_the_manifest_lets_sound_changes_no_picture(tmp_path: Path) -> None:
     """part_1, the same home and key: once the clock sounds beside a telephone, once the telephone beside a clock."""
     trees, ids, notes = [], [], []
@@ -61,6 +62,7 @@ def test_which_twin_sounds_changes_no_picture(tmp_path: Path, monkeypatch: pytes
     assert {"audio_clips_binaural", "gt_3d", "observation.json"} <= differ <= TRUTH
 
 
+@pytest.mark.slow
 def test_sparse_points_of_a_moving_source_are_missing_on_every_object(tmp_path: Path) -> None:
     plan = plan_of(tmp_path, frames=16, category="telephone", silent=["microwave"], source_motion="path")
     generate_observation(plan, tmp_path / "out", tmp_path / "cache")
@@ -86,6 +88,7 @@ def arranged(folder: Path, seed: int) -> tuple[ObservationPlan, Arrangement]:
     return plan, arrange(plan, kitchen().scene)
 
 
+@pytest.mark.slow
 def test_ids_do_not_follow_the_manifest_and_every_twin_may_sound(tmp_path: Path) -> None:
     orders, sounding = set(), set()
     for seed in range(8):

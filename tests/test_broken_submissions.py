@@ -60,6 +60,7 @@ def test_each_kind_is_tried_at_least_seven_times(kind: str):
     assert sum(seed % len(mutants.MUTATIONS) == list(mutants.MUTATIONS).index(kind) for seed in range(COUNT)) >= 7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(COUNT))
 def test_a_broken_submission(data: Path, whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], seed: int):
     root = tiny.clone(whole, tmp_path / "submission")

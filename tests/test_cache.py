@@ -169,6 +169,7 @@ def _ask(directory: str) -> int:
     return len(cached_scene(Path(directory), "a", small_scene).parts)
 
 
+@pytest.mark.slow
 def test_processes_may_ask_at_once(tmp_path: Path) -> None:
     with multiprocessing.get_context("spawn").Pool(3) as pool:
         assert pool.map(_ask, [str(tmp_path)] * 6) == [2] * 6

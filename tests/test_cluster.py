@@ -32,6 +32,8 @@ ROOT = Path(__file__).parent.parent
 COMMAND = [sys.executable, "-m", "avs3d_bench", "generate"]
 DASK = ["--scheduler", "dask", "--workers", "2"]
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def manifest(tmp_path_factory: pytest.TempPathFactory) -> Path:

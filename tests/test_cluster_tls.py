@@ -18,6 +18,8 @@ pytest.importorskip("distributed", reason="distributed is not installed; it is i
 
 TLS = ["--protocol", "tls"]
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def settings(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -156,6 +156,7 @@ def test_checkpoints_are_looked_for_one_by_one(monkeypatch: pytest.MonkeyPatch, 
 # The command
 
 
+@pytest.mark.slow
 def test_the_command_reports_and_exits_with_0(tmp_path: Path):
     done = shell("--json", str(tmp_path / "d.json"), AVS3D_HABITAT_PYTHON=str(tmp_path / "none"))
     assert done.returncode == 0, done.stderr

@@ -60,6 +60,7 @@ def run(
     return evaluate(target, data, only=options.get("only", ())).scores
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", ["official", "spatial"])
 def test_it_finds_the_object_and_beats_the_centre_box(data: Path, tmp_path: Path, work: Path, variant: str):
     settings = replace(SETTINGS, variant=variant)
@@ -125,6 +126,7 @@ def test_the_truth_of_test_frames_is_not_for_it(data: Path):
         OracleMasks().mask(Dataset(data)[tiny.SINGLE].test[0])
 
 
+@pytest.mark.slow
 def test_truth_pictures_and_sound_of_test_frames_change_nothing(data: Path, tmp_path: Path, work: Path):
     first = write_echosegnet(
         Dataset(data), tmp_path / "a", OracleMasks("sounding"), SETTINGS, work=work, devices=("cpu",), only=["part_1/*"]

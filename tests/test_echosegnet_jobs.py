@@ -126,6 +126,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tiny.write_dataset(tmp_path_factory.mktemp("data") / "tiny", frames=9, size=32)
 
 
+@pytest.mark.slow
 def test_what_others_finished_outlives_a_killed_worker_and_a_rerun_takes_it_up(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -80,6 +80,7 @@ def test_generate_own(tmp_path: Path) -> None:
     assert any(frame.visible_pixels for frame in record.frames)
 
 
+@pytest.mark.slow
 def test_train_on_it(tmp_path: Path, data: Path) -> None:
     pytest.importorskip("torch", reason="training needs torch, of the [baselines] extra")
     said = run("train_on_it.py", data, "trained", "--steps", 20, folder=tmp_path)
@@ -89,6 +90,7 @@ def test_train_on_it(tmp_path: Path, data: Path) -> None:
     assert evaluate(tmp_path / "trained", data).scores.dataset.scored == 2
 
 
+@pytest.mark.slow
 def test_the_tour_runs(tmp_path: Path, data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("matplotlib", reason="the plots need matplotlib, of the [plot] extra")
     nbformat = pytest.importorskip("nbformat", reason="notebooks are run with nbclient, of the [dev] extra")

@@ -171,6 +171,7 @@ def test_long_names_get_a_header_of_their_own():
     assert header(name, 0) == header(name, 0)
 
 
+@pytest.mark.slow
 def test_bytes_do_not_depend_on_workers_or_on_the_day(ours: Path, tmp_path: Path):
     write_webdataset(ours, tmp_path / "one", shard_mb=2, workers=1)
     copy = tiny.clone(ours, tmp_path / "copy")
@@ -310,6 +311,7 @@ def command(*arguments: str | Path) -> list[str]:
     return [sys.executable, "-c", PROGRAM, *map(str, arguments)]
 
 
+@pytest.mark.slow
 def test_killed_at_any_time_and_run_again(ours: Path, tmp_path: Path):
     """The same bytes as an undisturbed run, whatever the moment; shards that were done are kept."""
     rng, out = random.Random(3), tmp_path / "out"
@@ -446,6 +448,7 @@ def test_the_release_loads_with_nothing_in_place_of_what_it_lacks(release: Path,
     assert rows[0]["rgb"].size == (64, 64)
 
 
+@pytest.mark.slow
 def test_parquet_files_have_the_same_bytes_for_any_number_of_workers(ours: Path, tmp_path: Path, hub: Any):
     write_huggingface(ours, tmp_path / "one", shard_mb=3, workers=1)
     write_huggingface(ours, tmp_path / "two", shard_mb=3, workers=2)

@@ -70,6 +70,7 @@ def test_the_list_of_edits_for_a_category_is_whole() -> None:
                 assert path.relative_to(ROOT).as_posix() in listed
 
 
+@pytest.mark.slow
 def test_metric(tmp_path: Path, data: Path) -> None:
     desk = Desk(tmp_path, data)
     said = desk.follow(section(PAGE, "## A metric"))

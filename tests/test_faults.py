@@ -14,6 +14,8 @@ from benchmarks.faults import KINDS, Bench, Trial, prepare, print_table, reason_
 #: A trial whose moment falls into the observations, not into the start of the program.
 SEEDS = {"hang": 1}
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
