@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -13,7 +14,13 @@ from rich.table import Table
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.files import write_bytes
 from avs3d_bench.layout import is_test
+from avs3d_bench.levels import level_db
 from avs3d_bench.schema import ObservationRecord
+
+
+def _rms(values: Sequence[float]) -> float:
+    """RMS of a whole recording from that of its seconds."""
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def facts(record: ObservationRecord) -> dict[str, float]:
@@ -41,7 +48,7 @@ def facts(record: ObservationRecord) -> dict[str, float]:
         "longest step (m)": float(np.linalg.norm(np.diff(position, axis=0), axis=1).max(initial=0)),
         "largest turn (°)": float(turn.max(initial=0)),
         "T30 (s)": record.acoustics.t30 or float("nan"),
-        "level (dB)": 20 * np.log10(np.mean([f.rms_left + f.rms_right for f in frames]) / 2),
+        "level (dB)": level_db(_rms([f.rms_left for f in frames]), _rms([f.rms_right for f in frames])),
     }
 
 

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from pathlib import Path
 
+import pytest
+import tiny
+
+from avs3d_bench.dataset import Dataset
 from benchmarks.bench_pipeline import timed_engines
+from benchmarks.dataset_report import facts
 from generators import observation as story
 from generators.plan import make_plans, read_manifest
 from tests.homes import write_manifest
@@ -22,3 +28,12 @@ def test_the_engines_inside_an_observation_are_timed_and_then_left_alone(tmp_pat
     assert set(spent) == {"render", "impulse response", "convolve", "encode"}
     assert all(seconds > 0 for seconds in spent.values())
     assert story.vision_backend.__name__ == "vision_backend"
+
+
+def test_the_level_of_a_dataset_is_that_of_its_energy(tmp_path: Path) -> None:
+    record = Dataset(tiny.write_dataset(tmp_path / "data"))[tiny.SINGLE].record
+    assert record is not None
+    loud = [{"rms_left": 0.1, "rms_right": 0.1}, {"rms_left": 0.3, "rms_right": 0.3}]
+    frames = [frame.model_copy(update=loud[i % 2]) for i, frame in enumerate(record.frames[:10])]
+    found = facts(record.model_copy(update={"frames": frames}))["level (dB)"]
+    assert found == pytest.approx(10 * math.log10((0.1**2 + 0.3**2) / 2), abs=1e-9)

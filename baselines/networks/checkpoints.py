@@ -65,17 +65,23 @@ def _brief(choice: tuple[str, ...]) -> tuple[str, ...]:
 
 _TRANSFORMERS = "pip install 'avs3d-bench[baselines]'"
 
+
+def _from_hugging_face(name: str, repository: str, size: str, install: str = _TRANSFORMERS) -> Checkpoint:
+    """A model of transformers with its preprocessor, under Apache-2.0."""
+    return Checkpoint(
+        name=name,
+        files=(("config.json",), _WEIGHTS, _PREPROCESSOR),
+        source=f"https://huggingface.co/{repository}",
+        licence="Apache-2.0",
+        size=size,
+        packages=("transformers",),
+        install=install,
+    )
+
+
 #: Name on the command line → requirements of the network.
 CHECKPOINTS: dict[str, Checkpoint] = {
-    "owlv2": Checkpoint(
-        name="OWLv2",
-        files=(("config.json",), _WEIGHTS, _PREPROCESSOR),
-        source="https://huggingface.co/google/owlv2-base-patch16-ensemble",
-        licence="Apache-2.0",
-        size="0.6 GB",
-        packages=("transformers",),
-        install=_TRANSFORMERS,
-    ),
+    "owlv2": _from_hugging_face("OWLv2", "google/owlv2-base-patch16-ensemble", "0.6 GB"),
     "mavl": Checkpoint(
         name="MAVL",
         files=(("MDef_DETR_r101_epoch20_ore.pth", "MDef_DETR_r101_epoch20.pth"),),
@@ -85,15 +91,7 @@ CHECKPOINTS: dict[str, Checkpoint] = {
         packages=("models.model",),
         install="clone https://github.com/mmaaz60/mvits_for_class_agnostic_od, build models/ops, add it to PYTHONPATH",
     ),
-    "sam": Checkpoint(
-        name="SAM",
-        files=(("config.json",), _WEIGHTS, _PREPROCESSOR),
-        source="https://huggingface.co/facebook/sam-vit-huge",
-        licence="Apache-2.0",
-        size="2.6 GB",
-        packages=("transformers",),
-        install=_TRANSFORMERS,
-    ),
+    "sam": _from_hugging_face("SAM", "facebook/sam-vit-huge", "2.6 GB"),
     "imagebind": Checkpoint(
         name="ImageBind",
         files=(("imagebind_huge.pth",),),
@@ -103,14 +101,11 @@ CHECKPOINTS: dict[str, Checkpoint] = {
         packages=("imagebind",),
         install="pip install git+https://github.com/facebookresearch/ImageBind",
     ),
-    "pe-av": Checkpoint(
-        name="PE-AV",
-        files=(("config.json",), _WEIGHTS, _PREPROCESSOR),
-        source="https://huggingface.co/facebook/pe-av-large",
-        licence="Apache-2.0",
-        size="several GB; pe-av-small and pe-av-base are smaller",
-        packages=("transformers",),
-        install="pip install 'avs3d-bench[baselines]' timm torchvision",
+    "pe-av": _from_hugging_face(
+        "PE-AV",
+        "facebook/pe-av-large",
+        "several GB; pe-av-small and pe-av-base are smaller",
+        install=f"{_TRANSFORMERS} timm torchvision",
     ),
     "denseav": Checkpoint(
         name="DenseAV",

@@ -1,7 +1,8 @@
 """Drawing Gaussians: which rasteriser to take.
 
-`contributions` says how much of each pixel a Gaussian accounts for. `rendering` has the records and
-the model of the picture, `gsplat_rasterise` the implementation for CUDA, `torch_rasterise` the one for everything else.
+`contributions` says how much of each pixel a Gaussian accounts for. `rendering` has the records, the base class and
+the model of the picture, `gsplat_rasteriser` the implementation for CUDA, `torch_rasteriser` the one for everything
+else.
 """
 
 from __future__ import annotations

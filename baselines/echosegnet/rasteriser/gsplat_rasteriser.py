@@ -10,11 +10,10 @@ from torch import Tensor
 from avs3d_bench.errors import Avs3dError
 from baselines.echosegnet.gaussians import Gaussians
 from baselines.echosegnet.rasteriser.kernels import gsplat
-from baselines.echosegnet.rasteriser.rendering import BLUR, NEAR, CameraCache, Rendering, Splat, compose
-from baselines.echosegnet.views import View
+from baselines.echosegnet.rasteriser.rendering import BLUR, NEAR, Camera, Rasteriser, Splat
 
 
-class GsplatRasteriser:
+class GsplatRasteriser(Rasteriser):
     """`Rasteriser` on CUDA. Sums are made with atomic additions: runs agree to rounding, not to the bit."""
 
     def __init__(self, device: torch.device | str = "cuda") -> None:
@@ -23,54 +22,23 @@ class GsplatRasteriser:
         Raises:
             Avs3dError: if there is no CUDA device, or gsplat or its compiled kernels are missing.
         """
-        self._device = torch.device(device)
+        super().__init__(device)
         if self._device.type != "cuda" or not torch.cuda.is_available():
             raise Avs3dError(f"gsplat draws on CUDA, and device {str(device)!r} is none here; use --device cpu")
         self._rasterization = gsplat().rasterization
-        self._cameras = CameraCache()
-
-    @property
-    def device(self) -> torch.device:
-        """Where it draws."""
-        return self._device
-
-    def splat(
-        self,
-        gaussians: Gaussians,
-        view: View,
-        *,
-        features: Tensor | None = None,
-        sh_degree: int = 3,
-        size: tuple[int, int] | None = None,
-    ) -> Splat:
-        """See `Rasteriser.splat`."""
-        return self._draw(gaussians, view, features, sh_degree, size, "RGB")
-
-    def render(
-        self,
-        gaussians: Gaussians,
-        view: View,
-        *,
-        sh_degree: int = 3,
-        background: Tensor | None = None,
-        size: tuple[int, int] | None = None,
-    ) -> Rendering:
-        """See `Rasteriser.render`."""
-        splat = self._draw(gaussians, view, None, sh_degree, size, "RGB+D")
-        return compose(splat.image, splat.alpha, background)
 
     def _draw(
         self,
         gaussians: Gaussians,
-        view: View,
+        camera: Camera,
+        matrix: Tensor,
         features: Tensor | None,
         sh_degree: int,
-        size: tuple[int, int] | None,
-        mode: str,
+        *,
+        depth: bool,
     ) -> Splat:
-        camera, matrix = self._cameras.get(view, gaussians.means, size)
         if not len(gaussians):
-            channels = (3 if features is None else features.shape[1]) + (mode == "RGB+D")
+            channels = (3 if features is None else features.shape[1]) + depth
             black = gaussians.means.new_zeros(camera.height, camera.width, channels)
             return Splat(black, black[..., 0], gaussians.means[:, :2], gaussians.means[:, 0] > 0, gaussians.means)
         meta: dict[str, Any]
@@ -89,7 +57,7 @@ class GsplatRasteriser:
             sh_degree=min(sh_degree, gaussians.sh_degree) if features is None else None,
             # One camera sees most of a room: packing the visible Gaussians would cost more than it saves.
             packed=False,
-            render_mode=mode,
+            render_mode="RGB+D" if depth else "RGB",
         )
         visible = (meta["radii"][0] > 0).all(dim=-1)
         return Splat(image[0], alpha[0, ..., 0], meta["means2d"], visible, meta["conics"][0])

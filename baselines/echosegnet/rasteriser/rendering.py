@@ -1,4 +1,4 @@
-"""Inputs and outputs of a rasteriser: `Camera`, `Splat`, `Rendering`, and the protocol `Rasteriser`.
+"""Inputs and outputs of a rasteriser: `Camera`, `Splat`, `Rendering`, and the base class `Rasteriser`.
 
 The model of the picture (both implementations; that of gsplat 1.5): EWA splatting (Zwicker et al. 2002) as in 3D-GS. A
 Gaussian's covariance goes through the local affine approximation of the perspective (its centre clamped to 1.3 times
@@ -8,8 +8,8 @@ v + 0.5), an alpha below 1/255 is skipped, and front to back a pixel ends before
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol
 from weakref import WeakKeyDictionary
 
 import torch
@@ -134,12 +134,17 @@ class Rendering:
     depth: Tensor
 
 
-class Rasteriser(Protocol):
+class Rasteriser(ABC):
     """Draws Gaussians, differentiably in all their parameters and in the features."""
+
+    def __init__(self, device: torch.device | str) -> None:
+        self._device = torch.device(device)
+        self._cameras = CameraCache()
 
     @property
     def device(self) -> torch.device:
         """Where it draws; Gaussians must be there."""
+        return self._device
 
     def splat(
         self,
@@ -159,6 +164,7 @@ class Rasteriser(Protocol):
             sh_degree: bands above it are left out (and none are beyond what the Gaussians have).
             size: (height, width) instead of the view's own.
         """
+        return self._draw(gaussians, *self._cameras.get(view, gaussians.means, size), features, sh_degree, depth=False)
 
     def render(
         self,
@@ -177,6 +183,30 @@ class Rasteriser(Protocol):
             sh_degree: as in `splat`.
             background: (3,) RGB; black if None.
             size: (height, width) instead of the view's own.
+        """
+        splat = self._draw(gaussians, *self._cameras.get(view, gaussians.means, size), None, sh_degree, depth=True)
+        return compose(splat.image, splat.alpha, background)
+
+    @abstractmethod
+    def _draw(
+        self,
+        gaussians: Gaussians,
+        camera: Camera,
+        matrix: Tensor,
+        features: Tensor | None,
+        sh_degree: int,
+        *,
+        depth: bool,
+    ) -> Splat:
+        """Composite features or colours and, with ``depth``, z as one more channel.
+
+        Args:
+            gaussians: what to draw.
+            camera: from where.
+            matrix: (3, 3) its intrinsic matrix, on the device.
+            features: as in `splat`.
+            sh_degree: as in `splat`.
+            depth: whether the depth along the axis follows the channels.
         """
 
 
