@@ -22,9 +22,11 @@ REPEATING: dict[str, Maker] = {
     "butcher block": lambda rng: wood.butcher_block(rng, "oak", size=SMALL),
     "painted": lambda rng: wood.painted(rng, H("#7d8f86"), size=SMALL),
     "tiles": lambda rng: ceramic.tiles(rng, H("#e4e3de"), H("#b0aea8"), size=SMALL),
-    "metro": lambda rng: ceramic.tiles(rng, H("#e4e3de"), H("#88867f"), size=SMALL, columns=4, rows=8, stagger=0.5),
+    "metro": lambda rng: ceramic.tiles(
+        rng, H("#e4e3de"), H("#88867f"), size=SMALL, tiling=ceramic.Tiling(columns=4, rows=8, stagger=0.5)
+    ),
     "marble tiles": lambda rng: ceramic.tiles(
-        rng, H("#e4e3de"), H("#c0beb8"), size=SMALL, columns=2, rows=2, vein=H("#808084")
+        rng, H("#e4e3de"), H("#c0beb8"), size=SMALL, vein=H("#808084"), tiling=ceramic.Tiling(columns=2, rows=2)
     ),
     "hexagons": lambda rng: ceramic.hexagons(rng, (H("#dddad2"), H("#8f9a9b")), H("#c9c7c2"), size=SMALL, columns=7),
     "cement": lambda rng: ceramic.cement(rng, (H("#e6e0d2"), H("#4d6b82"), H("#b8834f")), size=SMALL, columns=4),
@@ -155,7 +157,7 @@ def test_srgb_round_trip() -> None:
         lambda rng: cloth.printed(rng, COLOURS[0], COLOURS[1], motif="tartan"),
         lambda rng: cloth.rug(rng, COLOURS, pattern="tartan"),
         lambda rng: pictures.painting(rng, COLOURS, motif="tartan"),
-        lambda rng: ceramic.tiles(rng, COLOURS[0], COLOURS[1], rows=7, stagger=0.5),
+        lambda rng: ceramic.tiles(rng, COLOURS[0], COLOURS[1], tiling=ceramic.Tiling(rows=7, stagger=0.5)),
     ],
 )
 def test_unknown_motifs_are_refused(make: Maker) -> None:

@@ -89,21 +89,29 @@ def sky_strips(style: ShellStyle, view: Texture) -> tuple[Material, ...]:
     )
 
 
+@dataclass(frozen=True, eq=False)
+class WindowMaterials:
+    """What the parts of a window are made of; ``sky`` are the strips of its panes from the bottom to the top."""
+
+    lining: Material
+    frame: Material
+    sill: Material
+    metal: Material
+    sky: tuple[Material, ...]
+
+
 def window(
     shell: RoomShell,
     wall: WallFrame,
     opening: Opening,
-    lining: Material,
-    frame: Material,
-    sill: Material,
-    metal: Material,
-    sky: tuple[Material, ...],
+    materials: WindowMaterials,
     style: ShellStyle,
 ) -> None:
     """Reveal, sill, frame with sashes, and the panes that light the room."""
+    frame, sill, metal, sky = materials.frame, materials.sill, materials.metal, materials.sky
     s0, s1 = wall.along(opening.start, opening.stop)
     y0, y1 = opening.bottom, opening.top
-    shell.reveal(wall, (s0, s1), (y0, y1), PANE_DEPTH, lining, sill)
+    shell.reveal(wall, (s0, s1), (y0, y1), PANE_DEPTH, materials.lining, sill)
     back, front = -PANE_DEPTH, -PANE_DEPTH + 0.055
     if style.window_casing:
         _window_casing(shell, wall, (s0, s1), (y0, y1), frame)

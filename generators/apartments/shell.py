@@ -11,7 +11,15 @@ import numpy as np
 from numpy.random import Generator
 
 from generators.apartments.floorplan import INNER_WALL, SIDES, FloorPlan, RoomPlan, Side
-from generators.apartments.joinery import CASING_WIDTH, ShellStyle, casing, entrance, sky_strips, window
+from generators.apartments.joinery import (
+    CASING_WIDTH,
+    ShellStyle,
+    WindowMaterials,
+    casing,
+    entrance,
+    sky_strips,
+    window,
+)
 from generators.apartments.roomshell import RoomShell
 from generators.assets.materials import Palette, RoomFinish
 from generators.core.scene import Material, Part
@@ -34,8 +42,10 @@ def _room(
 ) -> Part:
     shell = RoomShell()
     height = plan.height
-    frame, sill = palette.material("window_frame"), palette.material("window_sill")
     metal, leaf = palette.material("metal"), palette.material("door")
+    glazing = WindowMaterials(
+        finish.ceiling, palette.material("window_frame"), palette.material("window_sill"), metal, sky
+    )
     door_frame = palette.material("door_frame")
     tiles = finish.wall_tiles if finish.tile_height > 0 else None
     x0, z0, x1, z1 = room.x0, room.z0, room.x1, room.z1
@@ -52,7 +62,7 @@ def _room(
         for opening in openings:
             along = wall.along(opening.start, opening.stop)
             if opening.kind == "window":
-                window(shell, wall, opening, finish.ceiling, frame, sill, metal, sky, style)
+                window(shell, wall, opening, glazing, style)
             elif opening.kind == "entrance":
                 entrance(shell, wall, opening, leaf, door_frame, metal)
             else:

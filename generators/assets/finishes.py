@@ -48,8 +48,12 @@ def dry_floor(kind: str, spec: str, rng: np.random.Generator) -> Image:
 
 def _checker(rng: np.random.Generator, colours: tuple[Field, ...]) -> Image:
     """Light and dark squares of 30 cm, each slightly its own."""
-    light = ceramic.tiles(rng, colours[0], colours[0] * 0.7, columns=8, rows=8, joint=2.5, tone=0.012)
-    dark = ceramic.tiles(rng, colours[1], colours[0] * 0.7, columns=8, rows=8, joint=2.5, tone=0.03, mottle=0.04)
+    light = ceramic.tiles(
+        rng, colours[0], colours[0] * 0.7, tiling=ceramic.Tiling(columns=8, rows=8, joint=2.5, tone=0.012)
+    )
+    dark = ceramic.tiles(
+        rng, colours[1], colours[0] * 0.7, tiling=ceramic.Tiling(columns=8, rows=8, joint=2.5, tone=0.03, mottle=0.04)
+    )
     x, y = grid(*light.shape[:2])
     odd = (np.floor(x * 8) + np.floor(y * 8)) % 2
     return np.where(odd[..., None] > 0, dark, light)
@@ -61,13 +65,21 @@ def wet_floor(role: str, kind: str, colours: tuple[Field, ...], rng: np.random.G
     if kind == "hex":
         pixels = ceramic.hexagons(rng, colours, shift_colour(colours[0], value=-0.2), columns=16)
     elif kind == "square":
-        pixels = ceramic.tiles(rng, colours[0], colours[1], columns=6, rows=6, mottle=0.03, tone=0.015)
+        pixels = ceramic.tiles(
+            rng, colours[0], colours[1], tiling=ceramic.Tiling(columns=6, rows=6, mottle=0.03, tone=0.015)
+        )
     elif kind == "slate":
-        pixels = ceramic.tiles(rng, colours[0], colours[1], columns=4, rows=8, mottle=0.06, tone=0.04)
+        pixels = ceramic.tiles(
+            rng, colours[0], colours[1], tiling=ceramic.Tiling(columns=4, rows=8, mottle=0.06, tone=0.04)
+        )
     elif kind == "concrete_tile":
-        pixels = ceramic.tiles(rng, colours[0], colours[1], columns=4, rows=4, mottle=0.05, tone=0.02, joint=2.5)
+        pixels = ceramic.tiles(
+            rng, colours[0], colours[1], tiling=ceramic.Tiling(columns=4, rows=4, mottle=0.05, tone=0.02, joint=2.5)
+        )
     elif kind == "marble":
-        pixels = ceramic.tiles(rng, colours[0], colours[1], columns=4, rows=4, vein=colours[1] * 0.9, joint=2.0)
+        pixels = ceramic.tiles(
+            rng, colours[0], colours[1], vein=colours[1] * 0.9, tiling=ceramic.Tiling(columns=4, rows=4, joint=2.0)
+        )
     elif kind == "checker":
         pixels = _checker(rng, colours)
     elif kind == "terrazzo":
@@ -84,21 +96,33 @@ def wet_floor(role: str, kind: str, colours: tuple[Field, ...], rng: np.random.G
 def wall_tiles(role: str, kind: str, colour: Field, grout: Field, rng: np.random.Generator) -> Material:
     """The tiles of a bathroom's walls or a kitchen's splash-back: 1.2 m per repeat."""
     if kind == "metro":
-        pixels = ceramic.tiles(rng, colour, grout, columns=6, rows=12, stagger=0.5, bevel=9.0, tone=0.012, joint=3.5)
+        pixels = ceramic.tiles(
+            rng, colour, grout, tiling=ceramic.Tiling(columns=6, rows=12, stagger=0.5, bevel=9.0, tone=0.012, joint=3.5)
+        )
     elif kind == "metro_v":
         # Upright bricks in a straight bond.
-        pixels = ceramic.tiles(rng, colour, grout, columns=16, rows=6, bevel=5.0, tone=0.03, mottle=0.03, joint=3.0)
+        pixels = ceramic.tiles(
+            rng, colour, grout, tiling=ceramic.Tiling(columns=16, rows=6, bevel=5.0, tone=0.03, mottle=0.03, joint=3.0)
+        )
     elif kind == "square":
-        pixels = ceramic.tiles(rng, colour, grout, columns=8, rows=8, bevel=4.0, tone=0.010, joint=3.5, mottle=0.01)
+        pixels = ceramic.tiles(
+            rng, colour, grout, tiling=ceramic.Tiling(columns=8, rows=8, bevel=4.0, tone=0.010, joint=3.5, mottle=0.01)
+        )
     elif kind == "square_small":
-        pixels = ceramic.tiles(rng, colour, grout, columns=12, rows=12, bevel=6.0, tone=0.025, joint=3.5)
+        pixels = ceramic.tiles(
+            rng, colour, grout, tiling=ceramic.Tiling(columns=12, rows=12, bevel=6.0, tone=0.025, joint=3.5)
+        )
     elif kind == "mosaic":
         near = (shift_colour(colour, value=0.16, saturation=-0.3), shift_colour(colour, value=-0.18, saturation=0.15))
-        pixels = ceramic.tiles(rng, colour, grout, columns=40, rows=40, palette=near, tone=0.035, joint=4.0)
+        pixels = ceramic.tiles(
+            rng, colour, grout, palette=near, tiling=ceramic.Tiling(columns=40, rows=40, tone=0.035, joint=4.0)
+        )
     elif kind == "marble":
-        pixels = ceramic.tiles(rng, colour, colour * 0.85, columns=2, rows=4, vein=grout, joint=2.5, tone=0.006)
+        pixels = ceramic.tiles(
+            rng, colour, colour * 0.85, vein=grout, tiling=ceramic.Tiling(columns=2, rows=4, joint=2.5, tone=0.006)
+        )
     elif kind == "slate":
-        pixels = ceramic.tiles(rng, colour, grout, columns=2, rows=4, mottle=0.05, joint=3.0)
+        pixels = ceramic.tiles(rng, colour, grout, tiling=ceramic.Tiling(columns=2, rows=4, mottle=0.05, joint=3.0))
     else:
         raise UsageError(f"unknown wall tile {kind!r}: see the wall_tiles of generators/assets/styles.py")
     return _material(role, "tile", pixels, 0.35)

@@ -175,7 +175,6 @@ def load_model(
     front: str = "+z",
     mount: Mount | None = None,
     source_point: Point | None = None,
-    acoustic: str = "plastic",
 ) -> Model:
     """Read a mesh as a model of ``category``, in the model frame of `generators.assets.catalogue`.
 
@@ -190,7 +189,6 @@ def load_model(
         mount: what it stands on or hangs from; the category's usual one where missing.
         source_point: in the model frame; where missing, 3 cm before the front surface at a height typical of the
             category.
-        acoustic: see `load_mesh`.
 
     Raises:
         UsageError: for an unknown category, or axes that are none or not perpendicular.
@@ -198,7 +196,7 @@ def load_model(
     """
     usual_height, usual_mount, level = _DEFAULTS[check_category(category, silent=True)]
     turn = upright(up, front)
-    mesh = load_mesh(path, acoustic=acoustic).transformed(turn, np.zeros(3))
+    mesh = load_mesh(path).transformed(turn, np.zeros(3))
     extent = np.diff(mesh.bounds.astype(np.float64), axis=0)[0]
     if height is None and not PLAUSIBLE[0] <= extent.max() <= PLAUSIBLE[1]:
         height = usual_height

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
@@ -25,6 +26,34 @@ Array = NDArray[np.float64]
 WALL_GAP = 0.02
 #: How an option of a kind of furniture is given: its name and value.
 Options = dict[str, object]
+
+
+@dataclass(frozen=True)
+class Where:
+    """Where at the walls of a room a piece may stand; lengths in metres.
+
+    Attributes:
+        sides: the walls to try.
+        height: of its origin above the floor.
+        gap: between its back and the wall; None: `WALL_GAP`, or nothing for what hangs on the wall.
+        front: depth that must be free before it as well.
+        margin: free width on its left and right.
+        windows: whether it must leave windows free.
+        turn: degrees; 90 puts its right side at the wall in place of its back.
+        top: the wall above it must be free up to this height.
+    """
+
+    sides: Sequence[Side] = SIDES
+    height: float = 0.0
+    gap: float | None = None
+    front: float = 0.0
+    margin: float = 0.0
+    windows: bool = True
+    turn: float = 0.0
+    top: float = 0.0
+
+
+ANYWHERE = Where()
 
 
 class Arranger:
@@ -129,51 +158,33 @@ class Arranger:
 
     # -- spots -------------------------------------------------------------------------------------------------------
 
-    def spots(
-        self,
-        furniture: Furniture,
-        *,
-        sides: Sequence[Side] = SIDES,
-        height: float = 0.0,
-        gap: float = WALL_GAP,
-        front: float = 0.0,
-        margin: float = 0.0,
-        windows: bool = True,
-        turn: float = 0.0,
-        top: float = 0.0,
-    ) -> list[Spot]:
-        """Free places of a piece with its back at a wall.
-
-        Args:
-            furniture: the piece.
-            sides: the walls to try.
-            height: of its origin above the floor.
-            gap: between its back and the wall.
-            front: depth that must be free before it as well.
-            margin: free width on its left and right.
-            windows: whether it must leave windows free.
-            turn: degrees; 90 puts its right side at the wall in place of its back.
-            top: the wall above it must be free up to this height.
-        """
+    def spots(self, furniture: Furniture, where: Where = ANYWHERE) -> list[Spot]:
+        """Free places of a piece with its back at a wall."""
+        gap, margin, turn = where.gap, where.margin, where.turn
+        if gap is None:
+            gap = 0.0 if furniture.mount == "wall" else WALL_GAP
         low, high = world_box(furniture, np.zeros(3), turn)
         out: list[Spot] = []
-        for side in sides:
+        for side in where.sides:
             wall = self.room.wall(side)
             first, last = -low[0] + 0.003 + margin, wall.length - high[0] - 0.003 - margin
             if last < first:
                 continue
             count = max(2, int((last - first) / 0.05) + 1)
             alongs = np.linspace(first, last, count)
-            positions = wall.points(alongs, height, gap - low[2])
+            positions = wall.points(alongs, where.height, gap - low[2])
             ends = [
-                wall.points(alongs + low[0] - margin, height + low[1], gap),
-                wall.points(alongs + high[0] + margin, height + high[1], gap + high[2] - low[2]),
+                wall.points(alongs + low[0] - margin, where.height + low[1], gap),
+                wall.points(alongs + high[0] + margin, where.height + high[1], gap + high[2] - low[2]),
             ]
             lows, highs = np.minimum(*ends), np.maximum(*ends)
-            highs[:, 1] = np.maximum(highs[:, 1], top)
-            ok = self.free(lows, highs, windows=windows)
-            if front > 0:
-                reach = [lows + np.minimum(wall.normal * front, 0), highs + np.maximum(wall.normal * front, 0)]
+            highs[:, 1] = np.maximum(highs[:, 1], where.top)
+            ok = self.free(lows, highs, windows=where.windows)
+            if where.front > 0:
+                reach = [
+                    lows + np.minimum(wall.normal * where.front, 0),
+                    highs + np.maximum(wall.normal * where.front, 0),
+                ]
                 reach[0][:, 1] = np.maximum(reach[0][:, 1], FLAT)
                 ok &= self._front_free(reach[0], reach[1])
             yaw = wall.yaw + turn
@@ -208,30 +219,21 @@ class Arranger:
         self,
         kind: str,
         *,
+        where: Where = ANYWHERE,
         score: Callable[[Spot], float] | None = None,
         copy: int = 0,
-        sides: Sequence[Side] = SIDES,
-        height: float = 0.0,
-        gap: float | None = None,
-        front: float = 0.0,
-        margin: float = 0.0,
-        windows: bool = True,
-        top: float = 0.0,
         jitter: float = 0.3,
         options: Options | None = None,
     ) -> tuple[Placed, Spot] | None:
         """Put a kind at its best free spot (highest ``score`` plus noise of size ``jitter``), if there is any."""
         furniture = self.model(kind, copy, **(options or {}))
-        space = gap if gap is not None else (0.0 if furniture.mount == "wall" else WALL_GAP)
-        found = self.spots(
-            furniture, sides=sides, height=height, gap=space, front=front, margin=margin, windows=windows, top=top
-        )
+        found = self.spots(furniture, where)
         if not found:
             return None
         noise = self.rng.uniform(0, jitter, len(found)) if jitter else np.zeros(len(found))
         values = [(score(spot) if score else 0.0) + n for spot, n in zip(found, noise, strict=True)]
         spot = found[int(np.argmax(values))]
-        return self.put(furniture, spot, front=front), spot
+        return self.put(furniture, spot, front=where.front), spot
 
     def place_free(
         self,

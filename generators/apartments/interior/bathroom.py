@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from generators.apartments.interior.arrange import Arranger
+from generators.apartments.interior.arrange import Arranger, Where
 from generators.apartments.interior.fittings import (
     cornered,
     depth_of,
@@ -40,7 +40,7 @@ def _spare(a: Arranger, furnish_more: Callable[[], object]) -> None:
 def _shower(a: Arranger, score: Callable[[Spot], float]) -> tuple[Placed, Spot] | None:
     """The shower has tiles at its back and on its left: it stands in the left corner of a wall."""
     shower = a.model("shower")
-    found = [s for s in a.spots(shower, gap=0.002, front=0.5) if s.extent[0] < 0.01]
+    found = [s for s in a.spots(shower, where=Where(gap=0.002, front=0.5)) if s.extent[0] < 0.01]
     if not found:
         return None
     spot = max(found, key=lambda s: score(s) + a.rng.uniform(0, 0.5))
@@ -55,14 +55,16 @@ def furnish_bathroom(a: Arranger) -> float:
     main = None
     if tub:
         main = a.place(
-            "bathtub", score=lambda s: cornered(s) + far(s) + (0.3 if s.wall.length < 3.3 else 0.0), front=0.5
+            "bathtub",
+            score=lambda s: cornered(s) + far(s) + (0.3 if s.wall.length < 3.3 else 0.0),
+            where=Where(front=0.5),
         )
     if main is None:
         main = _shower(a, far)
     if main is None:
         return 0.0
     view = facing_door(a)
-    basin = a.place("washbasin", score=lambda s: 1.5 * view(s), front=0.6, margin=0.12, top=2.0)
+    basin = a.place("washbasin", score=lambda s: 1.5 * view(s), where=Where(front=0.6, margin=0.12, top=2.0))
     if basin is None:
         return 0.0
     _tub_piece, tub_spot = main
@@ -77,13 +79,20 @@ def furnish_bathroom(a: Arranger) -> float:
     front = tub_spot.centre + tub_spot.wall.normal * (depth_of(tub_spot) / 2 + depth / 2 + 0.05)
     a.place_free(mat, front[[0, 2]], tub_spot.wall.yaw)
     rail = a.model("towel_rail")
-    a.place("towel_rail", height=0.95 - float(rail.mesh.bounds[0, 1]), score=near(tub_spot.centre, 1.0), margin=0.05)
+    a.place(
+        "towel_rail",
+        score=near(tub_spot.centre, 1.0),
+        where=Where(height=0.95 - float(rail.mesh.bounds[0, 1]), margin=0.05),
+    )
     # Small things stand close to the fixtures and leave long stretches of wall.
     a.place("laundry_basket", score=lambda s: 1.5 * cornered(s) + near(tub_spot.centre, 0.3)(s))
     _spare(
         a,
         lambda: a.place(
-            "bathroom_cabinet", score=lambda s: near(spot.centre, 1.0)(s) + 0.5 * cornered(s), front=0.35, jitter=0.8
+            "bathroom_cabinet",
+            score=lambda s: near(spot.centre, 1.0)(s) + 0.5 * cornered(s),
+            jitter=0.8,
+            where=Where(front=0.35),
         ),
     )
     if rail.mesh.bounds[1, 1] - rail.mesh.bounds[0, 1] < 1.0:
@@ -96,7 +105,10 @@ def furnish_bathroom(a: Arranger) -> float:
     hooks = a.model("towel_rail", 1)
     if hooks.mesh.bounds[1, 1] - hooks.mesh.bounds[0, 1] < 0.8:
         a.place(
-            "towel_rail", copy=1, height=0.98 - float(hooks.mesh.bounds[0, 1]), score=near(spot.centre), margin=0.05
+            "towel_rail",
+            copy=1,
+            score=near(spot.centre),
+            where=Where(height=0.98 - float(hooks.mesh.bounds[0, 1]), margin=0.05),
         )
     shelf_board(a, copy=3, score=near(tub_spot.centre, 0.5))
     spots = _machine_spots(a)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from generators.apartments.interior.arrange import Arranger, Options
+from generators.apartments.interior.arrange import Arranger, Options, Where
 from generators.apartments.interior.pieces import Placed
 from generators.apartments.interior.walking import walkable
 
@@ -23,7 +23,7 @@ def dining(a: Arranger) -> Placed | None:
         table = a.model("dining_table", **options)
         found = []
         for turn, bonus in ((0.0, 0.2), (90.0, 0.0)):
-            for spot in a.spots(table, gap=0.04, turn=turn):
+            for spot in a.spots(table, where=Where(gap=0.04, turn=turn)):
                 away = min(
                     (float(np.linalg.norm((p.low + p.high)[[0, 2]] / 2 - spot.centre[[0, 2]])) for p in solid),
                     default=0,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generators.apartments.floorplan import LEFT, RIGHT, SIDES
-from generators.apartments.interior.arrange import Arranger
+from generators.apartments.interior.arrange import Arranger, Where
 from generators.apartments.interior.pieces import Spot, overlaps, world_box
 
 Array = NDArray[np.float64]
@@ -80,7 +80,7 @@ def radiator(a: Arranger, length: float | None = None) -> None:
     def score(spot: Spot) -> float:
         return -min((float(np.linalg.norm((spot.centre - p)[[0, 2]])) for p in panes), default=0.0)
 
-    a.place("radiator", score=score, height=height, jitter=0.05, options=options)
+    a.place("radiator", score=score, jitter=0.05, options=options, where=Where(height=height))
 
 
 def lamps(a: Arranger) -> None:
@@ -100,7 +100,7 @@ def lamps(a: Arranger) -> None:
 def pictures(a: Arranger, count: int, *, height: float = 1.55, score: Callable[[Spot], float] | None = None) -> None:
     """Up to ``count`` pictures on the walls, their middles at ``height``."""
     for copy in range(count):
-        a.place("picture", copy=copy, height=height, score=score, margin=0.12)
+        a.place("picture", copy=copy, score=score, where=Where(height=height, margin=0.12))
 
 
 def width_of(spot: Spot) -> float:
@@ -117,7 +117,9 @@ def depth_of(spot: Spot) -> float:
 def shelf_board(a: Arranger, copy: int = 0, score: Callable[[Spot], float] | None = None) -> None:
     """A board on the wall with a few things on it, above nothing in particular."""
     board = a.model("shelf_board", copy)
-    a.place("shelf_board", copy=copy, score=score, height=1.4 - float(board.mesh.bounds[0, 1]), margin=0.15)
+    a.place(
+        "shelf_board", copy=copy, score=score, where=Where(height=1.4 - float(board.mesh.bounds[0, 1]), margin=0.15)
+    )
 
 
 def door_leaves(a: Arranger) -> None:

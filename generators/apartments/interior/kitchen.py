@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generators.apartments.floorplan import LEFT, RIGHT, SIDES, Side, WallFrame
-from generators.apartments.interior.arrange import Arranger
+from generators.apartments.interior.arrange import Arranger, Where
 from generators.apartments.interior.dining import PENDANT_BOTTOM, dining
 from generators.apartments.interior.pieces import Placed
 from generators.apartments.interior.walking import free_rectangle, walkable
@@ -279,9 +279,9 @@ def furnish_kitchen(a: Arranger) -> float:
         a.place_free(a.model("ceiling_lamp", 1, drop=drop), centre[[0, 2]], 0.0, height=a.plan.height, windows=False)
     a.place("waste_bin", score=lambda s: -2 * min(s.corner, 1.0))
     radiator = a.model("radiator", length=0.8)
-    a.place("radiator", height=0.02 - float(radiator.mesh.bounds[0, 1]), options={"length": 0.8})
+    a.place("radiator", options={"length": 0.8}, where=Where(height=0.02 - float(radiator.mesh.bounds[0, 1])))
     a.place("plant", score=lambda s: -2 * min(s.corner, 1.0), options={"height": 0.7})
-    a.place("picture", height=1.6, margin=0.15)
+    a.place("picture", where=Where(height=1.6, margin=0.15))
     if walkable(a) < 2.5 or not free_rectangle(a, 1.3, 1.8):
         return 0.0
     return 0.5 + 0.25 * min(layout.worktop / WANTED, 1.0) + (0.25 if table is not None else 0.0)

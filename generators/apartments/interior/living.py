@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generators.apartments.floorplan import OPPOSITE
-from generators.apartments.interior.arrange import Arranger
+from generators.apartments.interior.arrange import Arranger, Where
 from generators.apartments.interior.fittings import (
     cornered,
     curtains,
@@ -28,8 +28,8 @@ def _sofa_and_television(a: Arranger) -> tuple[Placed, Spot, Spot] | None:
     """Sofa and television face to face: the sofa at the opposite wall, or free in the room where there is no place."""
     sofa, stand = a.model("sofa"), a.model("tv_stand")
     depth = float(sofa.mesh.bounds[1, 2] - sofa.mesh.bounds[0, 2])
-    stands = a.spots(stand, margin=0.05)
-    seats = a.spots(sofa) + a.spots(sofa, gap=0.22, windows=False)
+    stands = a.spots(stand, where=Where(margin=0.05))
+    seats = a.spots(sofa) + a.spots(sofa, where=Where(gap=0.22, windows=False))
     best: tuple[float, Spot, Spot] | None = None
     for tv in stands:
         across = 0 if abs(tv.wall.u[0]) > 0.5 else 2
@@ -77,8 +77,8 @@ def _seating(a: Arranger) -> Spot | None:
     a.place_free(a.model("rug", length=round(width_of(seat) + 0.2, 2)), (centre - normal * 0.12)[[0, 2]], seat.wall.yaw)
     a.place_free(table, centre[[0, 2]], seat.wall.yaw)
     beside = seat.centre.copy()
-    a.place("side_table", sides=[seat.wall.side], score=near(beside), jitter=0.0)
-    a.place("floor_lamp", sides=[seat.wall.side], score=near(beside), jitter=0.0)
+    a.place("side_table", score=near(beside), jitter=0.0, where=Where(sides=[seat.wall.side]))
+    a.place("floor_lamp", score=near(beside), jitter=0.0, where=Where(sides=[seat.wall.side]))
     chair = a.model("armchair")
     half = float(chair.mesh.bounds[1, 2] - chair.mesh.bounds[0, 2]) / 2
     for sign in a.rng.permutation([-1.0, 1.0]):
@@ -99,12 +99,14 @@ def furnish_living_room(a: Arranger) -> float:
         return 0.0
     quality = 0.4
     quality += 0.2 * (
-        a.place("sideboard", score=lambda s: -abs(s.along - s.wall.length / 2) * 0.2, front=0.5, margin=0.05)
+        a.place(
+            "sideboard", score=lambda s: -abs(s.along - s.wall.length / 2) * 0.2, where=Where(front=0.5, margin=0.05)
+        )
         is not None
     )
-    quality += 0.2 * (a.place("bookshelf", score=cornered, front=0.45) is not None)
+    quality += 0.2 * (a.place("bookshelf", score=cornered, where=Where(front=0.45)) is not None)
     if a.room.area > 23:
-        a.place("bookshelf", score=cornered, front=0.45, copy=0)
+        a.place("bookshelf", score=cornered, copy=0, where=Where(front=0.45))
     a.place("plant", score=cornered, options={"height": 0.95})
     quality += 0.1 * (a.place("side_table", copy=1, score=cornered) is not None)
     radiator(a)

@@ -47,6 +47,10 @@ def handle(
         kit.rod(foot, foot + np.array([0.0, 0.0, 0.028]), 0.0045, material, sides=6)
 
 
+#: Half of the joint between two doors or drawers (m).
+GAP = 0.002
+
+
 def front(
     kit: Kit,
     x: tuple[float, float],
@@ -56,7 +60,6 @@ def front(
     *,
     shaker: bool = False,
     pull: tuple[str, str, Material] | None = None,
-    gap: float = 0.002,
     grain: str | None = None,
 ) -> None:
     """A door or drawer front with its back at ``z``, a gap all round, and a handle.
@@ -64,7 +67,7 @@ def front(
     ``pull`` is (style, place, material); the place is ``top``, ``middle``, ``left``, ``right`` (of a door, at
     its upper end), ``left_low`` or ``right_low`` (of wall cabinets).
     """
-    x0, x1, y0, y1 = x[0] + gap, x[1] - gap, y[0] + gap, y[1] - gap
+    x0, x1, y0, y1 = x[0] + GAP, x[1] - GAP, y[0] + GAP, y[1] - GAP
     face = z + 0.019
     with kit.grained(grain or ("y" if y1 - y0 > x1 - x0 else "x")):
         if shaker and min(x1 - x0, y1 - y0) > 0.2:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,14 +13,18 @@ from generators.core.scene import Material
 
 Array = NDArray[np.float64]
 
+#: Which ends of a loft are closed.
+Caps = Literal["both", "first", "none"]
+#: A housing of enamelled sheet: radius of its edges along z, and of the edges of its front (m).
+EDGE, BEVEL = 0.012, 0.008
+
 
 def loft(
     builder: MeshBuilder,
     loops: ArrayLike,
     material: Material,
     *,
-    cap_start: bool = True,
-    cap_end: bool = True,
+    caps: Caps = "both",
     centre: Sequence[float] | Array = (0.0, 0.0, 0.0),
     rotate: Array | None = None,
     crease: float = 40.0,
@@ -32,8 +37,7 @@ def loft(
         loops: (L, N, 3); loop k's point j is joined to loop k+1's point j. Seen from the end of the stack the loops
             run counter-clockwise (so that the skin looks outwards).
         material: of all faces.
-        cap_start: close the first loop with a fan round its mean (it must be star-shaped about it).
-        cap_end: close the last loop.
+        caps: which ends are closed, with a fan round the mean of the loop (it must be star-shaped about it).
         centre: added after the rotation.
         rotate: (3, 3).
         crease: smoothing angle, degrees.
@@ -47,9 +51,9 @@ def loft(
     faces = [np.stack([a, b, c], axis=2).reshape(-1, 3), np.stack([a, c, d], axis=2).reshape(-1, 3)]
     vertices = [stack.reshape(-1, 3), stack[0].mean(axis=0)[None], stack[-1].mean(axis=0)[None]]
     ring, ahead = np.arange(points), (np.arange(points) + 1) % points
-    if cap_start:
+    if caps != "none":
         faces.append(np.stack([np.full(points, count * points), ahead, ring], axis=1))
-    if cap_end:
+    if caps == "both":
         last = (count - 1) * points
         faces.append(np.stack([np.full(points, count * points + 1), last + ring, last + ahead], axis=1))
     builder.add(
@@ -84,22 +88,16 @@ def slab(
     corner: float = 0.02,
     bevel: float = 0.004,
     steps: int = 5,
-    taper: float = 1.0,
     rotate: Array | None = None,
     acoustic: bool | str = False,
 ) -> None:
-    """A plate of ``size`` (x, y, z) about ``centre``: corners rounded in x–y, the edge of its +Z face bevelled.
-
-    ``taper`` scales the front face's outline against the back's.
-    """
+    """A plate of ``size`` (x, y, z) about ``centre``: corners rounded in x–y, the edge of its +Z face bevelled."""
     width, height, depth = size
     edge = min(bevel, 0.9 * depth, 0.45 * min(width, height))
     loops = [_flat(rounded_rectangle(width, height, corner, steps=steps), -depth / 2)]
     for t in np.linspace(0, np.pi / 2, 4) if edge > 0 else [np.pi / 2]:
         inset, z = edge * (1 - np.cos(t)), depth / 2 - edge * (1 - np.sin(t))
-        outline = rounded_rectangle(
-            width * taper - 2 * inset, height * taper - 2 * inset, max(corner - inset, 1e-3), steps=steps
-        )
+        outline = rounded_rectangle(width - 2 * inset, height - 2 * inset, max(corner - inset, 1e-3), steps=steps)
         loops.append(_flat(outline, z))
     loft(builder, np.array(loops), material, centre=centre, rotate=rotate, acoustic=acoustic)
 
@@ -116,8 +114,6 @@ def housing_with_port(
     port: Sequence[float],
     radius: float,
     depth: float,
-    corner: float = 0.012,
-    bevel: float = 0.008,
     centre: Sequence[float] | Array = (0.0, 0.0, 0.0),
 ) -> None:
     """A box of ``size`` about ``centre`` whose front (+Z) has a round hole: the case of a washing machine.
@@ -129,12 +125,10 @@ def housing_with_port(
         port: (x, y) of the hole's centre, relative to ``centre``.
         radius: of the hole.
         depth: of the hole's wall.
-        corner: radius of the four edges along z.
-        bevel: rounding of the front's edges.
         centre: of the box.
     """
     width, height, length = size
-    outline = rounded_rectangle(width, height, corner)
+    outline = rounded_rectangle(width, height, EDGE)
     away = outline - np.asarray(port)
     # The long sides need points between the corners, or the front's triangles become slivers across the hole.
     pieces = []
@@ -148,11 +142,11 @@ def housing_with_port(
     half = np.array([width / 2, height / 2])
     loops = [_flat(outline, -length / 2)]
     for t in np.linspace(0, np.pi / 2, 4):
-        shrink = (half - bevel * (1 - np.cos(t))) / half
-        loops.append(_flat(outline * shrink, length / 2 - bevel * (1 - np.sin(t))))
+        shrink = (half - BEVEL * (1 - np.cos(t))) / half
+        loops.append(_flat(outline * shrink, length / 2 - BEVEL * (1 - np.sin(t))))
     loops.append(_flat(circle, length / 2))
     loops.append(_flat(circle, length / 2 - depth))
-    loft(builder, np.array(loops), material, cap_end=False, centre=centre, acoustic=True)
+    loft(builder, np.array(loops), material, caps="first", centre=centre, acoustic=True)
 
 
 def egg(half_width: float, front: float, back: float, *, points: int = 36, squareness: float = 2.0) -> Array:

@@ -30,7 +30,7 @@ def _bowl(b: MeshBuilder, outer: list[Array], rim: tuple[float, float, float], z
     for part, y in ((0.93, RIM - 0.03), (0.86, RIM - 0.08), (0.70, RIM - 0.14), (0.50, RIM - 0.185)):
         inside = egg((half - 0.04) * part, (front - 0.04) * part, (back - 0.04) * part)
         loops.append(level(_shifted(inside, z), y))
-    loft(b, np.array(loops), material, cap_start=True, cap_end=True, acoustic=True)
+    loft(b, np.array(loops), material, acoustic=True)
     water = paint("water", "water", "#9fb4bd", gloss=0.9)
     loop = level(_shifted(egg((half - 0.04) * 0.56, (front - 0.04) * 0.56, (back - 0.04) * 0.56), z), RIM - 0.168)
     loft(b, np.array([loop, loop + np.array([0, 0.001, 0])]), water, acoustic=False)
@@ -42,7 +42,7 @@ def _seat(b: MeshBuilder, rim: tuple[float, float, float], z: float, material: M
     loops = []
     for inset, dy in ((0.0, 0.0), (-0.002, 0.008), (0.006, 0.017), (0.03, 0.020), (0.056, 0.016), (0.062, 0.0)):
         loops.append(level(_shifted(egg(half - inset, front - inset, back - inset, squareness=3.0), z), y + dy))
-    loft(b, np.array([*loops, loops[0]]), material, cap_start=False, cap_end=False, crease=60, acoustic=False)
+    loft(b, np.array([*loops, loops[0]]), material, caps="none", crease=60, acoustic=False)
 
 
 def _lid(b: MeshBuilder, rim: tuple[float, float, float], z: float, material: Material, degrees: float) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -67,19 +69,36 @@ def _grid(size: int, columns: int, rows: int, stagger: float) -> tuple[NDArray[n
     return row * columns + column, lx, ly, edge
 
 
+@dataclass(frozen=True)
+class Tiling:
+    """A grid of tiles; lengths in pixels of the image.
+
+    Attributes:
+        columns: tiles across.
+        rows: tiles down; with ``stagger`` an even number.
+        stagger: 0.5 is running bond (metro tiles).
+        joint: width of the grout.
+        bevel: width of the rounded rim.
+        tone: spread of the tiles' brightness.
+        mottle: spread of the brightness within a tile.
+    """
+
+    columns: int = 8
+    rows: int = 8
+    stagger: float = 0.0
+    joint: float = 3.0
+    bevel: float = 3.0
+    tone: float = 0.02
+    mottle: float = 0.02
+
+
 def tiles(
     rng: np.random.Generator,
     colour: Field,
     grout: Field,
     *,
+    tiling: Tiling = Tiling(),  # frozen
     size: int = 1024,
-    columns: int = 8,
-    rows: int = 8,
-    stagger: float = 0.0,
-    joint: float = 3.0,
-    bevel: float = 3.0,
-    tone: float = 0.02,
-    mottle: float = 0.02,
     vein: Field | None = None,
     palette: tuple[Field, ...] = (),
 ) -> Image:
@@ -89,17 +108,12 @@ def tiles(
         rng: source of randomness.
         colour: sRGB of the glaze.
         grout: sRGB of the joints.
+        tiling: the grid.
         size: pixels of the square image.
-        columns: tiles across (with ``stagger``, ``rows`` must be even).
-        rows: tiles down.
-        stagger: 0.5 is running bond (metro tiles).
-        joint: width of the grout in pixels.
-        bevel: width of the rounded rim in pixels.
-        tone: spread of the tiles' brightness.
-        mottle: spread of the brightness within a tile.
         vein: colour of marble veins; each tile shows another piece of the slab.
         palette: further colours; each tile takes one at random (mosaic).
     """
+    columns, rows, stagger = tiling.columns, tiling.rows, tiling.stagger
     if stagger and rows % 2:
         raise ValueError(f"running bond repeats only with an even number of rows, not {rows}")
     ids, lx, ly, edge = _grid(size, columns, rows, stagger)
@@ -114,8 +128,8 @@ def tiles(
         if palette:
             choice = np.stack([colour, *palette])[rng.integers(0, len(palette) + 1, count)]
             base = choice[ids]
-        face = base * (1 + mottle * pick(spots, px, py))[..., None]
-    return _lay(rng, face, ids, edge, grout=grout, joint=joint, bevel=bevel, tone=tone)
+        face = base * (1 + tiling.mottle * pick(spots, px, py))[..., None]
+    return _lay(rng, face, ids, edge, grout=grout, joint=tiling.joint, bevel=tiling.bevel, tone=tiling.tone)
 
 
 def hexagons(

@@ -98,22 +98,34 @@ def painted(rng: np.random.Generator, colour: Field, *, size: int = 256) -> Imag
     return to_image(colour * (1 + 0.005 * peel + 0.003 * brush + 0.006 * broad)[..., None])
 
 
-def _boards(
+@dataclass(frozen=True, eq=False)
+class _Boards:
+    """Where the boards lie; all arrays (H, W), lengths in pixels of the result.
+
+    Attributes:
+        ids: number of the board, from 0.
+        along: place on the board, lengthwise.
+        across: the same across it.
+        edge: distance to its rim.
+    """
+
+    ids: np.ndarray
+    along: Field
+    across: Field
+    edge: Field
+
+
+def _paint_boards(
     rng: np.random.Generator,
     species: Species,
     *,
-    ids: np.ndarray,
-    along: Field,
-    across: Field,
-    edge: Field,
+    boards: _Boards,
     metres: float,
     gap: float,
     tone: float,
 ) -> Image:
-    """Colour boards: each takes its own piece of one large sheet of grain, its own tone and a dark joint.
-
-    ``along``, ``across``, ``edge`` are in pixels of the result, ``edge`` is the distance to the board's rim.
-    """
+    """Colour boards: each takes its own piece of one large sheet of grain, its own tone and a dark joint."""
+    ids, along, across, edge = boards.ids, boards.along, boards.across, boards.edge
     size = ids.shape[0]
     count = int(ids.max()) + 1
     sheet = grain(rng, (size, size), metres, species)
@@ -163,9 +175,8 @@ def strips(
         along[inside] = (cx - left) % size
         end[inside] = np.minimum((cx - left) % size, (right - cx) % size)
     edge = np.minimum(np.minimum(across, row_height - across), end)
-    return _boards(
-        rng, SPECIES[species], ids=ids, along=along, across=across, edge=edge, metres=metres, gap=gap, tone=tone
-    )
+    boards = _Boards(ids, along, across, edge)
+    return _paint_boards(rng, SPECIES[species], boards=boards, metres=metres, gap=gap, tone=tone)
 
 
 def herringbone(
@@ -200,17 +211,8 @@ def herringbone(
     key = np.rint(px % size).astype(np.int64) % size * (4 * size) + np.rint(py % size).astype(np.int64) % size * 2
     _, ids = np.unique(key + lying, return_inverse=True)
     edge = np.minimum(np.minimum(across, 1 - across), np.minimum(along, ratio - along)) * unit
-    return _boards(
-        rng,
-        SPECIES[species],
-        ids=ids.reshape(size, size),
-        along=along * unit,
-        across=across * unit,
-        edge=edge,
-        metres=metres,
-        gap=0.8,
-        tone=tone,
-    )
+    boards = _Boards(ids.reshape(size, size), along * unit, across * unit, edge)
+    return _paint_boards(rng, SPECIES[species], boards=boards, metres=metres, gap=0.8, tone=tone)
 
 
 def butcher_block(rng: np.random.Generator, species: str, *, size: int = 512, metres: float = 0.9) -> Image:
