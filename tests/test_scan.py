@@ -11,7 +11,7 @@ import trimesh
 from avs3d_bench.errors import Avs3dError
 from generators.core.scene import Scene, Support
 from generators.scans.patches import largest_rectangle, rectangles
-from generators.scans.scan import load_scan
+from generators.scans.scan import Axes, load_scan
 
 BOX = [[-2.0, 0.0, -1.5], [2.0, 2.5, 1.5]]
 
@@ -131,7 +131,7 @@ def test_a_scan_with_z_up_is_turned(tmp_path: Path, scan: Scene) -> None:
     turn[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
     scene.apply_transform(turn)
     scene.export(tmp_path / "z.glb")
-    turned = load_scan("z", tmp_path / "z.glb", {"kitchen": BOX}, up="z", front="-y")
+    turned = load_scan("z", tmp_path / "z.glb", {"kitchen": BOX}, axes=Axes("z", "-y"))
     for kind in ("floor", "worktop", "side_table"):
         assert only(turned, kind).origin == pytest.approx(only(scan, kind).origin, abs=0.002)
 

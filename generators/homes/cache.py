@@ -199,34 +199,11 @@ def _digest(path: Path) -> str:
 def _pack(scene: Scene) -> tuple[dict[str, list[NDArray[Any]]], dict[str, Any]]:
     """The numbers of a scene, and the rest of it as JSON values."""
     arrays: dict[str, list[NDArray[Any]]] = {name: [] for name in _ARRAYS}
-    textures: dict[int, int] = {}
-    texture_index: list[dict[str, Any]] = []
-    materials: dict[int, int] = {}
-    material_index: list[dict[str, Any]] = []
+    materials, material_index, texture_index, arrays["textures"] = _pack_materials(scene)
     labels: dict[str, int] = {}
     part_index = []
     for part in scene.parts:
         mesh = part.mesh
-        for material in mesh.materials:
-            if id(material) in materials:
-                continue
-            texture = material.texture
-            if texture is not None and id(texture) not in textures:
-                textures[id(texture)] = len(texture_index)
-                texture_index.append({"name": texture.name, "shape": list(texture.pixels.shape[:2])})
-                arrays["textures"].append(texture.pixels)
-            materials[id(material)] = len(material_index)
-            material_index.append(
-                {
-                    "name": material.name,
-                    "acoustic": material.acoustic,
-                    "colour": _floats(material.colour),
-                    "texture": None if texture is None else textures[id(texture)],
-                    "emission": _floats(material.emission),
-                    "gloss": float(material.gloss),
-                    "shown": None if material.shown is None else _floats(material.shown),
-                }
-            )
         for name in ("positions", "normals", "uv", "face_material", "acoustic_positions"):
             arrays[name].append(getattr(mesh, name))
         own = [labels.setdefault(label, len(labels)) for label in mesh.acoustic_labels]
@@ -262,6 +239,38 @@ def _pack(scene: Scene) -> tuple[dict[str, list[NDArray[Any]]], dict[str, Any]]:
         "parts": part_index,
     }
     return arrays, index
+
+
+def _pack_materials(
+    scene: Scene,
+) -> tuple[dict[int, int], list[dict[str, Any]], list[dict[str, Any]], list[NDArray[Any]]]:
+    """Number each material of a scene: ``id`` → number; their fields; the fields and the pixels of their textures."""
+    numbers: dict[int, int] = {}
+    materials: list[dict[str, Any]] = []
+    textures: dict[int, int] = {}
+    described: list[dict[str, Any]] = []
+    pixels: list[NDArray[Any]] = []
+    for material in (each for part in scene.parts for each in part.mesh.materials):
+        if id(material) in numbers:
+            continue
+        texture = material.texture
+        if texture is not None and id(texture) not in textures:
+            textures[id(texture)] = len(described)
+            described.append({"name": texture.name, "shape": list(texture.pixels.shape[:2])})
+            pixels.append(texture.pixels)
+        numbers[id(material)] = len(materials)
+        materials.append(
+            {
+                "name": material.name,
+                "acoustic": material.acoustic,
+                "colour": _floats(material.colour),
+                "texture": None if texture is None else textures[id(texture)],
+                "emission": _floats(material.emission),
+                "gloss": float(material.gloss),
+                "shown": None if material.shown is None else _floats(material.shown),
+            }
+        )
+    return numbers, materials, described, pixels
 
 
 def _floats(values: Any) -> list[float]:

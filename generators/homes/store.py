@@ -44,7 +44,7 @@ def open_home(plan: ObservationPlan, folder: Path, *, workers: int = 1) -> Scene
 def _open_scan(plan: ObservationPlan) -> Scene:
     """The plan's scan; the last one opened is kept, since a manifest's observations often share it."""
     from generators.assets.gltf import can_decode_basis, has_basis
-    from generators.scans.scan import load_scan
+    from generators.scans.scan import Axes, load_scan
 
     spec, room = plan.scan, plan.spec.room
     files, digest = plan.scan_files, plan.home_digest
@@ -59,8 +59,7 @@ def _open_scan(plan: ObservationPlan) -> Scene:
         files,
         {name: np.asarray(box) for name, box in spec.rooms.items()},
         licence=Licence(spec.licence.name, spec.licence.author, spec.licence.source) if spec.licence else None,
-        up=spec.up,
-        front=spec.front,
+        axes=Axes(spec.up, spec.front),
         textures=textures,
         materials=plan.material_file,
         need=(room,),

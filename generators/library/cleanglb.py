@@ -24,48 +24,27 @@ def write_clean_glb(parts: Sequence[RawPart], generator: str) -> bytes:
     Corners with the same position, normal and coordinates become one vertex. The same parts give the same bytes with
     the same version of Pillow (which encodes the pictures).
     """
-    blob = bytearray()
-    views: list[dict[str, Any]] = []
-    accessors: list[dict[str, Any]] = []
-    materials: list[dict[str, Any]] = []
-    textures: list[dict[str, Any]] = []
-    images: list[dict[str, Any]] = []
-    meshes: list[dict[str, Any]] = []
-    pictures: dict[bytes, int] = {}
-
-    def view(data: bytes, target: int | None = None) -> int:
-        blob.extend(b"\0" * (-len(blob) % 4))
-        entry: dict[str, Any] = {"buffer": 0, "byteOffset": len(blob), "byteLength": len(data)}
-        if target:
-            entry["target"] = target
-        blob.extend(data)
-        views.append(entry)
-        return len(views) - 1
-
-    def accessor(values: NDArray[Any], kind: str, component: int, *, bounds: bool = False) -> int:
-        target = _ELEMENTS if component == _UINT else _ARRAY
-        entry: dict[str, Any] = {
-            "bufferView": view(np.ascontiguousarray(values).tobytes(), target),
-            "componentType": component,
-            "count": len(values),
-            "type": kind,
-        }
-        if bounds:
-            entry |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
-        accessors.append(entry)
-        return len(accessors) - 1
-
-    def picture(pixels: NDArray[np.uint8]) -> int:
-        buffer = io.BytesIO()
-        Image.fromarray(np.ascontiguousarray(pixels)).save(buffer, "PNG", compress_level=6)
-        data = buffer.getvalue()
-        if data not in pictures:
-            pictures[data] = len(textures)
-            images.append({"bufferView": view(data), "mimeType": "image/png"})
-            textures.append({"source": len(images) - 1, "sampler": 0})
-        return pictures[data]
-
+    glb = _Glb()
     for part in parts:
+        glb.add(part)
+    return glb.encode(generator)
+
+
+class _Glb:
+    """The lists of a glTF document and its one buffer, while parts are added."""
+
+    def __init__(self) -> None:
+        self._blob = bytearray()
+        self._views: list[dict[str, Any]] = []
+        self._accessors: list[dict[str, Any]] = []
+        self._materials: list[dict[str, Any]] = []
+        self._textures: list[dict[str, Any]] = []
+        self._images: list[dict[str, Any]] = []
+        self._meshes: list[dict[str, Any]] = []
+        self._pictures: dict[bytes, int] = {}
+
+    def add(self, part: RawPart) -> None:
+        """Append a part: its material, its picture, its mesh of one primitive."""
         surface = part.surface
         physical: dict[str, Any] = {
             "baseColorFactor": [*(round(float(v), 6) for v in surface.colour), 1.0],
@@ -73,48 +52,83 @@ def write_clean_glb(parts: Sequence[RawPart], generator: str) -> bytes:
             "roughnessFactor": 0.4 if surface.metallic else 0.8,
         }
         if surface.pixels is not None:
-            physical["baseColorTexture"] = {"index": picture(surface.pixels)}
-        materials.append({"name": surface.name, "pbrMetallicRoughness": physical})
+            physical["baseColorTexture"] = {"index": self._picture(surface.pixels)}
+        self._materials.append({"name": surface.name, "pbrMetallicRoughness": physical})
         vertices, index = _indexed(part)
         attributes = {
-            "POSITION": accessor(vertices[:, :3], "VEC3", _FLOAT, bounds=True),
-            "NORMAL": accessor(vertices[:, 3:6], "VEC3", _FLOAT),
+            "POSITION": self._accessor(vertices[:, :3], "VEC3", _FLOAT, bounds=True),
+            "NORMAL": self._accessor(vertices[:, 3:6], "VEC3", _FLOAT),
         }
         if surface.pixels is not None:
-            attributes["TEXCOORD_0"] = accessor(vertices[:, 6:8], "VEC2", _FLOAT)
+            attributes["TEXCOORD_0"] = self._accessor(vertices[:, 6:8], "VEC2", _FLOAT)
         primitive = {
             "attributes": attributes,
-            "indices": accessor(index, "SCALAR", _UINT),
-            "material": len(materials) - 1,
+            "indices": self._accessor(index, "SCALAR", _UINT),
+            "material": len(self._materials) - 1,
         }
-        meshes.append({"name": f"part_{len(meshes):03d}", "primitives": [primitive]})
-    tree: dict[str, Any] = {
-        "asset": {"version": "2.0", "generator": generator},
-        "scene": 0,
-        "scenes": [{"nodes": list(range(len(meshes)))}],
-        "nodes": [{"mesh": number, "name": mesh["name"]} for number, mesh in enumerate(meshes)],
-        "meshes": meshes,
-        "materials": materials,
-        "accessors": accessors,
-        "bufferViews": views,
-    }
-    if textures:
-        repeat = {"wrapS": 10497, "wrapT": 10497, "magFilter": 9729, "minFilter": 9987}
-        tree |= {"textures": textures, "images": images, "samplers": [repeat]}
-    blob.extend(b"\0" * (-len(blob) % 4))
-    tree["buffers"] = [{"byteLength": len(blob)}]
-    text = json.dumps(tree, separators=(",", ":"), sort_keys=True).encode()
-    text += b" " * (-len(text) % 4)
-    size = 12 + 8 + len(text) + 8 + len(blob)
-    return b"".join(
-        (
-            struct.pack("<4sII", b"glTF", 2, size),
-            struct.pack("<II", len(text), 0x4E4F534A),
-            text,
-            struct.pack("<II", len(blob), 0x004E4942),
-            bytes(blob),
+        self._meshes.append({"name": f"part_{len(self._meshes):03d}", "primitives": [primitive]})
+
+    def encode(self, generator: str) -> bytes:
+        """The file: header, JSON chunk, binary chunk."""
+        tree: dict[str, Any] = {
+            "asset": {"version": "2.0", "generator": generator},
+            "scene": 0,
+            "scenes": [{"nodes": list(range(len(self._meshes)))}],
+            "nodes": [{"mesh": number, "name": mesh["name"]} for number, mesh in enumerate(self._meshes)],
+            "meshes": self._meshes,
+            "materials": self._materials,
+            "accessors": self._accessors,
+            "bufferViews": self._views,
+        }
+        if self._textures:
+            repeat = {"wrapS": 10497, "wrapT": 10497, "magFilter": 9729, "minFilter": 9987}
+            tree |= {"textures": self._textures, "images": self._images, "samplers": [repeat]}
+        blob = self._blob + b"\0" * (-len(self._blob) % 4)
+        tree["buffers"] = [{"byteLength": len(blob)}]
+        text = json.dumps(tree, separators=(",", ":"), sort_keys=True).encode()
+        text += b" " * (-len(text) % 4)
+        size = 12 + 8 + len(text) + 8 + len(blob)
+        return b"".join(
+            (
+                struct.pack("<4sII", b"glTF", 2, size),
+                struct.pack("<II", len(text), 0x4E4F534A),
+                text,
+                struct.pack("<II", len(blob), 0x004E4942),
+                bytes(blob),
+            )
         )
-    )
+
+    def _view(self, data: bytes, target: int | None = None) -> int:
+        self._blob.extend(b"\0" * (-len(self._blob) % 4))
+        entry: dict[str, Any] = {"buffer": 0, "byteOffset": len(self._blob), "byteLength": len(data)}
+        if target:
+            entry["target"] = target
+        self._blob.extend(data)
+        self._views.append(entry)
+        return len(self._views) - 1
+
+    def _accessor(self, values: NDArray[Any], kind: str, component: int, *, bounds: bool = False) -> int:
+        target = _ELEMENTS if component == _UINT else _ARRAY
+        entry: dict[str, Any] = {
+            "bufferView": self._view(np.ascontiguousarray(values).tobytes(), target),
+            "componentType": component,
+            "count": len(values),
+            "type": kind,
+        }
+        if bounds:
+            entry |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
+        self._accessors.append(entry)
+        return len(self._accessors) - 1
+
+    def _picture(self, pixels: NDArray[np.uint8]) -> int:
+        buffer = io.BytesIO()
+        Image.fromarray(np.ascontiguousarray(pixels)).save(buffer, "PNG", compress_level=6)
+        data = buffer.getvalue()
+        if data not in self._pictures:
+            self._pictures[data] = len(self._textures)
+            self._images.append({"bufferView": self._view(data), "mimeType": "image/png"})
+            self._textures.append({"source": len(self._images) - 1, "sampler": 0})
+        return self._pictures[data]
 
 
 def _indexed(part: RawPart) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:

@@ -67,30 +67,19 @@ def sh3f(
 @licence_option
 @stance_options
 def folder(
-    path: Path,
-    licence: str,
-    author: str,
-    category: str,
-    kind: str | None,
-    url: str,
-    name: str | None,
-    lock: Path | None,
-    allowed: tuple[str, ...],
-    **options: Any,
+    path: Path, kind: str | None, name: str | None, lock: Path | None, allowed: tuple[str, ...], **options: Any
 ) -> None:
     """Every mesh (GLB, glTF, OBJ) and sound (WAV, FLAC, OGG, MP3) of a folder."""
-    from generators.library.folder import asset_ids, candidates, take_file
+    from generators.library.folder import Told, asset_ids, candidates, take_file
     from generators.library.licences import spdx
     from generators.library.lock import update_lock
     from generators.library.session import Stance
 
     session, stance, target = make_session(allowed), stance_of(options) or Stance(), lock_path(lock)
+    told = Told(options["category"], spdx(options["licence"]), options["author"], options["url"])
 
     def take(item: Any) -> AssetEntry:
-        entry = take_file(
-            path, item[1], item[0], session,
-            category=category, licence=spdx(licence), author=author, url=url, stance=stance, asset=ids[item[1]],
-        )  # fmt: skip
+        entry = take_file(path, item[1], item[0], session, asset=ids[item[1]], told=told, stance=stance)
         update_lock(target, (entry,))
         return entry
 

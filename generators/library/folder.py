@@ -11,6 +11,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -74,20 +75,25 @@ def asset_ids(root: Path, paths: Iterable[Path], name: str | None = None) -> dic
     }
 
 
+@dataclass(frozen=True)
+class Told:
+    """What the user says of the files of a folder.
+
+    Attributes:
+        category: what they are one of.
+        licence: in SPDX's spelling.
+        author: who made them.
+        url: where they come from.
+    """
+
+    category: str
+    licence: str
+    author: str
+    url: str = ""
+
+
 def take_file(
-    root: Path,
-    path: Path,
-    kind: Kind,
-    session: Session,
-    *,
-    category: str,
-    licence: str,
-    author: str,
-    url: str = "",
-    title: str | None = None,
-    name: str | None = None,
-    stance: Stance = Stance(),  # noqa: B008  # frozen
-    asset: str | None = None,
+    root: Path, path: Path, kind: Kind, session: Session, *, asset: str, told: Told, stance: Stance
 ) -> AssetEntry:
     """Copy a mesh or a sound into the store.
 
@@ -96,21 +102,15 @@ def take_file(
         path: a file at or below it.
         kind: see `candidates`.
         session: see there.
-        category: as the user says, and so are the three that follow.
-        licence: in SPDX's spelling.
-        author: who made it.
-        url: where it comes from.
-        title: the file's name without it.
-        name: takes the place of the folder's name in the id.
+        asset: its id, from `asset_ids`.
+        told: category, licence, author, origin.
         stance: how an object stands.
-        asset: its id; by its name alone without it (see `asset_ids`).
 
     Raises:
         Avs3dError: for a licence that forbids the use, or a file that cannot be used.
     """
     base = root if root.is_dir() else root.parent
     relative = path.relative_to(base).as_posix()
-    asset = asset or asset_ids(root, [path], name)[path]
     if not relative.isprintable():
         raise Avs3dError(f"{asset}: the name {relative!a} is no text that can be written down; rename the file")
     file, data = f"{'model' if kind == 'object' else 'sound'}{path.suffix.lower()}", files.read_bytes(path)
@@ -118,8 +118,8 @@ def take_file(
     if len(members) > 1:
         file, data = "model.zip", bundle(members)
     offer = Offer(
-        id=asset, kind=kind, category=category, source="folder", ref=relative,
-        url=url, title=title or path.stem, author=author, licence=licence, file=file,
+        id=asset, kind=kind, category=told.category, source="folder", ref=relative,
+        url=told.url, title=path.stem, author=told.author, licence=told.licence, file=file,
     )  # fmt: skip
     return keep(offer, session, data, stance)
 

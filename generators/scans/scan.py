@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -45,14 +45,26 @@ _FLOOR_SLACK = 0.35
 _SHARES = (0.15, 0.5, 0.85)
 
 
+@dataclass(frozen=True)
+class Axes:
+    """Axes of a scan's file; None: as its data set has them.
+
+    Attributes:
+        up: the one that points up (HM3D, Matterport3D: ``z``; else ``y``).
+        front: the one that becomes +Z (HM3D, Matterport3D: ``-y``; else ``+z``).
+    """
+
+    up: str | None = None
+    front: str | None = None
+
+
 def load_scan(
     name: str,
     source: str | Path | ScanFiles,
     rooms: Mapping[str, ArrayLike] | None = None,
     *,
     licence: Licence | None = None,
-    up: str | None = None,
-    front: str | None = None,
+    axes: Axes = Axes(),  # frozen
     textures: bool = True,
     materials: Path | None = None,
     need: Sequence[str] = (),
@@ -62,11 +74,10 @@ def load_scan(
     Args:
         name: the scan's id.
         source: its mesh file, a folder below which it is found by its id, or its files.
-        rooms: the box (2, 3) of each room: lowest and highest corner, metres, Y up, after ``up`` and ``front``. Rooms
+        rooms: the box (2, 3) of each room: lowest and highest corner, metres, Y up, after ``axes``. Rooms
             that are missing here are looked for in the annotations.
         licence: of the scan; without it, that it comes from ``source`` and its terms are not known.
-        up: the file's axis that points up; without it, as its data set has it (HM3D, Matterport3D: ``z``; else ``y``).
-        front: the file's axis that becomes +Z (HM3D, Matterport3D: ``-y``; else ``+z``).
+        axes: of the file.
         textures: whether colour is read; a renderer that reads `Scene.stage` itself needs none.
         materials: a SoundSpaces material file.
         need: rooms without which the scan is of no use.
@@ -80,7 +91,7 @@ def load_scan(
             found.
     """
     files = _files(name, source)
-    up, front = up or files.up, front or files.front
+    up, front = axes.up or files.up, axes.front or files.front
     rotation = upright(up, front)
     table = read_material_file(materials) if materials is not None else None
     annotations = _read_annotations(files, rotation)

@@ -35,26 +35,10 @@ def sofa(kit: Kit, *, length: float | None = None) -> None:
     )
     base = legs + (0.19 if form != "slim" else 0.12)
     kit.soft((w - 0.02, base - legs, d - 0.04), (0.0, (base + legs) / 2, d / 2), cloth, radius=0.025, cells=2)
+    rounding, puff, cells = (0.09, (0.008, 0.01, 0.01), 6) if form == "round" else (0.03, (0.004, 0.004, 0.004), 4)
     for side in (-1, 1):
-        x = side * (w / 2 - arm / 2)
-        if form == "round":
-            kit.soft(
-                (arm, high - legs, d - 0.02),
-                (x, (high + legs) / 2, d / 2),
-                cloth,
-                radius=0.09,
-                puff=(0.008, 0.01, 0.01),
-                cells=6,
-            )
-        else:
-            kit.soft(
-                (arm, high - legs, d - 0.02),
-                (x, (high + legs) / 2, d / 2),
-                cloth,
-                radius=0.03,
-                puff=(0.004, 0.004, 0.004),
-                cells=4,
-            )
+        at = (side * (w / 2 - arm / 2), (high + legs) / 2, d / 2)
+        kit.soft((arm, high - legs, d - 0.02), at, cloth, radius=rounding, puff=puff, cells=cells)
     kit.soft(
         (inner + 0.04, 0.76 - legs, 0.17),
         (0.0, (0.76 + legs) / 2, 0.085),

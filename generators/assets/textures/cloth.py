@@ -138,7 +138,7 @@ def rug(rng: np.random.Generator, colours: tuple[Field, ...], *, pattern: str, s
     width = size * 3 // 2
     x, y = grid(size, width)
     aspect = 1.5
-    ground, one, two = colours[0], colours[1], colours[2]
+    ground, one = colours[0], colours[1]
     out = np.broadcast_to(ground, (size, width, 3)).copy()
     shape = (size, width)
     sway = 0.006 * spectral(rng, shape, 1.6, finest=20)
@@ -159,22 +159,7 @@ def rug(rng: np.random.Generator, colours: tuple[Field, ...], *, pattern: str, s
             out = mix(out, band, inside * rng.uniform(0.55, 1.0))
             at += wide
     elif pattern in ("oriental", "worn"):
-        for start, stop, colour in ((0.015, 0.03, two), (0.03, 0.13, one), (0.13, 0.145, two)):
-            out = mix(out, colour, ((rim > start) & (rim < stop)).astype(np.float64))
-        petals = np.cos(x * aspect * 2 * np.pi * 10) * np.cos(y * 2 * np.pi * 10)
-        in_border = (rim > 0.035) & (rim < 0.125)
-        out = mix(out, ground, in_border * smoothstep(0.25, 0.45, petals))
-        out = mix(out, two, in_border * smoothstep(0.6, 0.75, -petals))
-        u, v = np.abs(x - 0.5) * aspect, np.abs(y - 0.5)
-        field = rim > 0.15
-        folded = spectral(rng, shape, 1.1, finest=9, coarsest=90)
-        floral = (folded + folded[::-1] + folded[:, ::-1] + folded[::-1, ::-1]) / 2
-        out = mix(out, one, field * 0.85 * smoothstep(0.5, 0.75, floral))
-        out = mix(out, two, field * 0.9 * smoothstep(0.9, 1.1, -floral))
-        r, a = np.hypot(u * 0.75, v), np.arctan2(v, u * 0.75)
-        medallion = 0.24 + 0.025 * np.cos(16 * a) + 0.03 * np.cos(4 * a)
-        for scale, colour in ((1.0, two), (0.93, one), (0.6, ground), (0.52, two), (0.25, one)):
-            out = mix(out, colour, 1 - smoothstep(-0.004, 0.004, r - medallion * scale))
+        out = _oriental(rng, out, colours, x, y, rim)
         if pattern == "worn":
             fade = smoothstep(-0.8, 1.6, spectral(rng, shape, 1.3, finest=5))
             out = mix(out, np.clip(ground * 0.5 + 0.42, 0, 1), 0.35 + 0.55 * fade)
@@ -197,3 +182,28 @@ def rug(rng: np.random.Generator, colours: tuple[Field, ...], *, pattern: str, s
     else:
         raise ValueError(f"unknown rug {pattern!r}: expected berber, bands, oriental, worn, arcs or plain")
     return _pile(rng, np.clip(out, 0, 1))
+
+
+def _oriental(
+    rng: np.random.Generator, out: Field, colours: tuple[Field, ...], x: Field, y: Field, rim: Field
+) -> Field:
+    """Draw a border and a medallion over a rug; ``rim``: distance to its edge in units of its height."""
+    shape, aspect = rim.shape, 1.5
+    ground, one, two = colours[0], colours[1], colours[2]
+    for start, stop, colour in ((0.015, 0.03, two), (0.03, 0.13, one), (0.13, 0.145, two)):
+        out = mix(out, colour, ((rim > start) & (rim < stop)).astype(np.float64))
+    petals = np.cos(x * aspect * 2 * np.pi * 10) * np.cos(y * 2 * np.pi * 10)
+    in_border = (rim > 0.035) & (rim < 0.125)
+    out = mix(out, ground, in_border * smoothstep(0.25, 0.45, petals))
+    out = mix(out, two, in_border * smoothstep(0.6, 0.75, -petals))
+    u, v = np.abs(x - 0.5) * aspect, np.abs(y - 0.5)
+    field = rim > 0.15
+    folded = spectral(rng, shape, 1.1, finest=9, coarsest=90)
+    floral = (folded + folded[::-1] + folded[:, ::-1] + folded[::-1, ::-1]) / 2
+    out = mix(out, one, field * 0.85 * smoothstep(0.5, 0.75, floral))
+    out = mix(out, two, field * 0.9 * smoothstep(0.9, 1.1, -floral))
+    r, a = np.hypot(u * 0.75, v), np.arctan2(v, u * 0.75)
+    medallion = 0.24 + 0.025 * np.cos(16 * a) + 0.03 * np.cos(4 * a)
+    for scale, colour in ((1.0, two), (0.93, one), (0.6, ground), (0.52, two), (0.25, one)):
+        out = mix(out, colour, 1 - smoothstep(-0.004, 0.004, r - medallion * scale))
+    return out

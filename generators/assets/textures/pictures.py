@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import cv2
 import numpy as np
 
@@ -17,7 +19,6 @@ from generators.assets.textures.noise import (
     to_image,
 )
 
-PAINTINGS = ("horizon", "blocks", "discs", "botanical", "strokes", "hills")
 #: Spines per row and rows of `book_spines`.
 SPINES = (12, 4)
 
@@ -26,93 +27,141 @@ def _paper(rng: np.random.Generator, shape: tuple[int, int], colour: Field) -> F
     return colour * (1 + 0.012 * spectral(rng, shape, 0.8, finest=2))[..., None]
 
 
-def painting(rng: np.random.Generator, colours: tuple[Field, ...], *, motif: str, size: int = 512) -> Image:
-    """A square picture in the given colours (at least four); see `PAINTINGS`."""
-    shape = (size, size)
-    x, y = grid(size, size)
-    ground = hex_colour("#efe9dd")
-    out = _paper(rng, shape, ground)
-    canvas = spectral(rng, shape, 0.3, finest=2)
-    if motif == "horizon":
-        line = rng.uniform(0.5, 0.68)
-        sky = mix(
-            shift_colour(colours[0], value=0.3, saturation=-0.5), colours[1] * 0.3 + 0.68, np.clip(y / line, 0, 1)
+#: Colour of unpainted paper.
+PAPER = hex_colour("#efe9dd")
+
+
+def _horizon(rng: np.random.Generator, out: Field, colours: tuple[Field, ...], canvas: Field) -> Field:
+    """A sea below a cloudy sky."""
+    shape = out.shape[:2]
+    _, y = grid(*shape)
+    line = rng.uniform(0.5, 0.68)
+    sky = mix(shift_colour(colours[0], value=0.3, saturation=-0.5), colours[1] * 0.3 + 0.68, np.clip(y / line, 0, 1))
+    cloud = smoothstep(0.2, 1.8, spectral(rng, shape, 1.7, stretch=(1.0, 3.0), finest=8))
+    out = mix(sky, np.array([0.97, 0.95, 0.92]), 0.7 * cloud * (y < line))
+    sea = mix(colours[0] * 0.8, colours[2] * 0.6, np.clip((y - line) / (1 - line), 0, 1))
+    glint = smoothstep(0.6, 2.2, spectral(rng, shape, 0.9, stretch=(1.0, 9.0), finest=2))
+    sea = mix(sea, np.array([0.95, 0.93, 0.88]), 0.5 * glint)
+    return mix(out, sea, smoothstep(line - 0.003, line + 0.003, y + 0.002 * canvas))
+
+
+def _blocks(rng: np.random.Generator, out: Field, colours: tuple[Field, ...], canvas: Field) -> Field:
+    """Rectangles over one another."""
+    shape = out.shape[:2]
+    x, y = grid(*shape)
+    for _ in range(9):
+        cx, cy, w, h = rng.uniform(0.1, 0.9, 2).tolist() + rng.uniform(0.08, 0.3, 2).tolist()
+        d = np.maximum(np.abs(x - cx) - w, np.abs(y - cy) - h) + 0.004 * spectral(rng, shape, 1.5, finest=4)
+        tint = colours[int(rng.integers(0, len(colours)))]
+        out = mix(out, tint, 0.88 * (1 - smoothstep(-0.004, 0.004, d)))
+    return out
+
+
+def _discs(rng: np.random.Generator, out: Field, colours: tuple[Field, ...], canvas: Field) -> Field:
+    """Discs and two curved lines."""
+    x, y = grid(*out.shape[:2])
+    for k in range(4):
+        cx, cy, r = rng.uniform(0.25, 0.75), rng.uniform(0.2, 0.8), rng.uniform(0.1, 0.26)
+        d = np.hypot(x - cx, y - cy) - r
+        out = mix(out, colours[k % len(colours)], 0.9 * (1 - smoothstep(-0.003, 0.003, d)))
+    for _ in range(2):
+        a, b = rng.uniform(0.2, 0.8), rng.uniform(0.1, 0.3)
+        out = mix(out, np.full(3, 0.12), np.exp(-(((np.abs(y - a - b * np.sin(2.2 * x + a * 6))) / 0.004) ** 4)))
+    return out
+
+
+def _botanical(rng: np.random.Generator, out: Field, colours: tuple[Field, ...], canvas: Field) -> Field:
+    """A stalk with leaves."""
+    size = out.shape[0]
+    image = (out * 255).astype(np.uint8)
+    tint = colours[0] * 0.75
+    ink = tuple(float(c) for c in tint * 255)
+    base, tip = np.array([0.5, 0.93]) * size, np.array([0.5 + rng.uniform(-0.1, 0.1), 0.12]) * size
+    bend = np.array([rng.uniform(-0.08, 0.08) * size, 0])
+    for k in range(11):
+        t = 0.12 + 0.84 * k / 10
+        p = (1 - t) * base + t * tip + 4 * t * (1 - t) * bend
+        length, side = size * 0.19 * (1.15 - t * 0.75), 1 if k % 2 else -1
+        angle = np.degrees(np.arctan2(-0.75, side * 0.85)) + rng.uniform(-8, 8)
+        if k == 10:
+            angle = -90.0
+        mid = p + 0.55 * length * np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
+        shade = tuple(float(c) for c in np.clip(tint * rng.uniform(0.8, 1.35) * 255, 0, 255))
+        cv2.ellipse(
+            image,
+            (int(mid[0]), int(mid[1])),
+            (int(length * 0.55), int(length * 0.19)),
+            angle,
+            0,
+            360,
+            shade,
+            -1,
+            cv2.LINE_AA,
         )
-        cloud = smoothstep(0.2, 1.8, spectral(rng, shape, 1.7, stretch=(1.0, 3.0), finest=8))
-        out = mix(sky, np.array([0.97, 0.95, 0.92]), 0.7 * cloud * (y < line))
-        sea = mix(colours[0] * 0.8, colours[2] * 0.6, np.clip((y - line) / (1 - line), 0, 1))
-        glint = smoothstep(0.6, 2.2, spectral(rng, shape, 0.9, stretch=(1.0, 9.0), finest=2))
-        sea = mix(sea, np.array([0.95, 0.93, 0.88]), 0.5 * glint)
-        out = mix(out, sea, smoothstep(line - 0.003, line + 0.003, y + 0.002 * canvas))
-    elif motif == "blocks":
-        for _ in range(9):
-            cx, cy, w, h = rng.uniform(0.1, 0.9, 2).tolist() + rng.uniform(0.08, 0.3, 2).tolist()
-            d = np.maximum(np.abs(x - cx) - w, np.abs(y - cy) - h) + 0.004 * spectral(rng, shape, 1.5, finest=4)
-            tint = colours[int(rng.integers(0, len(colours)))]
-            out = mix(out, tint, 0.88 * (1 - smoothstep(-0.004, 0.004, d)))
-    elif motif == "discs":
-        for k in range(4):
-            cx, cy, r = rng.uniform(0.25, 0.75), rng.uniform(0.2, 0.8), rng.uniform(0.1, 0.26)
-            d = np.hypot(x - cx, y - cy) - r
-            out = mix(out, colours[k % len(colours)], 0.9 * (1 - smoothstep(-0.003, 0.003, d)))
-        for _ in range(2):
-            a, b = rng.uniform(0.2, 0.8), rng.uniform(0.1, 0.3)
-            out = mix(out, np.full(3, 0.12), np.exp(-(((np.abs(y - a - b * np.sin(2.2 * x + a * 6))) / 0.004) ** 4)))
-    elif motif == "botanical":
-        image = (out * 255).astype(np.uint8)
-        tint = colours[0] * 0.75
-        ink = tuple(float(c) for c in tint * 255)
-        base, tip = np.array([0.5, 0.93]) * size, np.array([0.5 + rng.uniform(-0.1, 0.1), 0.12]) * size
-        bend = np.array([rng.uniform(-0.08, 0.08) * size, 0])
-        for k in range(11):
-            t = 0.12 + 0.84 * k / 10
-            p = (1 - t) * base + t * tip + 4 * t * (1 - t) * bend
-            length, side = size * 0.19 * (1.15 - t * 0.75), 1 if k % 2 else -1
-            angle = np.degrees(np.arctan2(-0.75, side * 0.85)) + rng.uniform(-8, 8)
-            if k == 10:
-                angle = -90.0
-            mid = p + 0.55 * length * np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
-            shade = tuple(float(c) for c in np.clip(tint * rng.uniform(0.8, 1.35) * 255, 0, 255))
-            cv2.ellipse(
-                image,
-                (int(mid[0]), int(mid[1])),
-                (int(length * 0.55), int(length * 0.19)),
-                angle,
-                0,
-                360,
-                shade,
-                -1,
-                cv2.LINE_AA,
-            )
-        stalk = np.array([(1 - t) * base + t * tip + 4 * t * (1 - t) * bend for t in np.linspace(0, 1, 24)])
-        cv2.polylines(image, [stalk.astype(np.int32)], False, ink, 3, cv2.LINE_AA)
-        out = image / 255.0
-    elif motif == "strokes":
-        for _ in range(16):
-            tint = colours[int(rng.integers(0, len(colours)))]
-            cy, tilt, thick = rng.uniform(0.1, 0.9), rng.uniform(-0.4, 0.4), rng.uniform(0.02, 0.08)
-            left, right = rng.uniform(-0.1, 0.4), rng.uniform(0.5, 1.1)
-            bristle = spectral(rng, shape, 0.8, stretch=(1.0, 25.0), finest=2)
-            d = np.abs(y - cy - tilt * (x - 0.5) - 0.05 * np.sin(5 * x + cy * 9)) / thick
-            mask = (
-                smoothstep(0, 0.06, x - left)
-                * smoothstep(0, 0.06, right - x)
-                * (1 - smoothstep(0.7, 1.0, d + 0.12 * bristle))
-            )
-            out = mix(out, tint * (1 + 0.06 * bristle)[..., None], 0.92 * mask)
-    elif motif == "hills":
-        far = mix(ground, shift_colour(colours[1], value=0.3, saturation=-0.4), np.clip(1 - y, 0, 1))
-        sun = np.hypot(x - rng.uniform(0.3, 0.7), y - rng.uniform(0.2, 0.32))
-        out = mix(far, colours[3 % len(colours)], 1 - smoothstep(0.085, 0.09, sun))
-        for k in range(5):
-            top = 0.38 + 0.13 * k
-            ridge = top + sum(
-                rng.uniform(0.01, 0.05) / f * np.sin(2 * np.pi * (f * x + rng.random())) for f in (1, 2, 3, 5)
-            )
-            tint = mix(np.broadcast_to(ground, (*shape, 3)), colours[k % 2], np.full(shape, 0.25 + 0.18 * k))
-            out = mix(out, tint, smoothstep(-0.003, 0.003, y - ridge))
-    else:
+    stalk = np.array([(1 - t) * base + t * tip + 4 * t * (1 - t) * bend for t in np.linspace(0, 1, 24)])
+    cv2.polylines(image, [stalk.astype(np.int32)], False, ink, 3, cv2.LINE_AA)
+    return image / 255.0
+
+
+def _strokes(rng: np.random.Generator, out: Field, colours: tuple[Field, ...], canvas: Field) -> Field:
+    """Broad strokes of a brush."""
+    shape = out.shape[:2]
+    x, y = grid(*shape)
+    for _ in range(16):
+        tint = colours[int(rng.integers(0, len(colours)))]
+        cy, tilt, thick = rng.uniform(0.1, 0.9), rng.uniform(-0.4, 0.4), rng.uniform(0.02, 0.08)
+        left, right = rng.uniform(-0.1, 0.4), rng.uniform(0.5, 1.1)
+        bristle = spectral(rng, shape, 0.8, stretch=(1.0, 25.0), finest=2)
+        d = np.abs(y - cy - tilt * (x - 0.5) - 0.05 * np.sin(5 * x + cy * 9)) / thick
+        mask = (
+            smoothstep(0, 0.06, x - left)
+            * smoothstep(0, 0.06, right - x)
+            * (1 - smoothstep(0.7, 1.0, d + 0.12 * bristle))
+        )
+        out = mix(out, tint * (1 + 0.06 * bristle)[..., None], 0.92 * mask)
+    return out
+
+
+def _hills(rng: np.random.Generator, out: Field, colours: tuple[Field, ...], canvas: Field) -> Field:
+    """A sun above rows of hills."""
+    shape = out.shape[:2]
+    x, y = grid(*shape)
+    far = mix(PAPER, shift_colour(colours[1], value=0.3, saturation=-0.4), np.clip(1 - y, 0, 1))
+    sun = np.hypot(x - rng.uniform(0.3, 0.7), y - rng.uniform(0.2, 0.32))
+    out = mix(far, colours[3 % len(colours)], 1 - smoothstep(0.085, 0.09, sun))
+    for k in range(5):
+        top = 0.38 + 0.13 * k
+        ridge = top + sum(
+            rng.uniform(0.01, 0.05) / f * np.sin(2 * np.pi * (f * x + rng.random())) for f in (1, 2, 3, 5)
+        )
+        tint = mix(np.broadcast_to(PAPER, (*shape, 3)), colours[k % 2], np.full(shape, 0.25 + 0.18 * k))
+        out = mix(out, tint, smoothstep(-0.003, 0.003, y - ridge))
+    return out
+
+
+#: Motif → what draws it on paper (H, W, 3); the last argument is the weave of the canvas (H, W).
+_MOTIFS: dict[str, Callable[[np.random.Generator, Field, tuple[Field, ...], Field], Field]] = {
+    "horizon": _horizon,
+    "blocks": _blocks,
+    "discs": _discs,
+    "botanical": _botanical,
+    "strokes": _strokes,
+    "hills": _hills,
+}
+PAINTINGS = tuple(_MOTIFS)
+
+
+def painting(rng: np.random.Generator, colours: tuple[Field, ...], *, motif: str, size: int = 512) -> Image:
+    """A square picture in the given colours (at least four); see `PAINTINGS`.
+
+    Raises:
+        ValueError: if there is no such motif.
+    """
+    if motif not in _MOTIFS:
         raise ValueError(f"unknown picture {motif!r}: expected one of {', '.join(PAINTINGS)}")
+    paper = _paper(rng, (size, size), PAPER)
+    canvas = spectral(rng, (size, size), 0.3, finest=2)
+    out = _MOTIFS[motif](rng, paper, colours, canvas)
     return to_image(np.clip(out * (1 + 0.012 * canvas)[..., None], 0, 1))
 
 
