@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -14,9 +16,20 @@ from avs3d_bench.scheduling.options import Options, scheduling_options
 
 if TYPE_CHECKING:
     from avs3d_bench.submission import SubmissionWriter
+    from baselines.echosegnet.pipeline import Settings
 
 _RATE = click.FloatRange(0.0, 1.0)
 _F = TypeVar("_F", bound=Callable[..., Any])
+#: Options of `load_owod_bind`; the last one is shown first.
+_NETWORKS: dict[str, Callable[[Any], Any]] = {
+    "boxes": click.option("--boxes", type=click.Choice(["owlv2", "mavl"]), default="owlv2", show_default=True),
+    "boxes_checkpoint": click.option("--boxes-checkpoint", type=PATH, help="Folder of OWLv2 or MAVL."),
+    "sam_checkpoint": click.option("--sam-checkpoint", type=PATH, help="Folder of SAM."),
+    "similarity": click.option(
+        "--similarity", type=click.Choice(["imagebind", "pe-av"]), help="[imagebind where installed, else pe-av]"
+    ),
+    "similarity_checkpoint": click.option("--similarity-checkpoint", type=PATH, help="Folder of ImageBind or PE-AV."),
+}
 
 
 @click.group(cls=Group, noun="baseline", context_settings=HELP)
@@ -108,13 +121,9 @@ def oracle(
     only: tuple[str, ...],
     overwrite: bool,
     instance: Any,
-    drop: float,
-    swap: float,
-    dilate: float,
-    confuse: float,
-    seed: int,
     points: bool,
     workers: int | None,
+    **errors: Any,
 ) -> None:
     """Write the ground truth of the test frames as a submission, perfect or with errors.
 
@@ -130,7 +139,7 @@ def oracle(
         Dataset(root),
         path,
         instance=instance,
-        errors=ErrorModel(drop=drop, swap=swap, dilate=dilate, confuse=confuse, seed=seed),
+        errors=ErrorModel(**errors),
         points=points,
         only=only,
         overwrite=overwrite,
@@ -141,18 +150,17 @@ def oracle(
 
 
 def _owod_bind_options(command: _F) -> _F:
-    """Which networks, and where their checkpoints lie."""
-    for option in (
-        click.option("--boxes", type=click.Choice(["owlv2", "mavl"]), default="owlv2", show_default=True),
-        click.option("--boxes-checkpoint", type=PATH, help="Folder of OWLv2 or MAVL."),
-        click.option("--sam-checkpoint", type=PATH, help="Folder of SAM."),
-        click.option(
-            "--similarity", type=click.Choice(["imagebind", "pe-av"]), help="[imagebind where installed, else pe-av]"
-        ),
-        click.option("--similarity-checkpoint", type=PATH, help="Folder of ImageBind or PE-AV."),
-    ):
-        command = option(command)
-    return command
+    """Which networks, and where their checkpoints lie; the command gets them as one, ``networks``."""
+
+    @wraps(command)
+    def gathered(*args: Any, **kwargs: Any) -> Any:
+        own = {name: kwargs.pop(name) for name in _NETWORKS}
+        return command(*args, networks=own, **kwargs)
+
+    decorated: Any = gathered
+    for option in _NETWORKS.values():
+        decorated = option(decorated)
+    return decorated  # type: ignore[no-any-return]
 
 
 @baseline.command("owod-bind", context_settings=HELP, short_help="Boxes, masks, and similarity to the sound.")
@@ -172,7 +180,7 @@ def owod_bind(
     threshold: float,
     device: str | None,
     split: Any,
-    **networks: Any,
+    networks: dict[str, Any],
 ) -> None:
     """Run OWOD-BIND, frame by frame: class-agnostic boxes, SAM, audio-visual similarity.
 
@@ -257,19 +265,9 @@ def echosegnet(
     path: Path,
     only: tuple[str, ...],
     overwrite: bool,
-    masks: str,
-    instance: Any,
-    variant: Any,
-    no_aisrm: bool,
-    voting_threshold: float,
-    iterations: int,
-    seed: int,
-    max_gaussians: int | None,
-    sweep: str | None,
-    work: Path | None,
-    devices: tuple[str, ...],
+    networks: dict[str, Any],
     scheduling: Options,
-    **networks: Any,
+    **chosen: Any,
 ) -> None:
     """Run EchoSegnet (Sokolov, Bhosale, Zhu, 2024).
 
@@ -278,24 +276,15 @@ def echosegnet(
     one GPU of a worker that offers it (docs/cluster.md).
     """
     from avs3d_bench.dataset import Dataset
-    from baselines.echosegnet.densify import DensityControl
-    from baselines.echosegnet.pipeline import Settings
     from baselines.echosegnet.run import all_devices, write_echosegnet, write_sweep
     from baselines.echosegnet.sources import mask_source
-    from baselines.echosegnet.train import TrainingSettings
     from baselines.oracle_errors import ErrorModel
 
-    settings = Settings(
-        variant=variant,
-        refine=not no_aisrm,
-        voting_threshold=voting_threshold,
-        training=TrainingSettings(
-            iterations=iterations, seed=seed, density=DensityControl(max_gaussians=max_gaussians)
-        ),
-    )
+    options = _EchosegnetOptions(**chosen)
+    settings, masks = options.settings(), options.masks
     shared: dict[str, Any] = {
-        "work": work or path.with_name(path.name + ".work"),
-        "devices": devices or all_devices(),
+        "work": options.work or path.with_name(path.name + ".work"),
+        "devices": options.devices or all_devices(),
         "only": only,
         "overwrite": overwrite,
         "progress": sys.stderr.isatty(),
@@ -308,9 +297,40 @@ def echosegnet(
         model = load_owod_bind(device=shared["devices"][0], **networks)
         write_mask_folder(Dataset(root), folder, model, only=only, progress=shared["progress"])
         masks = str(folder)
-    source = mask_source(masks, instance=instance, errors=ErrorModel())
-    if sweep:
+    source = mask_source(masks, instance=options.instance, errors=ErrorModel())
+    if options.sweep:
         for writer in write_sweep(Dataset(root), path, source, settings, **shared):
             _done(writer)
     else:
         _done(write_echosegnet(Dataset(root), path, source, settings, **shared))
+
+
+@dataclass(frozen=True)
+class _EchosegnetOptions:
+    """The options of `echosegnet` alone, as the command line names them."""
+
+    masks: str
+    instance: Any
+    variant: Any
+    no_aisrm: bool
+    voting_threshold: float
+    iterations: int
+    seed: int
+    max_gaussians: int | None
+    sweep: str | None
+    work: Path | None
+    devices: tuple[str, ...]
+
+    def settings(self) -> Settings:
+        """Of the pipeline."""
+        from baselines.echosegnet.densify import DensityControl
+        from baselines.echosegnet.pipeline import Settings
+        from baselines.echosegnet.train import TrainingSettings
+
+        density = DensityControl(max_gaussians=self.max_gaussians)
+        return Settings(
+            variant=self.variant,
+            refine=not self.no_aisrm,
+            voting_threshold=self.voting_threshold,
+            training=TrainingSettings(iterations=self.iterations, seed=self.seed, density=density),
+        )

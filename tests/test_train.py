@@ -25,7 +25,7 @@ from baselines.echosegnet.rasteriser.default import TorchRasteriser
 from baselines.echosegnet.rasteriser.projection import rotation_matrices
 from baselines.echosegnet.rasteriser.rendering import Splat
 from baselines.echosegnet.similarity import psnr, ssim
-from baselines.echosegnet.train import Report, TrainingSettings, load_pictures, train, view_psnr
+from baselines.echosegnet.train import Checkpoint, Pace, Report, TrainingSettings, load_pictures, train, view_psnr
 from baselines.echosegnet.views import View, load_points, load_views, test_views, train_views
 
 torch.set_num_threads(1)
@@ -313,18 +313,24 @@ def test_a_resumed_run_is_the_uninterrupted_one(room: SimpleNamespace, tmp_path:
     with pytest.raises(PowerCutError):
         train(
             room.views, room.xyz, room.rgb, CPU, SHORT,
-            checkpoint=path, checkpoint_every=27, progress=fail, report_every=5,
+            checkpoint=Checkpoint(path, 27), progress=fail, pace=Pace(5),
         )  # fmt: skip
     seen: list[int] = []
     resumed = train(
         room.views, room.xyz, room.rgb, CPU, SHORT,
-        checkpoint=path, progress=lambda r: seen.append(r.iteration), report_every=10,
+        checkpoint=Checkpoint(path), progress=lambda r: seen.append(r.iteration), pace=Pace(10),
     )  # fmt: skip
     assert seen == [30, 40, 50, 60]
     assert _same(whole, resumed)
     assert [p.name for p in path.parent.iterdir()] == ["checkpoint.pt"]
     again = train(
-        room.views, room.xyz, room.rgb, CPU, SHORT, checkpoint=path, progress=lambda r: seen.append(r.iteration)
+        room.views,
+        room.xyz,
+        room.rgb,
+        CPU,
+        SHORT,
+        checkpoint=Checkpoint(path),
+        progress=lambda r: seen.append(r.iteration),
     )
     assert _same(whole, again)
     assert len(seen) == 4  # nothing was left to do
@@ -337,7 +343,7 @@ def test_where_memory_is_nearly_used_growth_ends_and_the_report_says_when(
     monkeypatch.setattr(training, "room_for", lambda count, device: max(0, most - count))
     reports: list[Report] = []
     settings = replace(SHORT, density=DensityControl())
-    trained = train(room.views, room.xyz, room.rgb, CPU, settings, progress=reports.append, report_every=5)
+    trained = train(room.views, room.xyz, room.rgb, CPU, settings, progress=reports.append, pace=Pace(5))
     assert len(trained) <= most
     first = next(report for report in reports if report.full_at is not None)
     assert first.iteration - 5 < first.full_at <= first.iteration
@@ -369,14 +375,14 @@ def test_the_room_on_a_device_is_what_is_free_less_what_a_step_needs(monkeypatch
 def test_checkpoints_of_other_runs_and_damaged_ones_are_named(room: SimpleNamespace, tmp_path: Path) -> None:
     path = tmp_path / "c.pt"
     brief = replace(SHORT, iterations=3)
-    train(room.views, room.xyz, room.rgb, CPU, brief, checkpoint=path)
+    train(room.views, room.xyz, room.rgb, CPU, brief, checkpoint=Checkpoint(path))
     with pytest.raises(Avs3dError, match="made from other pictures, points or settings; delete it"):
-        train(room.views, room.xyz, room.rgb, CPU, replace(brief, seed=5), checkpoint=path)
+        train(room.views, room.xyz, room.rgb, CPU, replace(brief, seed=5), checkpoint=Checkpoint(path))
     whole = path.read_bytes()
     for content in (b"", b"not a checkpoint", whole[: len(whole) // 2]):
         path.write_bytes(content)
         with pytest.raises(Avs3dError, match="damaged checkpoint") as caught:
-            train(room.views, room.xyz, room.rgb, CPU, brief, checkpoint=path)
+            train(room.views, room.xyz, room.rgb, CPU, brief, checkpoint=Checkpoint(path))
         assert "\n" not in str(caught.value)
 
 

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Required, TypedDict, Unpack
 
 from avs3d_bench.cli import missing_extra
 from avs3d_bench.dataset import Dataset, Observation
@@ -131,6 +132,17 @@ def write_echosegnet(
     return writer
 
 
+class RunOptions(TypedDict, total=False):
+    """Where and how a run does its work; see `write_echosegnet`."""
+
+    work: Required[str | Path]
+    devices: Required[Sequence[str]]
+    only: Iterable[str]
+    overwrite: bool
+    progress: bool
+    scheduling: Options | None
+
+
 def write_sweep(
     dataset: Dataset,
     path: str | Path,
@@ -138,25 +150,14 @@ def write_sweep(
     settings: Settings,
     *,
     thresholds: Sequence[float] = SWEEP,
-    work: str | Path,
-    devices: Sequence[str],
-    only: Iterable[str] = (),
-    overwrite: bool = False,
-    progress: bool = False,
-    scheduling: Options | None = None,
+    **options: Unpack[RunOptions],
 ) -> tuple[SubmissionWriter, ...]:
     """One submission per voting threshold, ``<path>/voting-threshold-0.3`` and so on; else as `write_echosegnet`."""
     writers = []
     for threshold in thresholds:
         mine = replace(settings, voting_threshold=threshold)
         target = Path(path) / f"voting-threshold-{threshold:g}"
-        writers.append(
-            write_echosegnet(
-                dataset, target, source, mine,
-                work=work, devices=devices, only=only, overwrite=overwrite, progress=progress,
-                scheduling=scheduling,
-            )
-        )  # fmt: skip
+        writers.append(write_echosegnet(dataset, target, source, mine, **options))
     return tuple(writers)
 
 

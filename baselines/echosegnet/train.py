@@ -33,7 +33,18 @@ from baselines.echosegnet.schedule import TrainingSettings
 from baselines.echosegnet.similarity import psnr, ssim
 from baselines.echosegnet.views import View, camera_extent, train_views
 
-__all__ = ["DensityControl", "Progress", "Report", "TrainingSettings", "load_pictures", "psnr", "train", "view_psnr"]
+__all__ = [
+    "Checkpoint",
+    "DensityControl",
+    "Pace",
+    "Progress",
+    "Report",
+    "TrainingSettings",
+    "load_pictures",
+    "psnr",
+    "train",
+    "view_psnr",
+]
 
 
 @dataclass(frozen=True)
@@ -57,6 +68,27 @@ class Report:
     full_at: int | None = None
 
 
+@dataclass(frozen=True)
+class Checkpoint:
+    """A file that a training saves its state to; one more save is made at the end.
+
+    Attributes:
+        path: of the file.
+        every: iterations between two saves.
+    """
+
+    path: Path
+    every: int = 5_000
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How often a training reports: every so many iterations, or where no report came for so many seconds."""
+
+    every: int = 100
+    seconds: float = math.inf
+
+
 #: What `train` calls with a report.
 Progress = Callable[[Report], None]
 
@@ -68,11 +100,9 @@ def train(
     rasteriser: Rasteriser,
     settings: TrainingSettings | None = None,
     *,
-    checkpoint: Path | None = None,
-    checkpoint_every: int = 5_000,
+    checkpoint: Checkpoint | None = None,
     progress: Progress | None = None,
-    report_every: int = 100,
-    report_seconds: float = math.inf,
+    pace: Pace = Pace(),  # frozen
 ) -> Gaussians:
     """Train Gaussians on the train views.
 
@@ -83,10 +113,8 @@ def train(
         rasteriser: also determines the device.
         settings: None: the reference's.
         checkpoint: file to save to, and to continue from if it exists.
-        checkpoint_every: iterations between two saves; one more is made at the end.
-        progress: called every ``report_every`` iterations, where none came for ``report_seconds``, and at the end.
-        report_every: see there.
-        report_seconds: see there.
+        progress: called as often as ``pace`` says, and at the end.
+        pace: of the reports.
 
     Returns:
         The Gaussians, on the rasteriser's device, without gradients.
@@ -102,19 +130,19 @@ def train(
     pictures = load_pictures(chosen, rasteriser.device)
     job = _Job(chosen, pictures, rasteriser, settings, start)
     digest = saving.digest(settings, start, pictures)
-    if checkpoint is not None and checkpoint.exists():
-        job.iteration, job.pull, job.full_at = saving.load(checkpoint, job.optimiser, digest, rasteriser.device)
+    if checkpoint is not None and checkpoint.path.exists():
+        job.iteration, job.pull, job.full_at = saving.load(checkpoint.path, job.optimiser, digest, rasteriser.device)
     reported = time.monotonic()
     while job.iteration < settings.iterations:
         with out_of_memory(f"{len(job.pull.total)} Gaussians at {chosen[0].camera.width} × {chosen[0].camera.height}"):
             job.step()
         done = job.iteration == settings.iterations
-        if done or job.iteration % report_every == 0 or time.monotonic() - reported > report_seconds:
+        if done or job.iteration % pace.every == 0 or time.monotonic() - reported > pace.seconds:
             report, reported = job.report(), time.monotonic()
             if progress is not None:
                 progress(report)
-        if checkpoint is not None and (done or job.iteration % checkpoint_every == 0):
-            saving.save(checkpoint, job.optimiser, job.pull, job.iteration, job.full_at, digest)
+        if checkpoint is not None and (done or job.iteration % checkpoint.every == 0):
+            saving.save(checkpoint.path, job.optimiser, job.pull, job.iteration, job.full_at, digest)
     return job.gaussians(detached=True)
 
 

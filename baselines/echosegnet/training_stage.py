@@ -10,7 +10,7 @@ from avs3d_bench.files import read_json, write_json
 from baselines.echosegnet.cache import Stages, digest, inputs_digest, software_digest
 from baselines.echosegnet.gaussians import Gaussians, read_ply, write_ply
 from baselines.echosegnet.rasteriser.rendering import Rasteriser
-from baselines.echosegnet.train import Progress, Report, TrainingSettings, train
+from baselines.echosegnet.train import Checkpoint, Pace, Progress, Report, TrainingSettings, train
 from baselines.echosegnet.views import View, load_points, train_views
 
 #: What makes the stage's result, besides the rasteriser (see `avs3d_bench.provenance`).
@@ -50,7 +50,7 @@ def trained(
 
     gaussians = train(
         train_views(views), points, colours, rasteriser, settings,
-        checkpoint=checkpoint, progress=note, report_seconds=_REPORT_SECONDS,
+        checkpoint=Checkpoint(checkpoint), progress=note, pace=Pace(seconds=_REPORT_SECONDS),
     )  # fmt: skip
     full_at = last[0].full_at if last else None
     write_json(record, {"gaussians": len(gaussians), "memory_full_at": full_at})
