@@ -200,14 +200,8 @@ def score_observation(
     volume: VolumeScore | None = None
     if points:
         files += 1
-        path = submission.points_path(key)
-        try:
-            # Always read it: a submission with a bad file gets no score under any protocol.
-            cloud = read_points(path)
-        except Avs3dError as error:
-            problems.append(problem_of(submission, path, error))
-        else:
-            volume = _volume(observation, cloud) if strict else None
+        volume, bad = _score_points(submission, observation, strict)
+        problems += bad
     if problems:
         return Outcome(None, {}, (), (), tuple(problems), files)
     scored = _observation_scores(observation, figures, volume, wanted, points)
@@ -217,6 +211,19 @@ def score_observation(
     }
     few = SHOWN_PER_OBSERVATION
     return Outcome(scored, beside, _worst(frames, few), _best(frames, few), (), files)
+
+
+def _score_points(
+    submission: Submission, observation: Observation, strict: bool
+) -> tuple[VolumeScore | None, tuple[Problem, ...]]:
+    """The score of a 3D prediction, or what is wrong with its file."""
+    path = submission.points_path(observation.key)
+    try:
+        # Always read it: a submission with a bad file gets no score under any protocol.
+        cloud = read_points(path)
+    except Avs3dError as error:
+        return None, (problem_of(submission, path, error),)
+    return (_volume(observation, cloud) if strict else None), ()
 
 
 def _twin_ids(observation: Observation) -> tuple[int, ...] | None:

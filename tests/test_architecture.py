@@ -239,3 +239,87 @@ def test_the_folders_of_the_contract_do_not_use_each_other(folder: str) -> None:
             others = {other for other in edges(name) for f in FOLDERS if other.startswith(f"avs3d_bench.{f}")}
             wrong = {other for other in others if not other.startswith(f"avs3d_bench.{folder}")}
             assert not wrong, f"{name} imports {wrong}"
+
+
+#: The longest function, its docstring not counted (lines), and the longest signature, without self.
+MOST_LINES, MOST_PARAMETERS = 60, 8
+#: What may have a longer signature, and why. Kernels (numba) and the light transport that feeds them take bare arrays:
+#: compiled code has no records, and a kernel's loops stay in one function.
+LONG_SIGNATURES = {
+    "avs3d_bench.exports.shards.export_shards": "public: options by keyword, documented where they are used",
+    "avs3d_bench.exports.torch_dataset.AVS3DDataset.__init__": "public: options by keyword",
+    "avs3d_bench.submission.SubmissionWriter.__init__": "public: the fields of submission.json by keyword",
+    "baselines.echosegnet.run.write_echosegnet": "public: options by keyword",
+    "baselines.oracle.write_oracle": "public: options by keyword",
+    "generators.run.generation.generate": "public: the options of `avs3d generate` by keyword",
+    "generators.assets.furniture.common.Kit.add": "a primitive: its form, and by keyword place and finish",
+    "generators.assets.objects.forms.slab": "as Kit.add",
+    "generators.assets.shapes.MeshBuilder.add": "as Kit.add",
+    "generators.assets.shapes.MeshBuilder.cylinder": "as Kit.add",
+}
+KERNELS = ("generators.lighting.",)
+
+
+def functions(tree: ast.AST, inside: str) -> list[tuple[str, ast.FunctionDef]]:
+    """Every function below a node with its dotted name, those inside of functions included."""
+    found: list[tuple[str, ast.FunctionDef]] = []
+    for node in ast.iter_child_nodes(tree):
+        name = f"{inside}.{node.name}" if isinstance(node, ast.FunctionDef | ast.ClassDef) else inside
+        if isinstance(node, ast.FunctionDef):
+            found.append((name, node))
+        found += functions(node, name)
+    return found
+
+
+def lines_of(function: ast.FunctionDef) -> int:
+    """Lines from ``def`` to the end, without the docstring."""
+    assert function.end_lineno is not None
+    lines = function.end_lineno - function.lineno + 1
+    if ast.get_docstring(function) is not None:
+        docstring = function.body[0]
+        assert docstring.end_lineno is not None
+        lines -= docstring.end_lineno - docstring.lineno + 1
+    return lines
+
+
+def parameters_of(function: ast.FunctionDef) -> int:
+    """Named parameters without ``self`` or ``cls``."""
+    given = function.args
+    names = [each.arg for each in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
+    return len(names) - (names[:1] in (["self"], ["cls"]))
+
+
+def is_kernel(name: str, function: ast.FunctionDef) -> bool:
+    """Whether numba compiles a function, or it hands arrays to such."""
+    compiled = {"njit", "inline"} & {ast.unparse(each).partition("(")[0] for each in function.decorator_list}
+    return bool(compiled) or name.startswith(KERNELS)
+
+
+def test_functions_and_signatures_are_short() -> None:
+    long = {}
+    for module, path in MODULES.items():
+        for name, function in functions(ast.parse(path.read_text(encoding="utf-8")), module):
+            if is_kernel(name, function):
+                continue
+            assert lines_of(function) <= MOST_LINES, f"{name} has {lines_of(function)} lines: split it"
+            if parameters_of(function) > MOST_PARAMETERS:
+                long[name] = parameters_of(function)
+    assert not long.keys() - LONG_SIGNATURES.keys(), f"{long}: give them a record"
+    assert not LONG_SIGNATURES.keys() - long.keys(), "an exception that nothing needs any more"
+
+
+def test_lines_and_parameters_are_counted() -> None:
+    code = '''
+class A:
+    @option("--x")
+    def f(self, a, /, b, *rest, c, d=1, **more):
+        """One.
+
+        Two.
+        """
+        return (
+            a
+        )
+'''
+    ((name, function),) = functions(ast.parse(code), "m")
+    assert (name, lines_of(function), parameters_of(function)) == ("m.A.f", 4, 4)

@@ -104,18 +104,7 @@ def load_scan(
         raise Avs3dError(
             f"scan {name}: no rooms given, and no annotations show any; expected the box of at least one room"
         )
-    mesh = load_mesh(
-        files.mesh, acoustic=DEFAULT_LABEL, twin="surface", max_acoustic_faces=sys.maxsize, textures=textures
-    )
-    mesh = mesh.transformed(rotation, np.zeros(3))
-    reach = float(np.abs(mesh.bounds).max())
-    if reach > FARTHEST:
-        raise Avs3dError(
-            f"{files.mesh}: reaches {reach:,.0f} m from its origin; expected at most {FARTHEST:,.0f} m; is it in "
-            "millimetres, or has it a stray vertex? repair or rescale it"
-        )
-    if not textures:
-        mesh = replace(mesh, materials=tuple(replace(m, colour=PLAIN, texture=None) for m in mesh.materials))
+    mesh = _read_mesh(files.mesh, rotation, textures)
     supports: list[Support] = []
     found: list[tuple[Room, float]] = []
     for label, box in boxes.items():
@@ -133,6 +122,25 @@ def load_scan(
     part = Part(name, mesh, licence=licence or Licence("unknown", "unknown", files.mesh.name))
     stage = StageFile(files.mesh, up, front)
     return Scene(name, (part,), tuple(room for room, _ in found), tuple(supports), stage=stage)
+
+
+def _read_mesh(path: Path, rotation: NDArray[np.float64], textures: bool) -> Mesh:
+    """The mesh of a scan, turned; without ``textures`` it is plain.
+
+    Raises:
+        Avs3dError: if it is broken or reaches too far.
+    """
+    mesh = load_mesh(path, acoustic=DEFAULT_LABEL, twin="surface", max_acoustic_faces=sys.maxsize, textures=textures)
+    mesh = mesh.transformed(rotation, np.zeros(3))
+    reach = float(np.abs(mesh.bounds).max())
+    if reach > FARTHEST:
+        raise Avs3dError(
+            f"{path}: reaches {reach:,.0f} m from its origin; expected at most {FARTHEST:,.0f} m; is it in "
+            "millimetres, or has it a stray vertex? repair or rescale it"
+        )
+    if not textures:
+        mesh = replace(mesh, materials=tuple(replace(m, colour=PLAIN, texture=None) for m in mesh.materials))
+    return mesh
 
 
 def _files(name: str, source: str | Path | ScanFiles) -> ScanFiles:

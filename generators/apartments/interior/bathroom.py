@@ -98,6 +98,16 @@ def furnish_bathroom(a: Arranger) -> float:
     if rail.mesh.bounds[1, 1] - rail.mesh.bounds[0, 1] < 1.0:
         _spare(a, lambda: radiator(a, 0.5))  # a ladder rail warms the room by itself
     _spare(a, lambda: a.place("waste_bin", score=lambda s: 1.5 * cornered(s) + near(spot.centre, 0.5)(s)))
+    _beside_basin(a, spot)
+    shelf_board(a, copy=3, score=near(tub_spot.centre, 0.5))
+    spots = _machine_spots(a)
+    if walkable(a) < 1.2 or not free_rectangle(a, 1.6, 1.8):
+        return 0.0
+    return min(spots, 4) / 4
+
+
+def _beside_basin(a: Arranger, spot: Spot) -> None:
+    """A mat before the washbasin, where none lies near, and hooks beside it."""
     second = a.model("bath_mat", 1)
     reach = depth_of(spot) / 2 + float(second.mesh.bounds[1, 2]) + 0.04
     if not any(p.flat and np.linalg.norm((p.position - spot.centre)[[0, 2]]) < 1.1 for p in a.placed):
@@ -110,8 +120,3 @@ def furnish_bathroom(a: Arranger) -> float:
             score=near(spot.centre),
             where=Where(height=0.98 - float(hooks.mesh.bounds[0, 1]), margin=0.05),
         )
-    shelf_board(a, copy=3, score=near(tub_spot.centre, 0.5))
-    spots = _machine_spots(a)
-    if walkable(a) < 1.2 or not free_rectangle(a, 1.6, 1.8):
-        return 0.0
-    return min(spots, 4) / 4
