@@ -1,7 +1,8 @@
 """Code blocks of Markdown pages, for tests that run them.
 
 Every block of a page is fenced and its first info word says what it is: ``python`` and ``bash`` are run; ``usage``
-shows how commands are called (placeholders in capitals), and is checked against the commands' options. A comment
+shows how commands are called (placeholders in capitals), and is checked against the commands' options. A block with
+``title="FILE"`` behind that word is that file. A comment
 ``<!-- not run: REASON -->`` on the line before a ``python`` or ``bash`` block keeps it from being run.
 """
 
@@ -24,6 +25,7 @@ RUN = ("python", "bash")
 #: Longest time that a block may take (s).
 TIMEOUT = 240
 _NOT_RUN = re.compile(r"<!-- not run: (.+) -->")
+_TITLE = re.compile(r'title="([^"]+)"')
 _FENCE = re.compile(r"(`{3,})(.*)")
 
 
@@ -34,26 +36,45 @@ class Block:
     Attributes:
         page: its file.
         line: of the opening fence, from 1.
-        language: the first word after the fence; empty where there is none.
+        info: what follows the fence.
         code: the lines between the fences.
         reason: why it is not run; None: it is.
     """
 
     page: Path
     line: int
-    language: str
+    info: str
     code: str
     reason: str | None
+
+    @property
+    def language(self) -> str:
+        """The first word after the fence; empty where there is none."""
+        return self.info.split(" ")[0]
+
+    @property
+    def file(self) -> str | None:
+        """The file that the block is; None: it is none."""
+        title = _TITLE.search(self.info)
+        return title[1] if title else None
 
     @property
     def name(self) -> str:
         return f"{self.page.relative_to(ROOT).as_posix()}:{self.line}"
 
 
-def blocks(page: Path) -> list[Block]:
-    """The fenced blocks of a page, in order."""
+def section(text: str, heading: str) -> str:
+    """The part of a page from a heading to the next one of the same level."""
+    level = heading.split(" ", 1)[0]
+    rest = text.partition(f"\n{heading}\n")[2]
+    assert rest, f"no heading {heading!r}"
+    return rest.partition(f"\n{level} ")[0]
+
+
+def blocks(page: Path, text: str | None = None) -> list[Block]:
+    """The fenced blocks of a page, or of ``text``, a part of it, in order."""
     found: list[Block] = []
-    lines = page.read_text(encoding="utf-8").splitlines()
+    lines = (page.read_text(encoding="utf-8") if text is None else text).splitlines()
     opened: tuple[int, str, str] | None = None
     for number, line in enumerate(lines, start=1):
         fence = _FENCE.fullmatch(line.strip())
@@ -63,7 +84,7 @@ def blocks(page: Path) -> list[Block]:
             start, _, info = opened
             before = _NOT_RUN.fullmatch(lines[start - 2].strip()) if start > 1 else None
             code = "\n".join(lines[start : number - 1]) + "\n"
-            found.append(Block(page, start, info.split(" ")[0], code, before[1] if before else None))
+            found.append(Block(page, start, info, code, before[1] if before else None))
             opened = None
     assert opened is None, f"{page}: the block of line {opened and opened[0]} has no end"
     return found
@@ -83,6 +104,18 @@ def indented(page: Path) -> list[int]:
     return found
 
 
+def install_commands(folder: Path) -> None:
+    """Write the commands of the project into a new folder; they use the packages that PYTHONPATH finds first."""
+    folder.mkdir()
+    commands = {
+        name: f"#!{sys.executable}\nfrom {module} import main\n\nif __name__ == '__main__':\n    main()\n"
+        for name, module in (("avs3d", "avs3d_bench.cli"), ("avs3d-eval", "evaluators.cli"))
+    }
+    for name, script in (commands | {"python": f'#!/bin/sh\nexec "{sys.executable}" "$@"\n'}).items():
+        (folder / name).write_text(script)
+        (folder / name).chmod(0o755)
+
+
 def run(block: Block, folder: Path) -> str:
     """Run a block in ``folder``, in an interpreter or shell of its own; its output.
 
@@ -91,11 +124,7 @@ def run(block: Block, folder: Path) -> str:
     """
     shims = folder / ".bin"
     if not shims.is_dir():
-        shims.mkdir()
-        for name, code in (("avs3d", "avs3d_bench.cli"), ("avs3d-eval", "evaluators.cli")):
-            shim = shims / name
-            shim.write_text(f'#!/bin/sh\nexec "{sys.executable}" -c "from {code} import main; main()" "$@"\n')
-            shim.chmod(0o755)
+        install_commands(shims)
     command = ["bash", "-euo", "pipefail", "-c", block.code]
     if block.language == "python":
         script = folder / ".block.py"

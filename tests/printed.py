@@ -6,39 +6,13 @@ A block with ``title="FILE"`` is written to that file, a ``diff`` applied with `
 from __future__ import annotations
 
 import os
-import re
 import shutil
 import subprocess
-import sys
-from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).parent.parent
+from markdown_code import ROOT, blocks, install_commands
+
 PACKAGES = ("avs3d_bench", "generators", "evaluators", "baselines")
-_BLOCK = re.compile(r"^```(\w+)(?: title=\"([^\"]+)\")?\n(.*?)^```$", re.M | re.S)
-
-
-@dataclass(frozen=True)
-class Block:
-    """A fenced block: its language, the file that it is (if any), its text, the number of its first line."""
-
-    language: str
-    file: str | None
-    text: str
-    line: int
-
-
-def blocks(page: str) -> list[Block]:
-    """The fenced blocks of a page, in order."""
-    return [Block(m[1], m[2], m[3], page.count("\n", 0, m.start()) + 2) for m in _BLOCK.finditer(page)]
-
-
-def section(page: str, heading: str) -> str:
-    """The page from a heading to the next one of the same level."""
-    level = heading.split(" ", 1)[0]
-    rest = page.partition(f"\n{heading}\n")[2]
-    assert rest, f"no heading {heading!r}"
-    return rest.partition(f"\n{level} ")[0]
 
 
 class Desk:
@@ -60,16 +34,7 @@ class Desk:
         if data is not None:
             (folder / "data/demo").symlink_to(data)
         bin_ = folder / "bin"
-        bin_.mkdir()
-        for name, module in (("avs3d", "avs3d_bench.cli"), ("avs3d-eval", "evaluators.cli")):
-            script = bin_ / name
-            script.write_text(
-                f"#!{sys.executable}\nfrom {module} import main\n\nif __name__ == '__main__':\n    main()\n"
-            )
-            script.chmod(0o755)
-        python = bin_ / "python"
-        python.write_text(f'#!/bin/sh\nexec {sys.executable} "$@"\n')
-        python.chmod(0o755)
+        install_commands(bin_)
         self._environment = os.environ | {
             "PYTHONPATH": str(folder),
             "PATH": f"{bin_}{os.pathsep}{os.environ['PATH']}",
@@ -91,20 +56,20 @@ class Desk:
         for way in (("check",), ("format", "--check")):
             self.run("python", "-m", "ruff", *way, "--no-cache", "--quiet", *PACKAGES)
 
-    def follow(self, page: str) -> str:
-        """Do what each block of a page says; the outputs, joined."""
+    def follow(self, page: Path, text: str) -> str:
+        """Do what each block of a page, or of a part of its text, says; the outputs, joined."""
         said = []
-        for number, block in enumerate(blocks(page)):
+        for number, block in enumerate(blocks(page, text)):
             if block.file is not None:
                 target = self.folder / block.file
                 target.parent.mkdir(parents=True, exist_ok=True)
-                target.write_text(block.text)
+                target.write_text(block.code)
             elif block.language == "diff":
                 change = self.folder / f"change-{number}.diff"
-                change.write_text(block.text)
+                change.write_text(block.code)
                 self.run("git", "apply", change.name)
             elif block.language == "bash":
-                said.append(self.run("bash", "-ec", block.text))
+                said.append(self.run("bash", "-ec", block.code))
             elif block.language == "python":
-                said.append(self.run("python", "-c", block.text))
+                said.append(self.run("python", "-c", block.code))
         return "".join(said)

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from printed import ROOT, Desk, section
+from markdown_code import ROOT, section
+from printed import Desk
 from tiny import write_dataset
 
 from avs3d_bench.dataset import Dataset
@@ -17,7 +18,8 @@ from avs3d_bench.geometry import direction_to
 from avs3d_bench.media import read_png_mask
 from avs3d_bench.taxonomy import CATEGORIES
 
-PAGE = (ROOT / "docs/extending.md").read_text(encoding="utf-8")
+DOCUMENT = ROOT / "docs/extending.md"
+PAGE = DOCUMENT.read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +32,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> tuple[Desk, str]:
     """The first example, whose files and lit room the last one uses again."""
     pytest.importorskip("trimesh", reason="the generator needs the [generate] extra")
     desk = Desk(tmp_path_factory.mktemp("home"))
-    return desk, desk.follow(section(PAGE, "## Objects and categories"))
+    return desk, desk.follow(DOCUMENT, section(PAGE, "## Objects and categories"))
 
 
 @pytest.mark.slow
@@ -73,7 +75,7 @@ def test_the_list_of_edits_for_a_category_is_whole() -> None:
 @pytest.mark.slow
 def test_metric(tmp_path: Path, data: Path) -> None:
     desk = Desk(tmp_path, data)
-    said = desk.follow(section(PAGE, "## A metric"))
+    said = desk.follow(DOCUMENT, section(PAGE, "## A metric"))
     desk.lint()
     values, by_observation = [], []
     for observation in Dataset(data):
@@ -101,7 +103,7 @@ def test_metric(tmp_path: Path, data: Path) -> None:
 
 def test_baseline(tmp_path: Path, data: Path) -> None:
     desk = Desk(tmp_path, data)
-    desk.follow(section(PAGE, "## A baseline"))
+    desk.follow(DOCUMENT, section(PAGE, "## A baseline"))
     desk.lint()
     scores = json.loads((tmp_path / "ear-side.json").read_text())
     assert scores["submission"]["method"] == "ear-side"
@@ -125,7 +127,7 @@ def test_baseline(tmp_path: Path, data: Path) -> None:
 @pytest.mark.slow
 def test_backend(home: tuple[Desk, str]) -> None:
     desk, _ = home
-    said = desk.follow(section(PAGE, "## A backend"))
+    said = desk.follow(DOCUMENT, section(PAGE, "## A backend"))
     desk.lint()
     assert "1 made" in said
     (observation,) = Dataset(desk.folder / "data/free-field")

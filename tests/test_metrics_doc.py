@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from markdown_code import blocks
 from score_examples import example_scores
 
 from avs3d_bench.geometry import flip_world
@@ -82,11 +83,11 @@ class Example:
     chains: list[tuple[str, str]] = field(default_factory=list)
 
 
-def blocks() -> Iterator[tuple[list[str], list[str]]]:
+def drawings() -> Iterator[tuple[list[str], list[str]]]:
     """Info string in words, and lines, of every fenced block that is ours."""
-    for info, body in re.findall(r"^```(\S[^\n]*)\n(.*?)^```$", TEXT, re.M | re.S):
-        if info.split()[0] in ("masks", "voxels", "values", "figures"):
-            yield info.split(), [line for line in body.splitlines() if line.strip()]
+    for block in blocks(DOCUMENT):
+        if block.language in ("masks", "voxels", "values", "figures"):
+            yield block.info.split(), [line for line in block.code.splitlines() if line.strip()]
 
 
 def columns(lines: list[str]) -> dict[str, list[str]]:
@@ -124,7 +125,7 @@ def pictures(lines: list[str]) -> dict[str, Picture]:
 
 def read_examples() -> dict[str, Example]:
     out: dict[str, Example] = {}
-    for (kind, name, *rest), lines in blocks():
+    for (kind, name, *rest), lines in drawings():
         example = out.setdefault(name, Example())
         if kind == "masks":
             example.frames |= pictures(lines)
@@ -482,7 +483,7 @@ def test_constants_in_the_text_are_those_of_the_code():
 
 
 def test_python_in_the_document_compiles():
-    snippets = re.findall(r"^```python\n(.*?)^```$", TEXT, re.M | re.S)
+    snippets = [block.code for block in blocks(DOCUMENT) if block.language == "python"]
     assert len(snippets) == 2
     for snippet in snippets:
         compile(snippet, str(DOCUMENT), "exec")
@@ -493,7 +494,7 @@ def test_the_snippet_reads_a_file_of_scores(
 ):
     (tmp_path / "scores.json").write_text(example_scores().model_dump_json())
     monkeypatch.chdir(tmp_path)
-    snippet = re.findall(r"^```python\n(import json.*?)^```$", TEXT, re.M | re.S)[0]
+    snippet = next(block.code for block in blocks(DOCUMENT) if block.code.startswith("import json"))
     exec(compile(snippet, str(DOCUMENT), "exec"), {})
     assert re.match(
         r"IoU 0\.\d{3} over \d+ observations\n95 % interval 0\.\d{3} to 0\.\d{3}\n", capsys.readouterr().out

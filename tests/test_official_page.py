@@ -10,19 +10,16 @@ from pathlib import Path
 
 import pytest
 import tiny
+from markdown_code import blocks, section
 
 from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset
 from evaluators.reporting import paper
 
 TESTS = Path(__file__).parent
-TEXT = (TESTS.parent / "docs" / "official.md").read_text(encoding="utf-8")
+DOCUMENT = TESTS.parent / "docs" / "official.md"
+TEXT = DOCUMENT.read_text(encoding="utf-8")
 NAMED = sorted(set(re.findall(r"`(test_\w+)::(test_\w+)`", TEXT)))
-
-
-def section(heading: str) -> str:
-    """The text below a heading of the second level."""
-    return re.split(r"^## ", TEXT.split(f"\n## {heading}\n", 1)[1], maxsplit=1, flags=re.M)[0]
 
 
 def rows(text: str) -> list[dict[str, str]]:
@@ -68,7 +65,7 @@ def test_every_same_has_its_test_and_every_other_verdict_a_reason() -> None:
 def test_the_numbers_of_the_paper_are_those_of_the_code() -> None:
     table = {
         row["method"]: [row["single-instance (part_1)"], row["multi-instance (part_2)"]]
-        for row in rows(section("Table 2"))
+        for row in rows(section(TEXT, "## Table 2"))
     }
     assert table == {
         method: [f"{figures['mIoU']:.3f} / {figures['F']:.3f}".replace("0.", ".") for figures in parts.values()]
@@ -76,7 +73,7 @@ def test_the_numbers_of_the_paper_are_those_of_the_code() -> None:
     }
     swept = {
         float(row["voting threshold"]): {"mIoU": float(row["mIoU"]), "F": float(row["F"])}
-        for row in rows(section("Table 3"))
+        for row in rows(section(TEXT, "## Table 3"))
     }
     assert swept == paper.TABLE_3
 
@@ -84,9 +81,9 @@ def test_the_numbers_of_the_paper_are_those_of_the_code() -> None:
 def test_the_folders_on_the_page_are_those_of_the_code() -> None:
     for pattern in layout.RELEASED_BYPRODUCTS:
         name = pattern.removeprefix("sparse/0/").replace("3d_segmentation_*", "3d_segmentation_use_aisrm_True")
-        assert f"`{name}`" in section("Folders"), name
+        assert f"`{name}`" in section(TEXT, "## Folders"), name
     for folder in layout.RELEASED_MASKS:
-        assert folder in section("Folders")
+        assert folder in section(TEXT, "## Folders")
 
 
 def test_the_defaults_are_the_settings_of_the_paper() -> None:
@@ -108,13 +105,14 @@ def test_the_lines_that_replace_the_fixed_scan_ids_walk_our_scans(tmp_path: Path
     (root / tiny.SINGLE).parents[1].rename(root / "part_1/apartment_2")
     expected = sorted({observation.place.scan for observation in Dataset(root)})
     assert expected == ["apartment_2", "tiny"]
-    (shell,) = re.findall(r"```bash\n(.*?)```", TEXT, re.S)
+    (shell,) = (block.code for block in blocks(DOCUMENT) if block.language == "bash")
     said = subprocess.run(
         ["sh", "-c", f"{shell}\nprintf '%s\\n' $SCANS"], env={"ROOT": str(root), "PATH": "/usr/bin:/bin"},
         capture_output=True, text=True, check=True,
     )  # fmt: skip
     assert said.stdout.split() == expected
-    (python,) = re.findall(r"```python\n(.*?)```", section("Running the released scripts on our data"), re.S)
+    part = section(TEXT, "## Running the released scripts on our data")
+    (python,) = (block.code for block in blocks(DOCUMENT, part) if block.language == "python")
     values: dict[str, object] = {"Path": Path, "root": str(root)}
     exec(python, values)
     assert values["scans"] == expected
