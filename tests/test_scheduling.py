@@ -124,7 +124,7 @@ def test_a_hang_ends_at_the_limit_and_says_where_it_hung(child: Supervised, tmp_
     assert hung is not None
     found = attempt(child, work.hang, tmp_path / "marks", limit=1.0)
     assert found.cause == "hang"
-    assert 1.0 <= time.monotonic() - start < 4.0
+    assert 1.0 <= time.monotonic() - start < 20
     assert "1 s" in found.message
     assert "_never_return" in found.traceback
     assert gone(hung)
@@ -137,7 +137,7 @@ def test_a_process_that_stops_in_the_middle_of_a_message_is_given_up(
     monkeypatch.setattr(supervised, "_STALL", 1)
     start = time.monotonic()
     found = attempt(child, work.half_a_message)
-    assert time.monotonic() - start < 5.0
+    assert time.monotonic() - start < 20
     assert (found.cause, "middle of a message" in found.message) == ("crash", True)
     assert attempt(child, work.double, 1) == Done(2)
 
@@ -294,7 +294,7 @@ def test_the_pool_runs_everything_on_as_many_processes_as_asked() -> None:
 def test_what_crashed_or_hung_once_is_done_on_another_worker(tmp_path: Path) -> None:
     tasks = [
         Task("crash", work.die, (signal.SIGKILL, tmp_path / "crash", 1)),
-        Task("hang", work.hang, (tmp_path / "hang", 1), limit=2.0),
+        Task("hang", work.hang, (tmp_path / "hang", 1), limit=6.0),
         *(Task(str(n), work.double, (n,)) for n in range(6)),
     ]
     results, events = run(tasks)
