@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
+import subprocess
 from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
-from markdown_code import ROOT, section
+from markdown_code import ROOT, Block, blocks, section
 from printed import Desk
 from tiny import write_dataset
 
@@ -50,6 +52,22 @@ def test_own_object_and_sound(home: tuple[Desk, str]) -> None:
     assert dataset.record is not None
     named = {attribution.asset: attribution.author for attribution in dataset.record.attributions}
     assert named["machine.glb"] == named["steam.flac"] == "Jane Doe"
+
+
+@pytest.mark.parametrize(
+    "change", [block for block in blocks(DOCUMENT) if block.language == "diff"], ids=lambda block: str(block.line)
+)
+def test_each_diff_applies(change: Block, tmp_path: Path) -> None:
+    """The examples themselves are slow tests; what they change must not move away unnoticed."""
+    named = re.findall(r"^--- a/(\S+)$", change.code, re.M)
+    assert named
+    for file in named:
+        (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / file, tmp_path / file)
+    done = subprocess.run(
+        ["git", "apply", "--check", "-"], cwd=tmp_path, input=change.code, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
 
 
 def test_the_list_of_edits_for_a_category_names_what_exists() -> None:
