@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 from avs3d_bench.errors import Avs3dError
 from generators.core.rays import Tracer
 from generators.core.scene import F32, LightMap, Part, Room, Scene
+from generators.lighting.blocks import Blocks, make_blocks
 from generators.lighting.direct import direct_light, shadow_rays
 from generators.lighting.emitters import BRIGHT, Emitters, bright_patches, find_emitters
 from generators.lighting.exposure import expose
 from generators.lighting.gather import CHUNK, open_texels
 from generators.lighting.insertion import insert
-from generators.lighting.radiosity import Blocks, final_gather, make_blocks, solve
+from generators.lighting.radiosity import final_gather, solve
 from generators.lighting.smoothing import fill, smooth, spread
 from generators.lighting.sun import Sun, find_sun, sun_light
 from generators.lighting.surfaces import Surfaces, in_chunks

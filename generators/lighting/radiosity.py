@@ -8,17 +8,17 @@ texel at the blocks' radiosity, which is smooth, so that few rays are enough (Re
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from generators.core.jit import njit
-from generators.core.low_discrepancy import PATTERNS, TILE, cosine_directions
+from generators.core.low_discrepancy import PATTERNS, cosine_directions
 from generators.core.rays import Tracer
 from generators.core.scene import F32, I32
-from generators.lighting.direct import LOBE
+from generators.lighting.blocks import Blocks
+from generators.lighting.form_factors import LOBE
 from generators.lighting.gather import CHUNK, cells_at, hemisphere_rays
 from generators.lighting.surfaces import Surfaces, in_chunks
 from generators.lighting.texels import Sheet, Texels
@@ -26,46 +26,6 @@ from generators.lighting.texels import Sheet, Texels
 _MOST_BOUNCES = 64
 #: The bounces end when no block changes by more than this part of the brightest one.
 _TOLERANCE = 2e-4
-
-
-@dataclass(frozen=True, eq=False)
-class Blocks:
-    """Groups of neighbouring open texels of one chart.
-
-    Attributes:
-        of: (N,) int32 block of a texel, -1 for texels inside of things.
-        members: open texels ordered by block.
-        start: (B + 1,) int64, block b owns ``members[start[b]:start[b + 1]]``.
-    """
-
-    of: I32
-    members: NDArray[np.int64]
-    start: NDArray[np.int64]
-
-    def __len__(self) -> int:
-        return len(self.start) - 1
-
-    def mean(self, values: F32) -> F32:
-        """(B, 3) mean over each block of (N, 3) ``values``."""
-        total = np.add.reduceat(values[self.members].astype(np.float64), self.start[:-1], axis=0)
-        return np.asarray(total / np.diff(self.start)[:, None], dtype=np.float32)
-
-
-def make_blocks(surfaces: Surfaces, sheet: Sheet, texels: Texels, is_open: NDArray[np.bool_]) -> Blocks:
-    """Group the open texels."""
-    part = surfaces.part[texels.face]
-    local = texels.cell - sheet.offset[part]
-    column, row = local % sheet.width[part] // TILE, local // sheet.width[part] // TILE
-    chart = sheet.chart[texels.face].astype(np.int64)
-    members = np.flatnonzero(is_open)
-    order = np.lexsort((members, column[members], row[members], chart[members]))
-    members = members[order]
-    keys = np.stack([chart[members], row[members], column[members]], axis=1)
-    fresh = np.ones(len(members), dtype=bool)
-    fresh[1:] = np.any(keys[1:] != keys[:-1], axis=1)
-    of = np.full(len(texels), -1, dtype=np.int32)
-    of[members] = np.cumsum(fresh) - 1
-    return Blocks(of=of, members=members, start=np.append(np.flatnonzero(fresh), len(members)).astype(np.int64))
 
 
 @njit

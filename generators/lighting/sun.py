@@ -13,7 +13,7 @@ from generators.core.jit import njit
 from generators.core.low_discrepancy import PATTERNS, net, square_points
 from generators.core.rays import Tracer
 from generators.core.scene import F32, I32
-from generators.lighting.direct import LOBE
+from generators.lighting.form_factors import LOBE
 from generators.lighting.emitters import face_areas, face_groups
 from generators.lighting.surfaces import Surfaces
 

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from generators.core.low_discrepancy import cosine_directions
 from generators.core.rays import Tracer
 from generators.core.scene import F32, I32, Scene
-from generators.lighting.direct import LOBE, shadow_rays
+from generators.lighting.direct import shadow_rays
 from generators.lighting.emitters import BRIGHT, Emitters, bright_patches, find_emitters
+from generators.lighting.form_factors import LOBE
 from generators.lighting.lit_scene import LitScene
 from generators.lighting.sun import Sun, find_sun
 from generators.lighting.surfaces import Surfaces
