@@ -20,9 +20,10 @@ from generators.lighting.blocks import Blocks, make_blocks
 from generators.lighting.direct import direct_light, shadow_rays
 from generators.lighting.emitters import BRIGHT, Emitters, bright_patches, find_emitters
 from generators.lighting.exposure import expose
-from generators.lighting.gather import CHUNK, open_texels
+from generators.lighting.gather import BLOCK_CHUNK, CHUNK, open_texels
 from generators.lighting.insertion import insert
-from generators.lighting.radiosity import final_gather, solve
+from generators.lighting.interpolation import BlockLight, Slow
+from generators.lighting.radiosity import final_gather, solve, trace_links
 from generators.lighting.smoothing import fill, smooth, spread
 from generators.lighting.sun import Sun, find_sun, sun_light
 from generators.lighting.surfaces import Surfaces, in_chunks
@@ -56,10 +57,12 @@ class Quality:
 
 
 QUALITIES = {
-    "preview": Quality(0.10, 0.05, 1.0, 8, 8, 32, 16),
-    "standard": Quality(0.04, 0.015, 2.0, 16, 32, 64, 64),
-    "high": Quality(0.025, 0.01, 2.0, 32, 32, 128, 192),
+    "preview": Quality(0.10, 0.05, 1.0, 8, 8, 64, 16),
+    "standard": Quality(0.04, 0.015, 2.0, 16, 32, 128, 32),
+    "high": Quality(0.025, 0.01, 2.0, 32, 32, 256, 128),
 }
+#: Differences of this many standard deviations count as noise.
+_REACH = 3.0
 #: A part gets about this many texels before its texels grow to the preset's size.
 _PART_TEXELS = 4500
 
@@ -89,17 +92,22 @@ def bake(scene: Scene, *, quality: str = "standard", workers: int = 2) -> Scene:
     dark = np.array([part.light is None for part in scene.parts])
     texels = rasterise(surfaces, sheet, dark[surfaces.part])
     tracer = Tracer(surfaces.triangles)
-    is_open = open_texels(surfaces, texels, tracer, workers)
+    tiles = make_blocks(surfaces, sheet, texels, np.ones(len(texels), dtype=bool))
+    is_open = open_texels(surfaces, texels, tiles, tracer, workers)
     blocks = make_blocks(surfaces, sheet, texels, is_open)
     emitters = find_emitters(surfaces, preset.shadow_rays)
     beam = find_sun(scene.name, surfaces, tracer)
     bare, variance = _direct(texels, blocks, emitters, tracer, workers)
     bare += _sunlight(texels, blocks, beam, tracer, preset, workers)
     patches, sampled = _patches(texels, blocks, bare, preset)
-    again, more = _direct(texels, blocks, patches, tracer, workers, bare)
+    links = trace_links(surfaces, sheet, texels, blocks, tracer, rays=preset.block_rays, workers=workers)
+    slow = Slow.of(sheet, surfaces.part[texels.face], texels, blocks, links.distance)
+    again, more = _direct(texels, blocks, patches, tracer, workers, (bare, slow))
     direct = _smoothed(surfaces, sheet, texels, blocks, (bare + again, variance + more))
-    bounced = solve(surfaces, sheet, texels, blocks, direct, sampled, tracer, rays=preset.block_rays, workers=workers)
-    gathered = final_gather(surfaces, sheet, texels, blocks, bounced, tracer, rays=preset.gather_rays, workers=workers)
+    bounced = solve(texels, blocks, links, direct, sampled)
+    gathered = final_gather(
+        surfaces, sheet, texels, blocks, bounced, slow, tracer, rays=preset.gather_rays, workers=workers
+    )
     light = direct + _smoothed(surfaces, sheet, texels, blocks, gathered)
     cells = spread(sheet, texels, fill(surfaces, sheet, texels, light, is_open))
     return expose(replace(scene, parts=with_light(scene.parts, layouts, sheet, cells)))
@@ -141,7 +149,7 @@ def _sunlight(texels: Texels, blocks: Blocks, beam: Sun | None, tracer: Tracer, 
         return light
 
     def work(first: int, last: int) -> None:
-        own = blocks.members[first:last]
+        own = blocks.members[blocks.start[first] : blocks.start[last]]
         light[own] = sun_light(
             beam,
             texels.pattern[own],
@@ -151,9 +159,10 @@ def _sunlight(texels: Texels, blocks: Blocks, beam: Sun | None, tracer: Tracer, 
             texels.gloss[own],
             tracer,
             preset.sun_rays,
+            block=blocks.of[own],
         )
 
-    in_chunks(work, len(blocks.members), CHUNK, workers)
+    in_chunks(work, len(blocks), BLOCK_CHUNK, workers)
     return light
 
 
@@ -172,27 +181,56 @@ def _patches(texels: Texels, blocks: Blocks, direct: F32, preset: Quality) -> tu
 
 
 def _direct(
-    texels: Texels, blocks: Blocks, emitters: Emitters, tracer: Tracer, workers: int, besides: F32 | None = None
+    texels: Texels,
+    blocks: Blocks,
+    emitters: Emitters,
+    tracer: Tracer,
+    workers: int,
+    besides: tuple[F32, Slow] | None = None,
 ) -> tuple[F32, F32]:
-    """Light (N, 3) of the emitters on the open texels and its variance (N,)."""
+    """Light (N, 3) of the emitters on the open texels and its variance (N,).
+
+    With ``besides`` (light from elsewhere; where light varies slowly) the emitters are large and soft: in slow blocks
+    their light is measured at some texels only, with all rays, and interpolated.
+    """
     light = np.zeros((len(texels), 3), dtype=np.float32)
     variance = np.zeros(len(texels), dtype=np.float32)
     reach = _reach(texels, blocks, emitters, tracer, workers)
 
-    def work(first: int, last: int) -> None:
-        own = blocks.members[first:last]
-        light[own], variance[own] = direct_light(
+    def shade(texel: NDArray[np.int64], *, sparing: bool) -> None:
+        light[texel], variance[texel] = direct_light(
             emitters,
-            reach[blocks.of[own]],
-            texels.pattern[own],
-            texels.position[own],
-            texels.normal[own],
-            texels.gloss[own],
+            reach[blocks.of[texel]],
+            texels.pattern[texel],
+            texels.position[texel],
+            texels.normal[texel],
+            texels.gloss[texel],
             tracer.occluded,
-            None if besides is None else besides[own],
+            None if besides is None else besides[0][texel],
+            block=blocks.of[texel],
+            sparing=sparing,
         )
 
-    in_chunks(work, len(blocks.members), CHUNK, workers)
+    def everywhere(first: int, last: int) -> None:
+        shade(blocks.members[blocks.start[first] : blocks.start[last]], sparing=True)
+
+    if besides is None:
+        in_chunks(everywhere, len(blocks), BLOCK_CHUNK, workers)
+        return light, variance
+    slow = besides[1]
+    sites = slow.sites(texels)
+
+    def apart(first: int, last: int) -> None:
+        own = blocks.members[blocks.start[first] : blocks.start[last]]
+        is_slow = slow.is_slow[blocks.of[own]]
+        shade(own[~is_slow], sparing=True)
+        shade(own[is_slow & sites[own]], sparing=False)
+
+    in_chunks(apart, len(blocks), BLOCK_CHUNK, workers)
+    measured = sites | ~slow.is_slow[blocks.of]
+    mean = blocks.mean(light, measured)
+    slow.interpolate(texels, BlockLight(mean, mean), light, measured)
+    variance[slow.is_slow[blocks.of]] = 0.0
     return light, variance
 
 
@@ -205,10 +243,11 @@ def _reach(texels: Texels, blocks: Blocks, emitters: Emitters, tracer: Tracer, w
 
     def work(first: int, last: int) -> None:
         own = np.arange(first, last)
+        here = seen[first:last]
         for turn in range(2):
-            texel = blocks.members[blocks.start[own] + (turn * size[own]) // 2]
-            here = seen[first:last]
-            here |= _sees(emitters, texels, texel, tracer)
+            # Blocks beside one another look from texels of different patterns, hence at different targets.
+            texel = blocks.members[blocks.start[own] + (7 * own + (turn * size[own]) // 2) % size[own]]
+            here |= _sees(emitters, texels, texel, tracer, turn, turn + 1)
 
     in_chunks(work, len(blocks), CHUNK, workers)
     # Blocks at the rim of a shadow may just miss the emitter: they inherit from blocks near by.
@@ -224,20 +263,22 @@ def _reach(texels: Texels, blocks: Blocks, emitters: Emitters, tracer: Tracer, w
     return near
 
 
-def _sees(emitters: Emitters, texels: Texels, texel: NDArray[np.int64], tracer: Tracer) -> NDArray[np.bool_]:
-    """(n, L) whether a texel sees at least one of four points of an emitter."""
+def _sees(
+    emitters: Emitters, texels: Texels, texel: NDArray[np.int64], tracer: Tracer, first: int, last: int
+) -> NDArray[np.bool_]:
+    """(n, L) whether a texel sees at least one of the emitter's targets ``first`` to ``last``."""
     lights = len(emitters)
     pair, light = np.repeat(np.arange(len(texel)), lights), np.tile(np.arange(lights), len(texel))
     origins, directions, far, weight = shadow_rays(
-        emitters, pair, light, texels.pattern[texel], texels.position[texel], texels.normal[texel], 0, 4
+        emitters, pair, light, texels.pattern[texel], texels.position[texel], texels.normal[texel], first, last
     )
     use = np.flatnonzero(weight > 0)
     free = np.zeros(len(weight), dtype=bool)
     free[use] = ~tracer.occluded(origins[use], directions[use], far[use])
-    return np.asarray(free.reshape(len(texel), lights, 4).any(axis=2))
+    return np.asarray(free.reshape(len(texel), lights, last - first).any(axis=2))
 
 
 def _smoothed(surfaces: Surfaces, sheet: Sheet, texels: Texels, blocks: Blocks, baked: tuple[F32, F32]) -> F32:
     light, variance = baked
     variance = np.where(blocks.of >= 0, variance, -1.0).astype(np.float32)
-    return smooth(surfaces, sheet, texels, light, variance, 2.0)
+    return smooth(surfaces, sheet, texels, light, variance, _REACH)

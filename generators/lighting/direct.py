@@ -85,6 +85,67 @@ def shadow_rays(
 Occlusion = Callable[[F32, F32, F32], NDArray[np.bool_]]
 
 
+@njit
+def _add_rays(rows: Any, weight: Any, is_hidden: Any, count: Any, sums: Any) -> Any:
+    """Add ``count`` rays of each of some pairs to `Shadow.sums`."""
+    ray = 0
+    for i in range(len(rows)):
+        row = rows[i]
+        for _ in range(count):
+            w = np.float64(weight[ray])
+            sums[row, 0] += w
+            sums[row, 2] += w * w
+            if not is_hidden[ray]:
+                sums[row, 1] += w
+            ray += 1
+
+
+@njit
+def _mixed(pair: Any, group: Any, sums: Any, number: Any) -> Any:
+    """Which of the pairs ``pair`` are in a group of which some rays were free and others not.
+
+    ``group`` is for all pairs; ``number`` is how many groups there are.
+    """
+    kind = np.zeros(number, dtype=np.uint8)
+    for i in pair:
+        if sums[i, 1] > 0.0:
+            kind[group[i]] |= 1
+        if sums[i, 1] < sums[i, 0]:
+            kind[group[i]] |= 2
+    out = np.empty(len(pair), dtype=np.int64)
+    count = 0
+    for i in pair:
+        if kind[group[i]] == 3:
+            out[count] = i
+            count += 1
+    return out[:count]
+
+
+@njit
+def _add_light(texel: Any, factor: Any, sums: Any, group: Any, number: Any, arrived: Any, variance: Any) -> Any:
+    """Add the visible part of ``factor`` (P, 3) to the light of texels, and its variance."""
+    together = np.zeros((number, 2))
+    for i in range(len(texel)):
+        together[group[i], 0] += sums[i, 0]
+        together[group[i], 1] += sums[i, 1]
+    for i in range(len(texel)):
+        t = texel[i]
+        whole, free = sums[i, 0], sums[i, 1]
+        if whole == 0.0:
+            # No target of this texel faces it (a lamp shines to all sides): those of its neighbours must tell.
+            whole, free = together[group[i], 0], together[group[i], 1]
+        # An emitter of which only a sliver looks over the horizon may have no target there: it counts as visible.
+        visible = free / whole if whole > 0.0 else 1.0
+        mean = 0.0
+        for c in range(3):
+            arrived[t, c] += factor[i, c] * visible
+            mean += factor[i, c] / 3.0
+        if 0.0 < visible < 1.0:
+            # Unequal weights are worth fewer rays (Kish's effective sample size).
+            worth = max(whole * whole / sums[i, 2], 1.0) if sums[i, 2] > 0.0 else 1.0
+            variance[t] += mean * mean * visible * (1.0 - visible) / worth
+
+
 def direct_light(
     emitters: Emitters,
     reach: NDArray[np.bool_],
@@ -95,6 +156,8 @@ def direct_light(
     hidden: Occlusion,
     besides: F32 | None = None,
     rays: int | None = None,
+    block: NDArray[np.integer[Any]] | None = None,
+    sparing: bool = True,
 ) -> tuple[F32, F32]:
     """Light of all emitters on some texels.
 
@@ -108,35 +171,46 @@ def direct_light(
         hidden: says which of a number of rays do not count.
         besides: (N, 3) light from elsewhere, against which an emitter may be faint.
         rays: shadow rays per texel and emitter; as many as the emitters have targets if missing.
+        block: (N,) ascending numbers of groups of neighbouring texels.
+        sparing: shoot a quarter of the shadow rays first, and the rest only in blocks where some of these were free and
+            others not. Without blocks all rays are shot.
 
     Returns:
         (N, 3) light and (N,) the variance of its luminance.
     """
     texel, light = np.nonzero(reach)
-    factor = unoccluded_light(emitters, texel, light, position, normal, gloss)
-    strength = factor.max(axis=1, initial=0.0)
-    arrived = np.zeros((len(position), 3), dtype=np.float32)
-    variance = np.zeros(len(position), dtype=np.float32)
+    arrived = np.zeros((len(position), 3), dtype=np.float64)
+    variance = np.zeros(len(position), dtype=np.float64)
     if not len(texel):
-        return arrived, variance
+        return arrived.astype(np.float32), variance.astype(np.float32)
+    factor = unoccluded_light(emitters, texel, light, position, normal, gloss)
+    strength = factor.max(axis=1)
     total = np.bincount(texel, strength, minlength=len(position))
     if besides is not None:
         total += besides.max(axis=1)
     share = strength / np.maximum(total, 1e-20)[texel]
     samples = emitters.points.shape[2] if rays is None else rays
+    # Of all rays of a pair (texel, emitter): their weights, the weights of those that met nothing, squared weights.
+    sums = np.zeros((len(texel), 3))
+
+    def shoot(pairs: NDArray[np.int64], first: int, last: int) -> None:
+        origins, directions, far, weight = shadow_rays(
+            emitters, texel[pairs], light[pairs], pattern, position, normal, first, last
+        )
+        _add_rays(pairs, weight, hidden(origins, directions, far), last - first, sums)
+
+    if block is None:
+        group, number_of_groups = np.arange(len(texel)), len(texel)
+    else:
+        group = (block - block[0]).astype(np.int64)[texel] * len(emitters) + light
+        number_of_groups = int(block[-1] - block[0] + 1) * len(emitters)
     # What adds little is worth few rays; the first quarter of the targets is stratified in itself.
-    for pairs, number in ((share >= _FAINT, samples), ((share < _FAINT) & (share > 0), max(samples // 4, 1))):
-        own, lamp, bare = texel[pairs], light[pairs], factor[pairs]
-        origins, directions, far, weight = shadow_rays(emitters, own, lamp, pattern, position, normal, 0, number)
-        weight = weight.reshape(-1, number)
-        free = ~hidden(origins, directions, far).reshape(-1, number)
-        whole = weight.sum(axis=1)
-        # An emitter of which only a sliver looks over the horizon may have no target there: it counts as visible.
-        visible = np.where(whole > 0, (weight * free).sum(axis=1) / np.maximum(whole, 1e-30), 1.0)
-        for channel in range(3):
-            arrived[:, channel] += np.bincount(own, bare[:, channel] * visible, minlength=len(position))
-        # Unequal weights are worth fewer rays (Kish's effective sample size).
-        worth = np.maximum(whole**2 / np.maximum((weight**2).sum(axis=1), 1e-30), 1.0)
-        spread = bare.mean(axis=1) ** 2 * visible * (1 - visible) / worth
-        variance += np.bincount(own, spread, minlength=len(position)).astype(np.float32)
-    return arrived, variance
+    strong, faint = np.flatnonzero(share >= _FAINT), np.flatnonzero((share < _FAINT) & (share > 0))
+    for pairs, number in ((strong, samples), (faint, max(samples // 4, 1))):
+        if block is None or not sparing or number < 4:
+            shoot(pairs, 0, number)
+            continue
+        shoot(pairs, 0, number // 4)
+        shoot(_mixed(pairs, group, sums, number_of_groups), number // 4, number)
+    _add_light(texel, factor, sums, group, number_of_groups, arrived, variance)
+    return arrived.astype(np.float32), variance.astype(np.float32)

@@ -34,7 +34,10 @@ class Emitters:
         area: (L,) float32, square metres.
         centre: (L, 3) float32.
         radius: (L,) float32 of a ball round the centre that holds the emitter.
-        cells: (L, 256, 9) float32: point, normal and radiance of equal pieces of the area.
+        cells: (L, `CELLS`, 9) float32: point, normal and radiance of equal pieces of the area. The first quarter and
+            the first sixteenth are spread over the emitter too.
+        balance: (L, 3, 3) float32: factors of the radiance (last axis: colours) with which all cells, their first
+            quarter and their first sixteenth have the same mean.
         points: (L, 16, n, 9) float32: the same of shadow-ray targets per texel pattern.
         faces: (T, 3, 3) float32 triangles of the emitters that have any.
         glow: (T, 3) float32 their radiance.
@@ -45,6 +48,7 @@ class Emitters:
     centre: F32
     radius: F32
     cells: F32
+    balance: F32
     points: F32
     faces: F32
     glow: F32
@@ -55,9 +59,17 @@ class Emitters:
 
     def joined(self, other: Emitters) -> Emitters:
         """Both sets, with equal numbers of targets."""
-        names = ("area", "centre", "radius", "cells", "points", "faces", "glow")
+        names = ("area", "centre", "radius", "cells", "balance", "points", "faces", "glow")
         arrays = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in names}
         return Emitters(**arrays, start=np.concatenate([self.start, self.start[-1] + other.start[1:]]))
+
+
+def _balance(cells: F32) -> F32:
+    """`Emitters.balance` of ``cells``."""
+    mean = cells[..., 6:].mean(axis=1, dtype=np.float64)
+    levels = [cells[:, : CELLS >> (2 * level), 6:].mean(axis=1, dtype=np.float64) for level in range(3)]
+    factors = [np.where(own > 0, mean / np.where(own > 0, own, 1.0), 1.0) for own in levels]
+    return np.stack(factors, axis=1).astype(np.float32)
 
 
 def face_areas(triangles: F32) -> NDArray[np.float64]:
@@ -153,13 +165,15 @@ def find_emitters(surfaces: Surfaces, samples: int) -> Emitters:
     flat = [surfaces.triangles[m].reshape(-1, 3) for m in kept]
     centres = [(f.min(axis=0) + f.max(axis=0)) / 2 for f in flat]
     own = np.concatenate(kept) if kept else np.zeros(0, dtype=np.int64)
+    fine_cells = np.array(cells, dtype=np.float32).reshape(-1, CELLS, 9)
     return Emitters(
         area=np.array([area[m].sum() for m in kept], dtype=np.float32),
         centre=np.array(centres, dtype=np.float32).reshape(-1, 3),
         radius=np.array(
             [np.linalg.norm(f - c, axis=1).max() for f, c in zip(flat, centres, strict=True)], dtype=np.float32
         ),
-        cells=np.array(cells, dtype=np.float32).reshape(-1, CELLS, 9),
+        cells=fine_cells,
+        balance=_balance(fine_cells),
         points=np.array(points, dtype=np.float32).reshape(-1, PATTERNS, samples, 9),
         faces=surfaces.triangles[own],
         glow=surfaces.emission[surfaces.material[own]],
@@ -243,4 +257,14 @@ def _emitters(shares: list[NDArray[np.float64]], areas: list[float], points: lis
         radius[k] = np.linalg.norm(own[:, :3] - centre[k], axis=1).max()
     nothing = np.zeros((0, 3, 3), dtype=np.float32)
     start = np.zeros(count + 1, dtype=np.int64)
-    return Emitters(np.array(areas, dtype=np.float32), centre, radius, cells, targets, nothing, nothing[:, 0], start)
+    return Emitters(
+        area=np.array(areas, dtype=np.float32),
+        centre=centre,
+        radius=radius,
+        cells=cells,
+        balance=_balance(cells),
+        points=targets,
+        faces=nothing,
+        glow=nothing[:, 0],
+        start=start,
+    )

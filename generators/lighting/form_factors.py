@@ -69,6 +69,7 @@ def _unoccluded(
     centre: Any,
     radius: Any,
     cells: Any,
+    balance: Any,
     faces: Any,
     glow: Any,
     start: Any,
@@ -85,11 +86,14 @@ def _unoccluded(
         x, y, z = position[t, 0], position[t, 1], position[t, 2]
         nx, ny, nz = normal[t, 0], normal[t, 1], normal[t, 2]
         far = np.sqrt((centre[e, 0] - x) ** 2 + (centre[e, 1] - y) ** 2 + (centre[e, 2] - z) ** 2)
-        number = cells.shape[1]
-        if far > 4.0 * radius[e]:
-            number //= 16
-        elif far > 2.0 * radius[e]:
-            number //= 4
+        # Cells of a patch all face about the same way: fewer are enough than of a lamp.
+        wide = radius[e] if start[e + 1] == start[e] else 2.0 * radius[e]
+        level = 0
+        if far > 2.0 * wide:
+            level = 2
+        elif far > wide:
+            level = 1
+        number = cells.shape[1] >> (2 * level)
         piece = area[e] / number
         g = gloss[t]
         matte = 1.0 - g
@@ -102,6 +106,7 @@ def _unoccluded(
             matte = 0.0
             if g == 0.0:
                 continue
+        red = green = blue = 0.0
         for k in range(number):
             dx, dy, dz = cells[e, k, 0] - x, cells[e, k, 1] - y, cells[e, k, 2] - z
             here = dx * nx + dy * ny + dz * nz
@@ -109,12 +114,17 @@ def _unoccluded(
             if here <= 0.0 or there <= 0.0:
                 continue
             square = dx * dx + dy * dy + dz * dz
-            cosine = here / np.sqrt(square)
-            solid = there / np.sqrt(square) * piece / (np.pi * square + piece)
+            share = matte * here * there * piece / (square * (np.pi * square + piece))
             if g > 0.0:
-                cosine = matte * cosine + g * (LOBE + 1.0) / 2.0 * cosine**LOBE
-            for c in range(3):
-                factor[i, c] += solid * cosine * cells[e, k, 6 + c]
+                lean = here * here / square  # cos², of which LOBE needs the third power
+                solid = there * piece / (np.sqrt(square) * (np.pi * square + piece))
+                share += g * (LOBE + 1.0) / 2.0 * lean * lean * lean * solid
+            red += share * cells[e, k, 6]
+            green += share * cells[e, k, 7]
+            blue += share * cells[e, k, 8]
+        factor[i, 0] += red * balance[e, level, 0]
+        factor[i, 1] += green * balance[e, level, 1]
+        factor[i, 2] += blue * balance[e, level, 2]
 
 
 def unoccluded_light(
@@ -132,6 +142,7 @@ def unoccluded_light(
         emitters.centre,
         emitters.radius,
         emitters.cells,
+        emitters.balance,
         emitters.faces,
         emitters.glow,
         emitters.start,

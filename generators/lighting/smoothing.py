@@ -67,6 +67,10 @@ def _smooth(
                 near[dy + half, dx + half] = j
                 spread_sum += max(variance[j], 0.0)
                 count += 1
+        if spread_sum <= 0.0:
+            for c in range(3):
+                out[i, c] = light[i, c]
+            continue
         noise = 2.0 * spread_sum / max(count, 1)
         total = 0.0
         sums = np.zeros(3)

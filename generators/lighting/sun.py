@@ -13,8 +13,8 @@ from generators.core.jit import njit
 from generators.core.low_discrepancy import PATTERNS, net, square_points
 from generators.core.rays import Tracer
 from generators.core.scene import F32, I32
-from generators.lighting.form_factors import LOBE
 from generators.lighting.emitters import face_areas, face_groups
+from generators.lighting.form_factors import LOBE
 from generators.lighting.surfaces import Surfaces
 
 #: Radiance of a white surface that faces the sun, over that of the brightest window pane.
@@ -24,6 +24,8 @@ _SUN_COLOUR = np.array([1.0, 0.86, 0.68])
 _SUN_RADIUS = 0.012
 #: Texels over which the sun's rays of one texel start: interpolation then shows no steps along the beam's edge.
 _SUN_BLUR = 2.0
+#: Fewer rays per texel than this are shot all at once.
+_LEAST_RAYS = 8
 #: The least area of a window, square metres.
 _LARGE_PANE = 0.3
 
@@ -139,6 +141,7 @@ def sun_light(
     *,
     objects: Tracer | None = None,
     lost: bool = False,
+    block: NDArray[np.integer[Any]] | None = None,
 ) -> F32:
     """Light (N, 3) of the sun: the share of rays to it that leave through a window pane.
 
@@ -153,6 +156,8 @@ def sun_light(
         samples: rays per texel.
         objects: things that are in the way besides.
         lost: return the light that ``objects`` take away instead of what arrives.
+        block: (N,) ascending numbers of groups of neighbouring texels; a group whose first rays all arrive, or all
+            do not, shoots no more. Without groups all rays are shot.
     """
     light = np.zeros((len(position), 3), dtype=np.float32)
     cosine = normal @ sun.direction.astype(np.float32)
@@ -165,28 +170,47 @@ def sun_light(
     square = net(PATTERNS * samples, (0x7F4A7C15, 0x94D049BB))
     radius = _SUN_RADIUS * np.sqrt(square[:, 0])
     disc = np.stack([radius * np.cos(2 * np.pi * square[:, 1]), radius * np.sin(2 * np.pi * square[:, 1])], axis=1)
-    origins, directions = (np.empty((len(facing) * samples, 3), dtype=np.float32) for _ in range(2))
-    _sun_rays(
-        pattern[facing],
-        position[facing],
-        normal[facing],
-        across[facing],
-        sun.direction,
-        side,
-        top,
-        disc.reshape(PATTERNS, samples, 2),
-        square_points(samples, (0xBF58476D, 0x1CE4E5B9)),
-        origins,
-        directions,
-    )
-    rays = np.arange(len(origins))
-    if objects is not None:
-        blocked = objects.occluded(origins, directions, np.full(len(origins), 1e4, dtype=np.float32))
-        rays = np.flatnonzero(blocked == lost)
-    found = tracer.intersect(origins[rays], directions[rays])["primID"]
-    lit = np.zeros(len(origins), dtype=bool)
-    lit[rays] = (found >= 0) & sun.pane[np.maximum(found, 0)]
-    share = lit.reshape(-1, samples).mean(axis=1, dtype=np.float64)
+    disc = disc.reshape(PATTERNS, samples, 2)
+    jitter = square_points(samples, (0xBF58476D, 0x1CE4E5B9))
+
+    def arrivals(texel: NDArray[np.int64], first: int, last: int) -> NDArray[np.int64]:
+        """(n,) how many of the rays ``first`` to ``last`` of each texel arrive (or are lost)."""
+        count = last - first
+        origins, directions = (np.empty((len(texel) * count, 3), dtype=np.float32) for _ in range(2))
+        _sun_rays(
+            pattern[texel],
+            position[texel],
+            normal[texel],
+            across[texel],
+            sun.direction,
+            side,
+            top,
+            np.ascontiguousarray(disc[:, first:last]),
+            np.ascontiguousarray(jitter[:, first:last]),
+            origins,
+            directions,
+        )
+        rays = np.arange(len(origins))
+        if objects is not None:
+            blocked = objects.occluded(origins, directions, np.full(len(origins), 1e4, dtype=np.float32))
+            rays = np.flatnonzero(blocked == lost)
+        found = tracer.intersect(origins[rays], directions[rays])["primID"]
+        lit = np.zeros(len(origins), dtype=bool)
+        lit[rays] = (found >= 0) & sun.pane[np.maximum(found, 0)]
+        return np.asarray(lit.reshape(len(texel), count).sum(axis=1))
+
+    number = np.full(len(facing), float(samples))
+    if block is None or samples < _LEAST_RAYS:
+        arrived = arrivals(facing, 0, samples)
+    else:
+        few = max(samples // 8, 2)
+        arrived = arrivals(facing, 0, few)
+        group = block[facing] - block[0]
+        some, most = np.bincount(group, arrived), np.bincount(group) * few
+        mixed = ((some > 0) & (some < most))[group]
+        arrived[mixed] += arrivals(facing[mixed], few, samples)
+        number[~mixed] = few
+    share = arrived / number
     g, c = gloss[facing], cosine[facing]
     light[facing] = (share * ((1 - g) * c + g * (LOBE + 1) / 2 * c**LOBE))[:, None] * sun.radiance
     return light

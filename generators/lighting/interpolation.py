@@ -1,0 +1,215 @@
+"""Indirect light that is measured per block, interpolated to texels where it varies slowly.
+
+The distance over which indirect light changes is about the harmonic mean of the distances to what a point sees (Ward
+et al., "A ray tracing solution for diffuse interreflection", SIGGRAPH 1988). Where it is several times the size of a
+block, the light of the blocks around is as good as rays of every texel's own, and has less noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generators.core.jit import njit
+from generators.core.low_discrepancy import TILE
+from generators.core.scene import F32, I32
+from generators.lighting.blocks import Blocks
+from generators.lighting.texels import Sheet, Texels
+
+#: A block is far from everything if the harmonic mean distance is at least this many times its side.
+_FAR = 3.0
+#: Least length of the mean of a block's unit normals: a block on a curve tighter than this is gathered per texel.
+_FLAT = 0.97
+#: Blocks this many rows and columns away take part in the interpolation.
+_RINGS = 2
+#: Radius of the interpolation's kernel (texels).
+_RADIUS = 9.0
+#: Added to the variance of the blocks' places (texels²), so that one or two blocks give no wild slope.
+_RIDGE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class BlockLight:
+    """Light of blocks.
+
+    Attributes:
+        flat: (B, 3) float32 light of a matte surface.
+        lobe: (B, 3) float32 light of a wholly glossy one.
+    """
+
+    flat: F32
+    lobe: F32
+
+
+def _around(blocks: Blocks) -> I32:
+    """(B, 25) the blocks in the tiles around each block, of the same chart; -1 where there is none."""
+    if not len(blocks):
+        return np.zeros((0, (2 * _RINGS + 1) ** 2), dtype=np.int32)
+    chart, row, column = blocks.place.T
+    rows, columns = int(row.max()) + 2 * _RINGS + 1, int(column.max()) + 2 * _RINGS + 1
+    # Ascending, because blocks are ordered by chart, row and column.
+    key = (chart * rows + row + _RINGS) * columns + column + _RINGS
+    steps = range(-_RINGS, _RINGS + 1)
+    found = []
+    for step in [dy * columns + dx for dy in steps for dx in steps]:
+        at = np.minimum(np.searchsorted(key, key + step), len(key) - 1)
+        found.append(np.where(key[at] == key + step, at, -1))
+    return np.stack(found, axis=1).astype(np.int32)
+
+
+@njit
+def _fit(
+    texel: Any,
+    of: Any,
+    place: Any,
+    normal: Any,
+    gloss: Any,
+    around: Any,
+    centre: Any,
+    facing: Any,
+    trust: Any,
+    flat: Any,
+    lobe: Any,
+    radius: Any,
+    ridge: Any,
+    out: Any,
+) -> Any:
+    """Weighted linear regression over the blocks around, evaluated at each texel."""
+    count = around.shape[1]
+    weight = np.empty(count)
+    for t in texel:
+        b = of[t]
+        sum_w = sum_x = sum_y = sum_xx = sum_xy = sum_yy = 0.0
+        for k in range(count):
+            weight[k] = 0.0
+            other = around[b, k]
+            if other < 0:
+                continue
+            x, y = centre[other, 0] - place[t, 0], centre[other, 1] - place[t, 1]
+            near = 1.0 - (x * x + y * y) / (radius * radius)
+            turn = 0.0
+            for c in range(3):
+                turn += facing[other, c] * normal[t, c]
+            turn = (turn - 0.7) / 0.3
+            if near <= 0.0 or turn <= 0.0:
+                continue
+            w = near * near * turn * trust[other]
+            weight[k] = w
+            sum_w += w
+            sum_x += w * x
+            sum_y += w * y
+            sum_xx += w * x * x
+            sum_xy += w * x * y
+            sum_yy += w * y * y
+        g = gloss[t]
+        if sum_w <= 0.0:
+            for c in range(3):
+                out[t, c] = (1.0 - g) * flat[b, c] + g * lobe[b, c]
+            continue
+        mean_x, mean_y = sum_x / sum_w, sum_y / sum_w
+        xx, xy = sum_xx / sum_w - mean_x * mean_x + ridge, sum_xy / sum_w - mean_x * mean_y
+        yy = sum_yy / sum_w - mean_y * mean_y + ridge
+        det = xx * yy - xy * xy
+        slope_x, slope_y = (yy * mean_x - xy * mean_y) / det, (xx * mean_y - xy * mean_x) / det
+        red = green = blue = 0.0
+        for k in range(count):
+            if weight[k] == 0.0:
+                continue
+            other = around[b, k]
+            x, y = centre[other, 0] - place[t, 0], centre[other, 1] - place[t, 1]
+            w = weight[k] / sum_w * (1.0 - slope_x * (x - mean_x) - slope_y * (y - mean_y))
+            red += w * ((1.0 - g) * flat[other, 0] + g * lobe[other, 0])
+            green += w * ((1.0 - g) * flat[other, 1] + g * lobe[other, 1])
+            blue += w * ((1.0 - g) * flat[other, 2] + g * lobe[other, 2])
+        out[t, 0], out[t, 1], out[t, 2] = max(red, 0.0), max(green, 0.0), max(blue, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Slow:
+    """Where light varies slowly.
+
+    Attributes:
+        blocks: all blocks.
+        is_slow: (B,) whether the light of a block's texels is to be interpolated.
+        trust: (B,) float32 how much a block counts in the interpolation: less, the nearer something is.
+        place: (N, 2) float32 column and row of each texel.
+        around: (B, 25) int32 see `_around`.
+    """
+
+    blocks: Blocks
+    is_slow: NDArray[np.bool_]
+    trust: F32
+    place: F32
+    around: I32
+
+    @staticmethod
+    def of(sheet: Sheet, part: I32, texels: Texels, blocks: Blocks, distance: F32) -> Slow:
+        """Judge all blocks.
+
+        Args:
+            sheet: the light maps.
+            part: (N,) part of each texel.
+            texels: the texels.
+            blocks: their groups.
+            distance: (B,) harmonic mean of the distances to what a block sees, metres.
+        """
+        local = texels.cell - sheet.offset[part]
+        place = np.stack([local % sheet.width[part], local // sheet.width[part]], axis=1).astype(np.float32)
+        side = np.linalg.norm(texels.across, axis=2).max(axis=1)
+        size = TILE * blocks.mean(side[:, None])[:, 0]
+        ratio = distance / np.maximum(size, 1e-9)
+        is_flat = np.linalg.norm(blocks.mean(texels.normal), axis=1) >= _FLAT
+        trust = np.clip(ratio / _FAR, 0.05, 1.0) ** 2
+        return Slow(blocks, (ratio >= _FAR) & is_flat, trust.astype(np.float32), place, _around(blocks))
+
+    def sites(self, texels: Texels) -> NDArray[np.bool_]:
+        """(N,) a quarter of the texels of each slow block, of patterns that make one stratified set; all of small ones.
+
+        The blocks round a block use the other three quarters, so that together they have all patterns.
+        """
+        of, members = self.blocks.of, self.blocks.members
+        turn = (self.blocks.place[:, 1] + 2 * self.blocks.place[:, 2]) % 4
+        slow = members[self.is_slow[of[members]]]
+        chosen = texels.pattern[slow] // 4 == turn[of[slow]]
+        number = np.bincount(of[slow], chosen, minlength=len(self.blocks))
+        sites = np.zeros(len(texels), dtype=bool)
+        sites[slow] = chosen | (number[of[slow]] < 2)
+        return sites
+
+    def interpolate(
+        self, texels: Texels, light: BlockLight, out: F32, measured: NDArray[np.bool_] | None = None
+    ) -> None:
+        """Write the light of the blocks around into ``out`` (N, 3) at the texels of slow blocks; other rows stay.
+
+        A linear function of the place on the surface is reproduced as it is, at the edge of a chart too.
+
+        Args:
+            texels: the texels.
+            light: of the blocks.
+            out: (N, 3) float32.
+            measured: (N,) which texels a block's light is the mean of; all if missing.
+        """
+        blocks = self.blocks
+        texel = blocks.members[self.is_slow[blocks.of[blocks.members]]]
+        facing = blocks.mean(texels.normal)
+        facing /= np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-9)
+        centre = blocks.mean(self.place) if measured is None else blocks.mean(self.place, measured)
+        _fit(
+            texel,
+            blocks.of,
+            self.place,
+            texels.normal,
+            texels.gloss,
+            self.around,
+            centre,
+            facing,
+            self.trust,
+            light.flat,
+            light.lobe,
+            _RADIUS,
+            _RIDGE,
+            out,
+        )

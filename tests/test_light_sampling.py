@@ -1,0 +1,219 @@
+"""Where baking saves rays: adaptive shadow rays and probes, and light that is interpolated between blocks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from generators.assets.shapes import MeshBuilder
+from generators.core.low_discrepancy import pattern_of
+from generators.core.rays import Tracer
+from generators.core.scene import Material, Mesh, Part
+from generators.lighting.blocks import make_blocks
+from generators.lighting.direct import Occlusion, direct_light
+from generators.lighting.emitters import Emitters, bright_patches, find_emitters
+from generators.lighting.form_factors import unoccluded_light
+from generators.lighting.gather import open_texels
+from generators.lighting.interpolation import BlockLight, Slow
+from generators.lighting.sun import Sun, sun_light
+from generators.lighting.surfaces import Surfaces
+from generators.lighting.texels import Sheet, Texels, rasterise
+from generators.lighting.unwrap import unwrap
+
+GREY = Material("grey", "plaster", (0.5, 0.5, 0.5))
+SIDE = 48
+#: Side of a texel of the floor, metres.
+STEP = 2.0 / SIDE
+
+
+def lamp(half: float = 0.5, height: float = 2.0) -> Emitters:
+    """A square of side 2 · half that shines down, with 16 targets."""
+    corners = [(-half, height, -half), (half, height, -half), (half, height, half), (-half, height, half)]
+    glow = Material("lamp", "plastic", (0.0, 0.0, 0.0), emission=(8.0, 8.0, 8.0))
+    return find_emitters(Surfaces.of([Part("lamp", MeshBuilder().quad(corners, glow).build())]), 16)
+
+
+class Floor:
+    """48 × 48 points on a floor of 2 m, ordered by blocks of 4 × 4."""
+
+    def __init__(self) -> None:
+        row, column = np.divmod(np.arange(SIDE * SIDE), SIDE)
+        block = row // 4 * (SIDE // 4) + column // 4
+        order = np.argsort(block, kind="stable")
+        row, column = row[order], column[order]
+        self.block = block[order]
+        x, z = (column + 0.5) * STEP - 1.0, (row + 0.5) * STEP - 1.0
+        self.position = np.stack([x, np.zeros_like(x), z], axis=1).astype(np.float32)
+        self.normal = np.tile(np.array([0, 1, 0], dtype=np.float32), (len(x), 1))
+        self.gloss = np.zeros(len(x), dtype=np.float32)
+        self.pattern = pattern_of(column.astype(np.int32), row.astype(np.int32))
+
+
+class Screen:
+    """An opaque half plane at half height that hides what lies at x > 0; it counts the rays."""
+
+    def __init__(self, height: float = 1.0) -> None:
+        self.height, self.rays = height, 0
+
+    def __call__(self, origins: np.ndarray, directions: np.ndarray, far: np.ndarray) -> np.ndarray:
+        self.rays += int((far > 0).sum())
+        share = self.height / np.maximum(directions[:, 1], 1e-9)
+        return np.asarray((share < far) & (origins[:, 0] + share * directions[:, 0] > 0))
+
+
+def visible_part(x: np.ndarray, half: float = 0.5, height: float = 2.0, screen: float = 1.0) -> np.ndarray:
+    """Form-factor-weighted visible part of the lamp above points (x, 0, 0), by fine quadrature."""
+    side = (np.arange(400) + 0.5) / 400 * 2 * half - half
+    u, v = np.meshgrid(side, side)
+    weight = 1.0 / ((u[None] - x[:, None, None]) ** 2 + v**2 + height**2) ** 2
+    seen = x[:, None, None] + (u - x[:, None, None]) * screen / height <= 0
+    return np.asarray((weight * seen).sum(axis=(1, 2)) / weight.sum(axis=(1, 2)))
+
+
+def lit_floor(screen: Occlusion, *, saving: bool) -> tuple[np.ndarray, np.ndarray, Floor]:
+    """Light on the floor over the unoccluded light, its variance, and the floor."""
+    floor, emitters = Floor(), lamp()
+    reach = np.ones((len(floor.position), 1), dtype=bool)
+    light, variance = direct_light(
+        emitters,
+        reach,
+        floor.pattern,
+        floor.position,
+        floor.normal,
+        floor.gloss,
+        screen,
+        block=floor.block if saving else None,
+    )
+    pair = np.arange(len(floor.position))
+    whole = unoccluded_light(emitters, pair, pair * 0, floor.position, floor.normal, floor.gloss)
+    return light[:, 0] / whole[:, 0], variance, floor
+
+
+def test_penumbra_of_a_half_plane_follows_the_closed_form() -> None:
+    screen, full = Screen(), Screen()
+    share, _, floor = lit_floor(screen, saving=True)
+    near = np.abs(floor.position[:, 2]) < 0.2
+    column = np.round((floor.position[:, 0] + 1.0) / STEP - 0.5).astype(int)
+    mean = np.bincount(column[near], share[near]) / np.bincount(column[near])
+    x = (np.arange(SIDE) + 0.5) * STEP - 1.0
+    assert np.abs(mean - visible_part(x)).max() < 0.05
+    assert np.abs(mean - visible_part(x)).mean() < 0.01
+    # The penumbra is as wide as the lamp: half of the floor lies in it, and keeps its rays.
+    reference, _, _ = lit_floor(full, saving=False)
+    assert np.abs(share - reference).mean() < 0.004
+    assert screen.rays < 0.8 * full.rays
+
+
+def test_blocks_in_full_light_and_in_full_shadow_have_no_noise() -> None:
+    light, noise, _ = lit_floor(lambda *ray: np.zeros(len(ray[0]), dtype=bool), saving=True)
+    assert light == pytest.approx(np.ones(len(light)), abs=1e-6)
+    assert not noise.any()
+    dark, noise, _ = lit_floor(lambda *ray: np.ones(len(ray[0]), dtype=bool), saving=True)
+    assert not dark.any()
+    assert not noise.any()
+
+
+def test_half_of_the_lamp_is_half_of_its_light_everywhere() -> None:
+    # Close to the lamp the screen hides the same half for all.
+    share, noise, _ = lit_floor(Screen(1.9), saving=True)
+    assert np.abs(share - 0.5).max() < 0.2
+    assert share.mean() == pytest.approx(0.5, abs=0.01)
+    assert (noise > 0).all()
+
+
+def test_shadow_rays_are_shot_in_quarters() -> None:
+    count = 0
+
+    def free(origins: np.ndarray, directions: np.ndarray, far: np.ndarray) -> np.ndarray:
+        nonlocal count
+        count += len(far)
+        return np.zeros(len(far), dtype=bool)
+
+    lit_floor(free, saving=True)
+    assert count == SIDE * SIDE * 4
+    count = 0
+    lit_floor(free, saving=False)
+    assert count == SIDE * SIDE * 16
+
+
+def test_the_edge_of_the_sun_is_the_same_with_and_without_blocks() -> None:
+    # A pane over the half x < 0 of the floor, the sun in the zenith.
+    pane = [(-1.0, 1.0, -1.0), (0.0, 1.0, -1.0), (0.0, 1.0, 1.0), (-1.0, 1.0, 1.0)]
+    wall = [(0.0, 1.0, -1.0), (1.0, 1.0, -1.0), (1.0, 1.0, 1.0), (0.0, 1.0, 1.0)]
+    surfaces = Surfaces.of([Part("roof", MeshBuilder().quad(pane, GREY).quad(wall, GREY).build())])
+    sun = Sun(np.array([0.05, 1.0, 0.02]), np.ones(3, dtype=np.float32), np.array([True, True, False, False]))
+    floor = Floor()
+    across = np.tile(np.array([[STEP, 0, 0], [0, 0, STEP]], dtype=np.float32), (len(floor.position), 1, 1))
+    given = (sun, floor.pattern, floor.position, floor.normal, across, floor.gloss, Tracer(surfaces.triangles), 32)
+    whole, saved = sun_light(*given), sun_light(*given, block=floor.block)
+    assert 0.3 < (whole[:, 0] > 0.5).mean() < 0.7
+    assert np.abs(whole - saved).max() < 0.1
+    assert np.abs(whole - saved).mean() < 0.001
+
+
+def plain(mesh: Mesh, texel: float) -> tuple[Surfaces, Sheet, Texels]:
+    surfaces = Surfaces.of([Part("plain", mesh)])
+    sheet = Sheet.of([unwrap(mesh.positions, texel)])
+    return surfaces, sheet, rasterise(surfaces, sheet)
+
+
+def test_interpolation_reproduces_a_linear_field_up_to_the_edges() -> None:
+    floor = MeshBuilder().quad([(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)], GREY).build()
+    surfaces, sheet, texels = plain(floor, 0.04)
+    blocks = make_blocks(surfaces, sheet, texels, np.ones(len(texels), dtype=bool))
+    slow = Slow.of(sheet, surfaces.part[texels.face], texels, blocks, np.full(len(blocks), 5.0, dtype=np.float32))
+    assert slow.is_slow.all()
+    field = (2.0 + 0.5 * slow.place[:, :1] / 50 - 0.3 * slow.place[:, 1:] / 50).astype(np.float32).repeat(3, axis=1)
+    sites = slow.sites(texels)
+    assert 0.2 < sites.mean() < 0.35
+    for measured in (None, sites):
+        mean = blocks.mean(field, measured)
+        out = np.zeros_like(field)
+        slow.interpolate(texels, BlockLight(mean, mean), out, measured)
+        # The ridge of the regression costs a little at the border.
+        assert np.abs(out - field).max() < 0.01
+        assert np.abs(out - field).mean() < 0.001
+
+
+def test_a_block_close_to_something_is_not_interpolated() -> None:
+    floor = MeshBuilder().quad([(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)], GREY).build()
+    surfaces, sheet, texels = plain(floor, 0.04)
+    blocks = make_blocks(surfaces, sheet, texels, np.ones(len(texels), dtype=bool))
+    distance = np.full(len(blocks), 5.0, dtype=np.float32)
+    distance[7] = 0.2
+    slow = Slow.of(sheet, surfaces.part[texels.face], texels, blocks, distance)
+    assert np.flatnonzero(~slow.is_slow).tolist() == [7]
+    out = np.full((len(texels), 3), -1.0, dtype=np.float32)
+    ones = np.ones((len(blocks), 3), dtype=np.float32)
+    slow.interpolate(texels, BlockLight(ones, ones), out)
+    assert ((out[:, 0] < 0) == (blocks.of == 7)).all()
+
+
+def test_a_patch_has_the_same_power_near_and_far() -> None:
+    # A radiance that grows along the patch: few cells of it are no fair sample.
+    x, z = (a.ravel() for a in np.meshgrid(np.linspace(0.01, 0.99, 40), np.linspace(0.01, 0.99, 40)))
+    position = np.stack([x, np.zeros_like(x), z], axis=1).astype(np.float32)
+    normal = np.tile(np.array([0, 1, 0], dtype=np.float32), (len(x), 1))
+    radiance = (10 * x**3)[:, None].repeat(3, axis=1).astype(np.float32)
+    patches, used = bright_patches(position, normal, np.full(len(x), 1 / 1600, np.float32), radiance, 16)
+    assert used.all()
+    power = patches.cells[0, :, 6].mean()
+    for level in range(3):
+        few = patches.cells[0, : 256 >> (2 * level), 6].mean() * patches.balance[0, level, 0]
+        assert few == pytest.approx(power, rel=1e-5)
+    assert power == pytest.approx(radiance.mean(), rel=0.02)
+
+
+def test_buried_texels_are_found_with_few_probes() -> None:
+    # A floor with a closed box on it that hides a part of it.
+    floor = MeshBuilder().quad([(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)], GREY).build()
+    box = MeshBuilder().box((0.6, 0.4, 0.6), (0.1, 0.15, -0.2), GREY).build()
+    surfaces = Surfaces.of([Part("floor", floor), Part("box", box)])
+    sheet = Sheet.of([unwrap(floor.positions, 0.02), unwrap(box.positions, 0.02)])
+    texels = rasterise(surfaces, sheet)
+    tiles = make_blocks(surfaces, sheet, texels, np.ones(len(texels), dtype=bool))
+    found = open_texels(surfaces, texels, tiles, Tracer(surfaces.triangles), 1)
+    on_floor = surfaces.part[texels.face] == 0
+    offset = np.abs(texels.position[:, [0, 2]] - (0.1, -0.2)).max(axis=1)
+    assert not found[on_floor & (offset < 0.29)].any()
+    assert found[on_floor & (offset > 0.31)].all()
