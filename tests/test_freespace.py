@@ -42,6 +42,7 @@ def test_an_empty_room_is_walkable_up_to_the_agents_radius_from_its_walls() -> N
     assert space.labels.max() == 1
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(
     st.lists(

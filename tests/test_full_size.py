@@ -39,6 +39,7 @@ def view() -> tuple[Scene, tuple[Placement, ...], Pose, Frame]:
     return scene, placed, pose, EmbreeBackend().open(scene, CAMERA).render(pose)
 
 
+@pytest.mark.slow
 def test_a_room_is_closed_and_exposed_like_a_photograph(view: tuple[Scene, tuple[Placement, ...], Pose, Frame]) -> None:
     frame = view[3]
     assert frame.rgb.shape == (1008, 1008, 3)

@@ -87,6 +87,7 @@ def test_the_table_of_sizes_is_complete() -> None:
     assert len(KINDS) >= 25
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", SIZES)
 def test_sizes_are_plausible(kind: str, pieces: dict[str, list[Furniture]]) -> None:
     for piece in pieces[kind]:
@@ -216,6 +217,7 @@ def test_sound_meets_few_boxes_that_stand_for_the_piece(kind: str, pieces: dict[
         assert (volume > 0).all(), "acoustic boxes are closed and outward"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", SIZES)
 def test_variants(kind: str, palettes: list[Palette]) -> None:
     prints = set()

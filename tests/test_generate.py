@@ -54,6 +54,7 @@ def root(manifest: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
+@pytest.mark.slow
 def test_the_tree_is_valid_to_the_last_file(root: Path) -> None:
     report = validate(root, deep=True)
     assert [str(problem) for problem in report.problems if problem.severity == "error"] == []
@@ -148,6 +149,7 @@ def test_directions_agree_with_the_poses_and_the_ears(root: Path) -> None:
             assert (frame.rms_left, frame.rms_right) == pytest.approx((left, right), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_two_workers_write_the_same_bytes_and_a_rerun_keeps_them(root: Path, manifest: Path, tmp_path: Path) -> None:
     again = tmp_path / "again"
     args = [manifest, "-o", again, "--audio", "analytic", "--with", "depth", "--with", "rirs"]
@@ -161,6 +163,7 @@ def test_two_workers_write_the_same_bytes_and_a_rerun_keeps_them(root: Path, man
     assert tree_digest(again) == tree_digest(root)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moment", [0, 6])
 def test_a_run_killed_with_signal_9_goes_on_to_the_same_bytes(
     root: Path, manifest: Path, tmp_path: Path, moment: int
@@ -181,6 +184,7 @@ def test_a_run_killed_with_signal_9_goes_on_to_the_same_bytes(
     assert tree_digest(cut) == tree_digest(root)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_ctrl_c_and_sigterm_stop_all_workers_and_the_next_run_goes_on(
     root: Path, manifest: Path, tmp_path: Path, number: signal.Signals, code: int
@@ -207,6 +211,7 @@ def test_ctrl_c_and_sigterm_stop_all_workers_and_the_next_run_goes_on(
     assert tree_digest(cut) == tree_digest(root)
 
 
+@pytest.mark.slow
 def test_a_second_run_in_the_same_folder_is_refused_and_the_first_goes_on(
     root: Path, manifest: Path, tmp_path: Path
 ) -> None:
@@ -226,6 +231,7 @@ def test_a_second_run_in_the_same_folder_is_refused_and_the_first_goes_on(
     assert tree_digest(out) == tree_digest(root)
 
 
+@pytest.mark.slow
 def test_one_bad_home_does_not_stop_the_others(manifest: Path, tmp_path: Path) -> None:
     def change(document: dict) -> None:
         document["scans"]["gone"] = document["scans"]["box"] | {"file": "nowhere.glb"}
@@ -239,6 +245,7 @@ def test_one_bad_home_does_not_stop_the_others(manifest: Path, tmp_path: Path) -
     assert [observation.key for observation in Dataset(out)] == [KEYS[0]]
 
 
+@pytest.mark.slow
 def test_observations_of_other_options_are_never_mixed(manifest: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     small = ["--audio", "analytic", "--frames", 3, "--workers", 1]
@@ -249,6 +256,7 @@ def test_observations_of_other_options_are_never_mixed(manifest: Path, tmp_path:
     assert len(Dataset(out)) == 2
 
 
+@pytest.mark.slow
 def test_another_manifest_or_other_options_do_not_overwrite(root: Path, manifest: Path) -> None:
     before = tree_digest(root)
     code, output = call(manifest, "-o", root, "--audio", "analytic", "--workers", 1)
@@ -277,6 +285,7 @@ def changed(manifest: Path, folder: Path, change) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_bad_input_is_one_line_and_leaves_nothing_half_written(manifest: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     truncated = tmp_path / "short.wav"
@@ -322,6 +331,7 @@ def test_bad_input_is_one_line_and_leaves_nothing_half_written(manifest: Path, t
         assert not list(out.rglob(".*.partial"))
 
 
+@pytest.mark.slow
 def test_a_folder_that_cannot_be_is_one_line(manifest: Path, tmp_path: Path) -> None:
     in_the_way = tmp_path / "file"
     in_the_way.write_text("")
@@ -337,6 +347,7 @@ def test_a_read_only_folder_is_one_line(manifest: Path, tmp_path: Path) -> None:
     refused(code, output, 1, "ermission", str(folder))
 
 
+@pytest.mark.slow
 def test_files_take_the_place_of_objects_and_sounds(manifest: Path, tmp_path: Path) -> None:
     box = trimesh.creation.box(extents=(0.5, 0.3, 0.36))
     box.visual.face_colors = np.tile((200, 30, 30, 255), (12, 1))
@@ -379,6 +390,7 @@ files.write_bytes = media.write_bytes = full
 """
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_one_line_and_the_next_run_goes_on(
     root: Path, manifest: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -397,6 +409,7 @@ def test_a_full_disk_is_one_line_and_the_next_run_goes_on(
     assert tree_digest(out) == tree_digest(root)
 
 
+@pytest.mark.slow
 def test_frames_and_size_make_small_ones(manifest: Path, tmp_path: Path) -> None:
     out = tmp_path / "small"
     code, output = call(

@@ -45,6 +45,7 @@ def test_a_manifest_becomes_a_dataset(made: tuple[Path, Outcome]) -> None:
     assert validate(root).valid
 
 
+@pytest.mark.slow
 def test_the_bytes_are_those_of_the_command(made: tuple[Path, Outcome], manifest: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "avs3d_bench", "generate", manifest, "-o", tmp_path / "tiny", "--workers", "1"]
     command += ["--only", "part_1/*", "--audio", "analytic", "--frames", "2", "--size", "32", "--with", "depth"]

@@ -75,6 +75,7 @@ def lit(mesh: Mesh, texels: NDArray[np.float64]) -> Part:
 # --- a whole home ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_furnished_flat_looks_the_same_from_its_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene, placements = furnish(small_flat())
     path = tmp_path / "flat.glb"

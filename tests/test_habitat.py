@@ -83,6 +83,7 @@ def box(centre: tuple[float, float, float], instance: int, size: float = 1.0, ma
 # --- agreement ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["scan", "lit"])
 def test_agrees_with_embree(
     kind: str, scan: Scene, backend: HabitatBackend, capsys: pytest.CaptureFixture[str]
@@ -104,6 +105,7 @@ def test_agrees_with_embree(
     assert colour >= 30.0
 
 
+@pytest.mark.slow
 def test_both_sides_of_a_face_nothing_behind_it_ids_of_16_bits_and_a_camera_that_is_not_square(
     backend: HabitatBackend,
 ) -> None:
@@ -125,6 +127,7 @@ def test_both_sides_of_a_face_nothing_behind_it_ids_of_16_bits_and_a_camera_that
     assert psnr(ours.rgb, theirs.rgb) > 35
 
 
+@pytest.mark.slow
 def test_a_stage_whose_file_has_z_up_stands_upright(tmp_path: Path, backend: HabitatBackend) -> None:
     parts = (box((0, -0.05, 0), 0, 4.0), box((1.0, 2.3, -0.5), 0, 0.6, RED))
     turn = upright("z", "-y")
@@ -157,6 +160,7 @@ def same(first: Frame, second: Frame) -> bool:
     return all(a.dtype == b.dtype and np.array_equal(a, b) for a, b in pairs)
 
 
+@pytest.mark.slow
 def test_a_worker_killed_in_mid_render_loses_nothing_and_the_second_death_is_one_line() -> None:
     backend = HabitatBackend(INTERPRETER, Limits(render=8.0))
     scene = box_scene(box((0, 0, -3), 1), box((0.5, 0.2, -5), 0, 3.0, RED))
@@ -183,6 +187,7 @@ def test_a_worker_killed_in_mid_render_loses_nothing_and_the_second_death_is_one
     assert not any(Path(f"/proc/{pid}").exists() for pid in (first, second))
 
 
+@pytest.mark.slow
 def test_no_graphics_device_is_explained_in_habitats_own_words(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(GPU_VARIABLE, "77")
     ok, text = probe(INTERPRETER)
@@ -210,6 +215,7 @@ def test_a_stage_that_is_gone_is_one_line(tmp_path: Path, backend: HabitatBacken
         backend.open(scene, CAMERA)
 
 
+@pytest.mark.slow
 def test_the_probe_renders(backend: HabitatBackend) -> None:
     ok, text = probe(INTERPRETER)
     assert ok
@@ -229,6 +235,7 @@ def room_with_a_hole() -> Toy:
     return toy.add((0.0, 0.0, 0.0), (1.5, 0.9, 1.0))
 
 
+@pytest.mark.slow
 def test_the_navigation_mesh_agrees_with_free_space_and_keeps_off_holes(
     backend: HabitatBackend, capsys: pytest.CaptureFixture[str]
 ) -> None:

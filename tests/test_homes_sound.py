@@ -40,6 +40,7 @@ def direct_sound(response: np.ndarray) -> np.ndarray:
     return response[:, max(0, onset - 22) : onset + 132]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("manifest", "key", "share"),
     [

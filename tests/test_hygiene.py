@@ -391,6 +391,7 @@ def test_a_clean_object_is_a_model_of_its_category(tmp_path: Path, category: str
     assert model.size == pytest.approx((0.3, 0.3, 0.051), abs=1e-4)
 
 
+@pytest.mark.slow
 def test_the_same_file_gives_the_same_bytes_in_any_process(tmp_path: Path) -> None:
     _, _, first = cleaned(tmp_path, clock(0.01), MATERIALS)
     assert cleaned(tmp_path, clock(0.01), MATERIALS)[2] == first

@@ -234,6 +234,7 @@ def test_licences_are_those_of_the_instances_the_sound_and_the_scan(root: Path) 
 # ---- the site on disk ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_site_has_the_same_bytes_for_any_number_of_workers_and_leaves_the_dataset_alone(
     root: Path, submissions: tuple[ShownSubmission, ...], site: Path, tmp_path: Path
 ) -> None:
@@ -623,6 +624,7 @@ def shown(page: Any) -> list[str]:
     return page.eval_on_selector_all("#gallery > li:not([hidden]) a", "all => all.map(a => a.getAttribute('href'))")
 
 
+@pytest.mark.slow
 def test_the_gallery_loads_thumbnails_and_no_frames(many: Path, browser: Any) -> None:
     with visit(browser, many / "index.html", width=1280) as opened:
         opened.page.evaluate("window.scrollTo(0, document.body.scrollHeight)")

@@ -339,6 +339,7 @@ def test_without_scripts_every_table_is_there(board: Path, browser: Any) -> None
         assert opened.page.locator("table:visible").count() == 2 * 3 * 2
 
 
+@pytest.mark.slow
 def test_a_thousand_files(tmp_path: Path, browser: Any) -> None:
     scores = example_scores(2, seed=0)
     files = []

@@ -351,6 +351,7 @@ def test_plans_refuse_assets_that_are_not_there(tmp_path: Path, store: Store) ->
     assert "came from a folder (hum.wav), no address is known; run: avs3d assets import folder" in done.output
 
 
+@pytest.mark.slow
 def test_an_observation_made_of_assets_credits_them_and_is_deterministic(tmp_path: Path) -> None:
     lock = tmp_path / LOCK_NAME
     assert import_folder(microwaves(tmp_path / "waves"), lock, "--height", 0.3).exit_code == 0

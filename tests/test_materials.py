@@ -29,6 +29,7 @@ def test_there_are_five_styles_and_seeds_reach_them_all() -> None:
     assert {Palette.from_seed(np.random.default_rng(s)).style for s in range(60)} == set(STYLES)
 
 
+@pytest.mark.slow
 def test_every_role_has_a_material_that_is_bright_and_labelled_like_a_real_one(palette: Palette) -> None:
     for role in ROLES:
         material = palette.material(role)
@@ -42,6 +43,7 @@ def test_every_role_has_a_material_that_is_bright_and_labelled_like_a_real_one(p
         assert material is palette.material(role)
 
 
+@pytest.mark.slow
 def test_a_whole_palette_is_made_in_a_few_seconds() -> None:
     fresh = Palette.from_seed(np.random.default_rng(4), "scandinavian")
     start = time.process_time()
@@ -128,6 +130,7 @@ def test_unknown_names_are_refused_in_one_line() -> None:
         assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 def test_every_finish_a_style_names_can_be_made() -> None:
     rng = np.random.default_rng(0)
     for style in STYLES.values():

@@ -357,6 +357,7 @@ def test_no_point_of_the_model_is_on_what_moves(root: Path) -> None:
             assert not ((points > low) & (points < high)).all(axis=1).any()
 
 
+@pytest.mark.slow
 def test_two_workers_write_the_same_bytes(root: Path, manifest: Path, tmp_path: Path) -> None:
     again = tmp_path / "again"
     done = CliRunner().invoke(generate, arguments(manifest, again, 2), catch_exceptions=False)

@@ -39,6 +39,7 @@ def _run(*arguments: str | bytes) -> subprocess.CompletedProcess[bytes]:
     return subprocess.run([sys.executable, *arguments], capture_output=True, timeout=LIMIT, check=False)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no FIFOs")
 @pytest.mark.parametrize("release", [False, True], ids=["ours", "release"])
 def test_a_fifo_in_the_place_of_any_file_is_named(tmp_path: Path, release: bool):

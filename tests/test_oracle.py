@@ -314,6 +314,7 @@ def test_points_lie_evenly_on_the_true_mesh(dataset: Dataset):
     assert cells.max() <= 3 * POINTS_PER_CM2
 
 
+@pytest.mark.slow
 def test_points_are_written_for_every_observation(dataset: Dataset, tmp_path: Path):
     run("--dataset", dataset.root, "-o", tmp_path / "a", "--instance", "sounding", "--points", "--drop", 0.5)
     for observation in dataset:
@@ -360,11 +361,13 @@ def test_what_the_official_release_cannot_give(release: Dataset, tmp_path: Path,
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_on_the_official_release_the_sounding_instance_can_be_had(release: Dataset, tmp_path: Path):
     run("--dataset", release.root, "-o", tmp_path / "a", "--instance", "sounding", "--drop", 0.2, "--dilate", 20)
     assert len(tree_digest(tmp_path / "a")) == 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("points", [False, True])
 def test_the_bytes_do_not_depend_on_the_number_of_processes(dataset: Dataset, tmp_path: Path, points: bool):
     errors = ErrorModel(drop=0.4, dilate=40, seed=5) if points else ErrorModel(0.4, 0.5, -20, 0.5, seed=5)

@@ -161,6 +161,7 @@ def test_what_cannot_be_written_to_is_one_line(tmp_path: Path):
         write_png_mask(tmp_path / "folder", [[1]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"])
 def test_standard_output_keeps_what_it_holds(tmp_path: Path, name: str):
     """Standard output that is a file has a name of its own, which renaming would take away from it."""

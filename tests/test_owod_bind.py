@@ -427,6 +427,7 @@ def test_settings_outside_of_0_and_1_are_refused() -> None:
         run.OwodBind(squares, squares, squares, CPU, threshold=1.5)
 
 
+@pytest.mark.slow
 def test_a_frame_without_sound_is_named(root: Path, tmp_path: Path, model: run.OwodBind) -> None:
     copy = tiny.clone(root, tmp_path / "x")
     (copy / tiny.SINGLE / layout.audio_path(layout.MONO, 8)).unlink()
@@ -493,6 +494,7 @@ def test_sam_agrees_with_the_library_used_the_plain_way(
     assert (mask[0] == expected[0, 0].numpy()).all()
 
 
+@pytest.mark.slow
 def test_a_still_is_a_video_of_equal_frames(root: Path, folders: dict[str, Path], model: run.OwodBind) -> None:
     from transformers import PeAudioFeatureExtractor, PeAudioVideoModel
 
@@ -552,6 +554,7 @@ def test_the_submission_is_whole_and_comes_from_pictures_and_mono_clips_alone(
         assert (tmp_path / "a" / mask).read_bytes() == (tmp_path / "b" / mask).read_bytes()
 
 
+@pytest.mark.slow
 def test_a_folder_of_train_masks_is_written_and_taken_up_again(root: Path, tmp_path: Path, model: run.OwodBind) -> None:
     dataset, out = Dataset(root), tmp_path / "masks"
     assert run.write_mask_folder(dataset, out, model, only=[tiny.SINGLE]) == 8

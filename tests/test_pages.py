@@ -63,6 +63,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         yield folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", CODE, ids=name_of)
 def test_code_runs(block: Block, folder: Path) -> None:
     if block.reason:

@@ -96,6 +96,7 @@ def check_floor(scene: Scene, room: str, placements: tuple[Placement, ...]) -> N
     assert after >= min(0.8 * before, 1.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 2, 3])
 @pytest.mark.parametrize(("category", "room"), HOMES)
 def test_objects_stand_where_they_belong(category: str, room: str, count: int) -> None:
@@ -116,6 +117,7 @@ def test_objects_stand_where_they_belong(category: str, room: str, count: int) -
         assert not Polygon(one.box.footprint).intersects(Polygon(other.box.footprint)) or one.support != other.support
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("category", CATEGORIES)
 def test_every_model_of_the_catalogue_finds_its_place(category: str) -> None:
     toy = kitchen()
@@ -139,6 +141,7 @@ def test_a_scan_names_no_supports_and_they_are_found(category: str, room: str) -
         assert toy.tops(tops[0]).buffer(0.006).covers(footprint(placement, 0.02))
 
 
+@pytest.mark.slow
 def test_the_same_generator_gives_the_same_places_and_another_gives_others() -> None:
     scene = kitchen().scene
 
@@ -151,6 +154,7 @@ def test_the_same_generator_gives_the_same_places_and_another_gives_others() -> 
     assert len({str(run(seed)) for seed in range(5)}) == 5
 
 
+@pytest.mark.slow
 def test_the_order_in_which_models_are_named_has_no_influence() -> None:
     """The manifest names what sounds first; where things stand must not tell it."""
     scene = kitchen().scene
@@ -202,6 +206,7 @@ def test_all_copies_or_an_error_but_never_fewer() -> None:
         place(Site.of(toy.scene, "kitchen"), [box_model("microwave")] * 2, rng=rng())
 
 
+@pytest.mark.slow
 def test_a_rough_scanned_wall_still_takes_a_toilet() -> None:
     """4 mm of noise on every vertex of a 5 cm mesh: the back goes to the roughness, the foot to the highest grain."""
     mesh = bathroom().scene.parts[0].mesh
@@ -224,6 +229,7 @@ def test_a_rough_scanned_wall_still_takes_a_toilet() -> None:
     assert not placement.box.grown(-0.002).hits_triangles(rough).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_an_oven_stands_beside_a_microwave_and_not_always_the_same(count: int) -> None:
     toy = kitchen()
@@ -251,6 +257,7 @@ def test_nothing_stands_in_a_doorway(category: str) -> None:
         assert door.distance(Polygon(placement.box.footprint)) >= 0.5
 
 
+@pytest.mark.slow
 def test_every_object_can_be_seen_from_the_free_floor() -> None:
     # Behind the screen there is a shelf nobody sees; the only visible one is the side table.
     toy = Toy("living_room", (4.0, 2.6, 4.0)).shell()
@@ -292,6 +299,7 @@ def test_no_room_for_an_object_is_one_clear_line(toy: Toy, model: Model, count: 
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_wall_without_room_for_a_clock() -> None:
     """A wall full of shelves from 1.2 to 2.2 m: every wall support is covered."""
     toy = Toy("living_room", (3.0, 2.6, 3.0)).shell()
@@ -310,6 +318,7 @@ number = st.floats(-1.2, 1.2)
 triangles = st.lists(st.tuples(number, number, number), min_size=3, max_size=3)
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(triangles, st.floats(-3.2, 3.2))
 def test_the_separating_axis_test_agrees_with_linear_programming(corners: list[tuple[float, ...]], yaw: float) -> None:

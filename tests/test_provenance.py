@@ -140,6 +140,7 @@ def reread(known: Sources, module: str) -> Sources:
     return fresh
 
 
+@pytest.mark.slow
 def test_an_edit_changes_every_result_that_depends_on_it_and_no_other(packages: Path, known: Sources) -> None:
     before = digests(known)
     assert len(set(before.values())) == len(before)
@@ -371,6 +372,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return manifest, out
 
 
+@pytest.mark.slow
 def test_an_observation_is_kept_while_its_software_is_the_same_and_refused_after_an_edit(
     packages: Path, made: tuple[Path, Path]
 ) -> None:
@@ -395,6 +397,7 @@ def test_an_observation_is_kept_while_its_software_is_the_same_and_refused_after
             path.write_text(text)
 
 
+@pytest.mark.slow
 def test_a_finished_observation_with_a_missing_or_cut_off_file_is_made_again(
     made: tuple[Path, Path], tmp_path: Path
 ) -> None:

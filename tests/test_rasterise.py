@@ -305,6 +305,7 @@ def test_single_precision_is_close_and_runs_agree_to_the_bit() -> None:
 # --- gradients
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("group", ["means", "log_scales", "rotations", "opacities", "sh"])
 def test_gradients_are_the_finite_differences(group: str) -> None:
     """Central differences in float64, through colour, alpha and depth with random weights."""

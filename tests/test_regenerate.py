@@ -55,12 +55,14 @@ def _changed(root: Path, target: Path, group: str, name: str) -> tuple[Path, tup
     return target, tampering.tampered(root, target, one, KEY)
 
 
+@pytest.mark.slow
 def test_untouched_frames_are_the_same_bytes(root: Path, manifest: Path):
     said: list[str] = []
     assert regenerate(root, 2 * FRAMES, seed=1, manifest=manifest, say=said.append) == ()
     assert said == [f"{key}: frames 0, 1, 2, 3" for key in ("part_1/box/kitchen/1", KEY)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("group", "name", "file"),
     [
@@ -90,6 +92,7 @@ def test_deep_finds_no_fault_in_generated_trees_and_falsified_ones_are_named(roo
     assert any("semantic_masks" in p.path for p in seen)
 
 
+@pytest.mark.slow
 def test_a_missing_file_is_named(root: Path, manifest: Path, tmp_path: Path):
     target = tiny.clone(root, tmp_path / "data")
     (target / KEY / "depth/frame_002.png").unlink()
@@ -122,6 +125,7 @@ def test_a_manifest_that_names_files_is_asked_for(root: Path, manifest: Path, tm
         regenerate(root, 1, seed=1, manifest=other)
 
 
+@pytest.mark.slow
 def test_the_command_prints_the_seed_and_gives_exit_codes(root: Path, manifest: Path, tmp_path: Path):
     def call(*arguments: object) -> tuple[int, str]:
         done = CliRunner().invoke(cli.avs3d, ["validate", *map(str, arguments)])

@@ -98,6 +98,7 @@ def test_a_result_that_cannot_be_sent_is_an_attempt_too(child: Supervised) -> No
     assert attempt(child, work.double, 1) == Done(2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "words"),
     [(signal.SIGKILL, ["signal 9", "memory"]), (signal.SIGTERM, ["signal 15"]), (signal.SIGABRT, ["signal 6"])],
@@ -131,6 +132,7 @@ def test_a_hang_ends_at_the_limit_and_says_where_it_hung(child: Supervised, tmp_
     assert attempt(child, work.double, 1) == Done(2)
 
 
+@pytest.mark.slow
 def test_a_process_that_stops_in_the_middle_of_a_message_is_given_up(
     child: Supervised, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -304,6 +306,7 @@ def test_what_crashed_or_hung_once_is_done_on_another_worker(tmp_path: Path) -> 
     assert len(pids) == 2
 
 
+@pytest.mark.slow
 def test_what_fails_again_is_given_up_with_every_attempt_and_a_refusal_at_once(tmp_path: Path) -> None:
     tasks = [
         Task("bug", work.bug, (tmp_path / "bug",)),
@@ -403,6 +406,7 @@ def test_other_machines_can_read_who_holds_it_at_once(tmp_path: Path, monkeypatc
         assert sent == [tmp_path / ".avs3d-lock"]
 
 
+@pytest.mark.slow
 def test_of_many_who_come_at_once_one_at_a_time_holds_it(tmp_path: Path) -> None:
     code = (
         "import os, sys, time; from pathlib import Path\n"

@@ -145,6 +145,7 @@ def test_deaf_rows_need_the_instance_masks_of_test_frames_in_part_2_and_no_other
     assert evaluate(submission, root).scores.references == scores.references
 
 
+@pytest.mark.slow
 def test_without_instance_masks_the_deaf_rows_are_left_out_and_that_is_said(
     release: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
@@ -159,6 +160,7 @@ def test_without_instance_masks_the_deaf_rows_are_left_out_and_that_is_said(
     assert alone.references_unavailable == {}
 
 
+@pytest.mark.slow
 def test_the_table_shows_the_deaf_rows_of_every_part(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     code, out, _ = run(capsys, submit(tmp_path / "s", data, true_mask), "--dataset", data)
     assert code == 0
@@ -196,6 +198,7 @@ def test_a_cloud_on_the_mesh_scores_in_3d(data: Path, tmp_path: Path):
     assert away.references["all_black"]["overall"].strict.unavailable["IoU_3D"] == protocols.NO_POINTS
 
 
+@pytest.mark.slow
 def test_processes_change_nothing_to_the_last_bit(data: Path, tmp_path: Path):
     submission = submit(tmp_path / "s", data, shifted)
     serial, parallel = (evaluate(submission, data, workers=workers) for workers in (1, 2))
@@ -227,6 +230,7 @@ def test_the_released_pipelines_own_folders(data: Path, tmp_path: Path, masks: s
     assert theirs.observations == ours.observations
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("option", "folder"), [(None, 0), ("True", 0), ("False", 1)])
 def test_the_official_folder_is_chosen_and_said(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str | None, folder: int
@@ -270,6 +274,7 @@ def test_one_frame_observations(tmp_path: Path):
     assert scores.parts["part_1"].strict.intervals == {}
 
 
+@pytest.mark.slow
 def test_names_of_observations_do_not_matter(data: Path, tmp_path: Path):
     """The same observations under other keys, in another order, with another number of workers: the same means."""
     submission = submit(tmp_path / "s", data, shifted)
@@ -309,6 +314,7 @@ def test_worst_and_best_frames(data: Path, tmp_path: Path):
 # The command line
 
 
+@pytest.mark.slow
 def test_the_command_prints_a_table_and_writes_the_pinned_keys(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
@@ -332,6 +338,7 @@ def test_the_command_prints_a_table_and_writes_the_pinned_keys(
     assert Scores.model_validate_json(out.read_text()).overall.observations == 2
 
 
+@pytest.mark.slow
 def test_the_table_fits_eighty_columns(data: Path, tmp_path: Path):
     environment = os.environ | {"COLUMNS": "80"}
     submission = submit(tmp_path / "s", data, shifted)
@@ -341,6 +348,7 @@ def test_the_table_fits_eighty_columns(data: Path, tmp_path: Path):
     assert max(map(len, said.splitlines())) <= 80
 
 
+@pytest.mark.slow
 def test_one_protocol_alone(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     submission = submit(tmp_path / "s", data, shifted)
     for protocol in PROTOCOLS:
@@ -352,6 +360,7 @@ def test_one_protocol_alone(data: Path, tmp_path: Path, capsys: pytest.CaptureFi
             assert [name for name in PROTOCOLS if getattr(group, name) is not None] == [protocol]
 
 
+@pytest.mark.slow
 def test_the_report_is_named_beside_the_scores(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     submission = submit(tmp_path / "s", data, shifted)
     json_file, html = tmp_path / "out" / "a.json", tmp_path / "out" / "reports" / "a.html"
@@ -364,6 +373,7 @@ def test_the_report_is_named_beside_the_scores(data: Path, tmp_path: Path, capsy
     assert (json_file.read_bytes(), html.read_bytes()) == first
 
 
+@pytest.mark.slow
 def test_a_broken_submission_gets_no_score_and_every_bad_file_named(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
@@ -396,6 +406,7 @@ def test_usage_errors(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
         assert error.startswith("avs3d-eval: error: ")
 
 
+@pytest.mark.slow
 def test_a_damaged_truth_is_the_datasets_fault(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     root = tiny.clone(data, tmp_path / "data")
     submission = submit(tmp_path / "s", root, true_mask)
@@ -439,6 +450,7 @@ def test_nor_an_archives_or_one_another(data: Path, tmp_path: Path, capsys: pyte
     assert not same.exists()
 
 
+@pytest.mark.slow
 def test_scores_that_cannot_be_written_are_printed_all_the_same(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
@@ -454,6 +466,7 @@ def test_scores_that_cannot_be_written_are_printed_all_the_same(
     assert error.startswith("avs3d-eval: error: /dev/full: cannot write")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 @pytest.mark.parametrize("mesh", [True, False])
 def test_a_broken_cloud_gets_no_score_even_where_nobody_asks_for_it(
@@ -479,6 +492,7 @@ def test_the_released_pipelines_other_files_are_no_prediction(data: Path, tmp_pa
     assert scores.overall.strict.unavailable["IoU_3D"] == protocols.NO_POINTS
 
 
+@pytest.mark.slow
 def test_a_methods_name_cannot_steer_the_terminal(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     submission = submit(tmp_path / "s", data, true_mask)
     for name, code in (("tiny", 0), ("\x1b]0;other", 1)):
@@ -497,6 +511,7 @@ def shell(submission: Path, root: Path, *arguments: str, **environment: str) -> 
     return subprocess.Popen([*call, *arguments], stdout=pipe, stderr=pipe, text=True, env=os.environ | environment)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("broken", [False, True])
 def test_a_reader_that_goes_away_changes_no_verdict(data: Path, tmp_path: Path, broken: bool):
     submission = submit(tmp_path / "s", data, true_mask)
@@ -509,12 +524,14 @@ def test_a_reader_that_goes_away_changes_no_verdict(data: Path, tmp_path: Path, 
     assert (tmp_path / "scores.json").exists() != broken
 
 
+@pytest.mark.slow
 def test_a_terminal_that_knows_ascii_only(data: Path, tmp_path: Path):
     out, error = shell(submit(tmp_path / "s", data, true_mask), data, PYTHONIOENCODING="ascii").communicate()
     assert "overall (2)" in out
     assert error == ""
 
 
+@pytest.mark.slow
 def test_a_narrow_terminal_loses_no_figure(data: Path, tmp_path: Path):
     submission = submit(tmp_path / "s", data, shifted)
     wide, narrow = (shell(submission, data, COLUMNS=str(columns)).communicate()[0] for columns in (120, 40))
@@ -522,6 +539,7 @@ def test_a_narrow_terminal_loses_no_figure(data: Path, tmp_path: Path):
     assert narrow.split() == wide.split()
 
 
+@pytest.mark.slow
 def test_a_name_that_is_no_text(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     odd = os.fsdecode(b"caf\xe9")
     submission = submit(tmp_path / odd, data, true_mask, masks=layout.RELEASED_MASKS[0])

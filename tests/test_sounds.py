@@ -61,6 +61,7 @@ def test_limiter_holds_the_true_peak_between_samples():
     assert true_peak(limit(3 * tone, SR, 0.8)) <= 0.8 * 1.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("category", CATEGORIES)
 def test_source_has_the_target_loudness_no_silent_second_and_a_limited_peak(sources, category):
     source = sources[category]

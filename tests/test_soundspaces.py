@@ -101,6 +101,7 @@ print(digest.hexdigest())
 """
 
 
+@pytest.mark.slow
 def test_same_sequence_gives_the_same_bytes_in_another_process_and_prints_nothing_else():
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     runs = [

@@ -193,6 +193,7 @@ def test_submission_json_for_another_dataset(submission: Path, data: Path):
     assert findings(submission, data)["submission.json"] == "made for tiny 2, expected tiny 1, this dataset"
 
 
+@pytest.mark.slow
 def test_against_the_official_release_the_dataset_cannot_be_checked(good: Path, tmp_path: Path):
     release = tiny.write_release(tmp_path / "release", frames=FRAMES)
     report = check_submission(good, release, workers=1)

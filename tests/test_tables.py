@@ -175,6 +175,7 @@ def three_thresholds() -> list[Scores]:
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_table_2_is_this_text(tmp_path: Path) -> None:
     written = write_tables(tmp_path / "out", save(tmp_path, *four_methods()))
     assert [path.name for path in written] == ["table2.md", "table2.csv", "table2.png", "table2.svg"]
@@ -278,6 +279,7 @@ def test_the_csv_holds_the_figures_of_the_files(tmp_path: Path) -> None:
     assert list(data[data["kind"] == "reference"]["method"].unique()) == list(REFERENCE_TITLES.values())
 
 
+@pytest.mark.slow
 def test_pictures_decode_and_are_the_same_bytes_again(tmp_path: Path) -> None:
     files = save(tmp_path, *four_methods(), *sweep())
     first = write_tables(tmp_path / "one", files)
@@ -356,6 +358,7 @@ DIFFERENT: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.slow
 def test_what_does_not_compare_gets_a_section_of_its_own(tmp_path: Path) -> None:
     scores = [made("ours", (0.6, 0.5)), made("also ours", (0.5, 0.5))]
     scores += [made(name, (0.99, 0.99), **options) for name, options in DIFFERENT.items()]

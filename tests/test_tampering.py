@@ -22,6 +22,7 @@ def with_extras(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tampering.write_witness(tmp_path_factory.mktemp("witness") / "extras", extras=True)
 
 
+@pytest.mark.slow
 def test_the_witness_is_valid(plain: Path, with_extras: Path):
     for root in (plain, with_extras):
         assert validate(root, deep=True).problems == ()
@@ -37,6 +38,7 @@ def _name(one: Mutation) -> str:
     return f"{one.group}: {one.name}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("one", [one for one in MUTATIONS if not one.unseen], ids=_name)
 def test_what_can_be_seen_is_found(plain: Path, with_extras: Path, tmp_path: Path, one: Mutation):
     problems = tampering.tampered(with_extras if one.extras else plain, tmp_path / "data", one)
@@ -46,6 +48,7 @@ def test_what_can_be_seen_is_found(plain: Path, with_extras: Path, tmp_path: Pat
     assert not any("sha256" in p.message or "digest" in p.message for p in problems)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("one", [one for one in MUTATIONS if one.unseen], ids=_name)
 def test_what_the_table_calls_unseen_is_unseen(plain: Path, tmp_path: Path, one: Mutation):
     """If this fails, a check has become better: the table and docs/validation.md should say so."""

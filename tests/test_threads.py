@@ -28,6 +28,7 @@ def _files(root: Path) -> dict[str, bytes]:
     return {str(path.relative_to(root)): path.read_bytes() for path in sorted(root.rglob("*")) if path.is_file()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("audio", ["analytic", "soundspaces"])
 def test_threads_change_no_byte(tmp_path: Path, audio: str) -> None:
     if audio == "soundspaces":
@@ -88,6 +89,7 @@ def test_frames_are_drawn_on_as_many_cores_as_there_are_now() -> None:
     assert max(drawn) == MOST_THREADS
 
 
+@pytest.mark.slow
 def test_the_last_tasks_of_a_run_are_lent_the_cores_of_those_that_have_nothing_to_do() -> None:
     """Six tasks on four workers: while all four work each has one core; the last one alone has all four."""
     tasks = [Task(str(n), _cores_seen, (0.1 if n < 4 else 0.5 if n == 4 else 2.0,)) for n in range(6)]
@@ -99,6 +101,7 @@ def test_the_last_tasks_of_a_run_are_lent_the_cores_of_those_that_have_nothing_t
     assert found["5"][0] == sorted(found["5"][0])
 
 
+@pytest.mark.slow
 def test_one_worker_lends_nothing() -> None:
     with LocalScheduler(1) as pool:
         found = [r.value for r in pool.run([Task(n, _cores_seen, (0.0,)) for n in "ab"], Policy(), lambda _: None)]
@@ -147,6 +150,7 @@ def _pids(_: None) -> Iterator[int]:
         yield os.getpid()
 
 
+@pytest.mark.slow
 def test_a_process_ahead_gives_results_in_order_and_passes_errors_on() -> None:
     with process_ahead(_count, 100) as results:
         assert list(results) == list(range(100))

@@ -123,6 +123,7 @@ def test_a_moving_source_is_where_it_is_at_the_frames_time(tmp_path: Path):
     assert dataset[tiny.FRAMES]["source_position"][0] == pytest.approx(0.7), "the other source stands still"
 
 
+@pytest.mark.slow
 def test_batches_are_the_same_for_any_number_and_kind_of_workers(ours: Path):
     dataset = AVS3DDataset(ours, transform=half)
 
@@ -228,6 +229,7 @@ def test_workers_pass_the_name_of_the_damaged_file_on(tmp_path: Path):
         list(DataLoader(AVS3DDataset(root), batch_size=4, num_workers=2))
 
 
+@pytest.mark.slow
 def test_a_clip_of_another_length_is_refused(tmp_path: Path):
     from avs3d_bench import media
 

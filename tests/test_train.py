@@ -275,6 +275,7 @@ def _same(a: Gaussians, b: Gaussians) -> bool:
     )
 
 
+@pytest.mark.slow
 def test_training_reaches_a_picture_of_views_it_never_saw(room: SimpleNamespace) -> None:
     """300 iterations: test views gain more than 8 dB, past 22 dB; reports count up and improve."""
     reports: list[Report] = []
@@ -292,6 +293,7 @@ def test_training_reaches_a_picture_of_views_it_never_saw(room: SimpleNamespace)
     assert not trained.means.requires_grad
 
 
+@pytest.mark.slow
 def test_the_seed_decides_and_nothing_else(room: SimpleNamespace) -> None:
     a, b, c = (train(room.views, room.xyz, room.rgb, CPU, replace(SHORT, seed=seed)) for seed in (0, 0, 1))
     assert _same(a, b)
@@ -336,6 +338,7 @@ def test_a_resumed_run_is_the_uninterrupted_one(room: SimpleNamespace, tmp_path:
     assert len(seen) == 4  # nothing was left to do
 
 
+@pytest.mark.slow
 def test_where_memory_is_nearly_used_growth_ends_and_the_report_says_when(
     room: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -68,6 +68,7 @@ def mask_sizes(toy: Toy, placed: tuple[Placement, ...], poses: tuple[Pose, ...])
     return np.array(shares)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frames", [2, 16, 120])
 @pytest.mark.parametrize(("room", "category", "count"), CASES)
 def test_hard_rules(room: str, category: str, count: int, frames: int) -> None:
@@ -153,6 +154,7 @@ def test_views_differ_for_a_reconstruction(room: str, category: str, count: int)
     assert len(sectors) >= 6
 
 
+@pytest.mark.slow
 def test_a_walk_that_is_planned_for_one_shows_it_more_than_its_twins() -> None:
     """What the walk must not be: the twin it is planned for is the one in view most often."""
     toy, placed, fair = walked("living_room", "clock", 3, 120)
@@ -163,6 +165,7 @@ def test_a_walk_that_is_planned_for_one_shows_it_more_than_its_twins() -> None:
         assert shares[index] > min(c.look_share for c in fair.report.candidates)
 
 
+@pytest.mark.slow
 def test_the_same_generator_gives_the_same_walk_and_another_gives_another() -> None:
     toy, placed, result = walked("kitchen", "microwave", 2, 120)
     again = plan_walk(WalkTask(Site.of(toy.scene, "kitchen"), placed, frames=120), rng(2))

@@ -455,6 +455,7 @@ def test_a_long_report_is_cut_with_a_count(tmp_path: Path):
     assert "grave" in text  # errors are never what is cut first
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @pytest.mark.parametrize("kind", ["ours", "release"])
 @settings(max_examples=80, deadline=None, derandomize=True)

@@ -171,6 +171,7 @@ def test_a_variant_of_a_variant_is_refused(tmp_path: Path) -> None:
         read_manifest(manifest(tmp_path, first, {"like": "part_1/box/kitchen/2", "index": 3}))
 
 
+@pytest.mark.slow
 def test_variants_differ_in_their_sound_alone(tmp_path: Path) -> None:
     scales = {2: 0.5, 3: 3.0}
     path = manifest(

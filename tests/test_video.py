@@ -276,6 +276,7 @@ def test_without_clips_the_film_is_silent(tmp_path: Path) -> None:
         assert not container.streams.audio
 
 
+@pytest.mark.slow
 def test_a_submission(root: Path, tmp_path: Path) -> None:
     folder = tmp_path / "s"
     box = np.zeros((96, 96), dtype=bool)
@@ -351,6 +352,7 @@ run(video, [{SINGLE!r}, "--dataset", {str(root)!r}, "-o", {str(target)!r}])
     assert not list(target.parent.iterdir())
 
 
+@pytest.mark.slow
 def test_an_interrupt_leaves_nothing(root: Path, tmp_path: Path) -> None:
     target = tmp_path / "f.mp4"
     code = (

@@ -181,6 +181,7 @@ def test_same_bytes_twice(root: Path, submission: Path, recording: Path, tmp_pat
     assert again.read_bytes() == recording.read_bytes()
 
 
+@pytest.mark.slow
 def test_the_page_opens_from_disk_without_a_network(recording: Path) -> None:
     with launch() as browser, visit(browser, recording, width=640) as opened:
         opened.page.wait_for_selector("canvas", timeout=20_000)
@@ -220,6 +221,7 @@ def command(root: Path, *options: str) -> list[str]:
     return [sys.executable, "-c", code, SINGLE, "--dataset", str(root), *options]
 
 
+@pytest.mark.slow
 def test_serves_on_the_loopback_address_alone_until_interrupted(root: Path) -> None:
     viser()
     process = subprocess.Popen(command(root, "--port", "0"), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

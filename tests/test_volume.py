@@ -172,6 +172,7 @@ def clipped(triangle: np.ndarray, edge: int) -> bool:
     return bool(polygon) and all(any(corner[axis] < edge for corner in polygon) for axis in range(3))
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(*[st.integers(-7, 11)] * 3), min_size=3, max_size=3))
 @settings(max_examples=1500, deadline=None)
 def test_the_overlap_of_triangle_and_half_open_box_is_exact(corners: list[tuple[int, int, int]]):
@@ -277,6 +278,7 @@ def test_order_and_repetition_of_points_change_nothing(cloud: list[tuple[float, 
     assert score_points(shuffled, BOX) == score_points(cloud, BOX)
 
 
+@pytest.mark.slow
 @given(st.tuples(*[st.integers(-200, 200)] * 3), clouds)
 @settings(deadline=None)
 def test_moving_all_by_whole_voxels_changes_nothing(steps: tuple[int, int, int], cloud):
