@@ -119,6 +119,7 @@ def test_furniture_does_not_overlap(seed: int) -> None:
                 assert depth < 0.005, f"{room.name}: {first} and {second} overlap by {depth:.3f} m"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_furniture_stays_in_its_room(seed: int) -> None:
     scene = flat(seed)
@@ -140,6 +141,7 @@ def floor_grid(scene: Scene, room_name: str) -> NDArray[np.bool_]:
     return (np.abs(1.75 - distance) < 0.05).reshape(gx.shape)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize(("room_name", "square_metres"), [("bathroom", 1.5), ("kitchen", 2.5), ("living_room", 5.0)])
 def test_an_agent_can_walk_from_door_to_door(seed: int, room_name: str, square_metres: float) -> None:
@@ -171,6 +173,7 @@ def doors_of(seed: int, room_name: str) -> list[NDArray[np.float64]]:
     return out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_bathroom_keeps_a_free_floor(seed: int) -> None:
     free = floor_grid(flat(seed), "bathroom")
@@ -183,6 +186,7 @@ def test_the_bathroom_keeps_a_free_floor(seed: int) -> None:
     assert empty(1.6, 1.8) or empty(1.8, 1.6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_no_ray_escapes_from_a_room_and_no_wall_shows_its_back(seed: int) -> None:
     scene = flat(seed)
@@ -201,6 +205,7 @@ def test_no_ray_escapes_from_a_room_and_no_wall_shows_its_back(seed: int) -> Non
         assert (np.einsum("ij,ij->i", normal[face], directions) < 0).all(), f"{room.name} shows a wall's back"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_no_sound_escapes(seed: int) -> None:
     scene = flat(seed)
@@ -212,6 +217,7 @@ def test_no_sound_escapes(seed: int) -> None:
         assert np.isfinite(distance).all(), room.name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_acoustic_faces_are_few_and_labelled(seed: int) -> None:
     known = {
@@ -242,6 +248,7 @@ def test_acoustic_faces_are_few_and_labelled(seed: int) -> None:
     assert sum(len(p.mesh.acoustic_positions) for p in scene.parts) <= 20000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_rooms_hold_what_makes_them_recognisable(seed: int) -> None:
     scene = flat(seed)
@@ -256,6 +263,7 @@ def test_rooms_hold_what_makes_them_recognisable(seed: int) -> None:
     assert {"bathtub", "shower"} & {name for name, _ in furniture(scene, "bathroom")}
 
 
+@pytest.mark.slow
 def test_pictures_on_blank_walls_change_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("generators.apartments.furnish.dress_walls", lambda _: None)
     bare = [(part.name, part.mesh.positions.tobytes()) for part in build_apartment("flat", 0).parts]
@@ -266,6 +274,7 @@ def test_pictures_on_blank_walls_change_nothing_else(monkeypatch: pytest.MonkeyP
     assert [part for part in dressed if part[0] not in more] == bare
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_supports_lie_in_their_rooms_and_are_orthogonal(seed: int) -> None:
     scene = flat(seed)
@@ -284,6 +293,7 @@ def test_supports_lie_in_their_rooms_and_are_orthogonal(seed: int) -> None:
         assert s.clearance >= 0.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_supports_have_free_space_above_them(seed: int) -> None:
     """A ray along the support's normal, from just above its middle, is free for its clearance."""
@@ -298,6 +308,7 @@ def test_supports_have_free_space_above_them(seed: int) -> None:
         assert distance[0] >= s.clearance - 0.06, s
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_there_is_room_for_the_objects_of_the_benchmark(seed: int) -> None:
     scene = flat(seed)
@@ -316,12 +327,14 @@ def test_the_same_seed_gives_the_same_bytes_and_the_name_does_not_matter() -> No
     assert digest(build_apartment("another name", 2)) == digest(flat(2))
 
 
+@pytest.mark.slow
 def test_different_seeds_give_different_flats() -> None:
     assert len({digest(flat(seed)) for seed in SEEDS}) == len(SEEDS)
     boxes = {tuple(r.high) for seed in SEEDS for r in flat(seed).rooms if r.name == "living_room"}
     assert len(boxes) == len(SEEDS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_flat_is_unlit_glows_at_windows_and_lamps_and_is_not_too_heavy(seed: int) -> None:
     scene = flat(seed)

@@ -82,6 +82,7 @@ def test_it_finds_the_object_and_beats_the_centre_box(data: Path, tmp_path: Path
         assert len(read_ply(ply)) == len(intensity)
 
 
+@pytest.mark.slow
 def test_ambiguous_masks_mark_the_twin_too(data: Path, tmp_path: Path, work: Path):
     settings = replace(SETTINGS, refine=False)
     scores = run(data, tmp_path / "s", work, OracleMasks("category"), settings)

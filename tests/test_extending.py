@@ -119,6 +119,7 @@ def test_metric(tmp_path: Path, data: Path) -> None:
     assert "precision" in (tmp_path / "board/index.html").read_text()
 
 
+@pytest.mark.slow
 def test_baseline(tmp_path: Path, data: Path) -> None:
     desk = Desk(tmp_path, data)
     desk.follow(DOCUMENT, section(PAGE, "## A baseline"))

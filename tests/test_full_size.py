@@ -23,6 +23,8 @@ from generators.vision.embree import EmbreeBackend
 MANIFEST = Path(__file__).parent.parent / "scenes_manifest" / "demo.yaml"
 CAMERA = Intrinsics.from_fov(1008)
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def view() -> tuple[Scene, tuple[Placement, ...], Pose, Frame]:
@@ -39,7 +41,6 @@ def view() -> tuple[Scene, tuple[Placement, ...], Pose, Frame]:
     return scene, placed, pose, EmbreeBackend().open(scene, CAMERA).render(pose)
 
 
-@pytest.mark.slow
 def test_a_room_is_closed_and_exposed_like_a_photograph(view: tuple[Scene, tuple[Placement, ...], Pose, Frame]) -> None:
     frame = view[3]
     assert frame.rgb.shape == (1008, 1008, 3)

@@ -20,7 +20,7 @@ SIZES: dict[str, tuple[tuple[float, float], tuple[float, float], tuple[float, fl
     "bathtub": ((1.5, 1.9), (0.5, 0.9), (0.7, 0.95), "floor"),
     "shower": ((0.85, 1.1), (1.9, 2.2), (0.85, 1.0), "floor"),
     "washbasin": ((0.55, 1.1), (0.85, 1.3), (0.42, 0.55), "floor"),
-    "mirror": ((0.4, 1.0), (0.5, 1.0), (0.01, 0.2), "wall"),
+    "vanity_cabinet": ((0.4, 1.0), (0.6, 0.9), (0.1, 0.25), "wall"),
     "towel_rail": ((0.4, 0.7), (0.4, 1.3), (0.06, 0.2), "wall"),
     "bath_mat": ((0.6, 0.9), (0.008, 0.02), (0.4, 0.9), "floor"),
     "laundry_basket": ((0.3, 0.5), (0.4, 0.8), (0.3, 0.5), "floor"),
@@ -62,6 +62,8 @@ SEEDS = range(6)
 STYLES = ("scandinavian", "warm_classic", "modern_dark", "mediterranean", "industrial")
 BUDGET = 4000
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def palettes() -> list[Palette]:
@@ -87,7 +89,6 @@ def test_the_table_of_sizes_is_complete() -> None:
     assert len(KINDS) >= 25
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", SIZES)
 def test_sizes_are_plausible(kind: str, pieces: dict[str, list[Furniture]]) -> None:
     for piece in pieces[kind]:
@@ -217,7 +218,6 @@ def test_sound_meets_few_boxes_that_stand_for_the_piece(kind: str, pieces: dict[
         assert (volume > 0).all(), "acoustic boxes are closed and outward"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", SIZES)
 def test_variants(kind: str, palettes: list[Palette]) -> None:
     prints = set()

@@ -93,6 +93,7 @@ def test_a_furnished_flat_looks_the_same_from_its_file(tmp_path: Path, capsys: p
         np.testing.assert_array_equal(a.depth, b.depth)
 
 
+@pytest.mark.slow
 def test_shape_and_acoustic_materials_survive(tmp_path: Path) -> None:
     scene, path = small_flat(), tmp_path / "flat.glb"
     write_glb(scene, path, texel=0.05)

@@ -310,10 +310,12 @@ def record_of(root: Path, index: int = 1) -> ObservationRecord:
     return record
 
 
+@pytest.mark.slow
 def test_what_moves_is_valid_to_the_last_file(root: Path) -> None:
     assert errors(root) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("index", [1, 2])
 def test_every_frame_says_where_the_source_is(root: Path, index: int) -> None:
     record = record_of(root, index)
@@ -328,6 +330,7 @@ def test_every_frame_says_where_the_source_is(root: Path, index: int) -> None:
     assert np.linalg.norm(np.diff(ways, axis=0), axis=1).max() > 0.02
 
 
+@pytest.mark.slow
 def test_masks_follow_and_depth_agrees_with_the_mesh_where_it_is_then(root: Path) -> None:
     moved_away = 0
     for observation in Dataset(root):
@@ -347,6 +350,7 @@ def test_masks_follow_and_depth_agrees_with_the_mesh_where_it_is_then(root: Path
     assert moved_away > 50
 
 
+@pytest.mark.slow
 def test_no_point_of_the_model_is_on_what_moves(root: Path) -> None:
     for observation in Dataset(root):
         points = observation.colmap.points.positions
@@ -370,6 +374,7 @@ def shift(data: dict, frames: slice, field: str, by: float) -> None:
         frame[field][0] += by
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -387,6 +392,7 @@ def test_a_record_that_does_not_fit_the_motion_is_named(root: Path, tmp_path: Pa
     assert any(words in line for line in errors(copy)), errors(copy)
 
 
+@pytest.mark.slow
 def test_a_model_with_points_on_what_moves_is_named(root: Path, tmp_path: Path) -> None:
     from avs3d_bench.validation.motion import moving_points
 
@@ -411,6 +417,7 @@ def test_a_still_observation_says_nothing_of_motion(tmp_path: Path) -> None:
     assert not FrameRecord.left_out & set(fields)
 
 
+@pytest.mark.slow
 def test_points_of_something_that_moves_are_not_scored_and_it_is_said_why(root: Path, tmp_path: Path) -> None:
     dataset = Dataset(root)
     submission = tmp_path / "submission"
@@ -428,6 +435,7 @@ def test_points_of_something_that_moves_are_not_scored_and_it_is_said_why(root: 
     assert scores.overall.strict.unavailable["centroid_error"] == protocols.MOVING
 
 
+@pytest.mark.slow
 def test_the_contact_sheet_draws_the_path_of_the_source(root: Path) -> None:
     figure = draw_contact_sheet(Dataset(root)["part_1/box/kitchen/1"], columns=3)
     labels = {line.get_label(): line for axes in figure.axes for line in axes.lines}

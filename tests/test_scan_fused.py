@@ -31,6 +31,8 @@ NOISE = 0.004
 #: Regions of the annotations; the first is no room of the benchmark.
 REGIONS = ["hall", "bathroom", "kitchen", "living_room"]
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def home() -> Scene:
@@ -97,7 +99,6 @@ def model(category: str, seed: int = 1):
 # ---- the geometry alone -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_the_mesh_is_one_anonymous_piece_with_holes(fused: scan_like.Fused, scan: Scene) -> None:
     (part,) = scan.parts
     (material,) = part.mesh.materials
@@ -140,7 +141,6 @@ def test_worktops_tables_and_walls_are_found(scan: Scene, home: Scene) -> None:
         assert len({s.normal for s in scan.supports if s.room == room and s.kind == "wall"}) >= 2
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("room", "category", "copies"),
     [
@@ -184,7 +184,6 @@ def touches_its_support(scan: Scene, placed: Placement) -> None:
     assert gap.max() < 0.03
 
 
-@pytest.mark.slow
 def test_an_observation_goes_through(scan: Scene) -> None:
     rng = np.random.default_rng(7)
     placements = place(Site.of(scan, "kitchen"), [model("microwave"), model("coffee_machine")], rng=rng)
@@ -222,7 +221,6 @@ def test_levels_allow_for_noise_and_holes_only_on_scans() -> None:
 # ---- rooms without coordinates ------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("data_set", ["hm3d", "mp3d"])
 @pytest.mark.parametrize("room", ROOMS)
 def test_rooms_are_found_by_their_annotations(
@@ -235,7 +233,6 @@ def test_rooms_are_found_by_their_annotations(
     assert found.low[1] == pytest.approx(0, abs=0.01)
 
 
-@pytest.mark.slow
 def test_both_ids_of_hm3d_name_the_same_scan(root: Path, hm3d: Scene) -> None:
     short = load_scan("TEEsavR23oF", root)
     assert short.rooms == hm3d.rooms
@@ -245,7 +242,6 @@ def test_both_ids_of_hm3d_name_the_same_scan(root: Path, hm3d: Scene) -> None:
     assert (hm3d.stage.up, hm3d.stage.front) == ("z", "-y")
 
 
-@pytest.mark.slow
 def test_boxes_of_the_manifest_win(root: Path, hm3d: Scene) -> None:
     low, high = hm3d.room("kitchen").low, hm3d.room("kitchen").high
     mine = [[low[0] + 0.1, low[1], low[2] + 0.1], list(high)]
@@ -292,7 +288,6 @@ def test_floors_sound_like_their_room_and_walls_like_walls(hm3d: Scene) -> None:
         assert (labels[over & (middle[:, 1] > 2.5)] == "plaster").mean() > 0.8
 
 
-@pytest.mark.slow
 def test_the_acoustic_mesh_is_finest_in_the_rooms(scan: Scene, boxes: dict, tmp_path: Path, fused) -> None:
     mesh = scan.parts[0].mesh
     assert len(mesh.acoustic_positions) <= ACOUSTIC_FACES + ACOUSTIC_FACES_BEYOND
@@ -311,7 +306,6 @@ def test_without_annotations_height_and_slope_tell(scan: Scene) -> None:
     assert set(scan.parts[0].mesh.acoustic_labels) == {"plaster", "parquet", "tile", "wood"}
 
 
-@pytest.mark.slow
 def test_a_material_file_decides_for_the_categories_it_names(
     root: Path, fused: scan_like.Fused, tmp_path: Path
 ) -> None:
