@@ -231,7 +231,7 @@ def tasks_on(address: str, tasks: list[Task], retries: int = 1) -> tuple[dict[st
 def test_crashes_and_hangs_are_tried_again_on_the_other_worker(address: str, tmp_path: Path) -> None:
     tasks = [
         Task("crash", work.die, (signal.SIGKILL, tmp_path / "crash", 1)),
-        Task("hang", work.hang, (tmp_path / "hang", 1), limit=1.5),
+        Task("hang", work.hang, (tmp_path / "hang", 1), limit=6.0),
         Task("bug", work.bug, (tmp_path / "bug",)),
         Task("refused", work.refuse, (tmp_path / "refused",)),
         Task("home", work.double, (1,)),
