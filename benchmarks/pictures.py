@@ -79,7 +79,9 @@ def _save(path: Path, picture: np.ndarray, *, width: int | None = None) -> None:
 
 
 def _decoded(png: bytes) -> np.ndarray:
-    return np.asarray(cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)[..., ::-1])
+    picture = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
+    assert picture is not None
+    return np.asarray(picture[..., ::-1])
 
 
 def _sheet(observation: Observation, columns: int) -> bytes:
