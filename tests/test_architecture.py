@@ -295,6 +295,7 @@ def is_kernel(name: str, function: ast.FunctionDef) -> bool:
     return bool(compiled) or name.startswith(KERNELS)
 
 
+@pytest.mark.slow
 def test_functions_and_signatures_are_short() -> None:
     long = {}
     for module, path in MODULES.items():

@@ -50,6 +50,7 @@ def test_what_the_manifest_lets_sound_changes_no_picture(tmp_path: Path) -> None
     assert notes[0] == notes[1]
 
 
+@pytest.mark.slow
 def test_which_twin_sounds_changes_no_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan = plan_of(tmp_path, part="part_2", category="clock", instances=2)
     trees = []

@@ -17,6 +17,7 @@ from generators.plan import make_plans, read_manifest
 from tests.homes import write_manifest
 
 
+@pytest.mark.slow
 def test_the_engines_inside_an_observation_are_timed_and_then_left_alone(tmp_path: Path) -> None:
     plan = make_plans(read_manifest(write_manifest(tmp_path)), only=["part_1/*"], frames=8, audio="analytic")[0]
     spent: dict[str, float] = defaultdict(float)

@@ -49,6 +49,7 @@ def call(command: str, capsys: pytest.CaptureFixture[str], *arguments: object) -
     return int(end.value.code or 0), said.out + said.err
 
 
+@pytest.mark.slow
 def test_the_whole_submission_is_scored(data: Path, whole: Path, capsys: pytest.CaptureFixture[str]):
     for command in ("check", "avs3d-eval"):
         code, said = call(command, capsys, whole, "--dataset", data, "--workers", 1)
@@ -68,6 +69,7 @@ def test_a_broken_submission(data: Path, whole: Path, tmp_path: Path, capsys: py
     refused(data, root, kinds, named, tmp_path, capsys)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(RELEASED_COUNT))
 def test_broken_masks_of_the_released_pipeline(
     data: Path, released: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], seed: int
@@ -113,6 +115,7 @@ def errors(said: str) -> set[str]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 77, 151])
 def test_as_a_program(data: Path, whole: Path, tmp_path: Path, seed: int):
     root = tiny.clone(whole, tmp_path / "submission")

@@ -61,6 +61,7 @@ def test_no_folder_named_is_a_usage_error(kind: str) -> None:
         find_checkpoint(kind, None)
 
 
+@pytest.mark.slow
 def test_the_missing_file_is_named(sam: Path, tmp_path: Path) -> None:
     folder = copy_of(sam, tmp_path / "x", model_safetensors=None)
     with pytest.raises(Avs3dError, match=r"model\.safetensors of SAM is missing; put config\.json, .*Apache-2\.0"):

@@ -27,6 +27,7 @@ def trials() -> list[Trial]:
     return out
 
 
+@pytest.mark.slow
 def test_trials_come_back_as_they_were_saved(trials: list[Trial], tmp_path: Path) -> None:
     save(trials, tmp_path / "trials.npz")
     back = load(tmp_path / "trials.npz")

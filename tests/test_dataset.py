@@ -62,6 +62,7 @@ def test_the_split_is_seven_to_one(ours: Path):
     assert observation.frames[8].split == "test"
 
 
+@pytest.mark.slow
 def test_the_release_reads_alike(release: Path, ours: Path):
     for there, here in zip(Dataset(release), Dataset(ours), strict=True):
         assert there.record is None

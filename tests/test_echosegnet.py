@@ -90,6 +90,7 @@ def test_ambiguous_masks_mark_the_twin_too(data: Path, tmp_path: Path, work: Pat
     assert method_name(settings, OracleMasks()) == "EchoSegnet, official without AISRM, masks: oracle (category)"
 
 
+@pytest.mark.slow
 def test_another_threshold_trains_nothing_again(
     data: Path, tmp_path: Path, work: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -159,6 +160,7 @@ def _undistort(data: Path, key: str, camera: Intrinsics) -> None:
     write_model(observation.path / layout.COLMAP, tiny.colmap_model(camera, poses, boxes))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ours", [True, False])
 def test_images_may_have_another_size_and_camera_than_input(data: Path, tmp_path: Path, ours: bool):
     """Training reads images/ with the camera of sparse/0; masks, votes and the submission keep the size of input/."""

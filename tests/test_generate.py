@@ -61,6 +61,7 @@ def test_the_tree_is_valid_to_the_last_file(root: Path) -> None:
     assert [observation.key for observation in Dataset(root)] == KEYS
 
 
+@pytest.mark.slow
 def test_masks_are_the_visible_pixels_of_the_sounding_instance(root: Path) -> None:
     for observation in Dataset(root):
         record = observation.record

@@ -119,6 +119,7 @@ def areas(mesh: Mesh) -> dict[str, float]:
     return {str(label): float(size[labels == label].sum()) for label in np.unique(labels)}
 
 
+@pytest.mark.slow
 def test_the_same_scene_gives_the_same_bytes(tmp_path: Path) -> None:
     scene = small_flat()
     for name in ("one.glb", "two.glb"):

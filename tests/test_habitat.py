@@ -199,6 +199,7 @@ def test_no_graphics_device_is_explained_in_habitats_own_words(monkeypatch: pyte
     assert "\n" not in text
 
 
+@pytest.mark.slow
 def test_a_stage_that_is_no_mesh_is_one_line(tmp_path: Path, backend: HabitatBackend) -> None:
     path = tmp_path / "broken.glb"
     path.write_bytes(b"not a mesh")

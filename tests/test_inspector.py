@@ -637,6 +637,7 @@ def test_the_gallery_loads_thumbnails_and_no_frames(many: Path, browser: Any) ->
         assert not opened.said
 
 
+@pytest.mark.slow
 def test_filters_narrow_the_gallery_and_live_in_the_address(many: Path, browser: Any) -> None:
     with visit(browser, many / "index.html") as opened:
         page = opened.page

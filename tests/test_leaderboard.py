@@ -273,6 +273,7 @@ def board(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root / "board" / "index.html"
 
 
+@pytest.mark.slow
 def test_it_loads_from_disk_without_a_word_or_a_request(board: Path, browser: Any) -> None:
     for width in (1280, 390):
         for dark in (False, True):

@@ -136,6 +136,7 @@ def outcome(path: Path) -> str:
     return "valid"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mutate", [of_document, of_text])
 @pytest.mark.parametrize("name", SEEDS)
 def test_a_damaged_file_reads_or_is_refused_in_one_line(

@@ -73,6 +73,7 @@ def test_another_seed_is_another_flat() -> None:
     assert a.pixels.tobytes() != b.pixels.tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("room", ROOM_KINDS)
 def test_a_room_has_all_its_surfaces(palette: Palette, room: str) -> None:
     finish = palette.finish(room)
@@ -93,6 +94,7 @@ def test_dry_rooms_share_one_floor(palette: Palette) -> None:
     assert all(f is not None and f.pixels is floors[0].pixels for f in floors)
 
 
+@pytest.mark.slow
 def test_lamps_shine_and_other_things_do_not(palette: Palette) -> None:
     lamps = {role for role in ROLES if max(palette.material(role).emission) > 0}
     assert lamps == {"lamp_shade", "lamp_glass", "bulb", "hood_light"}

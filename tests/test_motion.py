@@ -131,6 +131,7 @@ def test_a_room_without_room_is_refused_in_one_line() -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("room", "category", "count"), CASES[1:])
 def test_the_agent_keeps_its_distance_at_every_time(room: str, category: str, count: int) -> None:
     toy, placed, motion = moved(room, category, count)

@@ -55,6 +55,7 @@ def test_clocks_can_be_seen_from_across_a_room(models: dict[tuple[str, str], Mod
     assert all(max(m.size) >= 0.25 for (category, _), m in models.items() if category == "clock")
 
 
+@pytest.mark.slow
 def test_model_frame(model: Model) -> None:
     low, high = model.mesh.bounds
     middle = (low + high) / 2
@@ -128,6 +129,7 @@ def test_colours_are_albedos(model: Model) -> None:
             assert max(material.texture.pixels.shape[:2]) <= 1024
 
 
+@pytest.mark.slow
 def test_the_source_lies_on_the_surface(model: Model) -> None:
     point = np.asarray(model.source_point)
     low, high = model.mesh.bounds
@@ -147,6 +149,7 @@ def test_the_source_is_heard_from_the_front(model: Model) -> None:
     assert not caster.occluded(source, ears - source, 0.999).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", EVERY, ids="/".join)
 def test_the_same_generator_gives_the_same_bytes(key: tuple[str, str], models: dict[tuple[str, str], Model]) -> None:
     again, first = build_model(*key, np.random.default_rng(7)), models[key]

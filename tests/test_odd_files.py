@@ -80,6 +80,7 @@ def test_a_device_is_not_read(tmp_path: Path):
     assert b"audio_clips_mono/frame_1.wav: a device; expected a regular file" in done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damaged", [False, True])
 def test_a_root_that_is_no_utf8_is_checked(tmp_path: Path, damaged: bool):
     root = tiny.write_dataset(tmp_path / os.fsdecode(b"d\xe9j\xe0 vu"), frames=3, size=16, extras=True)

@@ -442,6 +442,7 @@ def test_a_nan_of_the_network_names_the_frame(root: Path) -> None:
         with_squares(Squares(LEFT, RIGHT, logits=(np.nan, 0.0)))(frame)
 
 
+@pytest.mark.slow
 def test_networks_from_disk_give_boxes_masks_and_logits(root: Path, model: run.OwodBind) -> None:
     frame = Dataset(root)[tiny.SINGLE].test[0]
     picture = frame.rgb()

@@ -415,6 +415,7 @@ def test_a_finished_observation_with_a_missing_or_cut_off_file_is_made_again(
     assert tree_digest(out) == before
 
 
+@pytest.mark.slow
 def test_damage_is_found_by_existence_size_and_kind(made: tuple[Path, Path], tmp_path: Path) -> None:
     folder = tmp_path / "1"
     shutil.copytree(made[1] / "part_1/box/kitchen/1", folder)

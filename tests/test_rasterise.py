@@ -215,6 +215,7 @@ def test_bands_above_the_degree_are_left_out() -> None:
 # --- against brute force
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_composition_is_the_brute_force_one(seed: int) -> None:
     scene, view = _random(60, seed, scale=0.4), _view(24)

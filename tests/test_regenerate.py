@@ -83,6 +83,7 @@ def test_what_deep_cannot_see_is_found(root: Path, manifest: Path, tmp_path: Pat
     assert all("differ" in p.message for p in found)
 
 
+@pytest.mark.slow
 def test_deep_finds_no_fault_in_generated_trees_and_falsified_ones_are_named(root: Path, tmp_path: Path):
     assert [p for p in validate(root, deep=True).problems if p.severity != "note"] == []
     for number, name in enumerate(("all in reverse order", "mirrored left to right", "noise")):

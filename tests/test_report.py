@@ -275,6 +275,7 @@ def test_it_loads_without_a_word_or_a_request_and_pictures_decode(report: Path, 
         assert all(width > 0 and alt > 10 for width, alt in widths)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("width", "dark"), [(1280, False), (1280, True), (390, False), (390, True)])
 def test_the_page_never_scrolls_sideways(report: Path, browser: Any, width: int, dark: bool) -> None:
     with visit(browser, report, width=width, dark=dark) as opened:

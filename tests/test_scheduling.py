@@ -293,6 +293,7 @@ def test_the_pool_runs_everything_on_as_many_processes_as_asked() -> None:
     assert {r.value[0] for r in results.values()} == {0, 1}
 
 
+@pytest.mark.slow
 def test_what_crashed_or_hung_once_is_done_on_another_worker(tmp_path: Path) -> None:
     tasks = [
         Task("crash", work.die, (signal.SIGKILL, tmp_path / "crash", 1)),

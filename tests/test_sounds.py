@@ -106,6 +106,7 @@ def modulation(source, rates):
     return max(power[np.abs(frequency - rate).argmin()] / floor for rate in rates)
 
 
+@pytest.mark.slow
 def test_each_category_has_its_character(sources):
     power, frequency = spectrum(sources["microwave"])
     peak = frequency[np.argmax(np.where((frequency > 90) & (frequency < 130), power, 0))]

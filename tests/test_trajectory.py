@@ -95,6 +95,7 @@ def test_hard_rules(room: str, category: str, count: int, frames: int) -> None:
     assert len({(pose.position, pose.rotation) for pose in poses}) == frames
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("room", "category", "count"), CASES)
 def test_level_cameras_with_a_mild_tilt(room: str, category: str, count: int) -> None:
     _, _, result = walked(room, category, count, 120)

@@ -296,6 +296,7 @@ def test_shallow_damage_is_named(pristine: Path, tmp_path: Path, name: str):
     check(root, named, words, deep=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DEEP)
 def test_deep_damage_is_named(pristine: Path, tmp_path: Path, name: str):
     change, named, words = DEEP[name]
@@ -335,6 +336,7 @@ def test_several_faults_are_all_named(pristine: Path, tmp_path: Path):
     assert {INPUT3, CLIP3, "part_1/tiny/garage"} <= paths
 
 
+@pytest.mark.slow
 def test_workers_find_the_same(pristine: Path, tmp_path: Path):
     root = tiny.clone(pristine, tmp_path / "data")
     DEEP["clipped"][0](root)
