@@ -38,7 +38,8 @@ PAIR = 632
 GAP = 16
 #: Share of the picture that an object covers at most where it is shown as a whole.
 MOST_COVERED = 0.25
-_BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+#: Names of browsers that draw the pages, for the tests too.
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
 
 @click.command()
@@ -142,9 +143,9 @@ def _page(width: int, height: int) -> Iterator[Any]:
     """A page of a headless Chromium."""
     from playwright.sync_api import sync_playwright
 
-    executable = next((found for name in _BROWSERS if (found := shutil.which(name))), None)
+    executable = next((found for name in BROWSERS if (found := shutil.which(name))), None)
     if executable is None:
-        raise Avs3dError(f"no Chromium on this computer; looked for {', '.join(_BROWSERS)}")
+        raise Avs3dError(f"no Chromium on this computer; looked for {', '.join(BROWSERS)}")
     with sync_playwright() as session:
         browser = session.chromium.launch(
             executable_path=executable, args=["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"]

@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 
-_NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+from benchmarks.pictures import BROWSERS
+
 _ARGUMENTS = (
     "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-sync",
@@ -22,9 +23,9 @@ _ARGUMENTS = (
 def launch() -> Iterator[Any]:
     """A playwright browser; the test is skipped, with the reason, where there is none."""
     playwright = pytest.importorskip("playwright.sync_api", reason="the package playwright is not installed")
-    executable = next((found for name in _NAMES if (found := shutil.which(name))), None)
+    executable = next((found for name in BROWSERS if (found := shutil.which(name))), None)
     if executable is None:
-        pytest.skip(f"no Chromium on this computer (looked for {', '.join(_NAMES)})")
+        pytest.skip(f"no Chromium on this computer (looked for {', '.join(BROWSERS)})")
     with playwright.sync_playwright() as session:
         browser = session.chromium.launch(executable_path=executable, args=list(_ARGUMENTS))
         try:
