@@ -160,7 +160,7 @@ def plain(mesh: Mesh, texel: float) -> tuple[Surfaces, Sheet, Texels]:
 def test_interpolation_reproduces_a_linear_field_up_to_the_edges() -> None:
     floor = MeshBuilder().quad([(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)], GREY).build()
     surfaces, sheet, texels = plain(floor, 0.04)
-    blocks = make_blocks(surfaces, sheet, texels, np.ones(len(texels), dtype=bool))
+    blocks = make_blocks(surfaces, sheet, texels)
     slow = Slow.of(sheet, surfaces.part[texels.face], texels, blocks, np.full(len(blocks), 5.0, dtype=np.float32))
     assert slow.is_slow.all()
     field = (2.0 + 0.5 * slow.place[:, :1] / 50 - 0.3 * slow.place[:, 1:] / 50).astype(np.float32).repeat(3, axis=1)
@@ -178,7 +178,7 @@ def test_interpolation_reproduces_a_linear_field_up_to_the_edges() -> None:
 def test_a_block_close_to_something_is_not_interpolated() -> None:
     floor = MeshBuilder().quad([(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)], GREY).build()
     surfaces, sheet, texels = plain(floor, 0.04)
-    blocks = make_blocks(surfaces, sheet, texels, np.ones(len(texels), dtype=bool))
+    blocks = make_blocks(surfaces, sheet, texels)
     distance = np.full(len(blocks), 5.0, dtype=np.float32)
     distance[7] = 0.2
     slow = Slow.of(sheet, surfaces.part[texels.face], texels, blocks, distance)
@@ -211,7 +211,7 @@ def test_buried_texels_are_found_with_few_probes() -> None:
     surfaces = Surfaces.of([Part("floor", floor), Part("box", box)])
     sheet = Sheet.of([unwrap(floor.positions, 0.02), unwrap(box.positions, 0.02)])
     texels = rasterise(surfaces, sheet)
-    tiles = make_blocks(surfaces, sheet, texels, np.ones(len(texels), dtype=bool))
+    tiles = make_blocks(surfaces, sheet, texels)
     found = open_texels(surfaces, texels, tiles, Tracer(surfaces.triangles), 1)
     on_floor = surfaces.part[texels.face] == 0
     offset = np.abs(texels.position[:, [0, 2]] - (0.1, -0.2)).max(axis=1)

@@ -15,11 +15,11 @@ from generators.lighting.texels import Sheet, Texels
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """Groups of neighbouring open texels of one chart.
+    """Groups of neighbouring texels of one chart: of all of them, or of those in free space (`where`).
 
     Attributes:
-        of: (N,) int32 block of a texel, -1 for texels inside of things.
-        members: open texels ordered by block.
+        of: (N,) int32 block of a texel, -1 for texels that are in none.
+        members: the texels ordered by block.
         start: (B + 1,) int64, block b owns ``members[start[b]:start[b + 1]]``.
         place: (B, 3) int64 chart, row and column of the tile that holds the block.
     """
@@ -41,20 +41,27 @@ class Blocks:
         number = np.add.reduceat(weight, self.start[:-1])
         return np.asarray(total / np.maximum(number, 1.0)[:, None], dtype=np.float32)
 
+    def where(self, kept: NDArray[np.bool_]) -> Blocks:
+        """The blocks of the texels for which ``kept`` (N,) is true; a block without such a texel is gone."""
+        members = self.members[kept[self.members]]
+        return _grouped(members, self.place[self.of[members]], len(self.of))
 
-def make_blocks(surfaces: Surfaces, sheet: Sheet, texels: Texels, is_open: NDArray[np.bool_]) -> Blocks:
-    """Group the texels for which ``is_open`` (N,) is true."""
+
+def make_blocks(surfaces: Surfaces, sheet: Sheet, texels: Texels) -> Blocks:
+    """Group all texels."""
     part = surfaces.part[texels.face]
     local = texels.cell - sheet.offset[part]
     column, row = local % sheet.width[part] // TILE, local // sheet.width[part] // TILE
     chart = sheet.chart[texels.face].astype(np.int64)
-    members = np.flatnonzero(is_open)
-    order = np.lexsort((members, column[members], row[members], chart[members]))
-    members = members[order]
-    keys = np.stack([chart[members], row[members], column[members]], axis=1)
+    members = np.lexsort((column, row, chart))  # stable: by number within a block
+    return _grouped(members, np.stack([chart, row, column], axis=1)[members], len(texels))
+
+
+def _grouped(members: NDArray[np.int64], place: NDArray[np.int64], texels: int) -> Blocks:
+    """Blocks of ``members`` (M,), numbers of texels ordered by ``place`` (M, 3); ``texels`` is how many there are."""
     fresh = np.ones(len(members), dtype=bool)
-    fresh[1:] = np.any(keys[1:] != keys[:-1], axis=1)
-    of = np.full(len(texels), -1, dtype=np.int32)
+    fresh[1:] = np.any(place[1:] != place[:-1], axis=1)
+    of = np.full(texels, -1, dtype=np.int32)
     of[members] = np.cumsum(fresh) - 1
     first = np.flatnonzero(fresh)
-    return Blocks(of=of, members=members, start=np.append(first, len(members)).astype(np.int64), place=keys[first])
+    return Blocks(of=of, members=members, start=np.append(first, len(members)).astype(np.int64), place=place[first])

@@ -135,6 +135,7 @@ class Slow:
         blocks: all blocks.
         is_slow: (B,) whether the light of a block's texels is to be interpolated.
         trust: (B,) float32 how much a block counts in the interpolation: less, the nearer something is.
+        facing: (B, 3) float32 mean direction of a block's normals.
         place: (N, 2) float32 column and row of each texel.
         around: (B, 25) int32 see `_around`.
     """
@@ -142,6 +143,7 @@ class Slow:
     blocks: Blocks
     is_slow: NDArray[np.bool_]
     trust: F32
+    facing: F32
     place: F32
     around: I32
 
@@ -161,9 +163,12 @@ class Slow:
         side = np.linalg.norm(texels.across, axis=2).max(axis=1)
         size = TILE * blocks.mean(side[:, None])[:, 0]
         ratio = distance / np.maximum(size, 1e-9)
-        is_flat = np.linalg.norm(blocks.mean(texels.normal), axis=1) >= _FLAT
+        facing = blocks.mean(texels.normal)
+        length = np.linalg.norm(facing, axis=1)
+        facing /= np.maximum(length, 1e-9)[:, None]
         trust = np.clip(ratio / _FAR, 0.05, 1.0) ** 2
-        return Slow(blocks, (ratio >= _FAR) & is_flat, trust.astype(np.float32), place, _around(blocks))
+        is_slow = (ratio >= _FAR) & (length >= _FLAT)
+        return Slow(blocks, is_slow, trust.astype(np.float32), facing, place, _around(blocks))
 
     def sites(self, texels: Texels) -> NDArray[np.bool_]:
         """(N,) a quarter of the texels of each slow block, of patterns that make one stratified set; all of small ones.
@@ -194,8 +199,6 @@ class Slow:
         """
         blocks = self.blocks
         texel = blocks.members[self.is_slow[blocks.of[blocks.members]]]
-        facing = blocks.mean(texels.normal)
-        facing /= np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-9)
         centre = blocks.mean(self.place) if measured is None else blocks.mean(self.place, measured)
         _fit(
             texel,
@@ -205,7 +208,7 @@ class Slow:
             texels.gloss,
             self.around,
             centre,
-            facing,
+            self.facing,
             self.trust,
             light.flat,
             light.lobe,
