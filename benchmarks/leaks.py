@@ -1,4 +1,4 @@
-"""`python -m benchmarks.leaks --observations N --json FILE`: do the pictures tell which object sounds?
+"""`python -m benchmarks.leaks --seed N [--seed M …] --json FILE`: do the pictures tell which object sounds?
 
 Observations in homes that no manifest uses are arranged as the generator arranges them (placement, ids, walk, points,
 then the draw of what sounds) and seen as small pictures of instance ids. Rules that cannot hear choose one of the
@@ -22,6 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.files import write_json
 from avs3d_bench.geometry import Intrinsics, Pose
 from avs3d_bench.parallel import process_each
 from avs3d_bench.taxonomy import CATEGORIES
@@ -185,7 +186,7 @@ class Verdict:
         part, rule: of what.
         observations: how many it was tried on.
         accuracy, chance: shares.
-        deviation: (accuracy − chance) / standard error of chance.
+        error: standard error of the share that random guessing gets right.
     """
 
     part: str
@@ -193,7 +194,12 @@ class Verdict:
     observations: int
     accuracy: float
     chance: float
-    deviation: float
+    error: float
+
+    @property
+    def deviation(self) -> float:
+        """Of the accuracy from chance, in standard errors."""
+        return (self.accuracy - self.chance) / self.error
 
     @property
     def leaks(self) -> bool:
@@ -213,7 +219,21 @@ def judge(seen: Sequence[Seen]) -> list[Verdict]:
         scores = [[case.features[:, k] for case in cases] for k in range(len(RULES))]
         for rule, values in (*zip(RULES, scores, strict=True), (TRAINED, _trained(cases))):
             right = float(np.mean([_credit(v, case.truth) for v, case in zip(values, cases, strict=True)]))
-            out.append(Verdict(part, rule, len(cases), right, float(p.mean()), float((right - p.mean()) / error)))
+            out.append(Verdict(part, rule, len(cases), right, float(p.mean()), error))
+    return out
+
+
+def pool(samples: Sequence[Sequence[Verdict]]) -> list[Verdict]:
+    """The verdicts on the same rules over several samples together."""
+    out = []
+    for of_rule in zip(*samples, strict=True):
+        count = np.array([v.observations for v in of_rule])
+        accuracy, chance = (np.array([getattr(v, name) for v in of_rule]) for name in ("accuracy", "chance"))
+        # The standard errors of the samples, each as `judge` found it, add up as those of independent guesses.
+        error = math.sqrt(float(((count * np.array([v.error for v in of_rule])) ** 2).sum())) / count.sum()
+        right, guessed = float(np.average(accuracy, weights=count)), float(np.average(chance, weights=count))
+        first = of_rule[0]
+        out.append(Verdict(first.part, first.rule, int(count.sum()), right, guessed, error))
     return out
 
 
@@ -283,38 +303,54 @@ def summary(seen: Sequence[Seen], verdicts: Sequence[Verdict]) -> dict[str, Any]
                 ((share >= low) & (share <= high)).mean()
             ),
         },
-        "rules": [{**vars(v), "leaks": v.leaks} for v in verdicts],
+        "rules": [_verdict(v) for v in verdicts],
     }
+
+
+def _verdict(verdict: Verdict) -> dict[str, Any]:
+    return {**vars(verdict), "deviation": verdict.deviation, "leaks": verdict.leaks}
 
 
 @click.command()
 @click.option("--observations", default=216, show_default=True, type=click.IntRange(1))
 @click.option("--homes", default=18, show_default=True, type=click.IntRange(2))
-@click.option("--seed", default=1, show_default=True)
+@click.option("--seed", "seeds", multiple=True, type=int, default=(1,), help="Repeat for several samples [1].")
 @click.option("--frames", default=60, show_default=True, type=click.IntRange(2))
 @click.option("--size", default=48, show_default=True, type=click.IntRange(16), help="Of the pictures, pixels.")
 @click.option("--workers", default=2, show_default=True, type=click.IntRange(1))
 @click.option("--biased", is_flag=True, help="Plan each walk for the sounding object alone: every rule should find it.")
 @click.option("--json", "output", type=click.Path(path_type=Path), default=None, help="Also write the figures here.")
 def main(
-    observations: int, homes: int, seed: int, frames: int, size: int, workers: int, biased: bool, output: Path | None
+    observations: int,
+    homes: int,
+    seeds: tuple[int, ...],
+    frames: int,
+    size: int,
+    workers: int,
+    biased: bool,
+    output: Path | None,
 ) -> None:
-    """Print how often rules that cannot hear find the sounding object."""
-    seen = survey(
-        observations, homes=homes, seed=seed, frames=frames, size=size, workers=workers, biased=biased
-    )  # fmt: skip
-    verdicts = judge(seen)
-    table = Table("part", "rule", "observations", "right", "chance", "standard errors")
-    for v in verdicts:
+    """Print how often rules that cannot hear find the sounding object, in all samples together."""
+    samples, verdicts = [], []
+    for seed in seeds:
+        seen = survey(
+            observations, homes=homes, seed=seed, frames=frames, size=size, workers=workers, biased=biased
+        )  # fmt: skip
+        verdicts.append(judge(seen))
+        samples.append({"seed": seed, **summary(seen, verdicts[-1])})
+        print(f"seed {seed}:", json.dumps(samples[-1]["in view"]))
+    pooled = pool(verdicts)
+    table = Table("part", "rule", "observations", "right", "chance", "standard errors", "least and most of a sample")
+    for v, *each in zip(pooled, *verdicts, strict=True):
         mark = " leaks" if v.leaks else ""
+        apart = sorted(single.deviation for single in each)
         table.add_row(
-            v.part, v.rule, str(v.observations), f"{v.accuracy:.3f}", f"{v.chance:.3f}", f"{v.deviation:+.2f}{mark}"
-        )
-    Console(width=130).print(table)
-    document = summary(seen, verdicts)
-    print(json.dumps(document["in view"], indent=1))
+            v.part, v.rule, str(v.observations), f"{v.accuracy:.3f}", f"{v.chance:.3f}", f"{v.deviation:+.2f}{mark}",
+            f"{apart[0]:+.2f} {apart[-1]:+.2f}",
+        )  # fmt: skip
+    Console(width=150).print(table)
     if output:
-        output.write_text(json.dumps(document, indent=1) + "\n")
+        write_json(output, {"samples": samples, "pooled": [_verdict(v) for v in pooled]})
 
 
 if __name__ == "__main__":

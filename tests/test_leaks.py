@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 pytest.importorskip("sklearn", reason="the trained rule needs scikit-learn (extra baselines)")
-from benchmarks.leaks import IN_VIEW, LIMIT, RULES, TRAINED, Seen, judge, survey
+from benchmarks.leaks import IN_VIEW, LIMIT, RULES, TRAINED, Seen, judge, pool, survey
 from benchmarks.unseen_homes import plans_of, sample_manifest, used_seeds
 
 #: Of the survey: the second sample of docs/leaks.md, and the one that is drawn where a rule exceeds the limit on it.
@@ -46,6 +46,18 @@ def test_the_trained_rule_finds_what_runs_the_other_way() -> None:
     verdicts = {v.rule: v for v in judge(seen)}
     assert verdicts[RULES[0]].deviation < -LIMIT
     assert verdicts[TRAINED].leaks
+
+
+def test_samples_together_are_judged_as_one_sample_of_all() -> None:
+    first, second = planted(0, 0.25), planted(3, 0.1)[:17]
+    together = {v.rule: v for v in judge([*first, *second])}
+    pooled = pool([judge(first), judge(second)])
+    assert [v.rule for v in pooled] == [*RULES, TRAINED]
+    for v in pooled[:-1]:  # the trained rule is trained anew on each sample
+        whole = together[v.rule]
+        assert (v.part, v.observations) == (whole.part, whole.observations)
+        assert (v.accuracy, v.chance, v.error) == pytest.approx((whole.accuracy, whole.chance, whole.error))
+        assert v.deviation == pytest.approx(whole.deviation)
 
 
 def test_equal_values_share_the_credit() -> None:

@@ -6,6 +6,7 @@ import math
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,6 +23,9 @@ from avs3d_bench.geometry import Pose, direction_to
 from avs3d_bench.inspector.contact_sheet import draw_contact_sheet
 from avs3d_bench.schema import FrameRecord, ObservationRecord
 from avs3d_bench.validate import validate
+from avs3d_bench.validation.findings import Findings
+from avs3d_bench.validation.sightings import Sightings
+from avs3d_bench.validation.solid import Boxes
 from evaluators import protocols
 from evaluators.score import evaluate
 from generators.acoustics.analytic import AnalyticBackend
@@ -309,6 +313,38 @@ def record_of(root: Path, index: int = 1) -> ObservationRecord:
     record = Dataset(root)[f"part_1/box/kitchen/{index}"].record
     assert record is not None
     return record
+
+
+@pytest.mark.parametrize("moves", [False, True])
+def test_points_inside_an_objects_bounds_need_not_be_on_it_where_something_moves(tmp_path: Path, moves: bool) -> None:
+    root = tiny.write_dataset(tmp_path / "d", frames=4, size=32)
+    observation = next(o for o in Dataset(root) if o.record and len(o.record.instances) > 1)
+    if moves:
+        tiny.edit_record(root, observation.key, start_moving)
+    observation = Dataset(root)[observation.key]
+    record = observation.record
+    assert record is not None
+    assert record.moves == moves
+    silent = next(instance for instance in record.instances if not instance.sounding)
+    count = 40  # points on the worktop, say, within what the bounds of the object that stands on it are widened by
+    zeros = np.zeros(count, dtype=np.int64)
+    sightings = Sightings(
+        zeros, np.tile(np.mean(silent.bounds, axis=0), (count, 1)), np.zeros((count, 3), np.uint8), zeros, zeros,
+        np.ones(count, dtype=bool),
+    )  # fmt: skip
+    boxes, findings = Boxes(record), Findings(observation)
+    boxes.add(observation.frames[0], sightings, np.zeros((32, 32), dtype=np.uint16), findings)
+    boxes.finish(findings)
+    expected = f"of 40 sparse points within the bounds of instance {silent.id}, masks show it in 0: missing, or its"
+    assert [p.message for p in findings.problems] == ([] if moves else [f"{expected} bounds are wrong"])
+
+
+def start_moving(record: dict[str, Any]) -> None:
+    """Let the sounding object of a tiny observation go to the right."""
+    record["source_motion"] = "path"
+    for index, frame in enumerate(record["frames"]):
+        frame["source_position"] = [0.1 * index, 1.2, -2.2]
+        frame["instance_position"], frame["instance_rotation"] = [0.1 * index, 1.0, -2.4], [1, 0, 0, 0]
 
 
 @pytest.mark.slow

@@ -210,6 +210,9 @@ class Boxes:
     """Holds the instance masks to the bounds of the record, with the points that were taken from each frame."""
 
     def __init__(self, record: ObservationRecord) -> None:
+        # A moving source: `sparse/0` has no point on any placed object, so that those within the bounds of one lie on
+        # what it stands on or against.
+        self._on_objects = not record.moves
         self._boxes = {
             instance.id: np.asarray(instance.bounds)
             for instance in record.instances
@@ -233,6 +236,8 @@ class Boxes:
 
     def finish(self, findings: Findings) -> None:
         """Name instances that fill their bounds with points and are in no mask."""
+        if not self._on_objects:
+            return
         for number, inside in self._inside.items():
             if inside >= BOUNDS_POINTS and self._marked[number] < BOUNDS_SHARE * inside:
                 text = f"of {inside} sparse points within the bounds of instance {number}, masks show it in "
