@@ -192,6 +192,11 @@ def _view_3d(root: Path, submission: Path) -> np.ndarray:
     with _served(*arguments) as url, _page(1200, 700) as page:
         page.goto(url)
         page.wait_for_timeout(30_000)
+        # viser warns of a browser that draws without a graphics card.
+        notice = page.get_by_role("alert")
+        if notice.count():
+            notice.first.get_by_role("button").first.click()
+            page.wait_for_timeout(1_000)
         return _decoded(page.screenshot())
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import math
 import re
 import socket
 import subprocess
 import sys
 import urllib.request
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +23,8 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.geometry import Pose
 from avs3d_bench.inspector.view3d import room_note, save_view
 from avs3d_bench.inspector.view3d_data import MOST_PREDICTED, moved_from, read_prediction, read_scene
-from avs3d_bench.inspector.view3d_stage import box_edges, opencv_rotation
+from avs3d_bench.inspector.view3d_stage import box_edges, opencv_rotation, textured_glb
+from avs3d_bench.inspector.view3d_surfaces import LONGEST, MOST_FRAMES, View, triangles
 from avs3d_bench.schema import SubmissionRecord
 
 FRAMES = 9
@@ -59,6 +62,81 @@ def test_points_of_depth_lie_on_the_walls_and_boxes(root: Path) -> None:
     outside = [np.linalg.norm(np.maximum(np.maximum(b[0] - points, points - b[1]), 0), axis=1) for b in boxes]
     # Depth is whole millimetres along the axis, hence up to a few millimetres across it.
     assert np.min([wall, *outside], axis=0).max() < 0.005
+
+
+@pytest.fixture(scope="module")
+def dotted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A dataset with many sparse points."""
+    return write_dataset(tmp_path_factory.mktemp("dotted"), frames=FRAMES, size=96, points=24, keys=(SINGLE,))
+
+
+def test_surfaces_lie_on_the_walls_and_boxes_and_cover_the_points(dotted: Path) -> None:
+    observation = Dataset(dotted)[SINGLE]
+    scene = read_scene(observation)
+    assert 1 < len(scene.surfaces) <= MOST_FRAMES
+    room, boxes = (np.array([-3.0, 0.0, -4.0]), np.array([3.0, 2.6, 3.0])), [i.bounds for i in scene.instances]
+    corners = np.concatenate([surface.vertices[surface.faces] for surface in scene.surfaces])
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    # Flat parts lie on what they show; what is off bridges an edge: one of the room, or of a box at the wall.
+    middle = corners.mean(axis=1)
+    off = np.minimum(np.abs(middle - room[0]), np.abs(middle - room[1])).min(axis=1)
+    for low, high in boxes:
+        off = np.minimum(off, np.linalg.norm(np.maximum(np.maximum(low - middle, middle - high), 0), axis=1))
+    assert area[off < 0.01].sum() > 0.85 * area.sum()
+    used = np.unique(np.concatenate([surface.vertices for surface in scene.surfaces]).round(4), axis=0)
+    assert len(used) > 0.9 * len(np.unique(scene.room.points.round(4), axis=0))
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1)
+    assert edges.max() <= LONGEST + 1e-5
+
+
+def test_surfaces_face_their_camera_and_have_its_colours(dotted: Path) -> None:
+    observation = Dataset(dotted)[SINGLE]
+    points = observation.colmap.points
+    colours = {tuple(p): c for p, c in zip(points.positions.astype(np.float32).tolist(), points.colours, strict=True)}
+    right = total = 0
+    for surface in read_scene(observation).surfaces:
+        frame = next(f for f in observation.frames if f.name == surface.name)
+        corners = surface.vertices[surface.faces].astype(float)
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        towards = np.asarray(frame.pose.position) - corners.mean(axis=1)
+        assert ((normal * towards).sum(axis=1) > 0).all()
+        assert (surface.picture == frame.undistorted_rgb()).all(), "small pictures stay as they are"
+        column, row = np.floor(surface.pixels * (96, 96)).astype(int).T
+        known = np.array([colours[tuple(p)] for p in surface.vertices.tolist()]).astype(int)
+        right += int((np.abs(surface.picture[row, column].astype(int) - known).max(axis=1) < 40).sum())
+        total += len(known)
+    assert right > 0.95 * total
+
+
+def test_a_jump_in_depth_is_no_surface(dotted: Path) -> None:
+    observation = Dataset(dotted)[SINGLE]
+    for surface in read_scene(observation).surfaces:
+        pose = next(f for f in observation.frames if f.name == surface.name).pose
+        depth = -((surface.vertices - np.asarray(pose.position)) @ pose.rotation_matrix)[:, 2]
+        ends = depth[surface.faces]
+        assert (ends.max(axis=1) - ends.min(axis=1) <= LONGEST).all()
+
+
+def test_a_textured_surface_is_read_as_it_was(dotted: Path) -> None:
+    trimesh = pytest.importorskip("trimesh", reason="the package trimesh is not installed")
+    surface = read_scene(Dataset(dotted)[SINGLE]).surfaces[0]
+    data = textured_glb(surface)
+    assert textured_glb(surface) == data
+    (mesh,) = trimesh.load(io.BytesIO(data), file_type="glb").geometry.values()
+    assert mesh.vertices == pytest.approx(surface.vertices)
+    assert (mesh.faces == surface.faces).all()
+    # trimesh counts v from the bottom of the picture, glTF from the top.
+    assert mesh.visual.uv == pytest.approx(surface.pixels * (1, -1) + (0, 1), abs=1e-6)
+    assert (np.asarray(mesh.visual.material.emissiveTexture.convert("RGB")) == surface.picture).all()
+
+
+def test_few_points_and_points_on_a_line_make_no_surface(dotted: Path) -> None:
+    observation = Dataset(dotted)[SINGLE]
+    frame, camera = observation.frames[0], observation.undistorted_intrinsics
+    for count in (0, 2, 5):
+        pixels = np.stack([np.linspace(10, 80, count), np.full(count, 40.0)], axis=1)
+        view = View(frame, np.arange(count), camera.unproject(frame.pose, pixels, np.full(count, 2.0)), pixels)
+        assert triangles(view, camera).shape == (0, 3)
 
 
 def test_the_ceiling_is_apart(root: Path) -> None:
@@ -158,6 +236,7 @@ def test_a_recording_holds_all_that_is_to_be_seen(root: Path, submission: Path, 
     viser()
     data = contents(save_view(Dataset(root), SINGLE, tmp_path / "v.viser", [submission]))
     nodes = {message["name"] for _, message in data["messages"] if "name" in message}
+    assert any(name.startswith("/room/surfaces/frame_") for name in nodes)
     assert {"/room/dense", "/room/sparse", "/object/mesh", "/source", "/predicted/0", "/now/camera"} <= nodes
     assert {f"/path/frame_{i:03d}" for i in range(FRAMES)} <= nodes
     assert {"/instances/1/box", "/instances/2/box"} <= nodes
@@ -248,10 +327,14 @@ def test_serves_on_the_loopback_address_alone_until_interrupted(root: Path) -> N
 def test_the_page_says_what_the_room_is_drawn_from(root: Path, tmp_path: Path) -> None:
     plain = read_scene(Dataset(write_release(tmp_path, frames=3, size=48))[MULTI])
     assert plain.dense is None
-    assert "--with depth" in room_note(plain)
+    assert "--with depth" in room_note(replace(plain, surfaces=()))
     deep = read_scene(Dataset(root)[SINGLE])
     assert deep.dense is not None
-    assert "no mesh of it" in room_note(deep)
+    assert deep.surfaces
+    assert "pictures of some frames on triangles" in room_note(deep)
+    assert "Points from the depth" in room_note(deep)
+    assert "Points from the depth" not in room_note(replace(deep, dense=None))
+    assert "no mesh of it" in room_note(replace(deep, surfaces=()))
 
 
 def test_a_port_that_is_taken_is_told(root: Path) -> None:

@@ -30,17 +30,17 @@ SOUNDING = (228, 87, 46)
 def player_frame(rgb: U8) -> bytes:
     """A frame (H, W, 3) as the player shows it: WebP, at most `PLAYER_SIDE` pixels a side."""
     # Small pictures are shown enlarged, which shows what WebP takes away.
-    return _webp(_shrunk(rgb, PLAYER_SIDE), PLAYER_QUALITY if max(rgb.shape) > PLAYER_SIDE // 2 else 95)
+    return _webp(shrunk(rgb, PLAYER_SIDE), PLAYER_QUALITY if max(rgb.shape) > PLAYER_SIDE // 2 else 95)
 
 
 def thumbnail(rgb: U8) -> bytes:
     """A frame (H, W, 3) as the gallery shows it: WebP of at most `THUMB_BYTES`."""
-    small = _shrunk(rgb, THUMB_SIDE)
+    small = shrunk(rgb, THUMB_SIDE)
     for quality in (80, 70, 60, 45, 30):
         data = _webp(small, quality)
         if len(data) <= THUMB_BYTES:
             return data
-    return _webp(_shrunk(rgb, THUMB_SIDE // 2), 60)
+    return _webp(shrunk(rgb, THUMB_SIDE // 2), 60)
 
 
 def mask_png(mask: Mask) -> bytes:
@@ -83,7 +83,8 @@ def outline_path(mask: Mask, tolerance: float = 0.002) -> str:
     return "".join(pieces)
 
 
-def _shrunk(rgb: U8, side: int) -> U8:
+def shrunk(rgb: U8, side: int) -> U8:
+    """A picture (H, W, 3), at most ``side`` pixels a side."""
     height, width = rgb.shape[:2]
     scale = side / max(height, width)
     if scale >= 1:

@@ -148,10 +148,13 @@ def _no_sharing(*_: object, **__: object) -> None:
 
 
 def room_note(scene: Scene3D) -> str:
-    """One sentence for the page: what the room is drawn from. No dataset holds a mesh of it."""
-    if scene.dense is None:
-        return "The room: sparse points. A dataset generated with `--with depth` has dense ones."
-    return "The room: points from the depth of some frames; the dataset holds no mesh of it."
+    """One or two sentences for the page: what the room is drawn from."""
+    if scene.surfaces:
+        note = "The room: pictures of some frames on triangles between sparse points; the dataset holds no mesh of it."
+        return note if scene.dense is None else f"{note} Points from the depth of some frames can be switched on."
+    if scene.dense is not None:
+        return "The room: points from the depth of some frames; the dataset holds no mesh of it."
+    return "The room: sparse points. A dataset generated with `--with depth` has dense ones."
 
 
 class Controls:

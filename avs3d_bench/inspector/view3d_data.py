@@ -20,6 +20,7 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import read_record
 from avs3d_bench.geometry import Intrinsics, Pose
 from avs3d_bench.inspector.floorplan import HEAD
+from avs3d_bench.inspector.view3d_surfaces import Surface, room_surfaces
 from avs3d_bench.ply import Ply
 from avs3d_bench.predictions import read_points
 from avs3d_bench.schema import InstanceRecord, ObservationRecord, SubmissionRecord
@@ -86,6 +87,7 @@ class Scene3D:
         category: of the sounding object; None in the official release.
         camera: its intrinsics.
         frames: those with a pose, in the order of time.
+        surfaces: pictures of the room on triangles between its sparse points; without the ceiling.
         room: the sparse points below the ceiling.
         ceiling: those above, which hide the room from outside.
         dense: from a few frames' depth; None without depth.
@@ -99,6 +101,7 @@ class Scene3D:
     category: str | None
     camera: Intrinsics
     frames: tuple[Moment3D, ...]
+    surfaces: tuple[Surface, ...]
     room: Cloud
     ceiling: Cloud
     dense: Cloud | None
@@ -136,6 +139,7 @@ def read_scene(observation: Observation, submissions: Sequence[str | Path] = ())
         category=observation.category,
         camera=observation.intrinsics,
         frames=frames,
+        surfaces=room_surfaces(observation, top),
         room=sparse.where(~above),
         ceiling=sparse.where(above),
         dense=dense.where(dense.points[:, 1] <= top) if dense else None,

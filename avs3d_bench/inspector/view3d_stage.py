@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from avs3d_bench.geometry import Pose
+from avs3d_bench.inspector.pictures import shrunk
 from avs3d_bench.inspector.view3d_data import Cloud, Scene3D
+from avs3d_bench.inspector.view3d_surfaces import Surface
 from avs3d_bench.schema import InstanceRecord
 
 #: Pictures on the frusta, pixels a side: in the scene, and of the frame that is shown now.
@@ -44,6 +45,7 @@ class Stage:
         """Draw everything that does not move, and the first frame."""
         self.server.scene.set_up_direction("+y")
         self._look()
+        self._surfaces()
         self._points()
         self._objects()
         self._path()
@@ -74,7 +76,7 @@ class Stage:
     def _picture(self, number: int) -> NDArray[np.uint8]:
         """The frame, small; decoded once."""
         if number not in self._pictures:
-            self._pictures[number] = small(self.scene.frames[number].frame.rgb(), CURRENT_SIDE)
+            self._pictures[number] = shrunk(self.scene.frames[number].frame.rgb(), CURRENT_SIDE)
         return self._pictures[number]
 
     def _add(self, layer: str, *handles: Any) -> None:
@@ -94,11 +96,17 @@ class Stage:
         where.look_at = tuple(float(c) for c in middle - 0.4 * length * away - (0.0, 0.9, 0.0))
         where.position = tuple(float(c) for c in middle + 0.7 * reach * away + (0.0, 0.8 * reach, 0.0))
 
+    def _surfaces(self) -> None:
+        for surface in self.scene.surfaces:
+            handle = self.server.scene.add_glb(f"/room/surfaces/{surface.name}", textured_glb(surface))
+            self._add("surfaces of the room", handle)
+
     def _points(self) -> None:
         scene = self.scene
+        bare = not scene.surfaces
         if scene.dense is not None:
-            self._cloud("points of depth", "/room/dense", scene.dense, size=0.012)
-        self._cloud("sparse points", "/room/sparse", scene.room, size=0.025, visible=scene.dense is None)
+            self._cloud("points of depth", "/room/dense", scene.dense, size=0.012, visible=bare)
+        self._cloud("sparse points", "/room/sparse", scene.room, size=0.025, visible=bare and scene.dense is None)
         self._cloud("ceiling", "/room/ceiling", scene.ceiling, size=0.025, visible=False)
 
     def _cloud(self, layer: str, node: str, cloud: Cloud, *, size: float, visible: bool = True) -> None:
@@ -162,7 +170,7 @@ class Stage:
                 moment.pose,
                 _TEST if test else _TRAIN,
                 _TEST_DEPTH if test else _TRAIN_DEPTH,
-                small(self._picture(number), THUMB_SIDE),
+                shrunk(self._picture(number), THUMB_SIDE),
             )
             self._add("test cameras" if test else "train cameras", handle)
 
@@ -207,10 +215,19 @@ def box_edges(low: NDArray[np.float32], high: NDArray[np.float32]) -> NDArray[np
     return np.asarray((corners * (high - low) + low)[np.array(pairs)], dtype=np.float32)
 
 
-def small(rgb: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
-    """A picture of at most ``side`` pixels a side."""
-    scale = side / max(rgb.shape[:2])
-    if scale >= 1:
-        return rgb
-    size = (max(1, round(rgb.shape[1] * scale)), max(1, round(rgb.shape[0] * scale)))
-    return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
+def textured_glb(surface: Surface) -> bytes:
+    """A surface as binary glTF, in the colours of its picture whatever lights the viewer has."""
+    import trimesh
+    from PIL import Image
+
+    # The picture glows on a black surface: the viewer's lights add nothing to it. From behind nothing is drawn, so that
+    # a wall does not hide the room from a viewer outside.
+    material = trimesh.visual.material.PBRMaterial(
+        emissiveTexture=Image.fromarray(surface.picture), emissiveFactor=(1.0, 1.0, 1.0),
+        baseColorFactor=(0, 0, 0, 255), metallicFactor=0.0, roughnessFactor=1.0, doubleSided=False,
+    )  # fmt: skip
+    # trimesh counts v from the bottom of the picture.
+    uv = surface.pixels * (1, -1) + (0, 1)
+    visual = trimesh.visual.TextureVisuals(uv=uv, material=material)
+    mesh = trimesh.Trimesh(surface.vertices, surface.faces, visual=visual, process=False)
+    return bytes(mesh.export(file_type="glb"))
