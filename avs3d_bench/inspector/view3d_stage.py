@@ -222,12 +222,14 @@ def textured_glb(surface: Surface) -> bytes:
 
     # The picture glows on a black surface: the viewer's lights add nothing to it. From behind nothing is drawn, so that
     # a wall does not hide the room from a viewer outside.
-    material = trimesh.visual.material.PBRMaterial(
+    material = trimesh.visual.material.PBRMaterial(  # type: ignore[no-untyped-call]
         emissiveTexture=Image.fromarray(surface.picture), emissiveFactor=(1.0, 1.0, 1.0),
         baseColorFactor=(0, 0, 0, 255), metallicFactor=0.0, roughnessFactor=1.0, doubleSided=False,
     )  # fmt: skip
     # trimesh counts v from the bottom of the picture.
     uv = surface.pixels * (1, -1) + (0, 1)
-    visual = trimesh.visual.TextureVisuals(uv=uv, material=material)
+    visual = trimesh.visual.TextureVisuals(uv=uv, material=material)  # type: ignore[no-untyped-call]
     mesh = trimesh.Trimesh(surface.vertices, surface.faces, visual=visual, process=False)
-    return bytes(mesh.export(file_type="glb"))
+    data = mesh.export(file_type="glb")
+    assert isinstance(data, bytes)
+    return data

@@ -116,7 +116,7 @@ def triangles(view: View, camera: Intrinsics) -> NDArray[np.int32]:
     one, two = (view.pixels[faces[:, k]] - view.pixels[faces[:, 0]] for k in (1, 2))
     turned = one[:, 0] * two[:, 1] > one[:, 1] * two[:, 0]
     faces[turned] = faces[turned, ::-1]
-    return faces[kept]
+    return np.asarray(faces[kept])
 
 
 def _surface(view: View, camera: Intrinsics, faces: NDArray[np.int32]) -> Surface:
