@@ -57,6 +57,10 @@ def bug(context: Context, marks: Path) -> None:
     raise RuntimeError("a thing that cannot be")
 
 
+def throw(context: Context, error: Exception) -> None:
+    raise error
+
+
 def verbose(context: Context) -> None:
     raise RuntimeError("first\n  second")
 

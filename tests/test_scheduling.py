@@ -93,6 +93,21 @@ def test_an_exception_is_an_attempt_and_the_process_goes_on(
     assert attempt(child, work.pid) == Done(child.pid)
 
 
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (MemoryError("Unable to allocate 8. GiB"), "out of memory (Unable to allocate 8. GiB); "),
+        (MemoryError(), "out of memory; "),
+        (ImportError("libtorch.so: failed to map segment"), "out of memory (libtorch.so: failed to map segment); "),
+    ],
+)
+def test_a_lack_of_memory_says_what_to_do(child: Supervised, error: Exception, said: str) -> None:
+    found = attempt(child, work.throw, error)
+    cure = "free some, use fewer --workers, or raise the limit (ulimit -v unlimited)"
+    assert (found.cause, found.message) == ("crash", said + cure)
+    assert attempt(child, work.double, 1) == Done(2)
+
+
 def test_a_result_that_cannot_be_sent_is_an_attempt_too(child: Supervised) -> None:
     assert attempt(child, work.lambda_back).cause == "error"
     assert attempt(child, work.double, 1) == Done(2)

@@ -45,6 +45,7 @@ def _attempt(connection: Connection[Any, Any], share: int, work: bytes) -> tuple
     """("done", value) or ("failed", (cause, message, traceback))."""
     from avs3d_bench.errors import Avs3dError
     from avs3d_bench.files import os_error_line
+    from avs3d_bench.memory_limit import out_of_memory
     from avs3d_bench.scheduling.errors import UnfitError
     from avs3d_bench.scheduling.tasks import Context
 
@@ -63,11 +64,11 @@ def _attempt(connection: Connection[Any, Any], share: int, work: bytes) -> tuple
         return "failed", ("unfit", str(error), "")
     except Avs3dError as error:
         return "failed", ("refused", str(error), "")
-    except MemoryError:
-        return "failed", ("crash", "out of memory; use fewer workers on this machine", traceback.format_exc())
     except OSError as error:
         return "failed", ("error", os_error_line(error), traceback.format_exc())
     except BaseException as error:
+        if (short := out_of_memory(error)) is not None:
+            return "failed", ("crash", short, traceback.format_exc())
         if os.environ.get("AVS3D_DEBUG"):
             traceback.print_exc()
         text = " ".join(str(error).split())  # messages of libraries may have several lines
