@@ -14,6 +14,7 @@ from markdown_code import blocks, section
 
 from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset
+from avs3d_bench.scores import Scores
 from evaluators.reporting import paper
 
 TESTS = Path(__file__).parent
@@ -76,6 +77,28 @@ def test_the_numbers_of_the_paper_are_those_of_the_code() -> None:
         for row in rows(section(TEXT, "## Table 3"))
     }
     assert swept == paper.TABLE_3
+
+
+def test_our_numbers_are_those_of_the_files_of_scores() -> None:
+    """Beside the paper's stand what docs/results/ holds, to three digits."""
+
+    def scores(name: str) -> Scores:
+        return Scores.model_validate_json((DOCUMENT.parent / "results" / f"{name}.json").read_text(encoding="utf-8"))
+
+    def figures(name: str, part: str) -> str:
+        group = scores(name).parts[part].official
+        assert group is not None
+        return f"{group.mIoU:.3f} / {group.F:.3f}".replace("0.", ".")
+
+    table = {row["method"]: row for row in rows(section(TEXT, "## Table 2"))}
+    for method, run in (("EchoSegnet without AISRM", "no-aisrm"), ("EchoSegnet with AISRM", "official")):
+        for part in ("part_1", "part_2"):
+            expected = [figures(f"{masks}-{run}", part) for masks in ("ambiguous", "sounding")]
+            assert table[method][f"ours, {part}"].split("; ") == expected
+    for row in rows(section(TEXT, "## Table 3")):
+        group = scores(f"voting-threshold-0{row['voting threshold']}").overall.official
+        assert group is not None
+        assert [row["ours: mIoU"], row["ours: F"]] == [f"{v:.3f}"[1:] for v in (group.mIoU, group.F)]
 
 
 def test_the_folders_on_the_page_are_those_of_the_code() -> None:
