@@ -12,6 +12,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ from avs3d_bench.files import write_json
 from avs3d_bench.geometry import Intrinsics, Pose
 from avs3d_bench.parallel import process_each
 from avs3d_bench.taxonomy import CATEGORIES
-from benchmarks.unseen_homes import home_of, plans_of, sample_manifest
+from benchmarks.unseen_homes import ROOMS, home_of, plans_of, sample_manifest
 from generators.arrangement import arrange, draw_sounding
 from generators.core.rays import RayCaster
 from generators.core.scene import Scene
@@ -89,6 +90,12 @@ class Seen:
     in_view: Array
 
 
+@lru_cache(maxsize=len(ROOMS))
+def site_of(home: Scene, room: str) -> Site:
+    """A room of a home, measured once for all of its observations."""
+    return Site.of(home, room)
+
+
 def observe(plan: ObservationPlan, size: int, *, biased: bool = False) -> Seen | None:
     """Arrange and look at one observation; None if its room is too tight.
 
@@ -99,13 +106,12 @@ def observe(plan: ObservationPlan, size: int, *, biased: bool = False) -> Seen |
     """
     home, camera = home_of(plan), plan.camera
     try:
-        seen = arrange(plan, home)
+        site = site_of(home, plan.spec.room)
+        seen = arrange(plan, home, site=site)
         sounding = draw_sounding(plan, seen.placements)
         poses: Sequence[Pose] = seen.poses
         if biased:
-            task = WalkTask(
-                Site.of(home, plan.spec.room), seen.placements, frames=camera.frames, watched=[sounding - 1]
-            )
+            task = WalkTask(site, seen.placements, frames=camera.frames, watched=[sounding - 1])
             poses = plan_walk(task, plan.rng("path")).poses
     except Avs3dError:
         return None

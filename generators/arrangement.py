@@ -48,19 +48,22 @@ class Arrangement:
     motion: Motion | None = None
 
 
-def arrange(plan: ObservationPlan, home: Scene, navigable: Navigable | None = None) -> Arrangement:
+def arrange(
+    plan: ObservationPlan, home: Scene, navigable: Navigable | None = None, site: Site | None = None
+) -> Arrangement:
     """Decide what stands where, its instance id, and the path of the agent.
 
     Args:
         plan: of the observation.
         home: without the objects.
         navigable: what the renderer's own navigation mesh says of points on the floor.
+        site: the plan's room of ``home``, where the caller has measured it already.
 
     Raises:
         Avs3dError: if the room has no room for the objects, their motion or the walk.
     """
     camera = plan.camera
-    site = Site.of(home, plan.spec.room)
+    site = site or Site.of(home, plan.spec.room)
     placements, motion = place_objects(plan, site)
     task = WalkTask(
         site,

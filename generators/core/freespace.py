@@ -107,9 +107,13 @@ def rasterise(
     image[corners[:, 0], corners[:, 1]] = 1
     # OpenCV counts (column, row) = (z, x) from the centre of the first cell, here in sixteenths of a cell.
     shift, limit = 4, 1 << 24
-    for outline in (*at[~small], *((outline - np.asarray(origin)) / cell for outline in outlines)):
-        scaled = np.clip(np.round((outline[:, ::-1] - 0.5) * (1 << shift)), -limit, limit)
-        cv2.fillConvexPoly(image, scaled.astype(np.int32), 1, 8, shift)
+
+    def scaled(points: Array) -> NDArray[np.int32]:
+        return np.clip(np.round((points[..., ::-1] - 0.5) * (1 << shift)), -limit, limit).astype(np.int32)
+
+    # A room has tens of thousands of triangles: their corners are rounded all at once.
+    for outline in (*scaled(at[~small]), *(scaled((outline - np.asarray(origin)) / cell) for outline in outlines)):
+        cv2.fillConvexPoly(image, outline, 1, 8, shift)
     return image.astype(bool)
 
 
@@ -252,11 +256,16 @@ class FreeSpace:
 
     def without(self, rectangles: Sequence[Array], distance: float | None = None) -> FreeSpace:
         """The space left when convex outlines (4, 2: x, z, in order) are kept at ``distance`` (the agent's radius)."""
-        centres = self.cell_centres()
-        keep = np.ones(len(centres), dtype=bool)
+        limit = self.radius if distance is None else distance
+        keep = self.walkable.copy()
         for rectangle in rectangles:
-            keep &= distance_to_polygon(centres, rectangle) >= (self.radius if distance is None else distance)
-        return self.restricted(keep.reshape(self.walkable.shape))
+            # Farther than this from the outline's bounding box is farther than ``limit`` from the outline.
+            low, high = rectangle.min(axis=0) - limit - CELL, rectangle.max(axis=0) + limit + CELL
+            (x0, z0), (x1, z1) = self.index([low, high])
+            near = np.zeros_like(keep)
+            near[x0 : x1 + 1, z0 : z1 + 1] = keep[x0 : x1 + 1, z0 : z1 + 1]
+            keep[near] = distance_to_polygon(self.origin + (np.argwhere(near) + 0.5) * CELL, rectangle) >= limit
+        return self.restricted(keep)
 
     @cached_property
     def graph(self) -> tuple[sparse.csr_matrix, NDArray[np.int64], NDArray[np.int64]]:

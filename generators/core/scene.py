@@ -7,6 +7,7 @@ and light-map coordinates are seldom shared between faces, and because every con
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -77,11 +78,13 @@ class Mesh:
     acoustic_positions: F32
     acoustic_labels: tuple[str, ...]
 
-    @property
+    @cached_property
     def bounds(self) -> F32:
-        """(2, 3) lowest and highest corner."""
+        """(2, 3) lowest and highest corner; read-only, since every caller gets the same array."""
         flat = self.positions.reshape(-1, 3)
-        return np.stack([flat.min(axis=0), flat.max(axis=0)])
+        corners = np.stack([flat.min(axis=0), flat.max(axis=0)])
+        corners.flags.writeable = False
+        return corners
 
     def transformed(self, rotation: NDArray[np.float64], translation: NDArray[np.float64], scale: float = 1.0) -> Mesh:
         """The mesh after p → rotation · (scale · p) + translation."""

@@ -308,6 +308,7 @@ class _Pool:
         self._placer, self._model = placer, model
         self._fronts = front_points(model.mesh)
         self._known: list[str | Body | None] = [None] * len(spots)
+        self._positions = np.array([spot.position for spot in spots], dtype=np.float64).reshape(-1, 3)
 
     def _judge(self, index: int) -> Body | None:
         known, spot = self._known[index], self.spots[index]
@@ -322,13 +323,15 @@ class _Pool:
     def first(self, most: int) -> list[Fit]:
         """The first ``most`` that fit alone and are not next to an earlier one."""
         out: list[Fit] = []
+        kept: list[int] = []
         for index, spot in enumerate(self.spots):
             if len(out) == most:
                 break
-            if all(np.linalg.norm(spot.position - other.position) >= _THINNING for other, _ in out):
+            if _is_apart(self._positions[index], self._positions[kept]):
                 body = self._judge(index)
                 if body is not None:
                     out.append((spot, body))
+                    kept.append(index)
         return out
 
     def between(self, centre: Array, near: float, far: float) -> Iterator[Fit]:
@@ -339,6 +342,13 @@ class _Pool:
                 body = self._judge(index)
                 if body is not None:
                     yield spot, body
+
+
+def _is_apart(position: Array, others: Array) -> bool:
+    """Whether ``position`` (3,) is at least `_THINNING` from each of ``others`` (N, 3)."""
+    near = ((others - position) ** 2).sum(axis=1) < _THINNING**2 + 1e-9
+    # The sum above may round in another way than a norm does: what is close to the limit is measured by its norm.
+    return all(np.linalg.norm(position - other) >= _THINNING for other in others[near])
 
 
 def _partners(model: Model, placed: Sequence[Placement]) -> list[Placement]:
