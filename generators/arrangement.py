@@ -1,9 +1,9 @@
-"""Everything of an observation that can be seen, and then, independently, what sounds.
+"""Chooses the visible part of an observation; then, independently of it, the instance that sounds.
 
-The pictures must not tell which object sounds. So `arrange` decides what stands where, the instance ids, the walk and
-the gaze for all objects with equal rights: what it does follows from the set of models, in which the one of the
-sounding category is not marked. `draw_sounding` draws which of its instances sounds from a random stream of its own,
-which nothing visible reads. (With ``source_motion: path`` the motion itself tells: only what sounds moves.)
+The pictures must not reveal which object sounds. `arrange` therefore chooses the places of the objects, the instance
+ids, the walk and the gaze with the same rules for all objects: it reads only the set of models, in which the sounding
+category is not marked. `draw_sounding` draws the sounding instance from a random stream of its own, which nothing
+visible depends on. (With ``source_motion: path`` the motion itself reveals it: only the sounding object moves.)
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from generators.placement.placement import Placement, place
 from generators.placement.site import Site
 from generators.plan import ObservationPlan, resolve_file
 
-#: Places that are tried for an object that is to move.
+#: Number of places that are tried for an object that moves.
 PLACES_TO_MOVE = 6
 
 
 @dataclass(frozen=True, eq=False)
 class Arrangement:
-    """What can be seen of an observation, and nothing that cannot.
+    """The visible part of an observation, and nothing else.
 
     Attributes:
         placements: the objects at time 0; instance n is number n − 1.
@@ -51,16 +51,16 @@ class Arrangement:
 def arrange(
     plan: ObservationPlan, home: Scene, navigable: Navigable | None = None, site: Site | None = None
 ) -> Arrangement:
-    """Decide what stands where, its instance id, and the path of the agent.
+    """Choose the places of the objects, their instance ids, and the path of the agent.
 
     Args:
         plan: of the observation.
         home: without the objects.
-        navigable: what the renderer's own navigation mesh says of points on the floor.
-        site: the plan's room of ``home``, where the caller has measured it already.
+        navigable: tells which points on the floor the renderer's own navigation mesh contains, if it has one.
+        site: the plan's room of ``home``, if the caller has measured it already.
 
     Raises:
-        Avs3dError: if the room has no room for the objects, their motion or the walk.
+        Avs3dError: if the room is too small for the objects, their motion or the walk.
     """
     camera = plan.camera
     site = site or Site.of(home, plan.spec.room)
@@ -79,7 +79,7 @@ def arrange(
 
 
 def draw_sounding(plan: ObservationPlan, placements: tuple[Placement, ...]) -> int:
-    """The instance id (from 1) of the object that sounds: one of the plan's category, each as likely as the others."""
+    """Draw the instance id (from 1) of the object that sounds, uniformly among those of the plan's category."""
     ids = [number for number, p in enumerate(placements, start=1) if p.model.category == plan.spec.category]
     return ids[int(plan.rng("sounding").integers(len(ids)))]
 
@@ -88,7 +88,7 @@ def place_objects(plan: ObservationPlan, site: Site) -> tuple[tuple[Placement, .
     """The objects at time 0 in the order of their ids, and the motion of the sounding one if it is to move."""
     rng = plan.rng("placement")
     models = choose_models(plan)
-    # Ids tell neither what was placed first nor what the manifest names first.
+    # The ids must reveal neither the order of placement nor that of the manifest.
     order = plan.rng("ids").permutation(len(models)).tolist()
     models = tuple(models[index] for index in order)
     if not plan.moves:
@@ -110,9 +110,9 @@ def place_objects(plan: ObservationPlan, site: Site) -> tuple[tuple[Placement, .
 
 
 def choose_models(plan: ObservationPlan) -> tuple[Model, ...]:
-    """One model per object, sorted by category; the identical copies of the sounding category share theirs.
+    """One model per object, sorted by category; the identical copies of the sounding category share one model.
 
-    The model of a category comes from a random stream of that category's own: it is the same whether it sounds or not.
+    Each category has its own random stream, so its model is the same whether it sounds or not.
     """
     spec = plan.spec
     models: list[Model] = []

@@ -1,4 +1,4 @@
-"""The vision and acoustic backends by name; each is imported only when it is asked for."""
+"""The vision and acoustic backends by name; a backend is imported on first use."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from avs3d_bench.provenance import Provenance, provenance
 from generators.acoustics.base import AcousticBackend
 from generators.vision.base import VisionBackend
 
-#: What makes an observation (see `avs3d_bench.provenance`).
+#: The function that makes an observation (see `avs3d_bench.provenance`).
 OBSERVATION = "generators.observation:generate_observation"
-#: Backends by name: where each is found. Only the one that is asked for is imported.
+#: Backends by name: module and class of each.
 VISION = {
     "embree": "generators.vision.embree:EmbreeBackend",
     "habitat": "generators.vision.habitat:HabitatBackend",
@@ -56,7 +56,7 @@ def _load(named: str) -> Any:
 
 
 def unused_backends(vision: str, audio: str) -> tuple[str, ...]:
-    """The entries of the backends that are certain not to run."""
+    """The entries of the backends that are not chosen, and so never run."""
     unused = [entry for name, entry in VISION.items() if name != vision]
     return (*unused, *(entry for name, entry in ACOUSTIC.items() if name != audio))
 
@@ -67,7 +67,7 @@ def observation_provenance(vision: str, audio: str) -> Provenance:
 
 
 def backend_versions(vision: str, audio: str) -> dict[str, str]:
-    """Name → version of everything whose change may change an observation's bytes."""
+    """Name → version of all software and settings that an observation's bytes may depend on."""
     sight, sound = vision_backend(vision), acoustic_backend(audio)
     software = observation_provenance(vision, audio)
     return {

@@ -33,7 +33,9 @@ from generators.run.options import Audio, Extra, GenerateOptions, Vision
 @click.option("--audio", type=click.Choice(get_args(Audio)), default="soundspaces", show_default=True)
 @click.option("--frames", type=click.IntRange(*FRAMES), default=None, help="Frames per observation (manifest: 120).")
 @click.option("--size", type=click.IntRange(*SIZE), default=None, help="Pixels per side (manifest: 1008).")
-@click.option("--with", "extras", multiple=True, type=click.Choice(get_args(Extra)), help="Optional folders.")
+@click.option(
+    "--with", "extras", multiple=True, type=click.Choice(get_args(Extra)), help="Also write this folder; repeatable."
+)
 @click.option(
     "--scans",
     type=click.Path(path_type=Path),
@@ -41,7 +43,7 @@ from generators.run.options import Audio, Extra, GenerateOptions, Vision
     metavar="ROOT",
     help="Folder with HM3D, Matterport3D or other scans (default: $AVS3D_SCANS).",
 )
-@click.option("--cache", type=PATH, metavar="DIR", default=None, help="Baked homes (default: $AVS3D_CACHE).")
+@click.option("--cache", type=PATH, metavar="DIR", default=None, help="Folder of baked homes (default: $AVS3D_CACHE).")
 @scheduling_options
 def generate(
     manifest: Path,
@@ -51,7 +53,7 @@ def generate(
     scheduling: Options,
     **chosen: Any,
 ) -> None:
-    """Generate the dataset that MANIFEST describes into a folder; run it again to go on after an interruption.
+    """Generate the dataset that MANIFEST describes into a folder; run it again to continue after an interruption.
 
     The same manifest and the same versions give the same bytes, whatever the number of workers. Sound from the
     SoundSpaces engine (RLRAudioPropagation, CC-BY-NC 4.0) is for non-commercial research; --audio analytic is free.
@@ -60,7 +62,7 @@ def generate(
     os.environ.update(ONE_THREAD)
     from avs3d_bench.user_path import user_path
 
-    # Worker processes are told through the environment, too.
+    # Worker processes read these variables, too.
     for variable, named in (("AVS3D_HABITAT_PYTHON", habitat_python), ("AVS3D_SCANS", scans)):
         if named is not None:
             os.environ[variable] = str(user_path(named).absolute())
@@ -77,7 +79,7 @@ def generate(
     if outcome.stopped:
         left = len(plans) - len(outcome.made) - len(outcome.kept) - len(outcome.failed)
         click.echo(
-            f"avs3d: stopped by --max-failures {scheduling.max_failures}, with {left} observations untried", err=True
+            f"avs3d: stopped by --max-failures {scheduling.max_failures}; {left} observations were not tried", err=True
         )
     if outcome.failed:
         raise SystemExit(1)

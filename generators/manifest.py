@@ -1,4 +1,4 @@
-"""The manifest: what to generate. Data only (YAML), checked field by field before anything is made.
+"""The manifest: a YAML file that lists what to generate. Every field is checked before generation begins.
 
 Start reading at `read_manifest`; `generators.plan` turns a manifest into one plan per observation.
 """
@@ -22,9 +22,9 @@ from avs3d_bench.taxonomy import check_category, check_room
 from avs3d_bench.yamlfile import read_yaml, step
 from generators.core.limits import FRAMES, SIZE
 
-#: Largest coordinate of a room's box (m): far beyond any home, and single precision still holds millimetres.
+#: Largest coordinate of a room's box (m): far beyond any home, and small enough for millimetres in single precision.
 FARTHEST = 10_000.0
-#: How many objects stand by silently in a room; more find no place anywhere.
+#: Largest number of silent objects in a room; no room has places for more.
 MOST_SILENT = 16
 
 
@@ -53,7 +53,7 @@ def _room(value: Any) -> Any:
 
 
 def _named(check: Callable[[str], str], value: Any) -> str:
-    """``check(value)``, its error in the form that pydantic adds the field's name to."""
+    """Return ``check(value)``; its error becomes a ValueError, to which pydantic adds the field's name."""
     try:
         return check(value)
     except UsageError as error:
@@ -85,7 +85,7 @@ class CameraSpec(_Model):
 
 
 class LicenceSpec(_Model):
-    """Licence and author of a file the manifest brings in, and where it comes from (without it: the file's name)."""
+    """Licence and author of a file that the manifest names, and its source (default: the file's name)."""
 
     name: Line
     author: Line
@@ -95,10 +95,10 @@ class LicenceSpec(_Model):
 class ScanSpec(_Model):
     """A home: a procedural ``apartment`` from a seed, or a ``scan`` (HM3D, Matterport3D, any GLB, glTF, OBJ or PLY).
 
-    Of a scan: ``file`` names its mesh; without it, it is found by its id below the folder of scans. ``up`` and
-    ``front`` are the file's axes that become +Y and +Z (without them: as the data set has them). ``rooms``: room name →
-    [[x, y, z], [x, y, z]], the lowest and highest corner of its inside (Y up, metres); rooms that are not given are
-    looked for in the scan's annotations. ``materials``: a SoundSpaces material file (JSON).
+    For a scan, ``file`` names its mesh; without it, the mesh is found by the scan's id below the folder of scans.
+    ``up`` and ``front`` are the file's axes that become +Y and +Z (default: those of its data set). ``rooms``: room
+    name → [[x, y, z], [x, y, z]], the lowest and highest corner of the room's inside (Y up, metres); rooms that are
+    not given are taken from the scan's annotations. ``materials``: a SoundSpaces material file (JSON).
     """
 
     source: Literal["apartment", "scan"] = "apartment"
@@ -129,7 +129,7 @@ class ScanSpec(_Model):
 
 
 class AssetSpec(_Model):
-    """A file beside the manifest, with its licence, or an asset by its id in the lock file, which has all the rest."""
+    """A file beside the manifest, with its licence; or the id of an asset whose record is in the lock file."""
 
     file: Line | None = None
     asset: Line | None = None
@@ -143,7 +143,7 @@ class AssetSpec(_Model):
             raise ValueError(f"file {self.file!r} needs its licence: {{name: …, author: …, source: …}}")
         given = [name for name in self.model_fields_set if name not in ("file", "asset")]
         if self.asset is not None and given:
-            raise ValueError(f"{min(given)} of asset {self.asset!r} is what the lock file says; leave it out here")
+            raise ValueError(f"{min(given)} of asset {self.asset!r} comes from the lock file; leave it out here")
         return self
 
     def identity(self) -> dict[str, Any]:
@@ -152,20 +152,20 @@ class AssetSpec(_Model):
 
 
 class ObjectSpec(AssetSpec):
-    """A mesh that takes the place of a category's procedural models; ``height`` of a file (GLB/OBJ) in metres."""
+    """A mesh that replaces a category's procedural models; ``height`` (m) is for a ``file`` (GLB or OBJ)."""
 
     height: Finite | None = Field(None, gt=0.02, lt=5)
 
 
 class SoundSpec(AssetSpec):
-    """A recording (WAV/FLAC/OGG) that takes the place of a category's synthesised sound."""
+    """A recording (WAV, FLAC or OGG) that replaces a category's synthesised sound."""
 
 
 class AcousticsSpec(_Model):
-    """How much sound the surfaces swallow: α' = 1 − (1 − α)^``absorption_scale`` for each surface and octave.
+    """Absorption of all surfaces: α' = 1 − (1 − α)^``absorption_scale`` for each surface and octave.
 
-    Eyring's reverberation time goes with 1/ln(1 − α), so that the scale divides it; below 1 a room is more live than
-    it is, above 1 drier. α' never leaves [0, 1), as a plain product would.
+    Eyring's reverberation time is proportional to 1/ln(1 − α), so it is divided by the scale: below 1 the room becomes
+    more reverberant, above 1 less. Unlike a plain product, α' stays in [0, 1).
     """
 
     absorption_scale: Annotated[Finite, Field(ge=0.05, le=20.0)] = 1.0
@@ -175,9 +175,9 @@ SourceMotion = Literal["static", "path"]
 
 
 class ObservationSpec(_Model):
-    """One observation: where it stands in the tree, what sounds, how many instances of it, what stands by silently.
+    """One observation: its place in the tree, the sounding category, its number of instances, the silent objects.
 
-    ``acoustics`` and ``source_motion`` are those of the manifest where an entry does not say otherwise. ``like`` is the
+    ``acoustics`` and ``source_motion`` default to those of the manifest. ``like`` is the
     key of the observation that this one is an acoustic variant of (see `Manifest`).
     """
 
@@ -200,9 +200,7 @@ class ObservationSpec(_Model):
         if self.part == "part_2" and (self.instances or 2) < 2:
             raise ValueError("part_2 is multi-instance, found instances: 1; expected 2, 3 or 4")
         if self.category in self.silent:
-            raise ValueError(
-                f"{self.category} sounds and stands by silently; for silent twins use part_2 and instances"
-            )
+            raise ValueError(f"{self.category} is both category and silent; for silent twins use part_2 and instances")
         return self
 
     @property
@@ -225,8 +223,8 @@ class Manifest(_Model):
     """A benchmark: its homes, its observations, its camera, and the files that replace procedural assets.
 
     An entry ``{like: KEY, index: 2, acoustics: {…}}`` is an acoustic variant of the observation KEY of the same
-    manifest: it takes everything from that entry but its index and its acoustics, and all of its random draws are
-    those of KEY, so that both show the same pictures and play the same source.
+    manifest: it takes everything except index and acoustics from that entry, and all its random draws are those of
+    KEY, so that both have the same pictures and the same source signal.
     """
 
     name: Slug
@@ -245,7 +243,7 @@ class Manifest(_Model):
     @model_validator(mode="before")
     @classmethod
     def _expand(cls, document: Any) -> Any:
-        """Give every entry what it takes from the manifest, and every variant what it takes from its original."""
+        """Fill in the fields that entries take from the manifest, and variants from their original."""
         if not isinstance(document, dict) or not isinstance(document.get("observations"), list | tuple):
             return document
         shared = {name: document[name] for name in ("acoustics", "source_motion") if name in document}
@@ -268,7 +266,7 @@ class Manifest(_Model):
         return self
 
 
-#: What an entry with ``like`` may say itself.
+#: The fields that an entry with ``like`` may have.
 _VARIANT_FIELDS = ("like", "index", "acoustics")
 
 
@@ -281,16 +279,16 @@ def _raw_key(entry: dict[str, Any]) -> str:
 
 
 def _original(entry: dict[str, Any], number: int, originals: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    """The entry that ``entry`` is a variant of.
+    """Find the entry of which ``entry`` is a variant.
 
     Raises:
-        ValueError: if there is none, or ``entry`` says more than a variant may.
+        ValueError: if there is none, or ``entry`` has fields that a variant may not have.
     """
     surplus = sorted(step(name) for name in set(entry) - set(_VARIANT_FIELDS))
     if surplus:
         raise ValueError(
-            f"observations.{number}: {_listed(surplus)} beside like; a variant takes everything but its index and "
-            "its acoustics from its original"
+            f"observations.{number}: an entry with like cannot have {_listed(surplus)}; a variant takes "
+            "everything except index and acoustics from its original; leave them out"
         )
     original = originals.get(str(entry["like"]))
     if original is None:
@@ -303,7 +301,7 @@ def _original(entry: dict[str, Any], number: int, originals: dict[str, dict[str,
 
 @dataclass(frozen=True)
 class ManifestFile:
-    """A manifest with where it was read and the sha256 of its bytes."""
+    """A manifest with its path, its text and the sha256 of its bytes."""
 
     manifest: Manifest
     path: Path
@@ -350,7 +348,7 @@ _FIELDS = _fields()
 
 
 def _finding(error: ValidationError) -> str:
-    """The first finding of pydantic in one line, and how many more there are."""
+    """Describe pydantic's first error in one line, and the number of further errors."""
     first, *rest = error.errors(include_url=False)
     place = ".".join(step(key) for key in first["loc"]) or "manifest"
     kind, message = first["type"], first["msg"].removeprefix("Value error, ")
@@ -359,7 +357,7 @@ def _finding(error: ValidationError) -> str:
         message = "unknown field; " + (f"did you mean {near[0]!r}?" if near else "correct its name, or leave it out")
     elif kind == "missing":
         message = "is missing"
-    elif kind != "value_error":  # ours say what was found
+    elif kind != "value_error":  # the project's own messages already contain the value found
         message += f" (found {excerpt(first['input'])})"
     return f"{place}: {message}" + (f" (and {len(rest)} more)" if rest else "")
 

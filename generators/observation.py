@@ -42,13 +42,13 @@ from generators.recording.surface_points import SurfaceSampler
 from generators.recording.writer import ObservationWriter
 from generators.vision.base import Frame, VisionBackend
 
-#: Impulse responses from which an observation's reverberation time is read.
+#: Number of impulse responses from which an observation's reverberation time is measured.
 T30_RESPONSES = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Sound:
-    """What the sounding instance plays: mono samples at the benchmark's rate, and where they come from."""
+    """The source signal: mono samples at the benchmark's sample rate, and their origin."""
 
     samples: NDArray[np.float32]
     asset: str
@@ -56,7 +56,7 @@ class Sound:
 
     @property
     def record(self) -> SoundRecord:
-        """What observation.json says about it."""
+        """Its record in observation.json."""
         return SoundRecord(asset=self.asset, licence=licence_record(self.licence))
 
 
@@ -69,21 +69,22 @@ def generate_observation(
     cores: Callable[[], int] = lambda: 1,
     beside: bool = False,
 ) -> ObservationRecord:
-    """Make one observation below ``root``; nothing appears under its final name before it is whole.
+    """Make one observation below ``root``; its folder gets its final name only when it is complete.
 
     Args:
-        plan: everything that decides its bytes.
+        plan: all that its bytes depend on.
         root: the dataset's folder.
         cache: folder of baked homes.
         on_frame: called with the index of each finished frame.
-        cores: how many frames may be rendered at the same time, asked before each; the bytes are the same.
+        cores: how many frames may be rendered at the same time, called before each frame; the bytes do not depend
+            on it.
         beside: compute the sound in another process.
 
     Returns:
         The record that was written as observation.json.
 
     Raises:
-        Avs3dError: one line: no room for an object, a file that is missing or broken, a full disk, …
+        Avs3dError: one line: no place for an object, a missing or broken file, a full disk, …
     """
     ready = prepare_observation(plan, cache)
     stage, poses, sounding = ready.stage, ready.seen.poses, ready.sounding
@@ -119,17 +120,17 @@ def generate_observation(
 
 @dataclass(frozen=True, eq=False)
 class PreparedObservation:
-    """Everything of an observation that is decided before its first frame.
+    """The part of an observation that is fixed before its first frame.
 
     Attributes:
-        seen: what stands where, and the walk.
+        seen: the placed objects and the walk.
         sounding: id of the instance that sounds, from 1.
         stage: the scene at every second.
-        sound: what the sounding instance plays.
+        sound: the source signal.
         intrinsics: of the camera.
         sight: the renderer.
         engine: the acoustic engine.
-        listening: what is heard.
+        listening: the inputs of the acoustic simulation.
     """
 
     seen: Arrangement
@@ -143,16 +144,16 @@ class PreparedObservation:
 
     @property
     def instances(self) -> tuple[InstanceRecord, ...]:
-        """What observation.json says about the placed objects."""
+        """The records of the placed objects in observation.json."""
         placed = enumerate(self.seen.placements, start=1)
         return tuple(describe_instance(number, placement, number == self.sounding) for number, placement in placed)
 
 
 def prepare_observation(plan: ObservationPlan, cache: Path) -> PreparedObservation:
-    """Decide what can be seen, for all objects alike; then, independently of it, what sounds.
+    """Choose all that is visible, with the same rules for all objects; then, independently, the sounding instance.
 
     Raises:
-        Avs3dError: if there is no room for the objects or the walk, or a file is missing or broken.
+        Avs3dError: if the room is too small for the objects or the walk, or a file is missing or broken.
     """
     home = open_home(plan, cache).for_room(plan.spec.room)
     sight = vision_backend(plan.vision)
@@ -181,11 +182,11 @@ def describe_observation(
     frames: Sequence[FrameRecord],
     decays: list[NDArray[np.float32]],
 ) -> ObservationRecord:
-    """What observation.json says, but for the list of files.
+    """The record in observation.json, without its list of files.
 
     Args:
         plan: of the observation.
-        ready: what was decided before the first frame.
+        ready: the part that is fixed before the first frame.
         frames: records of all frames.
         decays: impulse responses (2, n) from which the reverberation time is read.
     """
@@ -221,7 +222,7 @@ def describe_observation(
 
 
 def choose_sound(plan: ObservationPlan) -> Sound:
-    """The source signal: as long as the observation plus the pre-roll that the first clip remembers."""
+    """The source signal: as long as the observation, plus the pre-roll whose reverberation is in the first clip."""
     rng = plan.rng("sound")
     seconds = plan.camera.frames + PRE_ROLL
     files = plan.sounds.get(plan.spec.category, ())
@@ -246,7 +247,7 @@ def describe_frame(
     clip: NDArray[np.float32],
     stage: Stage,
 ) -> FrameRecord:
-    """What observation.json says about one frame."""
+    """The record of one frame in observation.json."""
     source = stage.source(index)
     direction = direction_to(pose, source.source_position)
     left, right = rms(clip)
@@ -270,7 +271,7 @@ def describe_frame(
 
 
 def describe_instance(number: int, placement: Placement, sounding: bool) -> InstanceRecord:
-    """What observation.json says about one placed object."""
+    """The record of one placed object in observation.json."""
     low, high = placement.bounds.tolist()
     pose = Pose.from_yaw(placement.position, placement.yaw)
     return InstanceRecord(
@@ -288,5 +289,5 @@ def describe_instance(number: int, placement: Placement, sounding: bool) -> Inst
 
 
 def licence_record(licence: Licence) -> LicenceRecord:
-    """A licence as the JSON files hold it."""
+    """The record of a licence in the JSON files."""
     return LicenceRecord(name=licence.name, author=licence.author, source=licence.source)

@@ -1,7 +1,7 @@
-"""One `ObservationPlan` per observation of a manifest: everything that decides its bytes.
+"""One `ObservationPlan` per observation of a manifest: all that the observation's bytes depend on.
 
-Everything random is drawn from generators derived from (manifest seed, observation key, purpose), so that an
-observation's bytes depend on nothing but its own plan.
+All random numbers come from generators derived from (manifest seed, observation key, purpose), so that an
+observation's bytes depend only on its own plan.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ from generators.manifest import (
     SoundSpec,
     select,
 )
-from generators.manifest import read_manifest as read_manifest  # known by this name, too
+from generators.manifest import read_manifest as read_manifest  # re-exported
 from generators.scans.files import ScanFiles, digest, find_scan_files, scan_files_of
 
 
 @dataclass(frozen=True)
 class ObservationPlan:
-    """Everything that decides an observation's bytes, and nothing else.
+    """All that an observation's bytes depend on.
 
     Attributes:
         spec: its entry in the manifest.
-        scan: the home it happens in.
+        scan: the home it takes place in.
         camera: frames, size, field of view.
         light: quality of the baked light.
         seed: the manifest's seed.
@@ -50,7 +50,7 @@ class ObservationPlan:
         objects, sounds: files that replace the procedural assets.
         vision, audio: names of the backends.
         depth, rirs: whether the optional folders are written.
-        backends: name → version of everything that computes bytes.
+        backends: name → version of all software that the bytes depend on.
     """
 
     spec: ObservationSpec
@@ -78,15 +78,15 @@ class ObservationPlan:
         return self.spec.source_motion == "path"
 
     def rng(self, purpose: str) -> np.random.Generator:
-        """The generator for one purpose, such as ``placement``, ``ids``, ``path``, ``sounding`` or ``sound``.
+        """The random number generator for one purpose, such as ``placement``, ``ids``, ``path`` or ``sound``.
 
-        An acoustic variant draws everything as its original does: no draw depends on the acoustics.
+        An acoustic variant uses its original's generators: no random draw depends on the acoustics.
         """
         return derive_rng(self.seed, self.spec.like or self.key, purpose)
 
     @cached_property
     def digest(self) -> str:
-        """sha256 of everything that decides the bytes; a finished observation with another digest is not reused."""
+        """sha256 of all that the bytes depend on; a finished observation with another digest is not reused."""
         document = {
             "spec": self.spec.identity(),
             "scan": self.scan.identity(),
@@ -104,7 +104,7 @@ class ObservationPlan:
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
     def _file_digests(self) -> dict[str, str]:
-        """sha256 of every file this observation may take something from; a missing one is named when it is opened."""
+        """sha256 of every file that this observation may read; a missing file is reported when it is opened."""
         spec = self.spec
         items: list[AssetSpec] = list(self.sounds.get(spec.category, ()))
         for category in (spec.category, *spec.silent):
@@ -146,7 +146,7 @@ class ObservationPlan:
         return resolve_file(self.base, name, f"material file of scan {self.spec.scan}") if name else None
 
     def _scan_digests(self) -> dict[str, str]:
-        """sha256 of the files of its scan; what is missing is named when it is opened."""
+        """sha256 of the files of its scan; a missing file is reported when it is opened."""
         if self.scan.source != "scan":
             return {}
         try:
@@ -158,7 +158,7 @@ class ObservationPlan:
 
     @property
     def home_digest(self) -> str:
-        """sha256 of what decides the lit home; observations that share it share the scene cache's entry."""
+        """sha256 of all that the lit home depends on; observations with the same value share one entry of the cache."""
         document: list[Any] = [self.spec.scan, self.scan.identity(), self.light, ""]
         if self.scan.source == "scan":
             document += [self.vision, self._scan_digests()]
@@ -166,7 +166,7 @@ class ObservationPlan:
 
 
 def derive_rng(seed: int, key: str, purpose: str) -> np.random.Generator:
-    """A generator from a stable hash of (seed, key, purpose); never the global state."""
+    """A random number generator seeded by a stable hash of (seed, key, purpose), independent of any global state."""
     words = np.frombuffer(hashlib.sha256(f"{key}\0{purpose}".encode()).digest(), dtype="<u4")
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, *(int(word) for word in words)])))
 
@@ -244,10 +244,10 @@ def scans_root(base: Path) -> Path:
 
 
 def check_scans(plans: Sequence[ObservationPlan]) -> None:
-    """Look for the scans before anything slow happens; some may be missing, but not all of what is to be made.
+    """Look for the scans before anything slow happens; some may be missing, but not all.
 
     Raises:
-        Avs3dError: one line, if no observation of ``plans`` has a home.
+        Avs3dError: one line, if the scan of every observation of ``plans`` is missing.
     """
     missing: dict[str, Avs3dError] = {}
     for plan in {plan.spec.scan: plan for plan in plans}.values():
@@ -263,14 +263,14 @@ def check_scans(plans: Sequence[ObservationPlan]) -> None:
     first = next(iter(missing.values()))
     if len(missing) == 1:
         raise first
-    raise Avs3dError(f"none of the scans {', '.join(missing)} is there: {first}")
+    raise Avs3dError(f"none of the scans {', '.join(missing)} was found: {first}")
 
 
 def locate(base: Path, name: str) -> Path:
     """The path of a file that a manifest names: absolute, below a home folder (``~/…``), or relative to ``base``.
 
     Raises:
-        UsageError: if the name begins with ``~`` and nothing is known of that home folder, or it is too long.
+        UsageError: if the name begins with ``~`` and that home folder is unknown, or the name is too long.
     """
     path = base / user_path(name)
     try:

@@ -1,8 +1,8 @@
-"""Makes single frames of a finished dataset again from the manifest in it, and compares their bytes: the last check.
+"""Regenerates single frames of a finished dataset from the manifest stored in it, and compares their bytes.
 
-Home, placement, path and source are made as for the whole observation. Pictures of a frame depend on nothing else, so
-only those of the chosen frames are rendered. An acoustic engine may draw random numbers from call to call (SoundSpaces
-does), so impulse responses are computed in order from the first frame on.
+Home, placement, path and source are made as for the whole observation. The pictures of a frame depend on nothing else,
+so only the chosen frames are rendered. An acoustic engine may keep a random state between calls (SoundSpaces does), so
+the impulse responses are computed in order from the first frame.
 """
 
 from __future__ import annotations
@@ -34,22 +34,23 @@ from generators.recording.writer import ObservationWriter
 def regenerate(
     root: Path, chosen: Mapping[str, Sequence[int]], manifest: Path | None, say: Callable[[str], None]
 ) -> Iterator[Problem]:
-    """Make frames again and name every file and record that differs.
+    """Regenerate frames and report every file and record that differs.
 
     Args:
         root: the dataset.
         chosen: key of each observation → indices of its frames.
-        manifest: the manifest's file, where it names files beside it; else the text in dataset.json is taken.
-        say: is told what is being made.
+        manifest: the manifest's file, needed if it names files relative to it; otherwise the text in dataset.json is
+            used.
+        say: called with a line about each observation before it is regenerated.
 
     Raises:
-        UsageError: if the dataset has no manifest, or was made by other versions, or with other options, than are here.
+        UsageError: if the dataset has no manifest, or was made by other versions of the software or with other options.
         Avs3dError: if a file that the manifest names is missing.
     """
     dataset = Dataset(root)
     record = dataset.record
     if record is None:
-        raise UsageError(f"{root}: no {layout.DATASET_JSON}, so no manifest to make frames again from")
+        raise UsageError(f"{root}: no {layout.DATASET_JSON}, and so no manifest from which to regenerate frames")
     with tempfile.TemporaryDirectory(prefix="avs3d-regenerate-") as folder:
         source = _manifest(record, manifest, Path(folder))
         plans = {key: _plan(source, dataset[key], record) for key in chosen}
@@ -62,7 +63,7 @@ def _manifest(record: DatasetRecord, manifest: Path | None, folder: Path) -> Man
     if manifest is not None:
         source = read_manifest(manifest)
         if source.sha256 != record.manifest_sha256:
-            raise UsageError(f"{manifest}: is not the manifest that the dataset was made from (its sha256 differs)")
+            raise UsageError(f"{manifest} is not the manifest from which the dataset was made (its sha256 differs)")
         return source
     path = folder / "manifest.yaml"
     files.write_bytes(path, record.manifest.encode())
@@ -73,11 +74,13 @@ def _plan(source: ManifestFile, observation: Observation, dataset: DatasetRecord
     """The plan of an observation as it was made.
 
     Raises:
-        UsageError: if this software would not make the same bytes.
+        UsageError: if this version of the software would not make the same bytes.
     """
     record = observation.record
     if record is None or record.plan_sha256 is None:
-        raise UsageError(f"{observation.path}: {layout.OBSERVATION_JSON} has no plan_sha256: made by something else")
+        raise UsageError(
+            f"{observation.path}: {layout.OBSERVATION_JSON} has no plan_sha256: it was not made by this toolkit"
+        )
     camera = record.intrinsics
     (plan,) = make_plans(
         source,
@@ -105,13 +108,13 @@ def _difference(plan: ObservationPlan, record: ObservationRecord, dataset: Datas
         (record.vision.backend, record.vision.version, plan.backends.get(record.vision.backend, "none")),
         (record.acoustics.backend, record.acoustics.version, plan.backends.get(record.acoustics.backend, "none")),
     ]
-    said = [f"{name} {then}, here {now}" for name, then, now in dict.fromkeys(pairs) if then != now]
+    said = [f"{name} {then}, installed: {now}" for name, then, now in dict.fromkeys(pairs) if then != now]
     if not said and there is not None and there.digest != here.digest:
         said = ["its sources differ"]
     known = f" ({'; '.join(said)})" if said else ""
     return (
-        f"was made by other software{known}, from another manifest or with other files: bytes would differ anyway; "
-        "run this with the versions that made the dataset, and --manifest if it names files"
+        f"was made by other software{known}, from another manifest or with other files, so the bytes cannot be equal; "
+        "use the versions that made the dataset, and --manifest if the manifest names files"
     )
 
 
@@ -161,13 +164,13 @@ def _compare(
 def _fields(
     key: str, where: str, made: Mapping[str, object], record: ObservationRecord, index: int | None = None
 ) -> Iterator[Problem]:
-    """Fields of observation.json that are not what was made, as JSON has them."""
+    """Fields of observation.json whose JSON differs from that of the regenerated values."""
     for name, value in made.items():
         there = getattr(record, name)
         if index is not None:
             there = there[index]
         if files.dump_json(value) != files.dump_json(there):
-            text = f"{where or name} differs from what the manifest makes"
+            text = f"{where or name} differs from the regenerated value"
             yield Problem("error", f"{key}/{layout.OBSERVATION_JSON}", text)
 
 
@@ -181,4 +184,4 @@ def _files(observation: Observation, made: Path) -> Iterator[Problem]:
             yield Problem("error", f"{observation.key}/{name}", text)
             continue
         if not same:
-            yield Problem("error", f"{observation.key}/{name}", "differs from what the manifest makes")
+            yield Problem("error", f"{observation.key}/{name}", "differs from the regenerated file")

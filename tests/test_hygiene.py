@@ -129,7 +129,7 @@ def test_broken_and_double_faces_go(tmp_path: Path) -> None:
     mesh, findings, _ = cleaned(tmp_path, obj(CUBE, faces))
     assert len(mesh.positions) == 12
     assert said(findings, "mended", "1 faces without area")
-    assert said(findings, "mended", "4 faces lay on others")
+    assert said(findings, "mended", "4 duplicate faces")
     assert volume(mesh) == pytest.approx(1, rel=1e-5)
 
 
@@ -204,7 +204,7 @@ def test_a_dented_polygon_keeps_its_dent(tmp_path: Path) -> None:
     front = mesh.positions[mesh.normals[:, 0, 2] > 0]
     area = np.linalg.norm(np.cross(front[:, 1] - front[:, 0], front[:, 2] - front[:, 0]), axis=1).sum() / 2
     assert area == pytest.approx(0.75, rel=1e-5)
-    assert said(findings, "note", "1 dented polygons")
+    assert said(findings, "note", "1 concave polygons")
 
 
 def test_too_many_faces_are_simplified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -263,7 +263,7 @@ def test_glass_before_a_dial_is_left_out(tmp_path: Path) -> None:
     mesh, findings, _ = cleaned(tmp_path, clock(0.01), MATERIALS)
     assert "glass" not in {material.name for material in mesh.materials}
     assert "dial" in {material.name for material in mesh.materials}
-    assert said(findings, "mended", "'glass'", "cm before what it shows", "left out")
+    assert said(findings, "mended", "'glass'", "cm in front of a surface", "left out")
 
 
 def test_glass_before_a_cavity_stays_opaque_and_dark(tmp_path: Path) -> None:
@@ -285,7 +285,7 @@ def test_lettering_on_clear_film_is_taken_for_a_pane(tmp_path: Path) -> None:
     Image.fromarray(pixels).save(tmp_path / "film.png")
     text = clock(0.002).replace("f 13 14 15 16", "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 13/1 14/2 15/3 16/4")
     mesh, findings, _ = cleaned(tmp_path, text, MATERIALS.replace("d 0.4", "d 1\nmap_Kd film.png"))
-    assert said(findings, "note", "94% clear")
+    assert said(findings, "note", "94% transparent")
     assert {material.name for material in mesh.materials} == {"body", "dial"}
 
 

@@ -90,13 +90,13 @@ def test_a_member_that_lies_about_its_size_is_not_unpacked_further(tmp_path: Pat
 
 def test_damage_encryption_doubles_and_emptiness_are_named(tmp_path: Path) -> None:
     (tmp_path / "x.zip").write_bytes(b"<html>no zip</html>")
-    assert "no zip archive" in refused(tmp_path / "x.zip", tmp_path)
+    assert "not a zip archive" in refused(tmp_path / "x.zip", tmp_path)
     data = bytearray(write(tmp_path / "y.zip", {"a.bin": bytes(range(256)) * 40}).read_bytes())
     data[45] ^= 0xFF
     (tmp_path / "y.zip").write_bytes(data)
     assert "damaged" in refused(tmp_path / "y.zip", tmp_path)
     (tmp_path / "y.zip").write_bytes(data[:-30])
-    assert "no zip archive" in refused(tmp_path / "y.zip", tmp_path)
+    assert "not a zip archive" in refused(tmp_path / "y.zip", tmp_path)
     assert "two members named" in refused(write(tmp_path / "z.zip", {"a.PNG": b"1", "A.png": b"2"}), tmp_path)
     assert "is empty" in refused(write(tmp_path / "e.zip", {}), tmp_path)
     locked = bytearray(write(tmp_path / "l.zip", {"a": b"1"}).read_bytes())

@@ -200,7 +200,7 @@ def test_esc50_is_entered_under_the_stricter_licence_with_each_author(tmp_path: 
     )
     assert done.exit_code == 0, text_of(done)
     assert [(one.id, one.licence) for one in read_lock(lock).assets][1] == ("esc50/1-200-B-35", "CC-BY-NC-3.0")
-    assert "no clip is under a licence" in text_of(run("import", "esc50", folder, "--category", "clock_alarm"))
+    assert "no clip has a licence" in text_of(run("import", "esc50", folder, "--category", "clock_alarm"))
     assert "ESC-50 has no sound of 'microwave'" in text_of(run("import", "esc50", folder, "--category", "microwave"))
 
 
@@ -222,7 +222,7 @@ def test_a_clip_is_fetched_again_from_the_repository(
 def test_a_clone_that_is_none_is_named(tmp_path: Path) -> None:
     folder = clone(tmp_path / "ESC-50")
     (folder / "LICENSE").write_text("nothing")
-    assert "says nothing of 1-100-A-38.wav" in text_of(run("import", "esc50", folder))
+    assert "has no entry for 1-100-A-38.wav" in text_of(run("import", "esc50", folder))
     (folder / "meta" / "esc50.csv").write_text("name,label\na,b\n")
     assert "has no column 'filename'" in text_of(run("import", "esc50", folder))
 
@@ -264,7 +264,9 @@ def test_furniture_is_told_by_its_name_and_found_again(
     }
     wave = table["sh3d/tests/wave"]
     assert (wave.ref, wave.height, wave.licence, wave.author) == ("Tests#wave", 0.3, "CC-BY-3.0", "Tester")
-    assert "its name tells no category" in text_of(run("import", "sh3f", library, "--id", "bed", "--lock", lock))
+    assert "its name does not determine a category" in text_of(
+        run("import", "sh3f", library, "--id", "bed", "--lock", lock)
+    )
     assert "expected one model's id" in text_of(run("import", "sh3f", library, "--id", "sofa", "--lock", lock))
 
     store.drop(wave)
@@ -294,9 +296,9 @@ def test_furniture_is_told_by_its_name_and_found_again(
         ({"file": "x.glb"}, "needs its licence"),
         (
             {"asset": "a/b", "licence": {"name": "MIT", "author": "x"}},
-            "licence of asset 'a/b' is what the lock file says",
+            "licence of asset 'a/b' comes from the lock file",
         ),
-        ({"asset": "a/b", "height": 0.3}, "height of asset 'a/b' is what the lock file says"),
+        ({"asset": "a/b", "height": 0.3}, "height of asset 'a/b' comes from the lock file"),
     ],
 )
 def test_a_manifest_names_a_file_or_an_asset(tmp_path: Path, spec: dict[str, object], words: str) -> None:
@@ -338,7 +340,7 @@ def test_plans_refuse_assets_that_are_not_there(tmp_path: Path, store: Store) ->
     with pytest.raises(UsageError, match=r"no asset 'folder/waves/obj/bax'; did you mean 'folder/waves/obj/box'\?"):
         plans(asset="folder/waves/obj/bax")
     with pytest.raises(
-        UsageError, match=r"is the sound of a microwave, but the manifest wants the object of a microwave"
+        UsageError, match=r"is the sound of a microwave, but the manifest needs the object of a microwave"
     ):
         plans(asset="folder/waves/hum")
     entry = read_lock(lock).find("folder/waves/hum")
@@ -348,7 +350,7 @@ def test_plans_refuse_assets_that_are_not_there(tmp_path: Path, store: Store) ->
         plans()
     done = run("fetch", "--manifest", tmp_path / "tiny.yaml")
     assert done.exit_code == 1
-    assert "came from a folder (hum.wav), no address is known; run: avs3d assets import folder" in done.output
+    assert "came from a folder (hum.wav) and has no address; run: avs3d assets import folder" in done.output
 
 
 @pytest.mark.slow

@@ -169,7 +169,7 @@ def test_retry_after_in_both_forms_and_in_none(monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.mark.parametrize(
     ("status", "words"),
-    [(401, "get a new key"), (403, "does not allow this"), (404, "there is no such thing"), (410, "it is gone")],
+    [(401, "get a new key"), (403, "access is not allowed"), (404, "not found"), (410, "no longer available")],
 )
 def test_a_refusal_is_final_and_carries_the_advice(server: Server, tmp_path: Path, status: int, words: str) -> None:
     server.on("/file", Reply(b"<html>long page</html>", status))
@@ -187,7 +187,7 @@ def test_a_server_out_of_order_gets_a_few_more_chances(server: Server, tmp_path:
     server.on("/file", Reply(b"", 500))
     with pytest.raises(HttpError) as caught:
         download(request(server), tmp_path / "y.bin", FAST)
-    assert "answered 500: it is out of order; try again later" in one_line(caught.value)
+    assert "answered 500: server error; try again later" in one_line(caught.value)
 
 
 @pytest.mark.parametrize("pinned", [{"sha256": "0" * 64}, {"size": len(DATA) - 1}, {"size": len(DATA) + 1}])
@@ -347,7 +347,7 @@ def test_redirects_end(server: Server, tmp_path: Path) -> None:
     server.on("/file", Reply(b"", 302, {"Location": "http://example.org/file"}))
     with pytest.raises(Avs3dError) as refused:
         download(request(server), tmp_path / "x.bin", FAST)
-    assert "is no https address" in one_line(refused.value)
+    assert "is not an https address" in one_line(refused.value)
 
 
 @pytest.mark.parametrize(
@@ -369,7 +369,7 @@ def test_other_addresses_are_refused_without_their_query(url: str) -> None:
 def test_json_is_json_and_no_larger_than_an_answer(server: Server) -> None:
     server.on("/file", json_reply({"a": 1}))
     assert get_json(request(server), FAST) == {"a": 1}
-    for body, words in ((b"<html>", "answered no JSON"), (b" " * 9_000_000, "more than 8 MB")):
+    for body, words in ((b"<html>", "did not answer with JSON"), (b" " * 9_000_000, "more than 8 MB")):
         server.on("/file", Reply(body))
         with pytest.raises(Avs3dError) as caught:
             get_json(request(server), FAST)
@@ -425,14 +425,14 @@ def test_json_that_is_nested_without_end_is_none(server: Server) -> None:
     server.on("/file", Reply(b"[" * 200_000 + b"]" * 200_000))
     with pytest.raises(Avs3dError) as caught:
         get_json(request(server), FAST)
-    assert "answered no JSON" in one_line(caught.value)
+    assert "did not answer with JSON" in one_line(caught.value)
 
 
 @pytest.mark.parametrize("url", ["https://[", "https://h:99999999/x", "https://h:port/x", "http://[::1", "x", ""])
 def test_an_address_that_cannot_be_read_is_refused(tmp_path: Path, url: str) -> None:
     with pytest.raises(Avs3dError) as caught:
         download(Request(url, "asset/one", "The Service", token=TOKEN), tmp_path / "x.bin", FAST)
-    assert "is no https address" in one_line(caught.value)
+    assert "is not an https address" in one_line(caught.value)
 
 
 @pytest.mark.parametrize("location", ["https://[", "https://h:99999999/x", "https://a b/", "https://é.example/ü"])

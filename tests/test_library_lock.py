@@ -83,7 +83,7 @@ def test_any_text_and_number_comes_back(title: str, height: float) -> None:
         ({"file": "../x.ogg"}, ".file: "),
         ({"bytes": 0}, ".bytes: "),
         ({"kind": "object"}, "an object needs up and front"),
-        ({"height": 0.3}, "a sound neither stands nor hangs"),
+        ({"height": 0.3}, "is given, but belongs to objects only"),
         ({"title": "two\nlines"}, ".title: "),
         ({"source": "napster"}, ".source: "),
     ],

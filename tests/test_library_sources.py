@@ -174,9 +174,9 @@ def test_a_licence_that_is_allowed_by_name_is_taken_and_noted(server: Server, se
         ((Reply(b"", 403),), "your account may not download this model"),
         ((Reply(b"", 404),), "check the uid"),
         ((Reply(b"", 429, {"Retry-After": "3600"}),), "asks to wait 3600 s"),
-        ((Reply(b"<html>"),), "answered no JSON"),
+        ((Reply(b"<html>"),), "did not answer with JSON"),
         ((Reply(b"{}", hang=2.0),), "did not answer within 0.5 s"),
-        ((json_reply([]),), "something else than was expected"),
+        ((json_reply([]),), "unexpected answer from Sketchfab"),
     ],
 )
 def test_an_interface_that_refuses(server: Server, session: Session, replies: tuple[Reply, ...], words: str) -> None:
@@ -192,7 +192,7 @@ def test_an_interface_that_refuses(server: Server, session: Session, replies: tu
         (Reply(b"<html>login</html>"), "model.glb"),
         (Reply(b""), "empty file"),
         (Reply(glb()[:-200]), "truncated"),
-        (Reply(b"", 302, {"Location": "http://example.org/x?signature=abc"}), "is no https address"),
+        (Reply(b"", 302, {"Location": "http://example.org/x?signature=abc"}), "is not an https address"),
     ],
     ids=["cut", "large", "html", "empty", "truncated", "http"],
 )
@@ -222,8 +222,8 @@ def test_tokens_that_are_missing_or_wrong(server: Server, session: Session, monk
     for value, words in (
         (None, "SKETCHFAB_TOKEN is not set; get one at https://sketchfab.com/settings/password"),
         ("", "SKETCHFAB_TOKEN is not set"),
-        ("two words", "SKETCHFAB_TOKEN holds spaces"),
-        ("another-token", "answered 401: it wants a valid token; SKETCHFAB_TOKEN is not valid"),
+        ("two words", "SKETCHFAB_TOKEN contains spaces"),
+        ("another-token", "answered 401: it requires a valid token; SKETCHFAB_TOKEN is not valid"),
     ):
         if value is None:
             monkeypatch.delenv("SKETCHFAB_TOKEN")
@@ -249,7 +249,7 @@ def test_the_original_comes_with_oauth(server: Server, session: Session, monkeyp
     freesound(server, md5=hashlib.md5(wav()).hexdigest())
     fails(lambda: new("freesound", session, "original"), session, "FREESOUND_OAUTH_TOKEN is not set", "freesound/1234")
     monkeypatch.setenv("FREESOUND_OAUTH_TOKEN", "stale")
-    fails(lambda: new("freesound", session), session, "not valid or a day old", "freesound/1234")
+    fails(lambda: new("freesound", session), session, "not valid or has expired", "freesound/1234")
     monkeypatch.setenv("FREESOUND_OAUTH_TOKEN", TOKEN)
     entry = new("freesound", session)
     assert (entry.file, session.store.path(entry).read_bytes()) == ("original.wav", wav())
@@ -271,9 +271,9 @@ def test_sounds_that_may_not_be_used(server: Server, session: Session, changes: 
 @pytest.mark.parametrize(
     ("reply", "words"),
     [
-        (Reply(b"<html>" * 100), "is no sound that can be decoded"),
+        (Reply(b"<html>" * 100), "cannot be decoded as a sound"),
         (Reply(wav(0.2)), "lasts 0.20 s; expected at least 0.5 s"),
-        (Reply(wav(), 404), "there is no such thing; check the id"),
+        (Reply(wav(), 404), "not found; check the id"),
     ],
 )
 def test_files_that_are_no_sound(server: Server, session: Session, reply: Reply, words: str) -> None:
@@ -287,7 +287,7 @@ def test_an_original_with_another_md5_is_refused(
 ) -> None:
     freesound(server, md5="0" * 32)
     monkeypatch.setenv("FREESOUND_OAUTH_TOKEN", TOKEN)
-    fails(lambda: new("freesound", session), session, "is not the one Freesound describes", "freesound/1234")
+    fails(lambda: new("freesound", session), session, "is not the one that Freesound describes", "freesound/1234")
     freesound(server, type="m4a")
     fails(lambda: new("freesound", session, "original"), session, "use --format preview", "freesound/1234")
     assert new("freesound", session).file == "preview.ogg"
@@ -303,7 +303,7 @@ def test_the_bbc_wants_its_licence_allowed(server: Server, session: Session) -> 
     assert (entry.title, entry.author, entry.file) == ("Telephone rings", "BBC Sound Effects", "sound.wav")
     with pytest.raises(Avs3dError, match=r"^bbc/07005211: BBC Sound Effects has no sound of that id"):
         fetch_new("bbc", "07005211", "telephone", Stance(), session, None)
-    with pytest.raises(Avs3dError, match=r"not every sound is there as WAV|there is no such thing"):
+    with pytest.raises(Avs3dError, match=r"not every sound is available as WAV|not found"):
         fetch_new("bbc", "07005210", "telephone", Stance(), replace(session, allowed=("LicenseRef-RemArc",)), "mp3")
 
 
@@ -335,7 +335,7 @@ def test_the_commands_tell_one_story(server: Server, tmp_path: Path) -> None:
     done = run("fetch", "freesound", 1234, 9999, "--category", "clock", "--lock", lock)
     assert done.exit_code == 1
     assert "freesound/9999: Freesound answered 404" in done.output
-    assert "1 assets added or renewed, 1 failed" in done.output
+    assert "1 assets added or updated, 1 failed" in done.output
     assert [entry.id for entry in read_lock(lock).assets] == ["freesound/1234", f"sketchfab/{UID}"]
     assert TOKEN not in lock.read_text()
 
@@ -357,7 +357,7 @@ def test_the_commands_tell_one_story(server: Server, tmp_path: Path) -> None:
     assert all(entry.id in checked.output for entry in read_lock(lock).assets)
     again = run("fetch", "--lock", lock)
     assert again.exit_code == 0, again.output
-    assert "2 fetched, 0 here already, 0 failed" in again.output
+    assert "2 fetched, 0 already in the store, 0 failed" in again.output
     assert run("verify", "--lock", lock).exit_code == 0
 
 
@@ -374,7 +374,7 @@ def test_a_failure_of_one_does_not_stop_the_others(server: Server, tmp_path: Pat
     done = run("fetch", "--lock", lock)
     assert done.exit_code == 1
     assert "freesound/1234: Freesound answered 404" in done.output
-    assert "1 fetched, 0 here already, 1 failed" in done.output
+    assert "1 fetched, 0 already in the store, 1 failed" in done.output
 
 
 @pytest.mark.parametrize(
@@ -525,9 +525,9 @@ def test_a_condition_in_the_licences_name_is_heeded(server: Server, tmp_path: Pa
         (("verify", "--lock", "none.yaml"), "none.yaml: no such lock file"),
         (("list", "--lock", "none.yaml"), "none.yaml: no such lock file"),
         (("fetch", "sketchfab", UID, "--category", "clock", "--height", "80"), "not in the range"),
-        (("fetch", "sketchfab", UID, "--category", "clock", "--height", "nan"), "no number in the range"),
-        (("fetch", "freesound", "1234", "--category", "clock", "--max-size", "nan"), "no number in the range"),
-        (("fetch", "sketchfab", UID, "--category", "clock", "--up", "y", "--front", "-y"), "two directions"),
+        (("fetch", "sketchfab", UID, "--category", "clock", "--height", "nan"), "is not a number in the range"),
+        (("fetch", "freesound", "1234", "--category", "clock", "--max-size", "nan"), "is not a number in the range"),
+        (("fetch", "sketchfab", UID, "--category", "clock", "--up", "y", "--front", "-y"), "must be perpendicular"),
     ],
 )
 def test_slips_on_the_command_line_are_told_at_once(server: Server, args: tuple[str, ...], words: str) -> None:

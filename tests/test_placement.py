@@ -194,7 +194,7 @@ def test_twins_come_closer_only_where_they_must_and_say_so() -> None:
         one, two = place(Site.of(tight(length), "kitchen"), [box_model("microwave")] * 2, rng=rng())
         assert float(np.linalg.norm(np.subtract(one.position, two.position))) >= distance
         assert (f"{distance} m apart" in one.relaxed) is (distance < 1.0)
-    with pytest.raises(Avs3dError, match=r"no place for 2 × microwave .* no 2 of them together, 0\.5 m apart"):
+    with pytest.raises(Avs3dError, match=r"no place for 2 × microwave .* no 2 of them fit together, 0\.5 m apart"):
         place(Site.of(tight(0.9), "kitchen"), [box_model("microwave")] * 2, rng=rng())
 
 
@@ -283,12 +283,17 @@ def test_the_source_and_the_part_move_with_the_object() -> None:
 @pytest.mark.parametrize(
     ("toy", "model", "count", "message"),
     [
-        (bathroom(), box_model("microwave"), 1, "it has no worktop, table or shelf that takes 0.48×0.28×0.36 m"),
+        (bathroom(), box_model("microwave"), 1, "it has no worktop, table or shelf large enough for 0.48×0.28×0.36 m"),
         (Toy("kitchen", (0.5, 2.5, 0.5)).shell(), box_model("clock"), 1, "toy/kitchen: no place for clock"),
         (Toy("kitchen", (0.3, 2.5, 0.3)).shell(), box_model("toilet"), 1, "it has no free floor"),
         (kitchen(), box_model("washing_machine", size=(0.9, 3.0, 0.9)), 1, "no place for washing_machine"),
         (bathroom(), box_model("washing_machine"), 6, "no place for 6 × washing_machine"),
-        (kitchen(), box_model("clock", size=(0.3, 2.4, 0.1)), 1, "it has no free wall that takes 0.30×2.40×0.10 m"),
+        (
+            kitchen(),
+            box_model("clock", size=(0.3, 2.4, 0.1)),
+            1,
+            "it has no free wall large enough for 0.30×2.40×0.10 m",
+        ),
         (kitchen(), box_model("clock"), 0, "toy/kitchen: no objects to place; expected at least one"),
     ],
 )

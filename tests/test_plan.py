@@ -79,7 +79,7 @@ def change(content: dict, **fields: object) -> None:
         (lambda d: change(d, scan="house"), ["unknown scan 'house'", "flat"]),
         (lambda d: change(d, instances=2), ["observations.0", "part_1 is single-instance"]),
         (lambda d: change(d, instances=9), ["observations.0.instances", "less than or equal to 4"]),
-        (lambda d: change(d, silent=["microwave"]), ["stands by silently"]),
+        (lambda d: change(d, silent=["microwave"]), ["is both category and silent"]),
         (lambda d: change(d, volume=3), ["observations.0.volume"]),
         (lambda d: d["observations"].append(d["observations"][0]), ["listed twice"]),
         (lambda d: d.update(observations=[]), ["observations"]),

@@ -150,8 +150,8 @@ def test_the_options_left_alone_leave_the_digest_alone(tmp_path: Path) -> None:
     ("entry", "words"),
     [
         ({"like": "part_1/box/kitchen/9", "index": 2}, "like 'part_1/box/kitchen/9' names no observation"),
-        ({"like": ORIGINAL, "index": 2, "category": "clock"}, "category beside like"),
-        ({"like": ORIGINAL, "index": 2, "source_motion": "path"}, "source_motion beside like"),
+        ({"like": ORIGINAL, "index": 2, "category": "clock"}, "cannot have category;"),
+        ({"like": ORIGINAL, "index": 2, "source_motion": "path"}, "cannot have source_motion;"),
         ({"like": ORIGINAL, "index": 1}, "part_1/box/kitchen/1 is listed twice"),
         ({"like": ORIGINAL, "index": 2, "acoustics": {"absorption_scale": 0.01}}, "greater than or equal to 0.05"),
         ({"like": ORIGINAL, "index": 2, "acoustics": {"absorption_scale": 21}}, "less than or equal to 20"),

@@ -1,1 +1,1 @@
-"""Scene, rays, free space, boxes: what everything else stands on; imports nothing else of generators."""
+"""Scene, rays, free space and boxes, which all other generators use; imports nothing else of generators."""

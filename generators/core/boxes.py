@@ -40,7 +40,7 @@ class UprightBox:
 
     @classmethod
     def around(cls, mesh: Mesh, position: ArrayLike, yaw: float) -> UprightBox:
-        """The box round ``mesh`` placed with its origin at ``position`` and turned by ``yaw``."""
+        """The bounding box of ``mesh``, placed with its origin at ``position`` and turned by ``yaw``."""
         low, high = mesh.bounds.astype(np.float64)
         centre = yaw_matrix(yaw) @ ((low + high) / 2) + np.asarray(position, dtype=np.float64)
         return cls(centre, (high - low) / 2, yaw)
@@ -55,7 +55,7 @@ class UprightBox:
 
     @property
     def footprint(self) -> Array:
-        """(4, 2) x and z of the corners, in order."""
+        """(4, 2) x and z of the corners, in order around the box."""
         local = np.zeros((4, 3))
         local[:, [0, 2]] = _SIGNS * self.half[[0, 2]]
         return np.asarray((local @ yaw_matrix(self.yaw).T + self.centre)[:, [0, 2]])

@@ -1,4 +1,4 @@
-"""Curves in the plan of a room: length along them, even sampling, rounding off within free space."""
+"""Curves in the xz plane of a room: arc length, equidistant sampling, smoothing within free space."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ SPACING = 0.02
 
 
 def arc_length(path: Array) -> Array:
-    """(M,) length along a polyline (M, 2) up to each of its points, metres."""
+    """(M,) arc length of a polyline (M, 2) up to each of its points, metres."""
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
 
 
 def resample(line: Array, spacing: float) -> Array:
-    """The polyline (M, 2) at even distances of about ``spacing`` metres; both ends are kept."""
+    """The polyline (M, 2) resampled at equal distances of about ``spacing`` metres; both ends are kept."""
     arc = arc_length(line)
     count = max(2, int(arc[-1] / spacing) + 1)
     at = np.linspace(0.0, float(arc[-1]), count)
@@ -28,7 +28,7 @@ def resample(line: Array, spacing: float) -> Array:
 
 
 def smooth(space: FreeSpace, line: Array) -> Array:
-    """``line`` (M, 2) resampled every 2 cm and rounded off wherever that stays in free space."""
+    """``line`` (M, 2) resampled every 2 cm and smoothed wherever it then stays in free space."""
     path = resample(line, SPACING)
     for _ in range(14):
         if len(path) < 3:

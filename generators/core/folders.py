@@ -1,4 +1,4 @@
-"""Where generation keeps what it can make again."""
+"""The folder of generation's caches."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ def user_cache() -> Path:
     Raises:
         Avs3dError: if the user has no home folder.
     """
-    from platformdirs import user_cache_path  # of the extra: with AVS3D_CACHE it is not needed
+    from platformdirs import user_cache_path  # part of an extra; not needed with AVS3D_CACHE
 
     try:
         folder = user_cache_path("avs3d-bench", appauthor=False)
-    except RuntimeError:  # earlier versions return a path that begins with ~
+    except RuntimeError:  # earlier versions of platformdirs return a path that begins with ~
         folder = Path("~")
     if folder.parts[0].startswith("~"):
         raise Avs3dError("no home folder for caches is known; set AVS3D_CACHE or XDG_CACHE_HOME")

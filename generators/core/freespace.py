@@ -1,9 +1,9 @@
-"""Where a walking agent can be: the free floor of a room, measured on its geometry.
+"""The free floor of a room, on which the agent can walk, measured on the room's geometry.
 
-Works on any triangle mesh, tidy or scanned. Obstacles are the triangles that reach into the height band of the agent's
-body; each is clipped to the band, projected onto the floor plane and rasterised on a fine grid, whose Euclidean
-distance transform then gives a lower bound of the clearance anywhere. A grid cell is walkable where the clearance is
-at least the agent's radius and a ray straight down meets the floor.
+Works on any triangle mesh, modelled or scanned. Obstacles are the triangles that reach into the height band of the
+agent's body; each is clipped to the band, projected onto the floor plane and rasterised on a fine grid, whose Euclidean
+distance transform then gives a lower bound of the clearance anywhere. A grid cell is walkable if the clearance is at
+least the agent's radius and a ray straight down hits the floor.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from generators.core.scene import F32, Room, Scene
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-#: Which of some points (N, 3) an agent can stand on: (N,) bool.
+#: A function from points (N, 3) to (N,) bool: whether an agent can stand on each.
 Navigable: TypeAlias = Callable[[Array], Mask]
 
 #: Side of a floor cell, metres.
 CELL = 0.05
 #: Fine cells per floor cell along each axis; obstacles are rasterised on the fine grid.
 FINE = 4
-#: Radius of the agent: nothing may come nearer, horizontally.
+#: Radius of the agent (m): its least horizontal distance from anything.
 AGENT_RADIUS = 0.20
-#: What stands lower than this (a rug, a threshold) is walked over, metres above the floor.
+#: Height above the floor (m) up to which the agent walks over things, such as a rug or a threshold.
 STEP_OVER = 0.05
-#: The sensor's height above the floor; what hangs higher than this and the agent's radius is walked under.
+#: The sensor's height above the floor (m); the agent walks under things higher than this plus its radius.
 SENSOR_HEIGHT = 1.50
-#: Rasterising marks cell centres: half a diagonal for the obstacle, half a diagonal for the queried point.
+#: Rasterising moves points to cell centres: half a diagonal for the obstacle, half a diagonal for the queried point.
 _RASTER_ERROR = 1.5 * CELL / FINE
 _MARGIN = 0.3
 
@@ -64,7 +64,8 @@ def clip_to_band(triangles: ArrayLike, low: float, high: float) -> tuple[Array, 
     the crossings of its edges with the planes.
 
     Returns:
-        (K, 3, 2) the triangles that lie in the band as a whole, and the outlines (M, 2) of what is left of the others.
+        (K, 3, 2) the triangles that lie wholly in the band, and the outlines (M, 2) of the clipped remains of the
+        others.
     """
     corners = np.asarray(triangles, dtype=np.float64)
     y = corners[:, :, 1]
@@ -100,7 +101,7 @@ def rasterise(
     """
     image = np.zeros(shape, dtype=np.uint8)
     at = (triangles - np.asarray(origin)) / cell
-    # A scan is mostly triangles smaller than a cell: their corners are enough.
+    # Most triangles of a scan are smaller than a cell: marking their corners is enough.
     small = (np.ptp(at, axis=1) < 1.0).all(axis=1)
     corners = np.floor(at[small]).astype(np.int64).reshape(-1, 2)
     corners = corners[((corners >= 0) & (corners < shape)).all(axis=1)]
@@ -148,19 +149,19 @@ class FreeSpace:
         radius: float = AGENT_RADIUS,
         height: float = SENSOR_HEIGHT,
     ) -> FreeSpace:
-        """Measure the free space of ``room`` (with ``adjoining``: of those rooms and their doorways too).
+        """Measure the free space of ``room`` and, with ``adjoining``, of those rooms and their doorways.
 
         Args:
             scene: any scene.
             room: name of the room.
             adjoining: names of further rooms.
-            triangles: the triangles to measure, where the caller has them already (`triangles_near`).
+            triangles: the triangles to measure, if the caller already has them (`triangles_near`).
             caster: the ray caster of the same triangles.
             radius: the agent's radius.
             height: the sensor's height above the floor; a ray from there looks for the floor.
 
         Raises:
-            Avs3dError: if the room does not exist, its box is no box, or there is no geometry in it.
+            Avs3dError: if the room does not exist, its box is not valid, or the box holds no geometry.
         """
         rooms = [scene.room(room), *(scene.room(name) for name in adjoining)]
         for each in rooms:
@@ -172,7 +173,7 @@ class FreeSpace:
         if triangles is None:
             triangles = triangles_near(scene, boxes)
         if not len(triangles):
-            raise Avs3dError(f"{scene.name}/{room}: no geometry in the room's box; mend its low and high corners")
+            raise Avs3dError(f"{scene.name}/{room}: no geometry in the room's box; correct its low and high corners")
         if caster is None:
             caster = RayCaster(triangles)
         floor = float(rooms[0].low[1])
@@ -209,7 +210,7 @@ class FreeSpace:
         return np.clip(cells, 0, np.array(self.walkable.shape) - 1)
 
     def contains(self, points: ArrayLike) -> Mask:
-        """Whether points (N, 2) lie in walkable cells and keep the agent's radius themselves."""
+        """(N,) whether points (N, 2) lie in walkable cells and are themselves at least the agent's radius away."""
         ij = self.index(points)
         return np.asarray(self.walkable[ij[:, 0], ij[:, 1]] & (self.clearance(points) >= self.radius))
 
@@ -242,11 +243,11 @@ class FreeSpace:
         return replace(self, walkable=self.labels == label)
 
     def restricted(self, keep: Mask) -> FreeSpace:
-        """The same space where ``keep`` (NX, NZ) holds too."""
+        """The same space, restricted to the cells in which ``keep`` (NX, NZ) is true."""
         return replace(self, walkable=self.walkable & keep)
 
     def within(self, navigable: Navigable) -> FreeSpace:
-        """The space left where ``navigable`` lets an agent stand, asked for cell centres at the floor's height."""
+        """The space restricted to the cells whose centre, at the floor's height, ``navigable`` accepts."""
         plan = self.points
         if not len(plan):
             return self
@@ -255,7 +256,10 @@ class FreeSpace:
         return self.restricted(keep)
 
     def without(self, rectangles: Sequence[Array], distance: float | None = None) -> FreeSpace:
-        """The space left when convex outlines (4, 2: x, z, in order) are kept at ``distance`` (the agent's radius)."""
+        """The space without the points nearer than ``distance`` to convex outlines (4, 2: x and z, in order).
+
+        The default distance is the agent's radius.
+        """
         limit = self.radius if distance is None else distance
         keep = self.walkable.copy()
         for rectangle in rectangles:
@@ -271,8 +275,7 @@ class FreeSpace:
     def graph(self) -> tuple[sparse.csr_matrix, NDArray[np.int64], NDArray[np.int64]]:
         """The 8-neighbour graph of walkable cells: weights, (N, 2) cell indices, (NX, NZ) node numbers (−1: none).
 
-        A step costs its length, up to half as much again where it runs close to obstacles, so that paths prefer the
-        middle of a passage.
+        A step costs its length, times up to 1.5 close to obstacles, so that paths prefer the middle of a passage.
         """
         cells = np.argwhere(self.walkable)
         number = np.full(self.walkable.shape, -1, dtype=np.int64)
@@ -324,14 +327,14 @@ class FreeSpace:
             while chain[-1] != first:
                 step = int(before[row, chain[-1]])
                 if step < 0:
-                    raise Avs3dError("no way between two places in the room: its free floor is in separate pieces")
+                    raise Avs3dError("no path between two places in the room: its free floor is in separate pieces")
                 chain.append(step)
             out.append(self.origin + (cells[chain[::-1]] + 0.5) * CELL)
         return out
 
 
 def distance_to_polygon(points: ArrayLike, polygon: ArrayLike) -> Array:
-    """(N,) distance from points (N, 2) to a convex polygon (M, 2, corners in order, either sense); 0 inside."""
+    """(N,) distance from points (N, 2) to a convex polygon (M, 2, corners in order, clockwise or not); 0 inside."""
     p, corners = np.asarray(points, dtype=np.float64), np.asarray(polygon, dtype=np.float64)
     best = np.full(len(p), np.inf)
     left, right = np.ones(len(p), dtype=bool), np.ones(len(p), dtype=bool)
@@ -350,7 +353,7 @@ def _check_box(scene: Scene, room: Room) -> None:
     if not np.isfinite(size).all() or (size <= 0.2).any() or (size > 100).any():
         raise Avs3dError(
             f"{scene.name}: room {room.name!r} measures {np.round(size, 2).tolist()} m, expected 0.2 to 100 m along"
-            " each axis; mend its low and high corners"
+            " each axis; correct its low and high corners"
         )
 
 

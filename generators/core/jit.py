@@ -1,10 +1,10 @@
-"""numba, set up for many processes: compiled code is kept in a cache folder that all of them share.
+"""numba, set up for many processes: compiled code is kept in a cache folder that all processes share.
 
-numba writes its cache beside the source unless told otherwise, which fails in a read-only installation. The folder is
-``NUMBA_CACHE_DIR`` where that is set, else ``avs3d-bench/numba`` in the user's cache folder.
+By default numba writes its cache beside the source, which fails in a read-only installation. Here the folder is
+``NUMBA_CACHE_DIR`` if that is set, else ``avs3d-bench/numba`` in the user's cache folder.
 
-Kernels are compiled without ``fastmath``: floating-point operations keep the order they are written in, and a frame
-its bytes.
+Kernels are compiled without ``fastmath``: floating-point operations keep their written order, so that the bytes of a
+frame do not change.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def _cache_folder() -> Path:
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     own = f"avs3d-bench-{os.getuid()}" if hasattr(os, "getuid") else "avs3d-bench"
     candidates = [Path(chosen)] if chosen else []
-    with suppress(Avs3dError):  # a user without a home folder
+    with suppress(Avs3dError):  # the user has no home folder
         candidates.append(user_cache() / "numba")
     candidates.append(Path(tempfile.gettempdir()) / own / "numba")
     for folder in candidates:
@@ -37,7 +37,7 @@ def _cache_folder() -> Path:
             if os.access(folder, os.W_OK | os.X_OK):
                 return folder
     raise Avs3dError(
-        f"no folder for compiled kernels can be written: tried {', '.join(map(str, candidates))}; set NUMBA_CACHE_DIR"
+        f"no writable folder for compiled kernels: tried {', '.join(map(str, candidates))}; set NUMBA_CACHE_DIR"
     )
 
 
@@ -49,7 +49,7 @@ except ImportError as _error:
     raise Avs3dError(
         f"rendering needs numba, which cannot be imported ({_error}): pip install 'avs3d-bench[generate]'"
     ) from _error
-# numba reads the variable when it is imported, which somebody may have done before.
+# numba reads the variable when it is imported, which may have happened already.
 _config: Any = numba.config
 _config.CACHE_DIR = str(CACHE_FOLDER)
 
@@ -57,21 +57,21 @@ _config.CACHE_DIR = str(CACHE_FOLDER)
 def njit(function: F) -> F:
     """Compile ``function`` in nopython mode on its first call, or load it from the cache; releases the GIL.
 
-    The cache notices changes of the kernel's own file only: what comes from other files must be an argument.
+    The cache detects changes of the kernel's own file only: values from other files must be passed as arguments.
     """
     return cast(F, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
 
 
 def inline(function: F) -> F:
-    """Compile a small function that only kernels of the same file call: LLVM makes it part of them."""
+    """Compile a small function that only kernels of the same file call, so that LLVM can inline it."""
     return cast(F, numba.njit(error_model="numpy")(function))
 
 
 @contextmanager
 def compile_lock() -> Iterator[None]:
-    """Let one process at a time compile; the others then load what it has cached.
+    """Let one process at a time compile; the others then load its result from the cache.
 
-    Where the cache folder has no locks nothing is guarded: compiling twice costs time, not correctness.
+    If the cache folder's file system has no locks, several processes may compile; that costs only time.
     """
     with turn(CACHE_FOLDER / "compile.lock"):
         yield

@@ -1,4 +1,4 @@
-"""Low-discrepancy directions and the pattern by which neighbouring texels share them.
+"""Low-discrepancy directions, and the pattern that distributes them over neighbouring texels.
 
 Texels are coloured in 4 × 4 tiles (`PATTERNS` = 16 colours); a texel of colour p uses the p-th block of one long
 (0, 2)-sequence. Every 4 × 4 window of texels therefore holds the whole sequence once, and a filter that gives every
@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from generators.core.scene import F32
 
-#: Side of a tile of texels, and how many sets of samples there are.
+#: Side of a tile (texels), and the number of sample sets.
 TILE = 4
 PATTERNS = TILE * TILE
-# A permutation of the 16 blocks that puts consecutive (hence complementary) blocks far apart in the tile.
+# A permutation of the 16 blocks that puts consecutive blocks, which complement each other, far apart in the tile.
 _ORDER = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]], dtype=np.int32)
 
 

@@ -1,8 +1,8 @@
 """Rays against triangles: the project's one wrapper of Embree (through embreex).
 
-`Tracer` hands arrays to Embree as they are. `RayCaster` checks them, and answers the two questions that placement,
-trajectory and line-of-sight tests ask: what does a ray meet first, and does it meet anything. Answers are the same
-bytes for any chunking, in any process, because each ray is traced by itself.
+`Tracer` passes arrays to Embree unchecked. `RayCaster` checks them first and has the two queries that placement,
+trajectory and line-of-sight tests need: the first surface that a ray hits, and whether it hits any. Results have the
+same bytes for any chunking and in any process, because each ray is traced by itself.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from avs3d_bench.errors import Avs3dError
 from generators.core.scene import F32, I32, Scene
 
-#: Rays handed to Embree at once; keeps its result arrays (32 bytes a ray) within a core's cache.
+#: Number of rays per call of Embree; its result arrays (32 bytes a ray) then fit into a core's cache.
 CHUNK = 1 << 16
-#: embreex's own "no limit"; a miss returns it unchanged.
+#: embreex's value for "no limit"; a ray without a hit returns it unchanged.
 _FAR = np.float32(1e37)
 
 
@@ -28,10 +28,10 @@ class Tracer:
     The scene is built in Embree's robust mode, whose edge test is watertight: no ray slips between two triangles that
     share an edge.
 
-    Nothing is checked at a query: a ray that is not finite, or has no direction, is answered at random.
+    Queries check nothing: for a ray that is not finite, or whose direction is 0, the result is arbitrary.
 
     Args:
-        triangles: (F, 3, 3) metres; a hit's ``primID`` is the row.
+        triangles: (F, 3, 3) metres; a hit's ``primID`` is the row number.
 
     Raises:
         Avs3dError: if embreex is not installed, there is no triangle, or a coordinate is not finite.
@@ -62,29 +62,29 @@ class Tracer:
         Args:
             origins: (N, 3) float32.
             directions: (N, 3) float32, any length.
-            far: (N,) float32, how far to look; everywhere if missing.
+            far: (N,) float32, largest distance in direction lengths; no limit if missing.
         """
         hits: dict[str, Any] = self._scene.run(origins, directions, far, query="INTERSECT", output=True)
         return hits
 
     def occluded(self, origins: F32, directions: F32, far: F32) -> NDArray[np.bool_]:
-        """(N,) whether anything is met before ``far`` (N,) direction lengths."""
+        """(N,) whether each ray hits anything nearer than ``far`` (N,) direction lengths."""
         found = self._scene.run(origins, directions, far, query="OCCLUDED")
         return np.asarray(found >= 0)
 
 
 def repeated(point: ArrayLike, count: int) -> F32:
-    """``point`` (3,) as a (count, 3) float32 array that takes no memory (stride 0); only to be read."""
+    """``point`` (3,) as a read-only (count, 3) float32 array without copies (stride 0)."""
     row = np.array(point, dtype=np.float32).reshape(1, 3)
     return as_strided(row, shape=(count, 3), strides=(0, row.strides[1]))
 
 
 class RayCaster:
-    """Checked rays against all surfaces of a scene, or against bare triangles.
+    """Ray queries with checked arguments against all surfaces of a scene, or against an array of triangles.
 
-    Faces are numbered through the parts in their order: part p begins at ``first_face[p]``; ``face_part[f]`` is the
-    part of face f. A ray may start anywhere; one that starts on a surface can hit it again at a distance of 0, so move
-    its origin off along the normal by about a millimetre.
+    Faces are numbered part after part: the faces of part p begin at ``first_face[p]``; ``face_part[f]`` is the part of
+    face f. A ray may start anywhere; one that starts on a surface can hit this surface at a distance of 0, so move its
+    origin along the normal by about a millimetre.
 
     Args:
         geometry: a `Scene`, or triangles (F, 3, 3) in metres.
@@ -103,21 +103,21 @@ class RayCaster:
             triangles = np.asarray(geometry, dtype=np.float32)
             counts = [len(triangles)] if triangles.ndim else [0]
         self._tracer = Tracer(triangles)
-        #: (P + 1,) int64: where each part's faces begin, and the number of faces.
+        #: (P + 1,) int64: index of each part's first face, then the number of faces.
         self.first_face: NDArray[np.int64] = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
         #: (F,) int32: the part each face belongs to.
         self.face_part: I32 = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
 
     def closest(self, origins: ArrayLike, directions: ArrayLike) -> tuple[F32, I32]:
-        """The first surface each ray meets.
+        """Find the first surface that each ray hits.
 
         Args:
             origins: (N, 3), or (3,) for a common origin; metres.
             directions: (N, 3), not necessarily of unit length.
 
         Returns:
-            distance (N,) float32 in lengths of the direction (metres for unit vectors; the depth for directions with
-            a depth of 1), inf where nothing is hit; face (N,) int32, −1 where nothing is hit.
+            distance (N,) float32 in lengths of the direction (metres for unit vectors; the depth for directions with a
+            depth of 1 along the optical axis), inf without a hit; face (N,) int32, −1 without a hit.
 
         Raises:
             Avs3dError: for numbers that are not finite, or directions of length 0.
@@ -134,13 +134,13 @@ class RayCaster:
         return distance, face
 
     def occluded(self, origins: ArrayLike, directions: ArrayLike, distance: ArrayLike = np.inf) -> NDArray[np.bool_]:
-        """Whether anything lies on each ray nearer than ``distance``; any surface counts, from either side.
+        """Whether each ray hits any surface, from either side, nearer than ``distance``.
 
         Args:
             origins: (N, 3), or (3,) for a common origin; metres.
             directions: (N, 3), not necessarily of unit length.
-            distance: (N,) or a number, in lengths of the direction. To ask whether a segment p → q is free, hand in
-                q − p and a distance a little below 1, so that the surface q lies on does not count.
+            distance: (N,) or a number, in lengths of the direction. To test whether a segment p → q is free, pass the
+                direction q − p and a distance a little below 1, so that the surface on which q lies does not count.
 
         Returns:
             (N,) bool.
@@ -170,7 +170,7 @@ def _rays(origins: ArrayLike, directions: ArrayLike) -> tuple[F32, F32]:
     if start.shape != along.shape:
         raise Avs3dError(f"ray casting: origins have shape {start.shape}, expected {along.shape} or (3,)")
     if not (np.isfinite(start).all() and np.isfinite(along).all()):
-        raise Avs3dError("ray casting: an origin or a direction is not finite; Embree would answer at random")
+        raise Avs3dError("ray casting: an origin or a direction is not finite; correct the pose or the mesh")
     if len(along) and not along.any(axis=1).all():
         raise Avs3dError("ray casting: a direction has length 0")
     return np.ascontiguousarray(start) if start.strides[0] else start, along

@@ -1,7 +1,7 @@
-"""What every renderer and every acoustic engine gets: a `Scene`.
+"""The `Scene`: input of every renderer and every acoustic engine.
 
-World frame: right-handed, metres, Y up. A mesh is stored by face corners (no index buffer), because texture, normal
-and light-map coordinates are seldom shared between faces, and because every consumer wants them per face anyway.
+World frame: right-handed, metres, Y up. A mesh is stored as face corners (no index buffer), because faces seldom share
+texture coordinates, normals or light-map coordinates, and because all users of a mesh read them per face.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Texture:
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """How a face looks and sounds.
+    """Optical and acoustic properties of a face.
 
     Attributes:
         name: e.g. ``oak``, ``white_tiles``.
@@ -40,10 +40,10 @@ class Material:
         colour: linear-light albedo in [0, 1], multiplied with the texture.
         texture: optional; sampled at the mesh's uv.
         emission: radiance (3,) in the scene's light unit; lamps and window panes.
-        gloss: 0 = matte; towards 1 the bake gathers a narrower lobe round the normal (metal, enamel, glass).
-        shown: what the camera sees in its place: ``texture`` × ``shown``, whatever the light and the exposure. For the
-            view behind a window pane, which lights the room far more brightly than a picture can show; interior
-            photographers expose it for itself.
+        gloss: 0 = matte; towards 1 the bake gathers light from a narrower lobe about the normal (metal, enamel, glass).
+        shown: if set, the camera sees ``texture`` × ``shown`` here, independent of light and exposure. It is for the
+            view behind a window pane, whose radiance is far beyond the range of a picture; interior photographers
+            expose it separately.
     """
 
     name: str
@@ -57,7 +57,7 @@ class Material:
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A textured triangle mesh by face corners.
+    """A textured triangle mesh, stored as face corners.
 
     Attributes:
         positions: (F, 3, 3) float32, metres; counter-clockwise seen from outside.
@@ -65,7 +65,7 @@ class Mesh:
         uv: (F, 3, 2) float32 texture coordinates in repeats (v up).
         face_material: (F,) int32 index into ``materials``.
         materials: the materials.
-        acoustic_positions: (A, 3, 3) float32, the same surface at the resolution that sound resolves (boxes for
+        acoustic_positions: (A, 3, 3) float32, the same surface with the detail that matters for sound (boxes for
             furniture, eight-sided cylinders, no detail below about 10 cm).
         acoustic_labels: one acoustic material label per acoustic face.
     """
@@ -101,10 +101,10 @@ class Mesh:
         )
 
     def check(self, name: str) -> None:
-        """Refuse numbers that make the engines hang, crash or lie.
+        """Check the arrays: invalid values make the engines hang, crash or return wrong results.
 
         Raises:
-            Avs3dError: if a coordinate is not finite, the mesh is empty, or shapes do not fit together.
+            Avs3dError: if a coordinate is not finite, the mesh is empty, or the arrays' shapes do not match.
         """
         count = len(self.positions)
         if count == 0:
@@ -124,7 +124,8 @@ class Mesh:
             if bad:
                 raise Avs3dError(f"{name}: {field_name} has {bad} values that are NaN or infinite; repair the mesh")
         if self.face_material.min() < 0 or self.face_material.max() >= len(self.materials):
-            raise Avs3dError(f"{name}: a face names material {int(self.face_material.max())} of {len(self.materials)}")
+            largest = int(self.face_material.max())
+            raise Avs3dError(f"{name}: a face has material index {largest}; expected 0 to {len(self.materials) - 1}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +143,7 @@ class LightMap:
 
 @dataclass(frozen=True)
 class Licence:
-    """Where a part comes from and what may be done with it."""
+    """Licence, author and source of a part."""
 
     name: str = "Apache-2.0"
     author: str = "avs3d-bench"
@@ -153,8 +154,8 @@ class Licence:
 class Part:
     """One mesh of a scene: the shell of a flat, a piece of furniture, or a placed instance.
 
-    ``instance_id`` is 0 for what belongs to the scan, 1… for placed instances. ``light`` is None where the texture
-    already holds the light (a scan, or a material that only emits): colour is then texture × material colour.
+    ``instance_id`` is 0 for parts of the home, 1… for placed instances. ``light`` is None if the texture already
+    contains the light (a scan, or a material that only emits): the colour is then texture × material colour.
     """
 
     name: str
@@ -167,7 +168,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Room:
-    """A room: its type, its inner box (metres) and the exposure that suits its light."""
+    """A room: its type, its inner box (metres) and the exposure for its light."""
 
     name: str
     low: tuple[float, float, float]
@@ -180,7 +181,7 @@ class Support:
     """A rectangle on which an object can stand (or hang): ``origin`` + a·``u`` + b·``v``, a, b in [0, 1].
 
     ``normal`` is up for horizontal supports and points into the room for walls; ``front`` is the horizontal direction
-    in which an object standing there looks. ``clearance`` is the free height above (or depth before) the surface.
+    in which an object on it faces. ``clearance`` is the free height above (or depth in front of) the surface, metres.
     """
 
     kind: SupportKind
@@ -195,7 +196,7 @@ class Support:
 
 @dataclass(frozen=True)
 class StageFile:
-    """The file that a scan was read from: a renderer that reads scans itself loads it in place of the scan's parts.
+    """The file of a scan: a renderer that reads scans itself loads it instead of the scan's parts.
 
     ``up`` and ``front`` are the file's axes that become +Y and +Z of the world (``z``, ``-y``, …).
     """
@@ -207,10 +208,10 @@ class StageFile:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Everything a renderer and an acoustic engine need.
+    """A home with its rooms and objects: all that a renderer and an acoustic engine need.
 
     ``exposure`` multiplies linear light before the tone curve (`Scene.for_room` sets the room's own). ``stage`` is the
-    file behind the parts of instance id 0, where they are one scan.
+    file of the parts with instance id 0, if they are one scan.
     """
 
     name: str

@@ -1,14 +1,14 @@
-"""From scene radiance to 8 bits: a photographic tone curve, then the sRGB transfer function.
+"""Conversion of scene radiance to 8 bits: a photographic tone curve, then the sRGB transfer function.
 
 The curve is the Naka-Rushton/Hill sigmoid that filmic operators are built from (T. Lottes, "Advanced Techniques and
 Optimization of HDR Color Pipelines", GDC 2016, with shoulder 1)::
 
     f(x) = x^a / (b·x^a + c),      f(0) = 0,   f(MID_GREY) = MID_GREY,   f(WHITE) = 1
 
-a is the contrast in the shadows, where f ~ x^a; the two fixed points give b and c. About mid-grey the slope on a
-log-log plot is a·(1 − b·MID_GREY) ≈ 1.1, a diffuse white (x = 1) is shown at 0.71 (sRGB 219 of 255) and everything
-from `WHITE`, four stops and a half above mid-grey, is paper white: about what a phone's camera makes of a room. It is
-applied to each channel by itself, so that bright colours lose saturation towards white, as film does.
+a is the contrast in the shadows, where f ~ x^a; the two conditions f(MID_GREY) and f(WHITE) determine b and c. At
+mid-grey the slope on a log-log plot is a·(1 − b·MID_GREY) ≈ 1.1. A diffuse white (x = 1) is shown at 0.71 (sRGB 219 of
+255). Radiance from `WHITE` on, 4.5 stops above mid-grey, is shown as pure white, similar to a phone's camera. The curve
+is applied to each channel separately, so that bright colours lose saturation towards white, as on film.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from avs3d_bench.errors import Avs3dError
 
 Array = NDArray[np.float64]
 
-#: Radiance (times exposure) that is shown as it is: 18 % grey, sRGB 118 of 255.
+#: Fixed point of the curve, as radiance times exposure: 18 % grey, sRGB 118 of 255.
 MID_GREY = 0.18
-#: The smallest radiance (times exposure) shown as paper white.
+#: The smallest radiance (times exposure) that is shown as pure white.
 WHITE = 4.0
 #: Exponent of the toe.
 CONTRAST = 1.3
@@ -30,7 +30,7 @@ CONTRAST = 1.3
 _B = (WHITE**CONTRAST - MID_GREY ** (CONTRAST - 1)) / (WHITE**CONTRAST - MID_GREY**CONTRAST)
 _C = WHITE**CONTRAST * (1.0 - _B)
 
-#: Sizes of the tables: radiance is looked up by its square root and interpolated, display light directly.
+#: Sizes of the tables. Radiance is looked up by its square root, with interpolation; display light directly.
 TONE_ENTRIES = 4096
 SRGB_ENTRIES = 65536
 

@@ -1,1 +1,1 @@
-"""The home of an observation, built and lit once and kept, or read from a scan."""
+"""The home of an observation: built and lit once and then cached, or read from a scan."""

@@ -1,11 +1,11 @@
-"""Built and baked scenes on disk: an apartment is made once per key and then mapped into memory.
+"""Cache of built and baked scenes on disk: an apartment is made once per key and then mapped into memory.
 
-    <directory>/<key>-<digest>/   index.json: everything but numbers, and the size and SHA-256 of each array file
-                                  positions.npy … textures.npy: the numbers of all parts, one after the other
+    <directory>/<key>-<digest>/   index.json: all except the arrays, and the size and SHA-256 of each array file
+                                  positions.npy … textures.npy: the arrays of all parts, concatenated
 
 Array files are opened with ``mmap_mode="r"``, so that worker processes share their pages. The digest in the folder's
 name covers the key and the software that builds scenes: after a change of either, scenes are built again.
-A folder is written under another name and renamed when whole, so that what has the final name is complete.
+A folder is written under a temporary name and renamed when complete, so a folder with a final name is complete.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.provenance import provenance
 from generators.core.scene import Licence, LightMap, Material, Mesh, Part, Room, Scene, Support, Texture
 
-#: Raise when the layout of the files changes.
+#: Version of the file layout; increase it when the layout changes.
 FORMAT = 1
 INDEX = "index.json"
-#: What makes a stored scene (see `avs3d_bench.provenance`).
+#: The functions that make a stored scene (see `avs3d_bench.provenance`).
 BUILDER = (
     "generators.apartments.apartment:build_apartment",
     "generators.lighting.bake:bake",
     "generators.homes.cache:cached_scene",
 )
-#: Unfinished folders of processes that died are swept away after this long, seconds.
+#: Age (s) after which unfinished folders of dead processes are deleted.
 _STALE = 86400.0
-#: Array files: type and shape of one row.
+#: Array files: dtype and shape of one row.
 _ARRAYS: dict[str, tuple[str, tuple[int, ...]]] = {
     "positions": ("<f4", (3, 3)),
     "normals": ("<f4", (3, 3)),
@@ -55,7 +55,7 @@ _ARRAYS: dict[str, tuple[str, tuple[int, ...]]] = {
 
 
 class _BrokenError(Exception):
-    """A stored scene is not what its index says."""
+    """The files of a stored scene do not match its index."""
 
 
 def builder_version() -> str:
@@ -66,12 +66,12 @@ def builder_version() -> str:
 def cached_scene(directory: Path, key: str, build: Callable[[], Scene]) -> Scene:
     """The scene stored under ``key``, built and stored first if it is missing or damaged.
 
-    Several processes may ask at once: each missing scene may then be built more than once, the first one stored is
-    what all of them use.
+    Several processes may call this at the same time: a missing scene may then be built more than once, and all
+    processes use the one that was stored first.
 
     Args:
         directory: the cache; made if it is missing.
-        key: names the scene and everything that ``build`` depends on besides the code (seed, quality).
+        key: identifies the scene, with all that ``build`` depends on besides the code (seed, quality).
         build: makes the scene, deterministically.
 
     Returns:
@@ -93,17 +93,17 @@ def cached_scene(directory: Path, key: str, build: Callable[[], Scene]) -> Scene
         raise _unwritable(directory, repr(key), error) from error
     found = _try_load(folder)
     if found is None:
-        raise Avs3dError(f"scene cache {folder}: what was just written cannot be read back; check the disk")
+        raise Avs3dError(f"scene cache {folder}: the scene that was just written cannot be read back; check the disk")
     return found
 
 
 def is_stored(directory: Path, key: str) -> bool:
-    """Whether a scene is stored under ``key``; it may be damaged."""
+    """Whether a scene is stored under ``key``; the scene is not checked for damage."""
     return (directory / _folder_name(key)).is_dir()
 
 
 def check_writable(directory: Path, what: str = "homes") -> None:
-    """Make the folder of the cache, and write a byte into it, before ``what`` is built for it.
+    """Check that the cache folder can be written, before ``what`` is built: make it and write a byte into it.
 
     Raises:
         Avs3dError: if that fails.
@@ -130,7 +130,7 @@ def _folder_name(key: str) -> str:
 
 
 def _try_load(folder: Path) -> Scene | None:
-    """The stored scene, or None; a damaged one is moved out of the way."""
+    """The stored scene, or None; a damaged one is renamed."""
     if not folder.is_dir():
         return None
     try:
@@ -156,7 +156,7 @@ def _temporary(folder: Path) -> Path:
 
 
 def _sweep(directory: Path) -> None:
-    """Delete what processes that died long ago have left half-written."""
+    """Delete unfinished folders of processes that died more than `_STALE` seconds ago."""
     for leftover in directory.glob(".*.tmp"):
         try:
             old = time.time() - leftover.stat().st_mtime > _STALE
@@ -167,7 +167,7 @@ def _sweep(directory: Path) -> None:
 
 
 def _store(scene: Scene, folder: Path) -> None:
-    """Write ``scene`` under a temporary name and rename it; a folder that is there already wins."""
+    """Write ``scene`` under a temporary name and rename it; an existing folder of that name is kept instead."""
     arrays, index = _pack(scene)
     temporary = _temporary(folder)
     try:
@@ -197,7 +197,7 @@ def _digest(path: Path) -> str:
 
 
 def _pack(scene: Scene) -> tuple[dict[str, list[NDArray[Any]]], dict[str, Any]]:
-    """The numbers of a scene, and the rest of it as JSON values."""
+    """The arrays of a scene, and the rest of it as JSON values."""
     arrays: dict[str, list[NDArray[Any]]] = {name: [] for name in _ARRAYS}
     materials, material_index, texture_index, arrays["textures"] = _pack_materials(scene)
     labels: dict[str, int] = {}
@@ -302,7 +302,7 @@ def _load(folder: Path) -> Scene:
 
 
 class _Reader:
-    """Hands out consecutive rows of the array files."""
+    """Returns consecutive rows of the array files."""
 
     def __init__(self, arrays: dict[str, NDArray[Any]]) -> None:
         self._arrays = arrays

@@ -10,12 +10,12 @@ from generators.core.scene import Licence, Scene
 from generators.homes.cache import cached_scene
 from generators.plan import ObservationPlan
 
-#: The scan opened last in this process, by its digest.
+#: The scan that this process opened last, by its digest.
 _LAST: dict[str, Scene] = {}
 
 
 def prepare_home(plan: ObservationPlan, folder: Path, *, workers: int = 1) -> None:
-    """Build and light the plan's home into the cache ``folder`` unless it lies there already."""
+    """Build and light the plan's home and store it in the cache ``folder``, unless it is there already."""
     open_home(plan, folder, workers=workers)
 
 
@@ -23,7 +23,7 @@ def open_home(plan: ObservationPlan, folder: Path, *, workers: int = 1) -> Scene
     """The plan's home with its light.
 
     Raises:
-        Avs3dError: if a scan's file is missing or broken, or the room is not in it.
+        Avs3dError: if a scan's file is missing or broken, or has no such room.
     """
     if plan.scan.source == "scan":
         scene = _open_scan(plan)
@@ -49,10 +49,10 @@ def _open_scan(plan: ObservationPlan) -> Scene:
     spec, room = plan.scan, plan.spec.room
     files, digest = plan.scan_files, plan.home_digest
     known = _LAST.get(digest)
-    # A folder that was moved holds the same scan, but a renderer may want its file.
+    # A moved folder holds the same scan, but a renderer may need the new path of its file.
     if known and known.stage and known.stage.path == files.mesh and room in (each.name for each in known.rooms):
         return known
-    # Habitat reads the stage itself, compressed textures and all.
+    # Habitat reads the stage file itself, with its compressed textures.
     textures = plan.vision != "habitat" or can_decode_basis() or not has_basis(files.mesh)
     scene = load_scan(
         plan.spec.scan,

@@ -1,7 +1,7 @@
-"""Objects and sounds made by others: where they come from, under which licence, where they lie, and whether whole.
+"""Objects and sounds made by others: their sources, licences, storage and integrity checks.
 
-Everything that is used is pinned in a lock file (`assets.lock.yaml` beside the manifest); the files themselves lie in a
-store outside the repository. `avs3d assets` fills both, generation opens them with `open_asset`.
+Every asset is pinned in a lock file (`assets.lock.yaml` beside the manifest); the files themselves are in a store
+outside the repository. `avs3d assets` fills both; generation opens assets with `open_asset`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Zip archives from others, looked at before anything of them is unpacked; and bundles of our own with stable bytes."""
+"""Checks downloaded zip archives before it unpacks them, and writes bundles with reproducible bytes."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from avs3d_bench.archive import Fault, announced, faults, plain_name
 from avs3d_bench.archive import ZipLimits as ZipLimits
 from avs3d_bench.errors import Avs3dError
 
-#: What the decoders say of a damaged member.
+#: Exceptions of the decoders for a damaged member.
 _DAMAGE = (
     zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, EOFError, OSError, ValueError, NotImplementedError,
     RuntimeError,
 )  # fmt: skip
 MODEL_LIMITS = ZipLimits()
-#: A library of hundreds of models (an .sh3f) is larger than one model.
+#: Limits for a library of hundreds of models (an .sh3f), which is larger than one model.
 LIBRARY_LIMITS = ZipLimits(members=50_000, total=4_000_000_000)
 
 
 def opened(file: Path | IO[bytes], what: str, limits: ZipLimits) -> zipfile.ZipFile:
-    """An archive whose list of members is short enough to be read.
+    """Open an archive if its list of members is short enough to be read.
 
     Raises:
-        Avs3dError: if it is not.
+        Avs3dError: if the list is too long.
         OSError: if it cannot be read.
-        zipfile.BadZipFile: if it is no archive.
+        zipfile.BadZipFile: if it is not an archive.
     """
     with file.open("rb") if isinstance(file, Path) else contextlib.nullcontext(file) as stream:
         fault = announced(stream, limits)
@@ -43,7 +43,7 @@ def opened(file: Path | IO[bytes], what: str, limits: ZipLimits) -> zipfile.ZipF
 
 
 def vetted(archive: zipfile.ZipFile, what: str, limits: ZipLimits = MODEL_LIMITS) -> tuple[zipfile.ZipInfo, ...]:
-    """The file members of an archive, after a look at all it says of itself.
+    """The file members of an archive whose directory has passed all checks.
 
     Raises:
         Avs3dError: for any of the faults of `avs3d_bench.archive`; nothing is unpacked then.
@@ -86,7 +86,7 @@ def _refusal(what: str, fault: Fault) -> Avs3dError:
 
 
 def read_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo, what: str) -> bytes:
-    """The bytes of a member, never more than its entry says.
+    """The bytes of a member, checked against the size in its entry.
 
     Raises:
         Avs3dError: if it is damaged.
@@ -97,7 +97,9 @@ def read_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo, what: str) ->
     except _DAMAGE as error:
         raise Avs3dError(f"{what}: {member.filename!r} in the archive is damaged ({error}); fetch it again") from None
     if len(data) != member.file_size:
-        raise Avs3dError(f"{what}: {member.filename!r} in the archive is not as long as it says; fetch it again")
+        raise Avs3dError(
+            f"{what}: {member.filename!r} in the archive has another length than its entry says; fetch it again"
+        )
     return data
 
 
@@ -105,20 +107,22 @@ def read_zip(path: Path, what: str, limits: ZipLimits = MODEL_LIMITS) -> dict[st
     """Member name (with ``/``) → bytes of a vetted archive.
 
     Raises:
-        Avs3dError: see `vetted` and `read_member`; or if ``path`` is no zip archive.
+        Avs3dError: see `vetted` and `read_member`; or if ``path`` is not a zip archive.
     """
     try:
         with opened(path, what, limits) as archive:
             members = vetted(archive, what, limits)
             return {plain_name(m.filename): read_member(archive, m, what) for m in members}
     except (zipfile.BadZipFile, ValueError, NotImplementedError) as error:
-        raise Avs3dError(f"{what}: {path.name} is no zip archive or a broken one ({error}); fetch it again") from None
+        raise Avs3dError(
+            f"{what}: {path.name} is not a zip archive, or a broken one ({error}); fetch it again"
+        ) from None
     except OSError as error:
         raise Avs3dError(files.os_error_line(error, path, "read")) from error
 
 
 def unpack(path: Path, folder: Path, what: str, limits: ZipLimits = MODEL_LIMITS) -> tuple[Path, ...]:
-    """Unpack a vetted archive below ``folder``; the paths written, sorted.
+    """Unpack a vetted archive below ``folder`` and return the written paths, sorted.
 
     Raises:
         Avs3dError: see `read_zip`.
@@ -132,10 +136,10 @@ def unpack(path: Path, folder: Path, what: str, limits: ZipLimits = MODEL_LIMITS
 
 
 def bundle(members: Mapping[str, bytes]) -> bytes:
-    """A zip archive of ``members`` whose bytes depend on nothing else: sorted, stored, one date, no attributes.
+    """A zip archive whose bytes depend only on ``members``: sorted, stored, one date, no attributes.
 
-    For assets that are several files (an OBJ with its MTL and textures): one file to keep and one hash to pin. Not
-    compressed, because the bytes of a compressor may change with its version.
+    For assets of several files (an OBJ with its MTL and textures), so that one hash pins them all. Not compressed,
+    because the bytes of a compressor may change with its version.
     """
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:

@@ -2,8 +2,8 @@
 
 Facts (https://sound-effects.bbcrewind.co.uk): ``POST /api/sfx/search`` with ``{"criteria": {"from", "size", "query"}}``
 answers ``results`` with id, description and duration (ms); files lie at ``/wav/{id}.wav`` and ``/mp3/{id}.mp3`` of the
-media host. No token. The licence is RemArc: personal, educational and research use, so it is taken only with
-``--allow-licence LicenseRef-RemArc``.
+media host. No token is needed. The licence is RemArc (personal, educational and research use), so sounds are accepted
+only with ``--allow-licence LicenseRef-RemArc``.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ SERVICE = "BBC Sound Effects"
 FORMATS = ("wav", "mp3")
 _ADVICE = {
     403: "its storage does not serve this file here; try --format mp3",
-    404: "check the id (07005210, …); not every sound is there as WAV: try --format mp3",
+    404: "check the id (07005210, …); not every sound is available as WAV: try --format mp3",
 }
 
 
@@ -30,12 +30,12 @@ def fetch(ref: str, category: str, session: Session, form: str | None = None) ->
 
     Args:
         ref: its id, or its page's address.
-        category: what it is one of.
-        session: see there.
+        category: its category.
+        session: options of this call of `avs3d assets`.
         form: ``wav`` (the default) or ``mp3``.
 
     Raises:
-        Avs3dError: one line: licence, unknown id, any failure of the network, a file that is no sound.
+        Avs3dError: one line: licence, unknown id, any network error, a file that is not a sound.
     """
     number = reference(ref, r"[A-Za-z]*\d{4,}[A-Za-z0-9]*", "id of BBC Sound Effects", "07005210")
     what, form = f"bbc/{number}", form or "wav"

@@ -1,4 +1,4 @@
-"""Writing a clean object as one GLB (glTF 2.0): a named node per material, textures inside, stable bytes."""
+"""Writes a clean object as one GLB (glTF 2.0): one named node per material, embedded textures, reproducible bytes."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _ARRAY, _ELEMENTS = 34962, 34963
 
 
 def write_clean_glb(parts: Sequence[RawPart], generator: str) -> bytes:
-    """The bytes of a GLB; parts have normals, and texture coordinates where they have a picture.
+    """The bytes of a GLB; the parts must have normals, and texture coordinates if they have a texture.
 
     Corners with the same position, normal and coordinates become one vertex. The same parts give the same bytes with
-    the same version of Pillow (which encodes the pictures).
+    the same version of Pillow (which encodes the textures).
     """
     glb = _Glb()
     for part in parts:
@@ -44,7 +44,7 @@ class _Glb:
         self._pictures: dict[bytes, int] = {}
 
     def add(self, part: RawPart) -> None:
-        """Append a part: its material, its picture, its mesh of one primitive."""
+        """Append a part: its material, its texture, its mesh of one primitive."""
         surface = part.surface
         physical: dict[str, Any] = {
             "baseColorFactor": [*(round(float(v), 6) for v in surface.colour), 1.0],
@@ -132,7 +132,7 @@ class _Glb:
 
 
 def _indexed(part: RawPart) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-    """Vertices (V, 8): position, normal, coordinates as glTF has them (v down); and (3F,) indices."""
+    """Vertices (V, 8): position, normal, texture coordinates in glTF's convention (v down); and (3F,) indices."""
     count = len(part.triangles)
     if part.normals is None:
         raise ValueError("a part without normals; expected (F, 3, 3)")

@@ -1,4 +1,4 @@
-"""`avs3d assets`: list, fetch, verify; `import` is in `cli_import`."""
+"""The commands `avs3d assets list`, `fetch` and `verify`; `import` is in `cli_import`."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 
 @click.group(cls=Group)
 def assets() -> None:
-    """Objects and sounds made by others: what there is, where it came from, whether it is whole.
+    """List, fetch, import and verify objects and sounds made by others.
 
-    Everything is pinned in a lock file (assets.lock.yaml) with source, author, licence and sha256. The files lie in
+    Every asset is pinned in a lock file (assets.lock.yaml) with source, author, licence and sha256. The files are in
     $AVS3D_ASSETS (default: the user's cache folder). Manifests name assets by id: `objects: {clock: [{asset: ID}]}`.
     """
 
@@ -54,7 +54,7 @@ def list_assets(lock: Path | None, html: Path | None, kind: str | None, category
         where = (
             "name another with --lock"
             if lock is not None
-            else (f"looked in {Path.cwd()}; run it where scenes_manifest/ is, or name one with --lock FILE")
+            else (f"looked in {Path.cwd()}; run it beside scenes_manifest/, or name a lock file with --lock FILE")
         )
         raise UsageError(f"{path}: no such lock file; {where}")
     entries = [
@@ -79,10 +79,10 @@ def list_assets(lock: Path | None, html: Path | None, kind: str | None, category
 @assets.command()
 @click.argument("source", required=False, type=click.Choice(["sketchfab", "freesound", "bbc"]), metavar="[SOURCE]")
 @click.argument("refs", nargs=-1, metavar="[ID]...")
-@click.option("--category", type=CATEGORY, default=None, help="What the new assets are one of.")
+@click.option("--category", type=CATEGORY, default=None, help="Category of the new assets.")
 @click.option("--format", "form", default=None, metavar="NAME", help="glb, gltf | preview, original | wav, mp3")
-@click.option("--manifest", type=PATH, default=None, metavar="FILE", help="Fetch what this manifest names.")
-@click.option("--id", "ids", multiple=True, metavar="ID", help="Fetch these of the lock file only; repeatable.")
+@click.option("--manifest", type=PATH, default=None, metavar="FILE", help="Fetch the assets that this manifest names.")
+@click.option("--id", "ids", multiple=True, metavar="ID", help="Fetch only this asset of the lock file; repeatable.")
 @lock_option
 @licence_option
 @stance_options
@@ -98,7 +98,7 @@ def fetch(
     allowed: tuple[str, ...],
     **options: Any,
 ) -> None:
-    """Fetch what the lock file names and the store lacks, or new assets by their id at SOURCE.
+    """Fetch the assets of the lock file that are missing from the store, or new assets by their id at SOURCE.
 
     \b
     avs3d assets fetch --manifest scenes_manifest/mine.yaml
@@ -106,7 +106,7 @@ def fetch(
     avs3d assets fetch freesound 1234 5678 --category clock
 
     SOURCE is sketchfab, freesound or bbc. Tokens are read from SKETCHFAB_TOKEN and FREESOUND_TOKEN (originals:
-    FREESOUND_OAUTH_TOKEN). Exit status: 0 all is here, 1 something is missing (each named).
+    FREESOUND_OAUTH_TOKEN). Exit status: 0 if all files are in the store, 1 if some are missing (each is named).
     """  # noqa: D301  # click's mark for lines that stay apart
     from generators.library.lock import LOCK_NAME, update_lock
 
@@ -116,7 +116,8 @@ def fetch(
     if source is None:
         if category or form or stance is not None:
             raise UsageError(
-                "--category, --format and how an object stands are for new assets: name a SOURCE and an ID"
+                "--category, --format and the options of an object's size and orientation are for new assets: name a "
+                "SOURCE and an ID"
             )
         _fetch_pinned(path, _wanted(path, manifest, ids), session)
         return
@@ -127,7 +128,7 @@ def fetch(
     if stance is not None and source != "sketchfab":
         raise UsageError(f"{source} has sounds: --height, --up, --front, --mount and --yaw are for objects")
     if manifest is not None or ids:
-        raise UsageError("--manifest and --id are for assets that the lock file knows; leave them out for new ones")
+        raise UsageError("--manifest and --id are for assets in the lock file; leave them out for new assets")
     from generators.library.session import Stance
     from generators.library.sources import fetch_new
 
@@ -143,7 +144,7 @@ def fetch(
 @assets.command()
 @lock_option
 def verify(lock: Path | None) -> None:
-    """Compare every file in the store with its hash in the lock file; exit 1 and name every bad or missing one."""
+    """Compare every file in the store with its sha256 in the lock file; exit 1 if one is damaged or missing."""
     from generators.library.lock import read_lock
     from generators.library.store import Store
 
@@ -154,7 +155,7 @@ def verify(lock: Path | None) -> None:
     bad = [(entry, problem) for entry in entries if (problem := store.problem(entry))]
     for entry, problem in bad:
         click.echo(f"avs3d: error: {entry.id}: {problem}", err=True)
-    click.echo(f"{path}: {len(entries) - len(bad)} of {len(entries)} assets are in {store.root} and whole")
+    click.echo(f"{path}: {len(entries) - len(bad)} of {len(entries)} assets are in {store.root} and undamaged")
     if bad:
         click.echo(f"run: avs3d assets fetch --lock {path}", err=True)
         raise SystemExit(1)
@@ -189,7 +190,9 @@ def _fetch_pinned(path: Path, entries: tuple[AssetEntry, ...], session: Session)
         except (Avs3dError, OSError) as error:
             failed.append(str(error) if isinstance(error, Avs3dError) else os_error_line(error))
             tell(f"avs3d: error: {failed[-1]}")
-    click.echo(f"{path}: {fetched} fetched, {len(entries) - fetched - len(failed)} here already, {len(failed)} failed")
+    click.echo(
+        f"{path}: {fetched} fetched, {len(entries) - fetched - len(failed)} already in the store, {len(failed)} failed"
+    )
     if failed:
         raise SystemExit(1)
 

@@ -1,4 +1,4 @@
-"""What the commands of `avs3d assets` share: options, the session they make of them, how they tell what they did."""
+"""Options, session and reporting that the commands of `avs3d assets` share."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def _options(*options: Callable[[Command], Command]) -> Callable[[Command], Comm
 
 
 class _Number(click.FloatRange):
-    """A number in a range; ``nan`` is in none."""
+    """A number in a range; ``nan`` is never accepted."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         number = super().convert(value, param, ctx)
         if number is not None and number != number:
-            self.fail(f"{value!r} is no number in the range {self._describe_range()}.", param, ctx)
+            self.fail(f"{value!r} is not a number in the range {self._describe_range()}.", param, ctx)
         return number
 
 
@@ -51,10 +51,14 @@ lock_option = click.option(
     type=PATH,
     default=None,
     metavar="FILE",
-    help="Lock file (default: in scenes_manifest/, or here).",
+    help="Lock file (default: in scenes_manifest/ if that exists, else in the current folder).",
 )
 licence_option = click.option(
-    "--allow-licence", "allowed", multiple=True, metavar="NAME", help="Take assets under this licence too; repeatable."
+    "--allow-licence",
+    "allowed",
+    multiple=True,
+    metavar="NAME",
+    help="Accept assets under this licence, too; repeatable.",
 )
 stance_options = _options(
     click.option(
@@ -66,7 +70,7 @@ stance_options = _options(
     ),
     click.option("--up", type=AXES, default=None, help="An object's axis that points up (y)."),
     click.option("--front", type=AXES, default=None, help="An object's axis that points to the front (+z)."),
-    click.option("--mount", type=MOUNTS, default=None, help="What an object stands on or hangs from."),
+    click.option("--mount", type=MOUNTS, default=None, help="Kind of surface on which an object stands or hangs."),
     click.option(
         "--yaw", type=_Number(-360, 360), default=None, metavar="DEGREES", help="Turn an object about its up axis."
     ),
@@ -80,7 +84,7 @@ limit_options = _options(
 
 
 def lock_path(lock: Path | None) -> Path:
-    """The lock file that is meant: as named, else in scenes_manifest/ where there is one, else here."""
+    """The lock file: the named one, else the one in scenes_manifest/ if that exists, else in the current folder."""
     from generators.library.lock import LOCK_NAME
 
     if lock is not None:
@@ -89,7 +93,7 @@ def lock_path(lock: Path | None) -> Path:
 
 
 def make_session(allowed: tuple[str, ...], options: dict[str, Any] | None = None) -> Session:
-    """The session that the options of a command ask for."""
+    """The session with the options of a command."""
     from generators.library.http import MEGABYTE, Limits
     from generators.library.licences import spdx
     from generators.library.session import Session
@@ -108,12 +112,12 @@ def make_session(allowed: tuple[str, ...], options: dict[str, Any] | None = None
 
 
 def tell(line: str) -> None:
-    """A line on stderr, in place of the one that counts megabytes."""
+    """Print a line on stderr; it replaces the progress line."""
     click.echo(f"\r\x1b[K{line}" if sys.stderr.isatty() else line, err=True)
 
 
 def _progress() -> Callable[[str, int, int | None], None]:
-    """A line that counts megabytes, on a terminal only; wiped when the file is whole."""
+    """Show the progress line in megabytes, on a terminal only; it is erased when the file is complete."""
     if not sys.stderr.isatty():
         return lambda _what, _done, _total: None
 
@@ -126,19 +130,19 @@ def _progress() -> Callable[[str, int, int | None], None]:
 
 
 def stance_of(options: dict[str, Any]) -> Stance | None:
-    """How the user says that an object stands; nothing if he leaves it to the collection."""
+    """The object's orientation, height and mount from the options; unset fields are left to the collection."""
     from generators.library.session import Stance
 
     names = ("up", "front", "height", "mount", "yaw")
     given = {name: options[name] for name in names if options.get(name) is not None}
     up, front = given.get("up", "y"), given.get("front", "+z")
     if up[-1] == front[-1]:
-        raise UsageError(f"--up {up} --front {front}: an object's top and front point in two directions; name others")
+        raise UsageError(f"--up {up} --front {front}: the two axes must be perpendicular; name others")
     return Stance(**given) if given else None
 
 
 def take_each(items: Iterable[Any], take: Callable[[Any], AssetEntry], path: Path) -> None:
-    """Take one item after the other; a failure is told and does not stop the rest."""
+    """Process one item after the other; a failure is reported and does not stop the rest."""
     failed: list[Avs3dError] = []
     count = 0
     for item in items:
@@ -151,6 +155,6 @@ def take_each(items: Iterable[Any], take: Callable[[Any], AssetEntry], path: Pat
         else:
             count += 1
             click.echo(f"{entry.id}: {entry.attribution}")
-    click.echo(f"{path}: {count} assets added or renewed, {len(failed)} failed")
+    click.echo(f"{path}: {count} assets added or updated, {len(failed)} failed")
     if failed:
         raise SystemExit(max(error.exit_code for error in failed) if not count else 1)

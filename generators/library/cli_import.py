@@ -1,4 +1,4 @@
-"""`avs3d assets import`: what is on this machine already."""
+"""The command `avs3d assets import`, for assets that are already on this machine."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ if TYPE_CHECKING:
 
 @click.group("import", cls=Group, noun="source")
 def import_() -> None:
-    """Take assets that are on this machine into the store and the lock file."""
+    """Copy assets that are on this machine into the store, and add them to the lock file."""
 
 
 @import_.command()
 @click.argument("path", type=PATH, metavar="FILE_OR_FOLDER")
 @click.option("--id", "ids", multiple=True, metavar="ID", help="These models only (phone, Scopia#phone); repeatable.")
-@click.option("--category", type=CATEGORY, default=None, help="What they are; without it as their names tell.")
+@click.option("--category", type=CATEGORY, default=None, help="Category of the models (default: from their names).")
 @lock_option
 @licence_option
 @stance_options
 def sh3f(
     path: Path, ids: tuple[str, ...], category: str | None, lock: Path | None, allowed: tuple[str, ...], **options: Any
 ) -> None:
-    """Models of Sweet Home 3D furniture libraries (*.sh3f); Debian has them in /usr/share/sweethome3d/furniture."""
+    """Import models of Sweet Home 3D furniture libraries (*.sh3f; on Debian in /usr/share/sweethome3d/furniture)."""
     from generators.library import sh3d
     from generators.library.lock import update_lock
 
@@ -57,19 +57,21 @@ def sh3f(
 
 @import_.command()
 @click.argument("path", type=PATH, metavar="FOLDER")
-@click.option("--licence", required=True, metavar="NAME", help="Of all files there: an SPDX identifier or address.")
-@click.option("--author", required=True, metavar="NAME", help="Who made them.")
-@click.option("--category", type=CATEGORY, required=True, help="What they are one of.")
+@click.option(
+    "--licence", required=True, metavar="NAME", help="Licence of all files: an SPDX identifier or its address."
+)
+@click.option("--author", required=True, metavar="NAME", help="Author of the files.")
+@click.option("--category", type=CATEGORY, required=True, help="Category of the files.")
 @click.option("--kind", type=click.Choice(["object", "sound"]), default=None, help="Only meshes, or only sounds.")
-@click.option("--url", default="", metavar="ADDRESS", help="Where they come from.")
-@click.option("--name", default=None, metavar="NAME", help="In their ids (default: the folder's name).")
+@click.option("--url", default="", metavar="ADDRESS", help="Address of their source.")
+@click.option("--name", default=None, metavar="NAME", help="Name used in their ids (default: the folder's name).")
 @lock_option
 @licence_option
 @stance_options
 def folder(
     path: Path, kind: str | None, name: str | None, lock: Path | None, allowed: tuple[str, ...], **options: Any
 ) -> None:
-    """Every mesh (GLB, glTF, OBJ) and sound (WAV, FLAC, OGG, MP3) of a folder."""
+    """Import every mesh (GLB, glTF, OBJ) and sound (WAV, FLAC, OGG, MP3) of a folder."""
     from generators.library.folder import Told, asset_ids, candidates, take_file
     from generators.library.licences import spdx
     from generators.library.lock import update_lock
@@ -90,12 +92,14 @@ def folder(
 
 @import_.command()
 @click.argument("path", type=PATH, metavar="CLONE")
-@click.option("--category", default=None, metavar="NAME", help="One of ours, or of ESC-50's (clock_tick, …).")
+@click.option(
+    "--category", default=None, metavar="NAME", help="A category of the benchmark or of ESC-50 (clock_tick, …)."
+)
 @click.option("--limit", type=click.IntRange(1, 2000), default=2000, help="At most this many clips of each category.")
 @lock_option
 @licence_option
 def esc50(path: Path, category: str | None, limit: int, lock: Path | None, allowed: tuple[str, ...]) -> None:
-    """Clips of ESC-50, from a clone of github.com/karolpiczak/ESC-50; most of it is CC-BY-NC-3.0."""
+    """Import clips of ESC-50 from a clone of github.com/karolpiczak/ESC-50; most clips are CC-BY-NC-3.0."""
     from generators.library.esc50 import offers, take_clip
     from generators.library.licences import terms
     from generators.library.lock import update_lock
@@ -115,7 +119,7 @@ def esc50(path: Path, category: str | None, limit: int, lock: Path | None, allow
             err=True,
         )
     if not taken:
-        raise Avs3dError(f"{path}: no clip is under a licence that allows the use; see --allow-licence")
+        raise Avs3dError(f"{path}: no clip has a licence that allows the use; see --allow-licence")
 
     def take(item: Any) -> AssetEntry:
         offer, file = item

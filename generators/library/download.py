@@ -1,7 +1,7 @@
-"""Downloading a file: resumed after a cut, bounded, hashed; whole under its final name or not there at all.
+"""Downloads a file: resumed after an interruption, with limits and a hash; only a complete file gets its final name.
 
 RFC 9110: Range and If-Range (§14.2, §13.1.5: strong validators only). A file grows as ``<name>.part``; beside it,
-``<name>.part.json`` holds the validator that tells whether a later run may go on with it.
+``<name>.part.json`` holds the validator that decides whether a later run may continue it.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ from generators.library.http import (
 
 __all__ = ["Delivered", "download"]
 
-#: How often to try to hold a part file that another process renames or clears away.
+#: Number of attempts to lock a part file that another process renames or deletes.
 _TRIES = 100
 
 
 @dataclass(frozen=True)
 class Delivered:
-    """A file that came whole: its sha256 and size."""
+    """A completely downloaded file: its sha256 and size (bytes)."""
 
     sha256: str
     bytes: int
@@ -60,20 +60,21 @@ def download(
     say: Say = lambda _: None,
     progress: Callable[[int, int | None], None] = lambda _done, _total: None,
 ) -> Delivered:
-    """Fetch a file to ``target``; it takes that name only when it is whole and its hash is right.
+    """Fetch a file to ``target``; it gets that name only when it is complete and its hash is right.
 
     Args:
-        request: where from.
+        request: the address and the texts for messages.
         target: final path; its folder is made.
-        limits: how long and how much.
+        limits: limits of time and size.
         sha256: expected hash, if it is known.
-        size: expected size, if it is known.
-        say: gets a line per pause or new attempt.
-        progress: gets the bytes that are there and, if known, the total.
+        size: expected size in bytes, if it is known.
+        say: called with a line per pause or new attempt.
+        progress: called with the number of bytes so far and, if known, the total.
 
     Raises:
         HttpError: for a refusal.
-        CutError: if the connection failed more often than `Limits.attempts`; what came is kept and gone on with.
+        CutError: if the connection failed more often than `Limits.attempts`; the part file is kept, and the next call
+            continues it.
         Avs3dError: for a wrong hash or size, a file that is too large, a second process at the same file, a full disk.
     """
     if size is not None and size > limits.max_bytes:
@@ -92,7 +93,7 @@ def download(
                 found = Delivered(ledger.digest(), ledger.length)
                 _check(request, found, sha256, size)
             except (CutError, HttpError):
-                # The validator tells the next run, or the next signed address, whether it is still the same file.
+                # The validator shows the next run, or the next signed address, whether the file has changed.
                 if not ledger.length or not ledger.validator:
                     ledger.remove(part)
                 raise
@@ -108,7 +109,7 @@ def download(
 
 
 class _Ledger:
-    """The growing file and what is known of it: its length, its validator (strong ETag or date)."""
+    """The part file with its length and its validator (strong ETag or date)."""
 
     def __init__(self, stream: IO[bytes], note: Path) -> None:
         self.stream, self.note = stream, note
@@ -153,7 +154,7 @@ def _transfer(
     progress: Callable[[int, int | None], None],
     deadline: float,
 ) -> None:
-    """Get the file, or what is missing of it."""
+    """Get the file, or its missing rest."""
     headers = {}
     if ledger.length and not ledger.validator:
         ledger.restart("")
@@ -162,13 +163,13 @@ def _transfer(
     with open_answer(request, headers, limits, deadline, passed=(416,) if ledger.length else ()) as answer:
         total = _expect(request, answer, ledger, limits)
         if size is not None and total is not None and total != size:
-            raise _changed(request, f"{total} bytes are offered, the lock file says {size}")
+            raise _changed(request, f"the server offers {total} bytes, the lock file says {size}")
         progress(ledger.length, total)
         bound = limits.max_bytes if size is None else size
         while block := read_block(answer, request, deadline):
             if ledger.length + len(block) > bound:
                 if size is not None:
-                    raise _changed(request, f"more than the {size} bytes of the lock file came")
+                    raise _changed(request, f"the server sent more than the {size} bytes in the lock file")
                 raise _too_large(request, None, limits)
             ledger.write(block)
             progress(ledger.length, total)
@@ -178,21 +179,23 @@ def _transfer(
 
 
 def _expect(request: Request, answer: requests.Response, ledger: _Ledger, limits: Limits) -> int | None:
-    """The file's whole size, if the answer says; prepares the ledger for what comes."""
+    """The file's total size, if the answer contains it; prepares the ledger for the body."""
     encoding = answer.headers.get("Content-Encoding", "identity").lower()
     if encoding != "identity":
-        raise Avs3dError(f"{request.what}: {request.service} sent the file as {encoding}, which nobody asked for")
+        raise Avs3dError(
+            f"{request.what}: {request.service} sent the file with content encoding {encoding}, which was not requested"
+        )
     if answer.status_code == 206:
         span = re.fullmatch(
             r"bytes ([0-9]{1,18})-([0-9]{1,18})/([0-9]{1,18}|\*)", answer.headers.get("Content-Range", "")
         )
         if span is None or int(span[1]) != ledger.length:
             ledger.restart("")
-            raise interrupted(request, f"{request.service} resumed at another place than asked")
+            raise interrupted(request, f"{request.service} resumed at another place than requested")
         return int(span[3]) if span[3] != "*" else int(span[2]) + 1
-    if answer.status_code == 416:  # the file is no longer than what is there: begin again
+    if answer.status_code == 416:  # the file is not longer than the part file: begin again
         ledger.restart("")
-        raise interrupted(request, f"{request.service} could not go on where the connection was cut")
+        raise interrupted(request, f"{request.service} could not continue where the connection was cut")
     total = content_length(answer)
     if total is not None and total > limits.max_bytes:
         raise _too_large(request, total, limits)
@@ -206,15 +209,15 @@ def _check(request: Request, found: Delivered, sha256: str | None, size: int | N
     if found.bytes == 0:
         raise Avs3dError(f"{request.what}: {request.service} sent an empty file; try again later")
     if size is not None and found.bytes != size:
-        raise _changed(request, f"{found.bytes} bytes came, the lock file says {size}")
+        raise _changed(request, f"it has {found.bytes} bytes, the lock file says {size}")
     if sha256 is not None and found.sha256 != sha256:
         raise _changed(request, f"its sha256 is {found.sha256[:12]}…, the lock file says {sha256[:12]}…")
 
 
 def _changed(request: Request, found: str) -> Avs3dError:
     return Avs3dError(
-        f"{request.what}: not the file that was pinned: {found}; it changed at {request.service}: look at it there and "
-        "fetch it anew by its id, which pins the new file"
+        f"{request.what}: not the file that was pinned: {found}; it changed at {request.service}: inspect it there and "
+        "fetch it again by its id, which pins the new file"
     )
 
 
@@ -227,7 +230,7 @@ def _too_large(request: Request, found: int | None, limits: Limits) -> Avs3dErro
 
 @contextlib.contextmanager
 def _hold(part: Path, request: Request) -> Iterator[IO[bytes]]:
-    """The part file, open and held against a second process that fetches the same."""
+    """The part file, open and locked against a second process that fetches the same file."""
 
     def refuse(_: int, locked: bool | None) -> None:
         if locked is False:

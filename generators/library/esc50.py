@@ -2,11 +2,11 @@
 
 Facts (https://github.com/karolpiczak/ESC-50): ``meta/esc50.csv`` has a row per clip (filename
 ``fold-source-take-target.wav``, category, esc10, src_file: the recording's number at Freesound …); ``audio/`` has clips
-of 5 s at 44.1 kHz; ``LICENSE`` says that the whole is CC BY-NC 3.0 and the subset ESC-10 is CC BY 3.0, and names for
-every clip the recording, its author and its own licence:
+of 5 s at 44.1 kHz; according to ``LICENSE`` the whole is CC BY-NC 3.0 and the subset ESC-10 is CC BY 3.0. It also names
+the recording of every clip, with its author and its own licence:
 ``- [1-100032-A.ogg]: clip derived from TITLE (ADDRESS) by AUTHOR [CC0]``.
 
-A clip is entered under the stricter of its own licence and its subset's, with its author as the one to be credited.
+The lock file gets the stricter of the clip's own licence and that of its subset, and the clip's author.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from generators.library.lock import AssetEntry
 from generators.library.session import Offer, Session, address, keep
 
 REPOSITORY = "https://github.com/karolpiczak/ESC-50"
-#: ESC-50's category → ours; the others have no place in the benchmark.
+#: ESC-50's category → the benchmark's; the other categories of ESC-50 are not used.
 CATEGORIES = {
     "washing_machine": "washing_machine",
     "vacuum_cleaner": "vacuum_cleaner",
@@ -40,7 +40,7 @@ _CREDIT = re.compile(r"- \[([\w-]+)\.\w+\]:\s+clip derived from (.*) \((https?:/
 
 @dataclass(frozen=True)
 class Credit:
-    """What LICENSE says of a clip."""
+    """The record of a clip in LICENSE."""
 
     title: str
     url: str
@@ -49,11 +49,13 @@ class Credit:
 
 
 def offers(clone: Path, category: str | None = None) -> tuple[tuple[Offer, Path], ...]:
-    """Every clip of our categories (or of one: ours or ESC-50's name) with its file, in the order of names.
+    """Every clip of the benchmark's categories with its file, sorted by name.
+
+    ``category`` restricts them to one category, in the benchmark's or ESC-50's name.
 
     Raises:
         UsageError: if ``category`` is in neither list.
-        Avs3dError: if ``clone`` is no clone of ESC-50.
+        Avs3dError: if ``clone`` is not a clone of ESC-50.
     """
     known = {*CATEGORIES, *CATEGORIES.values()}
     if category is not None and category not in known:
@@ -69,7 +71,7 @@ def offers(clone: Path, category: str | None = None) -> tuple[tuple[Offer, Path]
         recording = f"{row['fold']}-{row['src_file']}"
         credit = credits.get(f"{recording}-{row['take']}") or credits.get(recording)
         if credit is None:
-            raise Avs3dError(f"{clone / 'LICENSE'}: says nothing of {name}; expected the LICENSE of {REPOSITORY}")
+            raise Avs3dError(f"{clone / 'LICENSE'}: has no entry for {name}; expected the LICENSE of {REPOSITORY}")
         subset = "CC-BY-3.0" if row["esc10"].strip().lower() == "true" else "CC-BY-NC-3.0"
         own = spdx(credit.licence)
         offer = Offer(
@@ -80,7 +82,9 @@ def offers(clone: Path, category: str | None = None) -> tuple[tuple[Offer, Path]
         )  # fmt: skip
         found.append((offer, clone / "audio" / name))
     if not found:
-        raise Avs3dError(f"{clone / 'meta' / 'esc50.csv'}: has no clip of {category or 'our categories'}")
+        raise Avs3dError(
+            f"{clone / 'meta' / 'esc50.csv'}: has no clip of {category or 'the categories of the benchmark'}"
+        )
     return tuple(sorted(found, key=lambda pair: pair[0].id))
 
 
@@ -88,7 +92,7 @@ def take_clip(offer: Offer, path: Path, session: Session) -> AssetEntry:
     """Copy a clip into the store.
 
     Raises:
-        Avs3dError: for a licence that forbids the use, or a file that is missing or no sound.
+        Avs3dError: for a licence that forbids the use, or a file that is missing or not a sound.
     """
     return keep(offer, session, files.read_bytes(path))
 
@@ -128,7 +132,10 @@ def _rows(clone: Path) -> Iterator[dict[str, str]]:
 
 
 def _credits(clone: Path) -> dict[str, Credit]:
-    """Clip (``fold-source-take``), and recording (``fold-source``: some takes go by other letters there) → credit."""
+    """Map of clip (``fold-source-take``) to credit.
+
+    The recording (``fold-source``) is a key, too, because LICENSE gives some takes other letters.
+    """
     try:
         text = (clone / "LICENSE").read_text(encoding="utf-8", errors="replace")
     except OSError:

@@ -1,7 +1,7 @@
 """Objects and sounds from a folder of the user's own: GLB, glTF, OBJ; WAV, FLAC, OGG, MP3, AIFF.
 
-A mesh of several files (an OBJ with its MTL and textures, a glTF with its buffers) is entered as one archive of just
-those files, whose bytes depend on nothing else, so that one hash pins them all.
+A mesh of several files (an OBJ with its MTL and textures, a glTF with its buffers) is stored as one archive whose bytes
+depend only on those files, so that one hash pins them all.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from generators.library.store import MESH_SUFFIXES, SOUND_SUFFIXES
 
 
 def candidates(path: Path, kind: Kind | None = None) -> tuple[tuple[Kind, Path], ...]:
-    """Every mesh and sound at or below ``path``, in the order of names; hidden ones left out.
+    """Every mesh and sound at or below ``path``, sorted by name, without hidden files.
 
     Raises:
-        UsageError: if there is no such file or folder, or nothing in it that can be read.
+        UsageError: if there is no such file or folder, or it has no file of a known type.
     """
     if not path.exists():
         raise UsageError(f"{path}: no such folder or file")
@@ -47,10 +47,10 @@ def candidates(path: Path, kind: Kind | None = None) -> tuple[tuple[Kind, Path],
 
 
 def asset_ids(root: Path, paths: Iterable[Path], name: str | None = None) -> dict[Path, str]:
-    """An id for each file of an import, no two alike.
+    """A unique id for each file of an import.
 
-    ``folder/models/clock``; where several files would be called that, each gets its suffix (``clock-wav``), and where
-    that does not tell them apart either (names in letters that ids do not have), digits of its name's hash.
+    For example ``folder/models/clock``. If several files would get the same id, each gets its suffix (``clock-wav``);
+    if they are still equal (names with letters that are not allowed in ids), each gets digits of its name's hash.
     """
     base = root if root.is_dir() else root.parent
     paths = tuple(paths)
@@ -67,7 +67,7 @@ def asset_ids(root: Path, paths: Iterable[Path], name: str | None = None) -> dic
         return "-" + files.sha256_bytes(os.fsencode(relative))[:8]
 
     plain, typed, hashed = named(lambda _: ""), named(lambda path: f"-{slug(path.suffix)}"), named(digits)
-    # Ids are folders of the store, and not all file systems know capitals.
+    # Ids are folders of the store, and not all file systems distinguish capitals.
     uses = Counter(one.lower() for one in (*plain.values(), *typed.values()))
     return {
         path: next((table[path] for table in (plain, typed) if uses[table[path].lower()] == 1), hashed[path])
@@ -77,13 +77,13 @@ def asset_ids(root: Path, paths: Iterable[Path], name: str | None = None) -> dic
 
 @dataclass(frozen=True)
 class Told:
-    """What the user says of the files of a folder.
+    """The user's description of the files of a folder.
 
     Attributes:
-        category: what they are one of.
+        category: their category.
         licence: in SPDX's spelling.
-        author: who made them.
-        url: where they come from.
+        author: their author.
+        url: address of their source.
     """
 
     category: str
@@ -101,10 +101,10 @@ def take_file(
         root: the folder that is imported (or the file itself).
         path: a file at or below it.
         kind: see `candidates`.
-        session: see there.
+        session: options of this call of `avs3d assets`.
         asset: its id, from `asset_ids`.
-        told: category, licence, author, origin.
-        stance: how an object stands.
+        told: category, licence, author, source.
+        stance: orientation, height and mount of an object.
 
     Raises:
         Avs3dError: for a licence that forbids the use, or a file that cannot be used.
@@ -112,7 +112,7 @@ def take_file(
     base = root if root.is_dir() else root.parent
     relative = path.relative_to(base).as_posix()
     if not relative.isprintable():
-        raise Avs3dError(f"{asset}: the name {relative!a} is no text that can be written down; rename the file")
+        raise Avs3dError(f"{asset}: the name {relative!a} is not valid UTF-8; rename the file")
     file, data = f"{'model' if kind == 'object' else 'sound'}{path.suffix.lower()}", files.read_bytes(path)
     members = mesh_files(path, base) if kind == "object" else {}
     if len(members) > 1:
@@ -125,9 +125,9 @@ def take_file(
 
 
 def mesh_files(path: Path, root: Path) -> dict[str, bytes]:
-    """A mesh and what it refers to inside of ``root``: name relative to their common folder → bytes.
+    """A mesh and the files inside ``root`` that it refers to: name relative to their common folder → bytes.
 
-    References that lead nowhere, or out of ``root``, are left out; the cleaning reports what is missing.
+    References to missing files, or out of ``root``, are left out; the cleaning reports them.
     """
     inside = root.resolve()
     wanted = {path.resolve()}
@@ -145,18 +145,18 @@ def mesh_files(path: Path, root: Path) -> dict[str, bytes]:
 
 
 def _inside(folder: Path, reference: str, root: Path) -> Path | None:
-    """The file below ``root`` that a reference from ``folder`` leads to, if there is one."""
+    """The file below ``root`` to which a reference from ``folder`` points, if there is one."""
     plain = reference.strip().strip('"').replace("\\", "/")
     try:
         plain.encode()
-        for wanted in (plain, plain.rsplit("/", 1)[-1]):  # writers leave paths of their own machines in
+        for wanted in (plain, plain.rsplit("/", 1)[-1]):  # some programs write absolute paths of their own machine
             target = (folder / wanted).resolve()
             if target.is_relative_to(root) and not target.is_file() and target.parent.is_dir():
                 same = [path for path in sorted(target.parent.iterdir()) if path.name.lower() == target.name.lower()]
                 target = same[0].resolve() if same else target
             if target.is_relative_to(root) and target.is_file():
                 return target
-    except (OSError, ValueError, RuntimeError):  # a name of a thousand letters, a zero byte, a circle of links
+    except (OSError, ValueError, RuntimeError):  # a name that is too long, a zero byte, circular links
         return None
     return None
 
@@ -187,5 +187,5 @@ def _references(path: Path, suffix: str) -> Iterator[str]:
             items = [item for kind in ("buffers", "images") for item in tree.get(kind, [])]
             names = [item.get("uri", "data:") for item in items]
         except (ValueError, AttributeError, TypeError, RecursionError):
-            return  # the cleaning says what is wrong with it
+            return  # the cleaning reports the fault
         yield from (unquote(name) for name in names if isinstance(name, str) and not name.startswith("data:"))

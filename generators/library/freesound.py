@@ -1,9 +1,9 @@
 """Sounds from Freesound, by id.
 
 Facts (https://freesound.org/docs/api/resources_apiv2.html, authentication.html): ``GET /apiv2/sounds/{id}/?fields=…``
-with ``Authorization: Token …`` describes a sound; its ``previews`` (OGG and MP3 of about 192 and 128 kbit/s) are free
-to fetch. The original, ``/apiv2/sounds/{id}/download/``, wants OAuth2: ``Authorization: Bearer …``. Too many requests
-are answered 429. ``license`` is an address at creativecommons.org.
+with ``Authorization: Token …`` describes a sound; its ``previews`` (OGG and MP3 of about 192 and 128 kbit/s) need no
+token. The original, ``/apiv2/sounds/{id}/download/``, needs OAuth2: ``Authorization: Bearer …``. The answer to too many
+requests is 429. ``license`` is an address at creativecommons.org.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ FIELDS = "id,url,name,username,license,type,filesize,md5,previews"
 _DECODED = ("wav", "flac", "ogg", "mp3", "aif", "aiff")
 _ADVICE = {
     401: f"FREESOUND_TOKEN is not valid: copy the API key from {PAGE}",
-    403: "your key may not do this: look at its limits on your page of API keys",
+    403: "your key does not allow this: see its limits on your page of API keys",
     404: "check the id: it is the number in the sound's address",
     429: "wait a minute (60 requests) or until tomorrow (2000 a day)",
 }
@@ -38,13 +38,13 @@ def fetch(ref: str, category: str, session: Session, form: str | None = None) ->
 
     Args:
         ref: its number, or its page's address.
-        category: what it is one of.
-        session: see there.
-        form: ``preview`` (OGG) or ``original`` (as uploaded; wants FREESOUND_OAUTH_TOKEN); without it the original
-            where that token is set.
+        category: its category.
+        session: options of this call of `avs3d assets`.
+        form: ``preview`` (OGG) or ``original`` (as uploaded; needs FREESOUND_OAUTH_TOKEN); default: the original if
+            that token is set, else the preview.
 
     Raises:
-        Avs3dError: one line: token, licence, any failure of the network, a file that is no sound.
+        Avs3dError: one line: token, licence, any network error, a file that is not a sound.
     """
     number = reference(ref, r"\d{1,9}", "id of Freesound", "1234")
     what = f"freesound/{number}"
@@ -76,7 +76,7 @@ def _about(number: str, what: str, session: Session) -> dict[str, Any]:
     url = f"{_base()}/sounds/{number}/?fields={FIELDS}"
     answer = get_json(Request(url, what, SERVICE, token=f"Token {key}", advice=_ADVICE), session.limits, session.say)
     if not isinstance(answer, dict):
-        raise Avs3dError(f"{what}: Freesound answered something else than was expected; report it")
+        raise Avs3dError(f"{what}: unexpected answer from Freesound; report it")
     return answer
 
 
@@ -98,12 +98,12 @@ def _download(
         )
         advice = {
             **_ADVICE,
-            401: "FREESOUND_OAUTH_TOKEN is not valid or a day old: ask for a new one (or --format preview)",
+            401: "FREESOUND_OAUTH_TOKEN is not valid or has expired: request a new one (or use --format preview)",
         }
         request = Request(f"{_base()}/sounds/{number}/download/", what, SERVICE, token=f"Bearer {key}", advice=advice)
     else:
         url = pick(about, "previews.preview-hq-ogg", what, SERVICE)
-        # Previews are public and lie on another host, which gets no token.
+        # Previews are public and on another host, which must not get the token.
         request = Request(url, what, SERVICE, advice=_ADVICE)
     found = download(
         request,
@@ -121,7 +121,7 @@ def _download(
         if digest != md5:
             target.unlink()
             raise Avs3dError(
-                f"{what}: the file that came is not the one Freesound describes (md5 {digest[:12]}…); try again"
+                f"{what}: the received file is not the one that Freesound describes (md5 {digest[:12]}…); try again"
             )
     return found
 

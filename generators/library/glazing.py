@@ -1,8 +1,8 @@
-"""Transparent parts for a renderer that knows none: panes before something are left out, windows and vessels darkened.
+"""Replaces transparent parts, for a renderer without transparency.
 
-A clock's glass lies on its dial: what is behind it is what one sees, so it goes. The door of a washing machine or a jug
-has depth behind it: left out, it would be a hole or nothing at all; it stays, opaque, in the colour that glass has
-before a dim inside.
+A pane close in front of a surface, such as the glass on a clock's dial, is removed, because one sees the surface behind
+it. Glass with depth behind it, such as a washing machine's door or a jug, would leave a hole: it becomes opaque, in the
+colour of glass in front of a dark inside.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from generators.library.rawmesh import Finding, RawPart, Surface, corners
 
 Array = NDArray[np.float64]
 
-#: Below this opacity a part is see-through.
+#: Below this opacity a part counts as transparent.
 OPAQUE = 0.9
-#: Something so near behind a pane (metres) is what one sees through it.
+#: Largest distance (m) from a pane to the surface behind it for which the pane is removed.
 NEAR = 0.03
-#: Linear albedo of an unlit inside, seen through glass.
+#: Linear albedo of an unlit inside behind glass.
 _DIM = 0.03
 _GRID = 96
 
@@ -42,7 +42,7 @@ def settle(parts: tuple[RawPart, ...]) -> tuple[tuple[RawPart, ...], tuple[Findi
             continue
         name, gap = part.surface.name, gaps[number]
         if part.surface.alpha < 0.02 or gap < NEAR:
-            why = f"lies {100 * gap:.1f} cm before what it shows" if gap < NEAR else "is wholly transparent"
+            why = f"is {100 * gap:.1f} cm in front of a surface" if gap < NEAR else "is completely transparent"
             findings.append(Finding("mended", f"{name!r} (opacity {part.surface.alpha:.2g}) {why}: left out"))
             continue
         findings.append(Finding("mended", f"{name!r} (opacity {part.surface.alpha:.2g}) is made opaque and dark"))
@@ -51,15 +51,15 @@ def settle(parts: tuple[RawPart, ...]) -> tuple[tuple[RawPart, ...], tuple[Findi
 
 
 def _darkened(surface: Surface) -> Surface:
-    """Glass as seen: its own colour as far as it is opaque, a dim inside for the rest."""
-    keep = surface.alpha**2  # light passes the pane on its way in and out
+    """Opaque glass: a mixture of its own colour, in proportion to its opacity, and a dark inside."""
+    keep = surface.alpha**2  # light passes through the pane twice, on its way in and out
     r, g, b = (keep * c + (1 - keep) * _DIM for c in surface.colour)
     name = surface.name if "glass" in surface.name.lower() else f"{surface.name} glass"
     return replace(surface, name=name, colour=(r, g, b), alpha=1.0)
 
 
 def _flat(part: RawPart, findings: list[Finding]) -> RawPart:
-    """A part whose picture has no opacity of its own any more."""
+    """The part with a texture that has no alpha channel any more."""
     pixels = part.surface.pixels
     if pixels is None or pixels.shape[2] == 3:
         return part
@@ -69,7 +69,7 @@ def _flat(part: RawPart, findings: list[Finding]) -> RawPart:
         return replace(part, surface=replace(part.surface, pixels=plain.copy()))
     name = part.surface.name
     if part.uv is not None and opacity.mean() < 0.98:
-        # Faces on clear texels go; what is half clear is laid over the picture's own opaque colour.
+        # Faces on transparent texels are removed; half-transparent texels are blended with the mean opaque colour.
         height, width = opacity.shape[:2]
         inside = part.uv.mean(axis=1)
         column = np.floor((inside[:, 0] % 1) * width).astype(int).clip(0, width - 1)
@@ -80,29 +80,33 @@ def _flat(part: RawPart, findings: list[Finding]) -> RawPart:
         large = _larger_than_a_texel(part.uv, width, height)
         gone &= ~large
         if gone.any() and not gone.all():
-            findings.append(Finding("mended", f"{int(gone.sum())} faces of {name!r} show only clear texels: left out"))
+            findings.append(
+                Finding("mended", f"{int(gone.sum())} faces of {name!r} show only transparent texels: left out")
+            )
             part = part.take(~gone)
     share = 1 - float(opacity.mean())
     if share > 0.5:
-        # Lettering on clear film: settled by what lies behind it, like a pane.
+        # Lettering on transparent film is treated like a pane, by its distance to the surface behind it.
         surface = replace(part.surface, pixels=None, alpha=min(part.surface.alpha, 1 - share))
-        findings.append(Finding("note", f"the texture of {name!r} is {share:.0%} clear: taken for a pane"))
+        findings.append(Finding("note", f"the texture of {name!r} is {share:.0%} transparent: treated as a pane"))
         return replace(part, surface=surface, uv=None)
     solid = opacity[..., 0] > 0.5
     fill = plain[solid].mean(axis=0) if solid.any() else np.full(3, 188.0)
     mixed = np.round(plain * opacity + fill * (1 - opacity)).astype(np.uint8)
-    findings.append(Finding("mended", f"the texture of {name!r} was {share:.0%} clear: filled with its mean colour"))
+    findings.append(
+        Finding("mended", f"the texture of {name!r} was {share:.0%} transparent: filled with its mean colour")
+    )
     return replace(part, surface=replace(part.surface, pixels=mixed))
 
 
 def _larger_than_a_texel(uv: Array, width: int, height: int) -> NDArray[np.bool_]:
-    """Faces that cover so much of a picture that their corners say nothing of what they show."""
+    """Faces that cover so much of the texture that the texels at their corners are not representative."""
     extent = np.ptp(uv, axis=1) * (width, height)
     return np.asarray(extent.max(axis=1) > 8)
 
 
 def _gaps(parts: tuple[RawPart, ...], clear: list[int]) -> dict[int, float]:
-    """Per see-through part the median distance from it to what lies behind, as onlookers before it see it."""
+    """Per transparent part, the median distance (m) to the surface behind it, along views from the front."""
     triangles = corners(parts)
     owner = np.concatenate([np.full(len(part.triangles), n) for n, part in enumerate(parts)])
     see_through = np.isin(owner, clear)

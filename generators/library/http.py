@@ -1,8 +1,8 @@
-"""Asking over HTTP: patient when told to wait, bounded, and never carrying a token to another host.
+"""HTTP requests with waiting times, limits, and tokens that are never sent to another host.
 
-requests does the talking (connections, proxies, redirects). Here: which addresses are allowed, where a token goes, how
-long and how much, and what a failure says. RFC 9110: Retry-After (§10.2.3: seconds or a date), redirects (§15.4).
-docs/decisions.md says why the attempts are counted here and not by urllib3.
+The package requests handles connections, proxies and redirects. This module decides which addresses are allowed and
+which get a token, applies limits of time and size, and words the errors. RFC 9110: Retry-After (§10.2.3: seconds or a
+date), redirects (§15.4). docs/decisions.md explains why the attempts are counted here and not by urllib3.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from avs3d_bench import __version__
 from avs3d_bench.errors import Avs3dError
 
 MEGABYTE = 1_000_000
-#: Answers of an API that are larger than this are none.
+#: Largest accepted answer of an API (bytes).
 _JSON_LIMIT = 8 * MEGABYTE
 _CHUNK = 1 << 16
 _MAX_REDIRECTS = 5
-#: No pause that a server asks for counts as longer than this (s): ten years.
+#: Upper limit of a pause that a server asks for (s): ten years.
 _LONGEST = 320_000_000
-#: Statuses worth another try: too many requests, overloaded servers.
+#: Statuses after which the request is repeated: too many requests, overloaded servers.
 _PASSING = (429, 500, 502, 503, 504)
 
 Say = Callable[[str], None]
@@ -48,20 +48,20 @@ class HttpError(Avs3dError):
 
 
 class CutError(Avs3dError):
-    """The connection was cut, timed out or could not be made; what has come is kept for the next run."""
+    """The connection was cut, timed out or could not be made; the part file is kept for the next run."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """How long and how much.
+    """Limits of time and size.
 
     Attributes:
         timeout: seconds without a byte (and for connecting).
         total: seconds for one file, pauses included.
-        max_bytes: of one file.
+        max_bytes: bytes of one file.
         max_wait: longest pause that a server's Retry-After may ask for, seconds.
-        attempts: of one request, the first included.
-        backoff: first pause after a passing failure without Retry-After, seconds; doubled each time.
+        attempts: attempts at one request, with the first.
+        backoff: first pause after a temporary failure without Retry-After, seconds; doubled each time.
     """
 
     timeout: float = 30.0
@@ -74,15 +74,15 @@ class Limits:
 
 @dataclass(frozen=True)
 class Request:
-    """What to ask for, and how to speak of it.
+    """A request, and the texts that messages use for it.
 
     Attributes:
         url: https, or http on this machine's own loopback.
-        what: the asset, as messages name it (``freesound/1234``).
-        service: who answers (``Freesound``).
-        token: value of the Authorization header; goes to this address's own origin only, and into no message.
-        body: JSON to POST; GET without it.
-        advice: status → what the user can do about it.
+        what: the asset's name in messages (``freesound/1234``).
+        service: the server's name in messages (``Freesound``).
+        token: value of the Authorization header; it is sent only to the origin of ``url``, and is in no message.
+        body: JSON to POST; without it the request is a GET.
+        advice: status → advice for the user.
     """
 
     url: str
@@ -94,12 +94,12 @@ class Request:
 
 
 def get_json(request: Request, limits: Limits, say: Say = lambda _: None) -> Any:
-    """The JSON that an API answers.
+    """Request JSON from an API.
 
     Raises:
         HttpError: for a refusal (401, 403, 404, 429 beyond `Limits.max_wait`, …), with the advice for its status.
-        CutError: if no whole answer came.
-        Avs3dError: if the answer is no JSON or too large.
+        CutError: if no complete answer came.
+        Avs3dError: if the answer is not JSON or too large.
     """
     deadline = time.monotonic() + limits.total
     for attempt in attempts(request, limits, say, deadline):
@@ -116,9 +116,9 @@ def get_json(request: Request, limits: Limits, say: Say = lambda _: None) -> Any
                 raise interrupted(request, f"the connection was cut after {len(data)} of {promised} bytes")
             try:
                 return json.loads(bytes(data))
-            except (ValueError, RecursionError):  # also what is nested a thousand times
+            except (ValueError, RecursionError):  # RecursionError: JSON that is nested too deeply
                 raise Avs3dError(
-                    f"{request.what}: {request.service} answered no JSON ({_shown(request.url)}); is the address right?"
+                    f"{request.what}: {request.service} did not answer with JSON: {_shown(request.url)}; check it"
                 ) from None
     raise AssertionError("the last attempt returns or raises")
 
@@ -129,29 +129,31 @@ def check_url(url: str, what: str, *, loopback: bool = True) -> None:
     Raises:
         Avs3dError: naming the asset and the address.
     """
-    with contextlib.suppress(ValueError):  # an unclosed bracket, a port of a million
+    with contextlib.suppress(ValueError):  # for example an unclosed bracket, or a port of a million
         parts = urlsplit(url)
         host, _ = parts.hostname or "", parts.port
         if parts.scheme == "https" and host:
             return
         if parts.scheme == "http" and loopback and _is_loopback(host):
             return
-    raise Avs3dError(f"{what}: {_shown(url)} is no https address; expected https (http only on this machine)")
+    raise Avs3dError(f"{what}: {_shown(url)} is not an https address; expected https (http only on this machine)")
 
 
 def content_length(answer: requests.Response) -> int | None:
-    """Bytes that an answer promises, if it says so in plain digits."""
+    """Number of bytes in the answer's Content-Length, if that is a plain number."""
     text = str(answer.headers.get("Content-Length") or "").strip()
     return int(text) if text.isascii() and text.isdigit() and len(text) <= 18 else None
 
 
 def interrupted(request: Request, cause: str) -> CutError:
     """The error of a transfer that ended early because of ``cause``."""
-    return CutError(f"{request.what}: {cause} ({urlsplit(request.url).hostname}); run the same command again to go on")
+    return CutError(
+        f"{request.what}: {cause} ({urlsplit(request.url).hostname}); run the same command again to continue"
+    )
 
 
 class _Session(requests.Session):
-    """One request and its redirects: looks at every address, and sends the token to the first one's origin only."""
+    """One request and its redirects: checks every address, and sends the token only to the origin of the first."""
 
     def __init__(self, request: Request, limits: Limits, deadline: float) -> None:
         super().__init__()
@@ -160,21 +162,21 @@ class _Session(requests.Session):
         self.timeout = limits.timeout
         self.loopback = _is_loopback(urlsplit(request.url).hostname or "")
         self.max_redirects = _MAX_REDIRECTS
-        # A proxy cannot reach this machine's own loopback.
+        # A proxy cannot reach the loopback interface of this machine.
         self.trust_env = not self.loopback
-        # The system's certificates (SSL_CERT_FILE first), as far as it has any; else those of certifi.
+        # The system's certificates (SSL_CERT_FILE first) if there are any, else those of certifi.
         known = ssl.get_default_verify_paths()
         self.verify = known.cafile or known.capath or True
         self.auth = self._authorise
 
     def _authorise(self, prepared: requests.PreparedRequest) -> requests.PreparedRequest:
-        """The token, and nothing else: without an `auth` of its own, requests would look into ~/.netrc."""
+        """Adds only the token. Without an `auth` argument, requests would read ~/.netrc."""
         if self.asked.token is not None:
             prepared.headers["Authorization"] = self.asked.token
         return prepared
 
     def send(self, request: requests.PreparedRequest, **settings: Any) -> requests.Response:
-        """Called once for every address on the way."""
+        """Called once for every address of the chain of redirects."""
         self.url = str(request.url)
         check_url(self.url, self.asked.what, loopback=self.loopback)
         self.timeout = max(0.01, min(self.limits.timeout, self.deadline - time.monotonic()))
@@ -182,7 +184,7 @@ class _Session(requests.Session):
 
     def get_redirect_target(self, resp: requests.Response) -> str | None:
         if resp.is_redirect:
-            resp.close()  # or requests would read its body, however long
+            resp.close()  # otherwise requests would read the whole body, without a limit
         return super().get_redirect_target(resp)
 
     def rebuild_auth(self, prepared_request: requests.PreparedRequest, response: requests.Response) -> None:
@@ -194,7 +196,7 @@ class _Session(requests.Session):
 def open_answer(
     request: Request, headers: Mapping[str, str], limits: Limits, deadline: float, passed: tuple[int, ...] = ()
 ) -> Iterator[requests.Response]:
-    """The answer (2xx, or a status in ``passed``), redirects followed, its body still to come.
+    """The answer (2xx, or a status in ``passed``) after all redirects; its body is not read yet.
 
     Raises:
         HttpError: any other status.
@@ -210,11 +212,11 @@ def open_answer(
             raise HttpError(
                 f"{request.what}: {request.service} redirects more than {_MAX_REDIRECTS} times; report it there", 310
             ) from None
-        except ValueError:  # requests' InvalidURL, InvalidHeader, …: their text may quote what is sent
+        except ValueError:  # requests' InvalidURL, InvalidHeader, …: their text may quote the token
             raise Avs3dError(
-                f"{request.what}: {_shown(session.url)} is no valid address; report it to {request.service}"
+                f"{request.what}: {_shown(session.url)} is not a valid address; report it to {request.service}"
             ) from None
-        except (OSError, urllib3.exceptions.HTTPError) as error:  # requests' are OSErrors
+        except (OSError, urllib3.exceptions.HTTPError) as error:  # the exceptions of requests are OSErrors
             raise _no_answer(request, session.url, error, session.timeout) from None
         with answer:
             if not (200 <= answer.status_code < 300 or answer.status_code in passed):
@@ -233,12 +235,12 @@ def read_block(answer: requests.Response, request: Request, deadline: float) -> 
     except (OSError, urllib3.exceptions.HTTPError, ValueError) as error:
         cause = _cause(error)
         if isinstance(cause, urllib3.exceptions.IncompleteRead):
-            return b""  # fewer bytes than Content-Length: the callers say so, who know what came before
+            return b""  # fewer bytes than Content-Length: reported by the callers, which know the bytes received before
         raise interrupted(request, f"the connection was cut ({_words(cause)})") from None
 
 
 class _BusyError(HttpError):
-    """A refusal that may pass; ``wait`` in seconds if the server says."""
+    """A temporary refusal; ``wait`` in seconds if the server gives it."""
 
     def __init__(self, message: str, status: int, wait: float | None) -> None:
         super().__init__(message, status)
@@ -248,15 +250,15 @@ class _BusyError(HttpError):
 def _refusal(request: Request, answer: requests.Response) -> HttpError:
     status = answer.status_code
     if status in (301, 302, 303, 307, 308):
-        return HttpError(f"{request.what}: {request.service} redirects to nowhere (HTTP {status})", status)
+        return HttpError(f"{request.what}: {request.service} redirects without an address (HTTP {status})", status)
     known = {
-        401: "it wants a valid token",
-        403: "it does not allow this",
-        404: "there is no such thing",
-        410: "it is gone",
+        401: "it requires a valid token",
+        403: "access is not allowed",
+        404: "not found",
+        410: "no longer available",
         429: "too many requests",
     }
-    cause = known.get(status) or ("it is out of order" if status >= 500 else http.client.responses.get(status, "?"))
+    cause = known.get(status) or ("server error" if status >= 500 else http.client.responses.get(status, "?"))
     advice = request.advice.get(status)
     if advice is None:
         advice = "try again later" if status in _PASSING else "check the id and what your account may do"
@@ -267,7 +269,7 @@ def _refusal(request: Request, answer: requests.Response) -> HttpError:
 
 
 def retry_after(value: str | None) -> float | None:
-    """Seconds that a Retry-After header asks for (a number, or a date); None if it says nothing sensible."""
+    """Seconds that a Retry-After header asks for (a number, or a date); None if it is not valid."""
     with contextlib.suppress(urllib3.exceptions.InvalidHeader, ValueError, OverflowError):
         return None if value is None else float(Retry(retry_after_max=_LONGEST).parse_retry_after(value))
     return None
@@ -276,7 +278,7 @@ def retry_after(value: str | None) -> float | None:
 def attempts(
     request: Request, limits: Limits, say: Say, deadline: float
 ) -> Iterator[contextlib.AbstractContextManager[None]]:
-    """Contexts to try in, one after the other: each swallows a passing failure and waits; the last one lets it out."""
+    """Yield one context per attempt: each catches a temporary failure and waits; the last one raises it."""
     for number in range(1, limits.attempts + 1):
         yield _attempt(request, limits, say, deadline, number)
 
@@ -318,7 +320,7 @@ def _no_answer(request: Request, url: str, error: Exception, timeout: float) -> 
 
 
 def _cause(error: BaseException) -> BaseException:
-    """The system's own error below those of requests and urllib3, which wrap it up to four times."""
+    """The operating system's error, which requests and urllib3 wrap up to four times."""
     for _ in range(8):
         below = (error.__cause__, getattr(error, "reason", None), *error.args)
         inner = next((each for each in below if isinstance(each, BaseException)), None)
@@ -334,7 +336,7 @@ def _words(error: BaseException) -> str:
 
 
 def _shown(url: str) -> str:
-    """An address for messages: without its query, where signatures and keys are."""
+    """An address for messages: without its query, which may contain signatures and keys."""
     try:
         parts = urlsplit(url)
         shown = f"{parts.scheme}://{parts.hostname or ''}{f':{parts.port}' if parts.port else ''}{parts.path}"

@@ -1,13 +1,13 @@
-"""What a licence allows: names in one spelling (SPDX where there is one), and the decision to take or refuse an asset.
+"""Licences: names in one spelling (SPDX if there is one), and the decision to accept or refuse an asset.
 
 A generated benchmark publishes pictures, sounds and meshes in which the assets can be recognised, i.e. adaptations, and
-it may be used for anything its own licence permits. So an asset is taken if it may be adapted and shared for any
-purpose:
+it may be used for every purpose that its own licence permits. So an asset is accepted if it may be adapted and shared
+for any purpose:
 
-- public domain and attribution licences: taken; dataset.json attributes them;
-- share-alike licences (CC BY-SA, Free Art, GPL): taken, with a note that what is published must keep their terms;
-- non-commercial, no-derivatives, sampling, editorial and store licences, and whatever is not known here: refused,
-  unless the user, who may know of a permission, allows them by name.
+- public domain and attribution licences: accepted; dataset.json attributes them;
+- share-alike licences (CC BY-SA, Free Art, GPL): accepted, with a note that the published data must keep their terms;
+- non-commercial, no-derivatives, sampling, editorial and store licences, and all unknown ones: refused, unless the
+  user, who may have a permission, allows them by name.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ _CC_ADDRESS = re.compile(
     r"(?:https?://)?(?:www\.)?creativecommons\.org/(?:licenses|publicdomain)/([a-z+-]+)(?:/(\d\.\d))?[^\s()<>\[\]]*",
     re.I,
 )
-#: Words of a Creative Commons licence's name, and what each stands for.
+#: Patterns of the words in a Creative Commons licence's name, and their meanings.
 _WORDS = tuple(
     (mark, re.compile(rf"(?:{words})(?![a-z0-9.])"))
     for mark, words in (
@@ -75,7 +75,7 @@ _WORDS = tuple(
 
 @dataclass(frozen=True)
 class Terms:
-    """What a licence means for a benchmark: its name, the verdict, and for all but ``free`` the reason in words."""
+    """Assessment of a licence: its name, the verdict, and for all verdicts except ``free`` the reason in words."""
 
     name: str
     verdict: Verdict
@@ -83,7 +83,7 @@ class Terms:
 
 
 def terms(name: str) -> Terms:
-    """The terms of a licence; of ``A AND B`` the strictest, of ``A OR B`` the mildest (SPDX, without brackets)."""
+    """The terms of a licence; the strictest of ``A AND B``, the mildest of ``A OR B`` (SPDX, without brackets)."""
     rank: tuple[Verdict, ...] = ("free", "share-alike", "refused")
 
     def strictness(one: Terms) -> int:
@@ -134,7 +134,7 @@ def check_licence(asset: str, name: str, allowed: Collection[str] = ()) -> str:
 
 
 def conditions(names: Iterable[str]) -> tuple[str, ...]:
-    """What a dataset made of assets under ``names`` must heed, one line per licence that is not free, sorted."""
+    """Notes for a dataset with assets under the licences ``names``: one line per licence that is not free, sorted."""
     return tuple(f"{one.name} {one.reason}" for one in map(terms, sorted(set(names))) if one.verdict != "free")
 
 
@@ -144,12 +144,12 @@ def from_sketchfab(slug: str, label: str) -> str:
 
 
 def spdx(text: str) -> str:
-    """A licence's name as people and web services write it, in SPDX's spelling where it can be told; else unchanged.
+    """Convert a licence's name, as people and web services write it, to SPDX's spelling; unknown names are unchanged.
 
     Understands Creative Commons' addresses (``https://creativecommons.org/licenses/by-nc/3.0/``), short names
-    (``CC BY-SA 4.0``) and long ones (``Creative Commons Attribution-ShareAlike``). A version that is not said is not
-    made up: ``CC-BY``. A text that says more than a licence's name (``attribution, no commercial use``) stays as it is,
-    and so is no licence that is known.
+    (``CC BY-SA 4.0``) and long ones (``Creative Commons Attribution-ShareAlike``). A missing version is not guessed:
+    ``CC-BY``. A text with more than a licence's name (``attribution, no commercial use``) stays unchanged and so counts
+    as an unknown licence.
     """
     plain = " ".join(str(text).split())
     expression = re.split(r" (AND|OR) ", plain)
@@ -177,7 +177,7 @@ def _at_address(kind: str, version: str | None) -> str:
 
 
 def _spoken(text: str) -> str | None:
-    """The licence that a text names; nothing if it says anything beside: that may be a condition."""
+    """The licence that a text names; empty if the text has any further words, which may be a condition."""
     lower = re.sub("[\u2010-\u2015\u2212_]", "-", text.lower())
     if re.search(r"sampling[ -]?(\+|plus)", lower):
         return SAMPLING_PLUS

@@ -1,6 +1,6 @@
-"""The listing of a lock file as a page: every asset with a picture or a waveform, its licence, and what was found.
+"""HTML listing of a lock file: every asset with a picture or a waveform, its licence, and the findings.
 
-One file that needs no network; recordings lie beside it, because players read files.
+The page is one file and needs no network; the recordings are beside it, because players read files.
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ from generators.library.store import Store
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-#: Changes whenever thumbnails of the same GLB come out different.
+#: Version of the thumbnails; increase it when the same GLB gives another picture.
 _PICTURES = 1
-#: Bars of a waveform.
+#: Number of bars of a waveform.
 _BARS = 120
 
 
 @dataclass(frozen=True)
 class Card:
-    """What the page says of one asset.
+    """The contents of the page about one asset.
 
     Attributes:
         entry: its record in the lock file.
         verdict: of its licence: free, share-alike or refused.
-        reason: for all but free, in words.
-        findings: severity and text of what its mesh cleaning found.
-        problem: why there is nothing to see or hear of it; empty if there is.
-        picture: data address of its thumbnail, if it is an object.
+        reason: in words, for all verdicts except free.
+        findings: severity and text of each finding of its mesh cleaning.
+        problem: the reason why it cannot be shown or played; empty if it can.
+        picture: data URL of its thumbnail, if it is an object.
         size: width, height, depth in metres, if it is an object.
-        faces: of the clean mesh.
-        waveform: SVG path of its peaks, 0 … `_BARS` wide and −1 … 1 high, if it is a sound.
+        faces: number of faces of the clean mesh.
+        waveform: SVG path of its peaks, x from 0 to `_BARS` and y from −1 to 1, if it is a sound.
         seconds: its length, if it is a sound.
-        sound: its file beside the page.
+        sound: name of its file beside the page.
     """
 
     entry: AssetEntry
@@ -64,12 +64,12 @@ class Card:
 def write_listing(entries: Sequence[AssetEntry], store: Store, folder: Path) -> Path:
     """Write ``folder``/index.html and the recordings it plays; the same assets give the same bytes.
 
-    An asset that is missing or broken gets a card that says so.
+    A missing or broken asset is listed with its problem.
 
     Args:
-        entries: of the lock file.
-        store: where their files lie.
-        folder: is made if it is not there.
+        entries: the lock file's entries.
+        store: the store with their files.
+        folder: the folder to write to; it is made if it does not exist.
 
     Returns:
         The page.
@@ -170,7 +170,7 @@ def _split(line: str) -> tuple[str, str]:
 
 
 def _address(url: str) -> str:
-    """An address that may become a link; nothing for any other scheme."""
+    """An http or https address, which is safe as a link; empty for any other scheme."""
     return url if url.startswith(("https://", "http://")) else ""
 
 

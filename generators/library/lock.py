@@ -1,4 +1,4 @@
-"""`assets.lock.yaml`: one record per asset that a manifest may use, with everything that fetches and identifies it.
+"""`assets.lock.yaml`: one record per asset that a manifest may use, with its source, licence and hash.
 
 The file is data, read by people and compared by diff tools: entries sorted by id, fields in one order, nothing that
 depends on when or where it was written.
@@ -26,9 +26,9 @@ from avs3d_bench.taxonomy import check_category
 from avs3d_bench.yamlfile import parse_yaml, read_data, step
 
 LOCK_NAME = "assets.lock.yaml"
-#: Seconds that a process waits while another one writes the lock file.
+#: Longest wait for another process that writes the lock file (s).
 PATIENCE = 60.0
-#: Between two looks at whether it is done (s).
+#: Interval between two checks during that wait (s).
 _PAUSE = 0.02
 _HEADER = (
     "# Written by `avs3d assets`. Every asset that is not made here: source, author, licence, hash, how it stands.\n"
@@ -46,19 +46,19 @@ class AssetEntry(BaseModel):
     """One asset.
 
     Attributes:
-        id: ``source/…/name``; names it in manifests, and its folder in the store.
+        id: ``source/…/name``; its name in manifests and its folder in the store.
         kind: an object (mesh) or a sound.
-        category: what it is one of; see `avs3d_bench.taxonomy`.
-        source: which collection it comes from.
+        category: its category; see `avs3d_bench.taxonomy`.
+        source: the collection from which it comes.
         ref: the collection's own id.
-        url: page where a person finds it.
-        title, author: as the collection gives them.
+        url: its web page.
+        title, author: as given by the collection.
         licence: SPDX identifier where there is one.
-        file: name of the file as delivered, in the asset's folder of the store.
-        sha256, bytes: of the file as delivered.
+        file: name of the original file in the asset's folder of the store.
+        sha256, bytes: hash and size of the original file.
         up, front: its axes that point up and to the front (``y``, ``+z``, …); objects only.
-        height: metres it is scaled to; without it the file's own units hold.
-        mount: what it stands on or hangs from; without it the category's usual one.
+        height: height to which it is scaled, metres; without it, the file's own units are used.
+        mount: kind of surface on which it stands or hangs; default: that of its category.
         yaw: degrees by which it is turned about its up axis afterwards, positive to the left.
     """
 
@@ -94,7 +94,7 @@ class AssetEntry(BaseModel):
     def _fits_its_kind(self) -> AssetEntry:
         given = [name for name in ("up", "front", "height", "mount", "yaw") if getattr(self, name) is not None]
         if self.kind == "sound" and given:
-            raise ValueError(f"{given[0]} is given, but a sound neither stands nor hangs")
+            raise ValueError(f"{given[0]} is given, but belongs to objects only; leave it out for a sound")
         if self.kind == "object" and (self.up is None or self.front is None):
             raise ValueError("an object needs up and front, e.g. up: y, front: +z")
         return self
@@ -126,7 +126,7 @@ class Lock(BaseModel):
         return next((entry for entry in self.assets if entry.id == asset), None)
 
     def merged(self, entries: Iterable[AssetEntry]) -> Lock:
-        """This lock with ``entries`` added; an entry of the same id is replaced."""
+        """A copy of this lock with ``entries`` added; an entry of the same id is replaced."""
         table = {entry.id: entry for entry in (*self.assets, *entries)}
         return Lock(assets=tuple(table[name] for name in sorted(table)))
 
@@ -144,7 +144,7 @@ def dump_lock(lock: Lock) -> bytes:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Floats without the detours of YAML's own representation; everything else as it is."""
+    """Writes floats in their shortest form; everything else as YAML does."""
 
 
 def _float(dumper: yaml.SafeDumper, value: float) -> yaml.ScalarNode:
@@ -155,7 +155,7 @@ _Dumper.add_representer(float, _float)
 
 
 def parse_lock(data: bytes, where: Path | str) -> Lock:
-    """The lock in the bytes of the file ``where``.
+    """Parse the bytes of the lock file ``where``.
 
     Raises:
         Avs3dError: one line with the file, the entry, the field and what was expected.
@@ -184,7 +184,7 @@ def _line(text: object) -> str:
 
 
 def _place(document: dict[str, Any], loc: tuple[int | str, ...]) -> str:
-    """``assets.3 (sh3d/scopia/phone).licence``: where a finding is, with the entry's id where it has one."""
+    """The place of an error, with the entry's id if it has one: ``assets.3 (sh3d/scopia/phone).licence``."""
     steps = [step(key) for key in loc]
     if len(loc) >= 2 and loc[0] == "assets" and isinstance(loc[1], int):
         table = document["assets"]
@@ -196,10 +196,10 @@ def _place(document: dict[str, Any], loc: tuple[int | str, ...]) -> str:
 
 
 def read_lock(path: Path) -> Lock:
-    """The lock file at ``path``; an empty lock where there is none.
+    """Read the lock file at ``path``; without such a file the lock is empty.
 
     Raises:
-        Avs3dError: if it cannot be read or does not fit.
+        Avs3dError: if it cannot be read or is not valid.
     """
     try:
         path.lstat()
@@ -211,10 +211,10 @@ def read_lock(path: Path) -> Lock:
 
 
 def update_lock(path: Path, entries: Iterable[AssetEntry]) -> Lock:
-    """Add ``entries`` to the lock file (or replace those of the same id); processes that do so at once take turns.
+    """Add ``entries`` to the lock file, or replace those of the same id; concurrent processes take turns.
 
     Raises:
-        Avs3dError: if the file does not fit, cannot be written, or another process holds it for a minute.
+        Avs3dError: if the file is not valid, cannot be written, or another process locks it for a minute.
     """
     with _turn(path):
         lock = read_lock(path).merged(entries)
@@ -230,9 +230,9 @@ def update_lock(path: Path, entries: Iterable[AssetEntry]) -> Lock:
 
 @contextmanager
 def _turn(path: Path) -> Iterator[None]:
-    """Hold the folder of ``path`` (nothing is left in it, and the hold ends with the process).
+    """Lock the folder of ``path``; this leaves no file, and the lock ends with the process.
 
-    NFS knows no hold of a folder, only of a file that is open for writing: there, one beside ``path`` is held and left.
+    NFS can lock only a file that is open for writing: there, a file beside ``path`` is locked, and it stays.
     """
     beside = path.with_name(f".{path.name}.turn")
     try:
@@ -275,7 +275,7 @@ def _opened(beside: Path, path: Path) -> int:
 
 def slug(text: str) -> str:
     """``text`` as one step of an id: ASCII letters, digits, ``.``, ``_``, ``+`` and ``-``."""
-    # é → e; what has no ASCII letter (時計) is told apart by digits of its hash.
+    # é → e; a text without ASCII letters (時計) gets digits of its hash instead.
     plain = "".join(letter for letter in unicodedata.normalize("NFKD", text) if not unicodedata.combining(letter))
     words = re.sub(r"[^A-Za-z0-9._+-]+", "-", plain).strip("-._+")[:80] or "asset"
     if plain.isascii():

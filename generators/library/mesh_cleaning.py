@@ -1,10 +1,10 @@
-"""Mesh hygiene: any model as one clean GLB that stands right, and what was found on the way.
+"""Mesh cleaning: converts any model to one clean, upright GLB, and reports the findings.
 
     read → axes → metres → broken and double faces → transparency → winding → normals → textures → GLB
 
-The clean GLB is in metres, Y up, front towards +Z, its footprint's centre at the origin; every face has a normal, an
-opaque colour or a texture of at most 2048 pixels with coordinates. `generators.assets.meshfile.load_model` reads it as
-any other.
+The clean GLB is in metres, Y up, front towards +Z, with its footprint's centre at the origin; every face has normals,
+and either an opaque colour or texture coordinates in a texture of at most 2048 pixels. It is read with
+`generators.assets.meshfile.load_model`, like any other mesh.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ Array = NDArray[np.float64]
 _VERSION = "1"
 #: Longest side of a texture, pixels.
 MAX_PIXELS = 2048
-#: A household object's longest side, metres: a file whose numbers are outside is in another unit.
+#: Range of a household object's longest side (m); a file outside this range is in another unit.
 _PLAUSIBLE = (0.04, 3.0)
 _UNITS = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001, "inches": 0.0254, "feet": 0.3048}
-#: A sheet's back lies this far behind its front, metres.
+#: Distance of a sheet's back from its front (m).
 _THICKNESS = 0.0006
-#: Words that tell what a material is to the eye and the ear, in the languages that free models are named in.
+#: Words in material names that identify a material, in several languages.
 _GLOSSARY = {
     "metal": "chrom crom inox steel acier stahl alumin iron metal",
     "ceramic": "fayence faience porcel ceram keram",
@@ -49,7 +49,7 @@ _GLOSSARY = {
 
 
 def version() -> str:
-    """Changes whenever the same file would give another GLB."""
+    """Version of the cleaning; it changes whenever the same file could give another GLB."""
     return _VERSION
 
 
@@ -67,17 +67,17 @@ def clean(
     Args:
         file: .glb, .gltf, .obj (its MTL and textures beside it), .ply, .stl or .dae.
         up: the file's axis that points up: ``x``, ``y``, ``z``, with or without sign.
-        front: the file's axis towards which its front looks.
-        height: metres it is scaled to; without it the unit is guessed from its size.
-        yaw: degrees by which it is turned about the vertical afterwards, positive to the left.
-        size: width, height and depth (metres) that its catalogue gives, to tell the unit and to compare with.
+        front: the file's axis that points to the front.
+        height: height to which it is scaled, metres; without it the unit is guessed from its size.
+        yaw: turn about the vertical afterwards, degrees, positive to the left.
+        size: width, height and depth (metres) from its catalogue, to find the unit and to check the result.
 
     Returns:
-        The bytes of the GLB, and the findings, the gravest first.
+        The bytes of the GLB, and the findings, the most severe first.
 
     Raises:
-        UsageError: for axes that are none or not perpendicular.
-        Avs3dError: if there is no usable mesh in the file, or what is missing cannot be made up for.
+        UsageError: for axes that are not valid or not perpendicular.
+        Avs3dError: if the file has no usable mesh, or a fault cannot be repaired.
     """
     parts, read = read_raw(Path(file))
     findings = list(read)
@@ -93,7 +93,7 @@ def clean(
             raise Avs3dError(f"{file}: {error}") from None
         parts = _sound_faces(file, parts, [])
         left = sum(len(part.triangles) for part in parts)
-        findings.append(Finding("warning", f"{total} faces were simplified to {left}: look at it closely"))
+        findings.append(Finding("warning", f"{total} faces were simplified to {left}: check the result"))
     parts = _outward(parts, findings)
     parts = tuple(_dressed(part, findings) for part in parts)
     parts = _centred(parts)
@@ -129,12 +129,12 @@ def _in_metres(
     extent = np.ptp(points, axis=0)
     longest = float(extent.max())
     if not longest > 0:
-        raise Avs3dError(f"{file}: all its corners are one point; expected a body")
+        raise Avs3dError(f"{file}: all its vertices are one point; expected a solid object")
     if height is not None:
         if not (np.isfinite(height) and 0.005 <= height <= 5):
             raise Avs3dError(f"{file}: height {height} is not between 0.005 and 5 m")
         if extent[1] < 1e-6 * longest:
-            raise Avs3dError(f"{file}: is flat along its up axis; name another axis, or no height")
+            raise Avs3dError(f"{file}: is flat along its up axis; name another axis, or leave out the height")
         factor = height / float(extent[1])
         unit = next((name for name, scale in _UNITS.items() if abs(factor / scale - 1) < 0.03), "")
         if unit != "metres":
@@ -158,24 +158,26 @@ def _guessed(file: Path, extent: Array, size: tuple[float, float, float] | None,
         unit = min(_UNITS, key=lambda name: abs(np.log(ratio / _UNITS[name])))
         if abs(np.log(ratio / _UNITS[unit])) < 0.1:
             if unit != "metres":
-                findings.append(Finding("mended", f"its unit was {unit}, as its catalogue's size tells"))
+                findings.append(Finding("mended", f"its unit was {unit}, according to its size in the catalogue"))
             return _UNITS[unit]
-        findings.append(Finding("note", f"scaled by {ratio:.4g} to its catalogue's size"))
+        findings.append(Finding("note", f"scaled by {ratio:.4g} to its size in the catalogue"))
         return ratio
     for unit, scale in _UNITS.items():
         if _PLAUSIBLE[0] <= longest * scale <= _PLAUSIBLE[1]:
             if unit != "metres":
-                text = f"is {longest:.4g} units long: taken for {unit} ({longest * scale:.3g} m); name its height"
+                text = f"is {longest:.4g} units long: assumed to be {unit} ({longest * scale:.3g} m); name its height"
                 findings.append(Finding("warning", text))
             return scale
-    raise Avs3dError(f"{file}: is {longest:.4g} units long, of no household object in any usual unit; name its height")
+    raise Avs3dError(f"{file}: is {longest:.4g} units long: no household object in any usual unit; name its height")
 
 
 def _sound_faces(file: Path, parts: tuple[RawPart, ...], findings: list[Finding]) -> tuple[RawPart, ...]:
-    """The parts without faces of no area and without the second of two faces on the same three corners."""
+    """The parts without faces of zero area and without duplicate faces (the same three corners)."""
     triangles = corners(parts)
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    keep = np.linalg.norm(cross, axis=1) > 2e-10  # a tenth of a square millimetre in a thousand
+    keep = (
+        np.linalg.norm(cross, axis=1) > 2e-10
+    )  # aspect ratio or area too small: a tenth of a square millimetre in a thousand
     if thin := int((~keep).sum()):
         findings.append(Finding("mended", f"{thin} faces without area were left out"))
     grid = np.round(triangles / WELD).astype(np.int64)
@@ -186,7 +188,7 @@ def _sound_faces(file: Path, parts: tuple[RawPart, ...], findings: list[Finding]
     once = np.zeros(len(triangles), dtype=bool)
     once[candidates[first]] = True
     if double := int(keep.sum() - once.sum()):
-        findings.append(Finding("mended", f"{double} faces lay on others and were left out"))
+        findings.append(Finding("mended", f"{double} duplicate faces were left out"))
     out, start = [], 0
     for part in parts:
         mask = once[start : start + len(part.triangles)]
@@ -199,18 +201,22 @@ def _sound_faces(file: Path, parts: tuple[RawPart, ...], findings: list[Finding]
 
 
 def _outward(parts: tuple[RawPart, ...], findings: list[Finding]) -> tuple[RawPart, ...]:
-    """Faces wound counter-clockwise from outside, sheets given a back, and normals for all."""
+    """Wind faces counter-clockwise from outside, add a back to sheets, and compute normals."""
     triangles = corners(parts)
     winding = find_winding(triangles)
     if winding.inconsistent:
-        findings.append(Finding("mended", f"{winding.inconsistent} faces were wound against their neighbours"))
+        findings.append(
+            Finding("mended", f"{winding.inconsistent} faces were wound in the opposite sense to their neighbours")
+        )
     if winding.inverted:
-        findings.append(Finding("mended", f"{winding.inverted} faces of parts that were inside out were turned"))
+        findings.append(Finding("mended", f"{winding.inverted} faces of parts that were inside out were reversed"))
     if winding.shared:
         findings.append(Finding("note", f"non-manifold: more than two faces meet at {winding.shared} edges"))
     if winding.sheet.any():
         count = int(winding.sheet.sum())
-        findings.append(Finding("mended", f"{count} faces of thin sheets seen from both sides were given a back"))
+        findings.append(
+            Finding("mended", f"{count} faces of thin sheets that are visible from both sides were given a back")
+        )
     wound = np.where(winding.flip[:, None, None], triangles[:, [0, 2, 1]], triangles)
     smooth = corner_normals(wound)
     out, start = [], 0
@@ -244,7 +250,7 @@ def _joined(a: RawPart, b: RawPart) -> RawPart:
 
 
 def _normals(part: RawPart, wound: Array, smooth: Array, flip: NDArray[np.bool_]) -> Array:
-    """The file's own shading normals where they are usable and on the outer side, else smoothed ones."""
+    """The file's own shading normals if they are usable and on the outer side, else smoothed ones."""
     if part.normals is None:
         return smooth
     given = np.where(flip[:, None, None], part.normals[:, [0, 2, 1]], part.normals)
@@ -259,16 +265,18 @@ def _normals(part: RawPart, wound: Array, smooth: Array, flip: NDArray[np.bool_]
 
 
 def _dressed(part: RawPart, findings: list[Finding]) -> RawPart:
-    """A part whose picture, if it has one, has coordinates and a moderate size, and whose name tells its material."""
+    """A part with texture coordinates for its texture, a texture of limited size, and its material in its name."""
     surface = part.surface
     name = surface.name
     if surface.pixels is not None and part.uv is None:
-        # What a picture shows on a surface without coordinates cannot be told, least of all from an atlas.
+        # Without texture coordinates, the colour of a surface is unknown, in particular if the texture is an atlas.
         plain = surface.colour
         if min(plain) > 0.99:
             r, g, b = (float(v) for v in to_linear(surface.pixels.reshape(-1, 3).mean(axis=0)))
             plain = (r, g, b)
-        findings.append(Finding("warning", f"{name!r} has a texture but no texture coordinates: it has a plain colour"))
+        findings.append(
+            Finding("warning", f"{name!r} has a texture but no texture coordinates: it gets a plain colour")
+        )
         surface = replace(surface, pixels=None, colour=plain)
     elif surface.pixels is not None:
         height, width = surface.pixels.shape[:2]
@@ -279,16 +287,16 @@ def _dressed(part: RawPart, findings: list[Finding]) -> RawPart:
             pixels = np.asarray(Image.fromarray(pixels).resize(new, Image.Resampling.LANCZOS))
             text = f"the texture of {name!r} was reduced from {width} × {height} to {new[0]} × {new[1]} pixels"
             findings.append(Finding("mended", text))
-        # Writers of OBJ files mean the picture's own colours, whatever colour stands beside it.
+        # In OBJ files a texture replaces the colour beside it.
         surface = replace(surface, pixels=pixels, colour=(1.0, 1.0, 1.0))
     if surface.colour == NEUTRAL and surface.pixels is None and name in ("", "None", "material_0"):
-        findings.append(Finding("note", "a part says nothing of its colour: it is grey"))
+        findings.append(Finding("note", "a part has no colour: it becomes grey"))
     lower = name.lower()
     label = next((kind for kind, words in _GLOSSARY.items() if any(word in lower for word in words.split())), "")
     if label and label not in lower:
         name = f"{name} {label}"
     metallic = surface.metallic or label == "metal"
-    # Paper is whiter than 0.9 only in files; nothing reflects all light.
+    # Real surfaces do not reflect all light: white paper has an albedo below 0.9.
     r, g, b = (float(np.clip(v, 0.0, 1.0)) for v in surface.colour)
     limit = 1.0 if surface.pixels is not None else 0.86
     surface = replace(surface, name=name, colour=(min(r, limit), min(g, limit), min(b, limit)), metallic=metallic)

@@ -1,7 +1,7 @@
-"""OBJ files before the reader gets them: polygons cut into triangles, references kept inside the file's folder.
+"""Preparation of OBJ files for the reader: polygons are cut into triangles, references stay in the file's folder.
 
-Readers cut a polygon into a fan about its first corner, which covers a dent or a hole (a washing machine's front round
-its door). Here polygons that are not convex are cut by ear clipping (mapbox_earcut) first.
+Readers cut a polygon into a fan about its first corner, which covers concave parts and holes (a washing machine's front
+around its door). Here, polygons that are not convex are first cut by ear clipping (mapbox_earcut).
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ Array = NDArray[np.float64]
 
 
 class Beside(trimesh.resolvers.Resolver):
-    """Files in the folder of a mesh or below; names are matched without regard to case where need be.
+    """Files in the folder of a mesh or below; if no name matches exactly, case is ignored.
 
-    A name that leads elsewhere (``../../secret.mtl``, an absolute path) is not there.
+    A name that points elsewhere (``../../secret.mtl``, an absolute path) counts as missing.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder.resolve()
 
     def find(self, name: str) -> Path | None:
-        """The file that a reference means, if it is there."""
+        """The file to which a reference points, if it exists."""
         try:
             return self._find(name.strip().strip('"').replace("\\", "/"))
-        except (OSError, ValueError, RuntimeError):  # a name of a thousand letters, a zero byte, a circle of links
+        except (OSError, ValueError, RuntimeError):  # a name that is too long, a zero byte, circular links
             return None
 
     def _find(self, plain: str) -> Path | None:
-        for wanted in (plain, plain.rsplit("/", 1)[-1]):  # writers leave paths of their own machines in
+        for wanted in (plain, plain.rsplit("/", 1)[-1]):  # some programs write absolute paths of their own machine
             path = (self.folder / wanted).resolve()
             if not path.is_relative_to(self.folder) or not wanted:
                 continue
@@ -50,7 +50,7 @@ class Beside(trimesh.resolvers.Resolver):
         """The bytes of a reference (the reader's interface)."""
         path = self.find(str(name))
         if path is None:
-            raise ValueError(f"{name!r} is not beside the mesh")
+            raise ValueError(f"{name!r} is not in the folder of the mesh")
         data = path.read_bytes()
         return decoded(data).encode() if path.suffix.lower() == ".mtl" else data
 
@@ -60,7 +60,7 @@ class Beside(trimesh.resolvers.Resolver):
 
     def write(self, name: str, data: object) -> None:
         """Not allowed (the reader's interface)."""
-        raise PermissionError(f"{name!r}: a mesh that is read writes no files")
+        raise PermissionError(f"{name!r}: files cannot be written while a mesh is read")
 
     def namespaced(self, namespace: str) -> Beside:
         """The same for a folder below (the reader's interface)."""
@@ -76,7 +76,7 @@ def decoded(data: bytes) -> str:
 
 
 def cut_polygons(text: str) -> tuple[str, int]:
-    """The text of an OBJ with its dented polygons cut into triangles, and how many there were."""
+    """The text of an OBJ with its concave polygons cut into triangles, and their number."""
     lines = text.replace("\\\n", " ").splitlines()
     vertices: list[tuple[float, float, float]] = []
     cut = 0
@@ -103,7 +103,7 @@ def _point(line: str) -> tuple[float, float, float]:
 
 
 def _cut(corners: list[str], vertices: list[tuple[float, float, float]]) -> NDArray[np.int64] | None:
-    """(T, 3) corners of the triangles of a dented polygon; None for a convex one, or where it cannot be told."""
+    """(T, 3) corners of the triangles of a concave polygon; None for a convex one, or if it cannot be decided."""
     index = []
     for corner in corners:
         found = re.match(r"-?\d+", corner)
@@ -114,10 +114,12 @@ def _cut(corners: list[str], vertices: list[tuple[float, float, float]]) -> NDAr
     if min(index) < 0 or max(index) >= len(vertices):
         return None
     points = np.array([vertices[k] for k in index])
-    if not (np.abs(points) < 1e100).all():  # the mesh will be refused; its squares would be infinite
+    if not (
+        np.abs(points) < 1e100
+    ).all():  # the mesh will be refused later; here, squares of these values would overflow
         return None
     following = np.roll(points, -1, axis=0)
-    normal = np.cross(points, following).sum(axis=0)  # Newell
+    normal = np.cross(points, following).sum(axis=0)  # normal by Newell's method
     length = np.linalg.norm(normal)
     if length <= 1e-14:
         return None

@@ -1,9 +1,10 @@
-"""Which side of a face is the outside: winding made consistent, then decided by what can be seen.
+"""Finds the outer side of each face: makes the winding consistent, then decides by visibility.
 
-Models of unknown make have faces wound either way, double faces and single sheets. After Takayama, Jacobson, Kavan and
-Sorkine-Hornung, "A Simple Method for Correcting Facet Orientations in Polygon Meshes Based on Ray Casting" (JCGT 2014):
-faces that share an edge with nobody else form a patch; a patch is wound consistently, and its outside is the side from
-which more rays reach the open.
+Models from unknown sources have faces of either winding, duplicate faces and single sheets. After Takayama, Jacobson,
+Kavan and Sorkine-Hornung, "A Simple Method for Correcting Facet Orientations in Polygon Meshes Based on Ray Casting"
+(JCGT 2014):
+faces that are connected by edges of exactly two faces form a patch; a patch is wound consistently, and its outside is
+the side from which more rays leave the object.
 """
 
 from __future__ import annotations
@@ -23,25 +24,25 @@ Array = NDArray[np.float64]
 Faces = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-#: Corners nearer than this (metres) are one vertex.
+#: Corners nearer than this distance (m) are one vertex.
 WELD = 2e-5
-#: Points per patch, in all, and rays from each side of a point.
+#: Sample points per patch, sample points in total, and rays from each side of a point.
 _LEAST, _POINTS, _RAYS = 24, 8_000, 6
-#: A sheet is seen from behind if this share of the rays from there reaches an onlooker.
+#: A sheet is visible from behind if at least this share of the rays from its back reaches a viewer.
 _SEEN = 0.12
 
 
 @dataclass(frozen=True, eq=False)
 class Winding:
-    """What is known of the faces' sides.
+    """Orientation of the faces.
 
     Attributes:
-        flip: (F,) faces to be turned round.
-        sheet: (F,) faces of sheets that onlookers see from both sides.
+        flip: (F,) bool, faces whose winding must be reversed.
+        sheet: (F,) bool, faces of sheets that are visible from both sides.
         inconsistent: number of faces whose winding differed from that of their neighbours.
         inverted: number of faces of patches that were inside out as a whole.
         shared: number of edges at which more than two faces meet.
-        open_edges: number of edges of one face only.
+        open_edges: number of edges with only one face.
     """
 
     flip: Flags
@@ -53,17 +54,17 @@ class Winding:
 
 
 def find_winding(triangles: Array, blockers: Array | None = None) -> Winding:
-    """Decide for triangles (F, 3, 3) in metres, Y up, which are to be turned round.
+    """Decide which of the triangles (F, 3, 3), in metres, Y up, must be reversed.
 
     Args:
-        triangles: without degenerate and double faces.
-        blockers: (B, 3, 3) more triangles that rays do not pass.
+        triangles: without degenerate and duplicate faces.
+        blockers: (B, 3, 3) more triangles that stop rays.
     """
     _, faces = weld(triangles, WELD)
     patch, turned, shared, open_edges = _patches(faces)
     area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1) / 2
     count = int(patch.max()) + 1
-    # Within a patch the majority's winding is taken for the author's.
+    # Within a patch, the winding of the majority counts as the intended one.
     turned_area = np.bincount(patch, weights=area * turned, minlength=count)
     whole_area = np.bincount(patch, weights=area, minlength=count)
     turned ^= (turned_area > 0.5 * whole_area)[patch]
@@ -89,10 +90,10 @@ def _edges(faces: Faces) -> tuple[Faces, Faces, Flags]:
 
 
 def _patches(faces: Faces) -> tuple[Faces, Flags, int, int]:
-    """Patch of each face, whether it runs against its patch, and how many edges are shared by > 2 and by 1 face.
+    """Patch of each face, whether it is wound against its patch, and the numbers of edges with > 2 and with 1 face.
 
-    The graph of faces is doubled: node f is face f as it is, node F + f the face turned round. A patch that cannot be
-    wound consistently (a Möbius strip) has both in one component: its faces are left as they are.
+    The graph of faces is doubled: node f is face f unchanged, node F + f the reversed face. If a patch cannot be wound
+    consistently (a Möbius strip), both nodes are in one component: its faces are left unchanged.
     """
     total = len(faces)
     key, owner, rising = _edges(faces)
@@ -101,7 +102,9 @@ def _patches(faces: Faces) -> tuple[Faces, Flags, int, int]:
     _, first, size = np.unique(key, return_index=True, return_counts=True)
     pair = first[size == 2]
     left, right = owner[pair], owner[pair + 1]
-    same = (rising[pair] == rising[pair + 1]).astype(np.int64)  # neighbours wound alike run along it in both ways
+    same = (rising[pair] == rising[pair + 1]).astype(
+        np.int64
+    )  # two neighbours of equal winding run along their common edge in opposite directions
     rows = np.concatenate([left, left + total])
     columns = np.concatenate([right + total * same, right + total * (1 - same)])
     graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(2 * total, 2 * total))
@@ -113,7 +116,7 @@ def _patches(faces: Faces) -> tuple[Faces, Flags, int, int]:
 
 
 def _closed(faces: Faces, patch: Faces, count: int) -> Flags:
-    """Patches without an open edge."""
+    """Which patches have no open edge."""
     key, owner, _ = _edges(faces)
     _, inverse, size = np.unique(key, return_inverse=True, return_counts=True)
     lone = size[inverse.reshape(-1)] == 1
@@ -125,7 +128,7 @@ def _closed(faces: Faces, patch: Faces, count: int) -> Flags:
 def _visibility(
     triangles: Array, patch: Faces, area: Array, blockers: Array | None
 ) -> tuple[Array, Array, Array, Array]:
-    """Per patch: share of rays that reach the open from its front and back, and of those that reach an onlooker."""
+    """Per patch, from its front and its back: shares of rays that leave the object, and that reach a viewer."""
     rng = np.random.Generator(np.random.PCG64(2014))  # the same points for the same mesh
     face = _sample_faces(patch, area)
     u, v = rng.random(len(face)), rng.random(len(face))
@@ -150,7 +153,7 @@ def _visibility(
         origins = np.repeat(points + toward * max(1e-5, 2e-5 * span), _RAYS, axis=0)
         free = ~caster.occluded(origins, directions)
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        # An onlooker stands before the thing or beside it, and no lower than it.
+        # A viewer is in front of the object or beside it, and not below it.
         onlooker = free & (directions[:, 1] > -0.1) & (directions[:, 2] > -0.2)
         owner = np.repeat(patch[face], _RAYS)
         shares.append(np.bincount(owner, weights=free, minlength=count) / samples)
@@ -159,7 +162,7 @@ def _visibility(
 
 
 def _sample_faces(patch: Faces, area: Array) -> Faces:
-    """Faces on which points are thrown: a share of `_POINTS` by area, but some for every patch and none left out."""
+    """Faces of the sample points: in proportion to area, with a minimum for every patch."""
     count = int(patch.max()) + 1
     whole = np.bincount(patch, weights=area, minlength=count)
     wanted = np.maximum(np.ceil(_POINTS * whole / whole.sum()), _LEAST)

@@ -1,7 +1,7 @@
-"""Mesh files as others write them, read with all their faults: what is missing becomes a finding, not an end.
+"""Reads mesh files from others in spite of their faults: a missing file becomes a finding, not an error.
 
-The reader of `generators.assets.meshfile` refuses a file without its MTL or a texture; here the part gets a neutral
-colour and a warning, because somebody looks at the findings and at the thumbnail before an asset is used.
+The reader of `generators.assets.meshfile` refuses a file if its MTL or a texture is missing. Here the part gets a
+neutral colour and a warning, because a person checks the findings and the thumbnail before an asset is used.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ Array = NDArray[np.float64]
 Severity = Literal["note", "mended", "warning"]
 
 SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".dae")
-#: Linear albedo of what says nothing of its colour.
+#: Linear albedo of a part without a colour.
 NEUTRAL = (0.5, 0.5, 0.5)
-#: More faces than this are not even looked at.
+#: Largest number of faces that is read.
 MAX_FACES = 5_000_000
 
 
 @dataclass(frozen=True, order=True)
 class Finding:
-    """Something about a mesh, in one line: only noted, mended, or a warning that asks for a look at the result."""
+    """One line about a mesh: a note, a repair, or a warning after which a person should check the result."""
 
     severity: Severity
     text: str
@@ -47,14 +47,14 @@ class Finding:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """How a part looks.
+    """The surface of a part.
 
     Attributes:
         name: of its material.
         colour: linear albedo (3,), multiplied with the texture.
-        pixels: (H, W, 3 or 4) uint8 sRGB, the fourth its opacity; row 0 is the top.
-        alpha: opacity of the whole.
-        metallic: whether it says that it is a metal.
+        pixels: (H, W, 3 or 4) uint8 sRGB, the fourth channel is the opacity; row 0 is the top.
+        alpha: opacity of the whole surface.
+        metallic: whether the file declares it as a metal.
     """
 
     name: str
@@ -71,8 +71,8 @@ class RawPart:
     Attributes:
         triangles: (F, 3, 3).
         surface: their material.
-        normals: (F, 3, 3) of the file, where it has some.
-        uv: (F, 3, 2), v up, where it has some.
+        normals: (F, 3, 3) from the file, if it has normals.
+        uv: (F, 3, 2), v up, if the file has texture coordinates.
     """
 
     triangles: Array
@@ -102,7 +102,7 @@ class _Reading:
 
 
 def read_raw(file: Path) -> tuple[tuple[RawPart, ...], tuple[Finding, ...]]:
-    """The parts of a mesh file in its own axes and units, and what was found amiss.
+    """The parts of a mesh file in its own axes and units, and the faults found.
 
     Raises:
         Avs3dError: if the file is missing, of an unknown kind, truncated or unreadable, or has no faces or too many.
@@ -110,14 +110,14 @@ def read_raw(file: Path) -> tuple[tuple[RawPart, ...], tuple[Finding, ...]]:
     reading = _Reading()
     scene = _open(file, reading)
     parts = []
-    # Ordered by the names of geometries: the reader makes up random ones for nodes.
+    # Sorted by the names of geometries, because the reader invents random names for nodes.
     nodes = [scene.graph[node] for node in scene.graph.nodes_geometry]
     for matrix, name in sorted(nodes, key=lambda node: (str(node[1]), np.asarray(node[0], dtype=np.float64).tolist())):
         part = scene.geometry[name]
         if isinstance(part, trimesh.Trimesh) and len(part.faces):
             parts.append(_part(file, str(name), part, np.asarray(matrix, dtype=np.float64), reading))
         else:
-            reading.note("note", f"{str(name)!r} holds no triangles (points or lines); left out")
+            reading.note("note", f"{str(name)!r} has no triangles (only points or lines); left out")
     total = sum(len(part.triangles) for part in parts)
     if not total:
         raise Avs3dError(f"{file}: has no faces (an empty scene, or points and lines only); expected triangles")
@@ -149,32 +149,34 @@ def _open(file: Path, reading: _Reading) -> Any:
         return trimesh.load_scene(file, resolver=beside, process=False)
     except ImportError as error:
         raise Avs3dError(f"{file}: {suffix} needs a package that is not installed ({error}); save it as GLB") from error
-    except Exception as error:  # every format's reader has its own
+    except Exception as error:  # each format's reader raises its own exceptions
         reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise Avs3dError(f"{file}: cannot be read as {suffix[1:]} ({reason}); is it whole?") from error
+        raise Avs3dError(
+            f"{file}: cannot be read as {suffix[1:]} ({reason}); check that the file is complete"
+        ) from error
 
 
 def _report(text: str, cut: int, beside: Beside, reading: _Reading) -> None:
-    """What is amiss with an OBJ that the reader takes no notice of."""
+    """Faults of an OBJ that the reader ignores."""
     if cut:
-        reading.note("note", f"{cut} dented polygons were cut into triangles")
+        reading.note("note", f"{cut} concave polygons were cut into triangles")
     libraries = re.findall(r"^\s*mtllib\s+(.+?)\s*$", text, re.MULTILINE)
     used = dict.fromkeys(re.findall(r"^\s*usemtl\s+(.+?)\s*$", text, re.MULTILINE))
     known: set[str] = set()
     for library in libraries:
         path = beside.find(library)
         if path is None:
-            reading.note("warning", f"its material library {library!r} is missing; its parts are grey")
+            reading.note("warning", f"its material library {library!r} is missing; its parts become grey")
         else:
             known |= _report_textures(decoded(path.read_bytes()), beside, reading)
     if not libraries and used:
-        reading.note("warning", "it names materials but no material library; its parts are grey")
+        reading.note("warning", "it names materials but no material library; its parts become grey")
     elif known and (lost := [name for name in used if name not in known]):
-        reading.note("warning", f"its material library lacks {', '.join(map(repr, lost[:3]))}; those parts are grey")
+        reading.note("warning", f"its material library lacks {', '.join(map(repr, lost[:3]))}; those parts become grey")
 
 
 def _report_textures(mtl: str, beside: Beside, reading: _Reading) -> set[str]:
-    """Report textures that a material library names and that are missing or broken; its materials' names."""
+    """Report missing and broken textures of a material library, and return its materials' names."""
     title, known = "", set()
     for line in mtl.splitlines():
         head, rest = (*line.split(None, 1), "", "")[:2]
@@ -188,24 +190,24 @@ def _report_textures(mtl: str, beside: Beside, reading: _Reading) -> set[str]:
                 if found is None:
                     raise FileNotFoundError("missing")
                 Image.open(found).verify()
-            except Exception as error:  # every codec has its own
+            except Exception as error:  # each codec raises its own exceptions
                 what = "missing" if found is None else f"broken ({' '.join(str(error).split())[:80]})"
-                reading.note("warning", f"texture {name!r} of {title!r} is {what}: it has a plain colour")
+                reading.note("warning", f"texture {name!r} of {title!r} is {what}: its parts get a plain colour")
     return known
 
 
 def _part(file: Path, name: str, part: Any, matrix: Array, reading: _Reading) -> RawPart:
     vertices, faces = world_vertices(file, name, part, matrix), np.asarray(part.faces, dtype=np.int64)
     if faces.min() < 0 or faces.max() >= len(vertices):
-        raise Avs3dError(f"{file}: a face of {name!r} names a vertex that is not there; repair the mesh")
+        raise Avs3dError(f"{file}: a face of {name!r} refers to a vertex that does not exist; repair the mesh")
     kept: NDArray[np.int64] = np.arange(len(faces))
     order = np.array([0, 1, 2])
-    if np.linalg.det(matrix[:3, :3]) < 0:  # a mirrored node turns its faces inside out
+    if np.linalg.det(matrix[:3, :3]) < 0:  # a mirrored node reverses the winding of its faces
         order = np.array([0, 2, 1])
     faces = faces[:, order]
     triangles = vertices[faces]
     normals = None
-    if "vertex_normals" in part._cache:  # only then did the file bring its own
+    if "vertex_normals" in part._cache:  # only in this case the normals come from the file
         given = np.asarray(part.vertex_normals, dtype=np.float64)
         with np.errstate(all="ignore"):
             normals = (given @ np.linalg.pinv(matrix[:3, :3]))[faces]
@@ -214,7 +216,7 @@ def _part(file: Path, name: str, part: Any, matrix: Array, reading: _Reading) ->
     if uv is not None and len(uv) == len(vertices):
         uv = np.asarray(uv, dtype=np.float64)[faces]
         if not np.isfinite(uv).all():
-            reading.note("mended", f"texture coordinates of {surface.name!r} that were not finite are 0")
+            reading.note("mended", f"texture coordinates of {surface.name!r} that were not finite were set to 0")
             uv = np.nan_to_num(uv, nan=0.0, posinf=0.0, neginf=0.0)
     else:
         uv = None
@@ -259,8 +261,10 @@ def _material(name: str, source: Any, reading: _Reading) -> Surface:
         try:
             transparent = image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info
             pixels = np.asarray(image.convert("RGBA" if transparent else "RGB")).copy()
-        except Exception as error:  # every codec has its own
-            reading.note("warning", f"the texture of {title!r} cannot be decoded ({error}); it has a plain colour")
+        except Exception as error:  # each codec raises its own exceptions
+            reading.note(
+                "warning", f"the texture of {title!r} cannot be decoded ({error}); its parts get a plain colour"
+            )
     if physical and pixels is not None and getattr(source, "alphaMode", None) not in ("BLEND", "MASK"):
         pixels = pixels[..., :3]
     metallic = getattr(source, "metallicFactor", None)
@@ -269,7 +273,7 @@ def _material(name: str, source: Any, reading: _Reading) -> Surface:
 
 
 def _numbers(value: Any) -> Array:
-    """The numbers of an MTL's statement; none where there is no such statement or it holds something else."""
+    """The numbers of an MTL's statement; empty if there is no such statement or its values are not numbers."""
     try:
         return np.asarray(np.atleast_1d(value), dtype=np.float64) if value is not None else np.zeros(0)
     except (TypeError, ValueError):
@@ -279,7 +283,7 @@ def _numbers(value: Any) -> Array:
 def _painted(
     file: Path, name: str, visual: Any, faces: NDArray[np.int64], kept: NDArray[np.int64]
 ) -> tuple[Surface, Array]:
-    """Vertex or face colours as a picture with a texel per colour (see `generators.assets.meshfile`)."""
+    """Vertex or face colours as a texture with one texel per colour (see `generators.assets.meshfile`)."""
     from generators.assets.meshfile import _palette
 
     texture, uv = _palette(visual, name, faces, kept, file.suffix.lower() in (".glb", ".gltf"))

@@ -1,4 +1,4 @@
-"""What generation asks of the library: are a manifest's assets pinned, here and of the right kind."""
+"""Checks before generation: a manifest's assets must be in the lock file, in the store and of the right kind."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ class Named(Protocol):
 
     @property
     def asset(self) -> str | None:
-        """Id in the lock file, or nothing where the entry names a file."""
+        """Id in the lock file, or None if the entry names a file."""
 
 
 Table = Mapping[str, Sequence[Named]]
 
 
 def named_assets(objects: Table, sounds: Table) -> tuple[str, ...]:
-    """Ids of all assets that a manifest names, sorted, each once."""
+    """Ids of all assets that a manifest names, sorted, without repetition."""
     items = [item for table in (objects, sounds) for entries in table.values() for item in entries]
     return tuple(sorted({item.asset for item in items if item.asset is not None}))
 
 
 def check_assets(lock: Path, objects: Table, sounds: Table, categories: Iterable[str]) -> None:
-    """Refuse a manifest that names assets which the lock file or the store lacks, or which are something else.
+    """Refuse a manifest with assets that are missing from the lock file or the store, or of another kind.
 
     Args:
         lock: the lock file beside the manifest.
-        objects: as the manifest has them.
-        sounds: as the manifest has them.
-        categories: those that are about to be generated; only their files must be here.
+        objects: the field of the manifest.
+        sounds: the field of the manifest.
+        categories: the categories that will be generated; only their files must be in the store.
 
     Raises:
         UsageError: if the lock file lacks one, or it is of another kind or category than the manifest says.
@@ -53,7 +53,7 @@ def check_assets(lock: Path, objects: Table, sounds: Table, categories: Iterable
                 entry = find_entry(lock, item.asset)
                 if (entry.kind, entry.category) != (kind, category):
                     raise UsageError(
-                        f"{lock}: {entry.id} is the {entry.kind} of a {entry.category}, but the manifest wants the "
+                        f"{lock}: {entry.id} is the {entry.kind} of a {entry.category}, but the manifest needs the "
                         f"{kind} of a {category}; name another asset, or correct its entry"
                     )
                 if category in wanted and not store.path(entry).is_file():
@@ -66,9 +66,9 @@ def check_assets(lock: Path, objects: Table, sounds: Table, categories: Iterable
 
 
 def asset_digests(lock: Path, assets: Iterable[str]) -> dict[str, str]:
-    """``asset:<id>`` → sha256 of all that decides what the asset looks or sounds like, and its attribution.
+    """``asset:<id>`` → sha256 of all that an asset's appearance, sound and attribution depend on.
 
-    An asset that the lock file lacks has none; it is named when it is opened.
+    An asset that is missing from the lock file has none; this is reported when the asset is opened.
     """
     from generators.library import mesh_cleaning as hygiene
 

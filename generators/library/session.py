@@ -1,4 +1,4 @@
-"""What the fetchers of all collections share: store, limits, allowed licences; how an offer becomes an entry."""
+"""Common code of the fetchers of all collections: store, limits, allowed licences, and offers as entries."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ SHORTEST = 0.5
 
 @dataclass(frozen=True)
 class Session:
-    """One call of `avs3d assets`.
+    """Options of one call of `avs3d assets`.
 
     Attributes:
-        store: where files go.
-        limits: how long and how much a download may take.
+        store: the store to write to.
+        limits: limits of time and size of a download.
         allowed: licences that the user allows by name.
-        say: gets one line per note, pause or new attempt.
-        progress: gets asset, bytes that are there and, if known, the total.
+        say: called with one line per note, pause or new attempt.
+        progress: called with the asset, the number of bytes so far and, if known, the total.
     """
 
     store: Store
@@ -49,7 +49,7 @@ class Session:
 
 @dataclass(frozen=True)
 class Stance:
-    """How an object stands: see the fields of the same names in `AssetEntry`."""
+    """Orientation, height and mount of an object: see the fields of the same names in `AssetEntry`."""
 
     up: str = "y"
     front: str = "+z"
@@ -60,7 +60,7 @@ class Stance:
 
 @dataclass(frozen=True)
 class Offer:
-    """What a collection says of an asset before its bytes are here; its fields are those of `AssetEntry`."""
+    """A collection's description of an asset before its download; the fields are those of `AssetEntry`."""
 
     id: str
     kind: Kind
@@ -77,7 +77,7 @@ class Offer:
         """The entry that pins the bytes.
 
         Raises:
-            Avs3dError: if a field does not fit (a title of a thousand characters, a height of 80 m, …).
+            Avs3dError: if a field is not valid (a title of a thousand characters, a height of 80 m, …).
         """
         fields: dict[str, Any] = {
             "id": self.id, "kind": self.kind, "category": check_category(self.category, silent=True),
@@ -99,23 +99,23 @@ class Offer:
 
 
 def take(offer: Offer, session: Session, get: Callable[[Path], Delivered], stance: Stance = Stance()) -> AssetEntry:
-    """Fetch an offered asset into the store: licence first, then bytes, then a look at whether they can be used.
+    """Fetch an offered asset into the store: check the licence, download the bytes, check that they can be used.
 
     Args:
-        offer: what the collection says.
-        session: see there.
+        offer: the collection's description.
+        session: options of this call of `avs3d assets`.
         get: fetches the file to a path.
-        stance: how an object stands.
+        stance: orientation, height and mount of an object.
 
     Raises:
         Avs3dError: for a licence that forbids the use, a failed download or a file that cannot be used; the store is
-            then as it was.
+            then unchanged.
     """
     admit(offer, session)
     staged = session.store.incoming(offer.id, offer.file)
-    offer.entry("0" * 64, 1, stance)  # what does not fit is told before a byte is fetched
+    offer.entry("0" * 64, 1, stance)  # reports an invalid field before the download
     try:
-        # What this leaves behind is its own affair; the file may be another process's by now.
+        # Errors of this cleanup are ignored; another process may own the file by now.
         delivered = get(staged)
     except BaseException:
         session.store.tidy(offer.id)
@@ -127,7 +127,7 @@ def take(offer: Offer, session: Session, get: Callable[[Path], Delivered], stanc
 
 
 def keep(offer: Offer, session: Session, data: bytes, stance: Stance = Stance()) -> AssetEntry:
-    """As `take`, for bytes that are here already."""
+    """As `take`, for bytes that are already on this machine."""
     admit(offer, session)
     if not data:
         raise Avs3dError(f"{offer.id}: {offer.ref} is an empty file; replace it")
@@ -143,7 +143,7 @@ def keep(offer: Offer, session: Session, data: bytes, stance: Stance = Stance())
 
 
 def admit(offer: Offer, session: Session) -> None:
-    """Refuse an offer whose licence forbids the use; say what else there is to heed."""
+    """Refuse an offer whose licence forbids the use; report the conditions of the licence."""
     check_category(offer.category, silent=True)
     note = check_licence(offer.id, offer.licence, session.allowed)
     if note:
@@ -151,7 +151,7 @@ def admit(offer: Offer, session: Session) -> None:
 
 
 def _kept_if_usable(entry: AssetEntry, session: Session, known: bool) -> AssetEntry:
-    """The entry; a useless file is forgotten, unless it was in the store before (another entry may use it)."""
+    """The entry; an unusable file is deleted, unless it was in the store before (another entry may use it)."""
     try:
         check_usable(entry, session)
     except BaseException:
@@ -162,10 +162,10 @@ def _kept_if_usable(entry: AssetEntry, session: Session, known: bool) -> AssetEn
 
 
 def check_usable(entry: AssetEntry, session: Session) -> None:
-    """Open the stored file as generation will.
+    """Open the stored file in the same way as generation.
 
     Raises:
-        Avs3dError: with what is wrong with it.
+        Avs3dError: if it cannot be used, with the reason.
     """
     if entry.kind == "object":
         for line in session.store.findings(entry):
@@ -185,9 +185,7 @@ def check_sound(what: str, path: Path) -> None:
         info = soundfile.info(path)
     except (soundfile.SoundFileError, RuntimeError) as error:
         reason = " ".join(str(error).replace(str(path), path.name).split())
-        raise Avs3dError(
-            f"{what}: {path.name} is no sound that can be decoded ({reason}); try another format"
-        ) from None
+        raise Avs3dError(f"{what}: {path.name} cannot be decoded as a sound ({reason}); try another format") from None
     if info.duration < SHORTEST:
         raise Avs3dError(
             f"{what}: lasts {info.duration:.2f} s; expected at least {SHORTEST} s; choose another recording"
@@ -198,18 +196,18 @@ def token(variable: str, what: str, service: str, page: str) -> str:
     """The user's token from the environment.
 
     Raises:
-        Avs3dError: if it is not set, with where to get one; its value is never shown.
+        Avs3dError: if it is not set, with the page that issues one; its value is never shown.
     """
     value = os.environ.get(variable, "").strip()
     if not value:
-        raise Avs3dError(f"{what}: {service} wants a token and {variable} is not set; get one at {page} and export it")
+        raise Avs3dError(f"{what}: {service} needs a token and {variable} is not set; get one at {page} and export it")
     if not re.fullmatch(r"[\x21-\x7e]+", value):
-        raise Avs3dError(f"{what}: {variable} holds spaces or other characters that no token has; copy it again")
+        raise Avs3dError(f"{what}: {variable} contains spaces or other characters that no token has; copy it again")
     return value
 
 
 def address(variable: str, default: str) -> str:
-    """A service's base address: ``variable`` of the environment (mirrors, tests), else its own."""
+    """A service's base address: the environment's ``variable`` (for mirrors and tests), else the usual one."""
     return (os.environ.get(variable) or default).rstrip("/")
 
 
@@ -226,7 +224,7 @@ def pick(document: Any, path: str, what: str, service: str) -> str:
 
 
 def look(document: Any, path: str) -> str:
-    """The text at ``a.b.c`` of a JSON answer; empty where there is none."""
+    """The text at ``a.b.c`` of a JSON answer; empty if there is none."""
     value = document
     for step in path.split("."):
         value = value.get(step) if isinstance(value, Mapping) else None
@@ -246,5 +244,5 @@ def reference(text: str, pattern: str, what: str, example: str) -> str:
 
 
 def _line(text: str) -> str:
-    """Text from others as one plain line."""
+    """Text from a collection as one line without control characters."""
     return " ".join("".join(letter if letter.isprintable() else " " for letter in str(text)).split())[:300]

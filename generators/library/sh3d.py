@@ -14,7 +14,7 @@ from generators.library.session import Offer, Session, Stance, keep
 from generators.library.sh3f import DEBIAN_FOLDER, Library, Piece, deliver, libraries, read_library
 
 PAGE = "https://www.sweethome3d.com/freeModels.jsp"
-#: Names of pieces that tell a category; the rest is for the user to say.
+#: Patterns in the names of pieces that determine a category; for all others the user must name it.
 _NAMES = {
     "washing_machine": r"(clothes )?washing machine",
     "toilet": r"toilets?( unit)?",
@@ -28,7 +28,7 @@ _NAMES = {
 
 
 def library_folder() -> Path:
-    """``$AVS3D_SH3F``, else where Debian's package sweethome3d-furniture installs them."""
+    """``$AVS3D_SH3F``, else the folder of Debian's package sweethome3d-furniture."""
     return Path(os.environ.get("AVS3D_SH3F") or DEBIAN_FOLDER)
 
 
@@ -45,17 +45,17 @@ def open_libraries(path: Path) -> tuple[Library, ...]:
 
 
 def guess(piece: Piece) -> str | None:
-    """The category that a piece's name tells."""
+    """The category according to a piece's name."""
     return next((kind for kind, names in _NAMES.items() if re.fullmatch(names, piece.name.strip().lower())), None)
 
 
 def choose(
     table: tuple[Library, ...], names: tuple[str, ...], category: str | None
 ) -> tuple[tuple[Library, Piece, str], ...]:
-    """Pieces by id (``phone``, ``Scopia#phone``), or without ids all whose name tells their category.
+    """Pieces by id (``phone``, ``Scopia#phone``), or without ids all whose name determines their category.
 
     Raises:
-        UsageError: if an id is in no library or in several, or its category is neither said nor told.
+        UsageError: if an id is in no library or in several, or its category is neither given nor found in its name.
     """
     pairs = [(library, piece) for library in table for piece in library.pieces]
     chosen = []
@@ -66,13 +66,15 @@ def choose(
             raise UsageError(f"{name!r}: found {where}; expected one model's id")
         kind = category or guess(found[0][1])
         if kind is None:
-            raise UsageError(f"{name!r} ({found[0][1].name}): its name tells no category; say it with --category")
+            raise UsageError(
+                f"{name!r} ({found[0][1].name}): its name does not determine a category; name it with --category"
+            )
         chosen.append((*found[0], kind))
     if not names:
         told = [(*pair, kind) for pair in pairs if (kind := guess(pair[1])) is not None]
         chosen = [item for item in told if category in (None, item[2])]
         if not chosen:
-            raise UsageError(f"no model's name tells that it is a {category or 'sounding object'}; name one with --id")
+            raise UsageError(f"no model has a name of a {category or 'sounding object'}; name one with --id")
     return tuple(chosen)
 
 
@@ -87,18 +89,18 @@ def take_piece(
     """Copy a model with its materials and textures into the store.
 
     Args:
-        library: where it is.
-        piece: which one.
-        category: what it is one of.
-        session: see there.
-        stance: how it stands; as the catalogue says without it.
+        library: the library that contains it.
+        piece: the model.
+        category: its category.
+        session: options of this call of `avs3d assets`.
+        stance: orientation, height and mount; default: those in the catalogue.
 
     Raises:
         Avs3dError: for a licence that forbids the use, or a mesh that cannot be used.
     """
     if stance is None:
         up, front, yaw = piece.axes
-        # The catalogue tells what hangs by its elevation; a clock without one is an alarm clock.
+        # In the catalogue an object that hangs has an elevation; a clock without one is an alarm clock.
         mount = "surface" if category == "clock" and piece.elevation == 0 else None
         stance = Stance(up, front, round(piece.size[1], 4), mount, yaw or None)
     offer = Offer(
@@ -110,7 +112,7 @@ def take_piece(
 
 
 def fetch_pinned(entry: AssetEntry, target: Path) -> Delivered:
-    """Take the pinned model out of the installed library to ``target``.
+    """Extract the pinned model from the installed library to ``target``.
 
     Raises:
         Avs3dError: if the library is not installed or holds another version of the model.

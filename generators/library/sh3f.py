@@ -1,9 +1,9 @@
 """Sweet Home 3D furniture libraries (``*.sh3f``): a ZIP of models with a Java properties file that describes them.
 
-`read_library` lists the pieces with author, licence, size and orientation; `deliver` takes one model out of the library
-with everything it refers to, as a plain ZIP whose bytes depend on those files alone: that ZIP is the file as delivered
-which the lock file's sha256 stands for. Format: http://www.sweethome3d.com/importModels.jsp and the Furniture Library
-Editor's documentation. A piece's front looks along +Z and its top along +Y once ``modelRotation`` has been applied.
+`read_library` lists the pieces with author, licence, size and orientation; `deliver` extracts one model with all files
+it refers to, as a plain ZIP whose bytes depend only on those files: the sha256 in the lock file is that of this ZIP.
+Format: http://www.sweethome3d.com/importModels.jsp and the Furniture Library Editor's documentation. After
+``modelRotation``, a piece's front faces +Z and its top +Y.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from avs3d_bench.errors import Avs3dError, did_you_mean
 from generators.library.archive import LIBRARY_LIMITS, ZipLimits, bundle, opened, read_member, vetted
 from generators.library.licences import spdx
 
-#: Where Debian's package sweethome3d-furniture installs its libraries.
+#: Folder in which Debian's package sweethome3d-furniture installs its libraries.
 DEBIAN_FOLDER = Path("/usr/share/sweethome3d/furniture")
 CATALOGUE = "PluginFurnitureCatalog.properties"
-#: Formats a model is read in; `generators.library.mesh_cleaning` reads the same.
+#: Accepted formats of a model; `generators.library.mesh_cleaning` reads the same.
 SUFFIXES = (".obj", ".glb", ".gltf", ".ply", ".stl", ".dae")
-#: Bounds of one model: its files, and bytes of all of them.
+#: Limits of one model: number of its files, and their total size (bytes).
 MAX_FILES, MAX_TOTAL = 200, 512 << 20
 _MAPS = re.compile(r"^\s*(?:map_\w+|bump|disp|decal|refl|norm)\s+(.+?)\s*$", re.IGNORECASE | re.MULTILINE)
 _MTLLIB = re.compile(r"^\s*mtllib\s+(.+?)\s*$", re.IGNORECASE | re.MULTILINE)
@@ -45,15 +45,15 @@ class Piece:
 
     Attributes:
         number: its number in the properties file.
-        id: the library's own id of it, e.g. ``Scopia#phone``.
-        name, category, tags: English, as the library gives them.
-        author: who made it.
-        licence: SPDX where there is one.
-        model: the library's member that holds it.
+        id: its id in the library, e.g. ``Scopia#phone``.
+        name, category, tags: in English, as given by the library.
+        author: its author.
+        licence: SPDX identifier if there is one.
+        model: name of its file in the library.
         size: width, height and depth, metres.
-        elevation: metres above the floor at which it usually hangs or stands.
+        elevation: usual height above the floor, metres.
         rotation: row-major 3 × 3 matrix from the model's axes to Y up, front +Z.
-        url: page of the original, where the notice beside the model names one.
+        url: page of the original, if the notice beside the model names one.
     """
 
     number: int
@@ -80,9 +80,11 @@ class Piece:
         up, tilt = _axis(matrix[1])
         front, _ = _axis(matrix[2])
         if up.lstrip("+-") == front.lstrip("+-"):
-            raise Avs3dError(f"{self.id}: modelRotation {self.rotation} is no rotation; correct the library")
+            raise Avs3dError(f"{self.id}: modelRotation {self.rotation} is not a rotation; correct the library")
         if tilt > np.radians(0.5):
-            raise Avs3dError(f"{self.id}: modelRotation tilts it by {np.degrees(tilt):.1f}°; turn its mesh instead")
+            raise Avs3dError(
+                f"{self.id}: modelRotation tilts it by {np.degrees(tilt):.1f}°; rotate the mesh itself instead"
+            )
         y, z = _vector(up), _vector(front)
         turn = matrix @ np.stack([np.cross(y, z), y, z]).T
         yaw = float(np.degrees(np.arctan2(turn[0, 2], turn[2, 2])))
@@ -122,7 +124,7 @@ def read_library(path: Path) -> Library:
     """Read the catalogue of an .sh3f file; no model is unpacked.
 
     Raises:
-        Avs3dError: one line: no such file, no ZIP, no catalogue in it, a field that is missing or no number.
+        Avs3dError: one line: no such file, not a ZIP, no catalogue, a field that is missing or not a number.
     """
     with _opened(path, str(path), LIBRARY_LIMITS) as archive:
         reader = _Reader(str(path), archive, LIBRARY_LIMITS)
@@ -132,7 +134,7 @@ def read_library(path: Path) -> Library:
         notice = reader.text("LICENSE.TXT")
         pages = {folder: reader.page(folder) for folder in _folders(table)}
     numbers = sorted(int(key[3:]) for key in table if re.fullmatch(r"id#\d{1,6}", key))
-    # The catalogue's own words are loose ("Public domain" for CC0); the licence's address in LICENSE.TXT is not.
+    # The catalogue's licence names are imprecise ("Public domain" for CC0); the address in LICENSE.TXT is precise.
     address = re.search(r"creativecommons\.org/\S+", notice)
     licence = _licence(address[0] if address else table.get("license", ""))
     holders = _holders(notice)
@@ -143,18 +145,18 @@ def read_library(path: Path) -> Library:
 def deliver(path: Path, piece: Piece) -> bytes:
     """The model of ``piece`` with its materials, textures and licence notes as one bundle (a ZIP of stored files).
 
-    Its bytes depend on the names and contents of those files alone, not on how the library packs them.
+    Its bytes depend only on the names and contents of those files, not on how the library packs them.
 
     Raises:
-        Avs3dError: if the model is missing in the library, unreadable, too large, or in a format that is not read.
+        Avs3dError: if the model is missing from the library, unreadable, too large, or not in an accepted format.
     """
     return bundle(extract(path, piece))
 
 
 def extract(path: Path, piece: Piece) -> dict[str, bytes]:
-    """File names, relative to the model's folder, and contents of a model and of all it refers to.
+    """File names, relative to the model's folder, and contents of a model and of all files it refers to.
 
-    References that lead nowhere are left to `generators.library.mesh_cleaning`, which reports them.
+    References to missing files are left out; `generators.library.mesh_cleaning` reports them.
 
     Raises:
         Avs3dError: see `deliver`.
@@ -179,7 +181,7 @@ _KINDS = ", ".join(SUFFIXES)
 
 
 class _Reader:
-    """Members of a vetted archive by name, within bounds; names are matched without regard to case, as Windows does."""
+    """Members of a vetted archive by name, with limits; case is ignored in names, as on Windows."""
 
     def __init__(self, what: str, archive: zipfile.ZipFile, limits: ZipLimits) -> None:
         self.what, self.archive = what, archive
@@ -190,25 +192,25 @@ class _Reader:
     def read(self, name: str) -> bytes:
         member = self.members.get(name.lower())
         if member is None:
-            raise Avs3dError(f"{self.what}: its catalogue names {name!r}, which is not in it; fetch the library again")
+            raise Avs3dError(f"{self.what}: its catalogue names {name!r}, which is missing; fetch the library again")
         self.total += member.file_size
         if self.total > MAX_TOTAL:
             raise Avs3dError(f"{self.what}: {name}: the model holds more than {MAX_TOTAL >> 20} MiB; refused")
         return read_member(self.archive, member, self.what)
 
     def text(self, name: str) -> str:
-        """A member as text; empty where there is none."""
+        """A member as text; empty if there is none."""
         return self.read(name).decode("utf-8", "replace") if name.lower() in self.members else ""
 
     def page(self, folder: str) -> str:
-        """The address of the original that the licence notices in a model's folder name."""
+        """The address of the original, from the licence notices in a model's folder."""
         for name in self._beside(folder, everything=False):
             if name.count("/") == 0 and (found := _PAGE.search(self.text(f"{folder}/{name}"))):
                 return found[0].rstrip(".,;)")
         return ""
 
     def collect(self, model: str) -> dict[str, bytes]:
-        """The model and all it refers to, by its name relative to the model's folder."""
+        """The model and all files it refers to, by their names relative to the model's folder."""
         folder, base = posixpath.split(model)
         table = {base: self.read(model)}
         wanted = list(self._beside(folder, everything=base.lower().endswith((".dae", ".gltf"))))
@@ -235,7 +237,7 @@ class _Reader:
                     yield value.split()[-1] if value.startswith("-") else value
 
     def _beside(self, folder: str, *, everything: bool) -> Iterator[str]:
-        """Files in the model's folder and below: those with its licence, or all."""
+        """Files in the model's folder and below: only those with its licence, or all."""
         start = f"{folder}/" if folder else ""
         for name in sorted(self.names.values()):
             if name.startswith(start) and (everything or _NOTICE.search(posixpath.basename(name))):
@@ -243,7 +245,7 @@ class _Reader:
 
 
 def _inside(folder: str, relative: str) -> str | None:
-    """A reference from a file in ``folder`` as the name of a member; nothing where it leads out of that folder."""
+    """A reference from a file in ``folder`` as the name of a member; empty if it points out of that folder."""
     name = posixpath.normpath(relative.replace("\\", "/"))
     if name.startswith(("/", "../")) or name in ("..", ".") or re.match(r"[A-Za-z]:", name):
         return None
@@ -256,14 +258,14 @@ def _opened(file: Path | io.BytesIO, what: str, limits: ZipLimits) -> zipfile.Zi
     except OSError as error:
         raise Avs3dError(files.os_error_line(error, what, "read")) from error
     except (zipfile.BadZipFile, ValueError, NotImplementedError) as error:
-        raise Avs3dError(f"{what}: is no whole ZIP ({error}); fetch the .sh3f file again") from error
+        raise Avs3dError(f"{what}: is not a complete ZIP ({error}); fetch the .sh3f file again") from error
 
 
 # ---- the catalogue -------------------------------------------------------------------------------------------------
 
 
 def parse_properties(data: bytes) -> dict[str, str]:
-    r"""A Java properties file: ISO-8859-1 with escapes such as ``\u00e9`` (java.util.Properties.load)."""
+    r"""Parse a Java properties file: ISO-8859-1 with escapes such as ``\u00e9`` (java.util.Properties.load)."""
     table: dict[str, str] = {}
     pending = ""
     for raw in re.split(r"\r\n|\r|\n", data.decode("latin-1")):
@@ -332,13 +334,13 @@ def _piece(path: Path, table: dict[str, str], number: int, licence: str) -> Piec
 
 
 def _folders(table: dict[str, str]) -> tuple[str, ...]:
-    """Folders of the models that a catalogue names."""
+    """Folders of the models in a catalogue."""
     models = (value for key, value in table.items() if key.startswith("model#"))
     return tuple(sorted({posixpath.dirname(value.lstrip("/")) for value in models}))
 
 
 def _credited(piece: Piece, holders: dict[str, str], pages: dict[str, str]) -> Piece:
-    """The piece with those as authors whom the licence notice wants named, and the page of its original."""
+    """The piece with the authors that its licence notice requires, and the page of its original."""
     folder = posixpath.dirname(piece.model)
     names = (posixpath.basename(folder), posixpath.splitext(posixpath.basename(piece.model))[0], "")
     author = next((holders[name] for name in names if name in holders), piece.author)
@@ -346,7 +348,7 @@ def _credited(piece: Piece, holders: dict[str, str], pages: dict[str, str]) -> P
 
 
 def _holders(notice: str) -> dict[str, str]:
-    """Holders of copyright by model, as a library's LICENSE.TXT lists them; ``""`` for all that are not listed.
+    """Copyright holders by model, from a library's LICENSE.TXT; the key ``""`` is for all models not listed.
 
     "(C) Copyrights YEARS NAMES for the … following models: - name - name" and "(C) Copyrights NAMES for all the other
     models", or a single "(C) Copyright NAMES" for the whole.
@@ -361,7 +363,7 @@ def _holders(notice: str) -> dict[str, str]:
 
 
 def _licence(text: str) -> str:
-    """SPDX name of a licence's address, or of a catalogue's ``license``, where copyright holders may follow it."""
+    """SPDX name for a licence's address, or for a catalogue's ``license``, which copyright holders may follow."""
     plain = re.split(r"\s{2,}|©|\(c\)|copyright", text, maxsplit=1, flags=re.IGNORECASE)[0].strip()
     if "creativecommons.org/choose/zero" in plain:
         return "CC0-1.0"
@@ -370,7 +372,7 @@ def _licence(text: str) -> str:
 
 
 def _axis(row: np.ndarray) -> tuple[str, float]:
-    """The model's axis nearest to a direction given in its own coordinates, and the angle between them."""
+    """The model's axis nearest to a direction in its own coordinates, and the angle between them."""
     index = int(np.argmax(np.abs(row)))
     sign = "+" if row[index] > 0 else "-"
     return f"{sign}{'xyz'[index]}", float(np.arccos(np.clip(abs(row[index]) / np.linalg.norm(row), -1, 1)))

@@ -1,4 +1,4 @@
-"""Fewer faces for meshes with too many, by quadric error (Garland & Heckbert 1997; package fast-simplification)."""
+"""Simplifies meshes with too many faces by quadric error (Garland & Heckbert 1997; package fast-simplification)."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ import numpy as np
 from avs3d_bench.errors import Avs3dError
 from generators.library.rawmesh import RawPart
 
-#: More faces than this cost every frame and show nothing at the size of a household object.
+#: Largest number of faces of an object; more faces cost time in every frame and are not visible at a usual distance.
 MAX_FACES = 150_000
 
 
 def simplified(parts: tuple[RawPart, ...], target: int) -> tuple[RawPart, ...]:
     """The parts with about ``target`` faces in all; their normals are dropped, texture coordinates kept.
 
-    Vertices are split where the texture has a seam, so that a vertex keeps its coordinates; seams are open edges to the
-    simplification and stay where they are.
+    Vertices are split at texture seams, so that each vertex has one pair of texture coordinates; for the simplification
+    seams are open edges, which stay in place.
 
     Raises:
-        Avs3dError: if the package is not installed, or the faces cannot be made so few.
+        Avs3dError: if the package is not installed, or the mesh cannot be reduced to so few faces.
     """
     total = sum(len(part.triangles) for part in parts)
     try:
@@ -49,7 +49,7 @@ def simplified(parts: tuple[RawPart, ...], target: int) -> tuple[RawPart, ...]:
         points, kept, mapping = fast_simplification.replay_simplification(position[first], faces, collapses)
         coordinates = None
         if part.uv is not None:
-            # The coordinates of the original vertex that is nearest to where its group came to lie.
+            # The texture coordinates of the original vertex that is nearest to the new position of its group.
             mapping = np.asarray(mapping)
             distance = np.linalg.norm(position[first] - points[mapping], axis=1)
             order = np.lexsort((distance, mapping))

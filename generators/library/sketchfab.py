@@ -3,7 +3,7 @@
 Facts (https://sketchfab.com/developers/data-api/v3 and /developers/download-api/downloading-models): ``GET
 /v3/models/{uid}`` describes a model (name, user.displayName, license.slug, viewerUrl, isDownloadable); ``GET
 /v3/models/{uid}/download`` with ``Authorization: Token …`` gives addresses per format, ``{"gltf": {"url", "size",
-"expires"}, "glb": …}``. They are signed, live for some minutes, and lie on another host, which must not get the token.
+"expires"}, "glb": …}``. They are signed, valid for some minutes, and on another host, which must not get the token.
 ``glb`` is one file, ``gltf`` a zip of scene.gltf, scene.bin and textures/.
 """
 
@@ -26,10 +26,10 @@ PAGE = "https://sketchfab.com/settings/password"
 FORMATS = {"glb": "model.glb", "gltf": "model.zip"}
 _ADVICE = {
     401: f"SKETCHFAB_TOKEN is not valid: copy it from {PAGE}",
-    403: "your account may not download this model: look at its page, or choose another",
+    403: "your account may not download this model: see its page, or choose another",
     404: "check the uid: it is at the end of the model's address",
 }
-#: How storage answers to an address whose signature has run out.
+#: Statuses with which the storage answers an address whose signature has expired.
 _EXPIRED = (400, 401, 403, 410)
 
 
@@ -38,13 +38,13 @@ def fetch(ref: str, category: str, stance: Stance, session: Session, form: str |
 
     Args:
         ref: its uid, or its page's address.
-        category: what it is one of.
-        stance: glTF is Y up and faces +Z, unless its author thought otherwise.
-        session: see there.
-        form: ``glb`` or ``gltf``; whichever there is without it.
+        category: its category.
+        stance: orientation, height and mount, if they differ from glTF's convention (Y up, front +Z).
+        session: options of this call of `avs3d assets`.
+        form: ``glb`` or ``gltf``; default: the one that is offered.
 
     Raises:
-        Avs3dError: one line: token, licence, not downloadable, any failure of the network, an unusable mesh.
+        Avs3dError: one line: token, licence, not downloadable, any network error, an unusable mesh.
     """
     uid = reference(ref, "[0-9a-f]{32}", "uid of Sketchfab", "7f2c…: 32 digits and letters a to f")
     what = f"sketchfab/{uid}"
@@ -61,7 +61,7 @@ def fetch(ref: str, category: str, stance: Stance, session: Session, form: str |
         file=FORMATS[form or "glb"],
     )  # fmt: skip
     if form is None:
-        admit(offer, session)  # before the account's quota of downloads is touched
+        admit(offer, session)  # before a download counts against the account's quota
         offered = _ask(f"/v3/models/{uid}/download", what, key, session)
         form = next((name for name in FORMATS if isinstance(offered.get(name), dict)), None)
         if form is None:
@@ -88,7 +88,7 @@ def _download(uid: str, form: str, target: Path, session: Session, pinned: Asset
             raise Avs3dError(f"{what}: Sketchfab does not offer it as {form}; try another --format")
         request = Request(
             pick(offered, f"{form}.url", what, SERVICE), what, "Sketchfab's storage",
-            advice=dict.fromkeys(_EXPIRED, "its address ran out at once: check this machine's clock, try again"),
+            advice=dict.fromkeys(_EXPIRED, "its address has expired already: check this machine's clock, try again"),
         )  # fmt: skip
         try:
             return download(
@@ -103,7 +103,7 @@ def _download(uid: str, form: str, target: Path, session: Session, pinned: Asset
         except HttpError as error:
             if last or error.status not in _EXPIRED:
                 raise
-            session.say(f"{what}: the signed address ran out, asking for a new one")
+            session.say(f"{what}: the signed address has expired, requesting a new one")
     raise AssertionError("the second try returns or raises")
 
 
@@ -112,5 +112,5 @@ def _ask(path: str, what: str, key: str, session: Session) -> dict[str, Any]:
     request = Request(base + path, what, SERVICE, token=f"Token {key}", advice=_ADVICE)
     answer = get_json(request, session.limits, session.say)
     if not isinstance(answer, dict):
-        raise Avs3dError(f"{what}: Sketchfab answered something else than was expected; report it")
+        raise Avs3dError(f"{what}: unexpected answer from Sketchfab; report it")
     return answer

@@ -1,4 +1,4 @@
-"""One door to all collections: a new asset by its id there, and the pinned file of an entry again."""
+"""Common interface of all collections: fetch a new asset by its id, or the pinned file of an entry."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def fetch_new(source: str, ref: str, category: str, stance: Stance, session: Ses
 
     Raises:
         UsageError: if the collection does not offer the format.
-        Avs3dError: whatever else goes wrong, in one line.
+        Avs3dError: for any other failure, in one line.
     """
     if form is not None and form not in FETCHED[source]:
         raise UsageError(f"--format {form}: {source} offers {' and '.join(FETCHED[source])}")
@@ -32,7 +32,7 @@ def fetch_new(source: str, ref: str, category: str, stance: Stance, session: Ses
 
 
 def fetch_pinned(entry: AssetEntry, session: Session) -> bool:
-    """Bring the pinned file of an entry into the store; False if it lies there already.
+    """Fetch the pinned file of an entry into the store; False if it is there already.
 
     Raises:
         Avs3dError: for a licence that the user has not allowed, a failed download, a file that is not the pinned one.
@@ -45,7 +45,7 @@ def fetch_pinned(entry: AssetEntry, session: Session) -> bool:
         session.say(note)
     if entry.source == "folder":
         raise Avs3dError(
-            f"{entry.id}: came from a folder ({entry.ref}), no address is known; run: avs3d assets import folder DIR "
+            f"{entry.id}: came from a folder ({entry.ref}) and has no address; run: avs3d assets import folder DIR "
             f"--licence {entry.licence!r} --author {entry.author!r} --category {entry.category}"
         )
     staged = store.incoming(entry.id, entry.file)

@@ -1,12 +1,12 @@
-"""Where the files of assets lie: outside the repository, by id and hash, as delivered and cleaned.
+"""The store of asset files: outside the repository, by id and hash, original and cleaned.
 
-    <store>/<id>/<first 16 digits of the sha256>/<file as delivered>
+    <store>/<id>/<first 16 digits of the sha256>/<original file>
                                                  clean-<key>.glb, clean-<key>.json    objects only
-    <store>/<id>/incoming/                                                            while it is fetched
+    <store>/<id>/incoming/                                                            during the download
 
-An object's cleaned GLB (metres, Y up, front +Z) is made from the delivered file on first use. Its key is the hash of
-everything it is made from: the delivered bytes, the entry's orientation, the code that cleans and its libraries. After
-a change it is made again, and a lock file never has to say which version it was.
+An object's cleaned GLB (metres, Y up, front +Z) is made from the original file on first use. Its key is the hash of all
+its inputs: the original bytes, the entry's orientation, the cleaning code and its libraries. After a change of any of
+them it is made again, so that lock files need no version of the cleaning.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from avs3d_bench.user_path import user_path
 from generators.library.archive import read_zip
 from generators.library.lock import AssetEntry, read_lock
 
-#: What makes a cleaned GLB of a file as delivered (see `avs3d_bench.provenance`).
+#: The function that makes a cleaned GLB from an original file (see `avs3d_bench.provenance`).
 CLEANING = "generators.library.store:clean"
-#: What the cleaning reads.
+#: Suffixes that the cleaning reads.
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".dae")
-#: What libsndfile ≥ 1.1 decodes.
+#: Suffixes that libsndfile ≥ 1.1 decodes.
 SOUND_SUFFIXES = (".wav", ".flac", ".ogg", ".mp3", ".aif", ".aiff")
 
 
@@ -61,15 +61,15 @@ class Store:
         return self.root / entry.id / entry.sha256[:16]
 
     def path(self, entry: AssetEntry) -> Path:
-        """The file as delivered; it may be missing."""
+        """The path of the original file; the file may be missing."""
         return self.folder(entry) / entry.file
 
     def incoming(self, asset: str, file: str) -> Path:
-        """Where a file of the asset is fetched to before its hash is known."""
+        """The folder for a download, until its hash is known."""
         return self.root / asset / "incoming" / file
 
     def problem(self, entry: AssetEntry) -> str:
-        """What is wrong with the file as delivered: empty if its size and hash are right."""
+        """The fault of the original file; empty if its size and hash are right."""
         path = self.path(entry)
         if not path.is_file():
             return f"not in the store ({path})"
@@ -82,7 +82,7 @@ class Store:
         return ""
 
     def adopt(self, asset: str, staged: Path, sha256: str) -> Path:
-        """Give a file that came whole (see `incoming`) its place; a damaged one there is replaced."""
+        """Move a complete download (see `incoming`) to its final place; a damaged file there is replaced."""
         target = self.root / asset / sha256[:16] / staged.name
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
@@ -93,18 +93,18 @@ class Store:
         return target
 
     def put(self, asset: str, file: str, data: bytes) -> tuple[str, int]:
-        """Store the bytes of a file that is here already; its sha256 and size."""
+        """Store the bytes of a local file, and return its sha256 and size."""
         sha256 = files.sha256_bytes(data)
         files.write_bytes(self.root / asset / sha256[:16] / file, data)
         return sha256, len(data)
 
     def drop(self, entry: AssetEntry) -> None:
-        """Forget a version that turned out to be useless."""
+        """Delete a version that cannot be used."""
         shutil.rmtree(self.folder(entry), ignore_errors=True)
         self.tidy(entry.id)
 
     def tidy(self, asset: str) -> None:
-        """Remove the folders of an asset that hold nothing."""
+        """Remove the empty folders of an asset."""
         folder = self.root / asset / "incoming"
         while folder != self.root:
             with contextlib.suppress(OSError):  # missing, or not empty
@@ -115,7 +115,7 @@ class Store:
         """The cleaned GLB of an object, made if it is missing or damaged.
 
         Raises:
-            Avs3dError: if the delivered file is no mesh that can be used.
+            Avs3dError: if the original file is not a usable mesh.
         """
         key = clean_key(entry)
         path, report = (self.folder(entry) / f"clean-{key}{suffix}" for suffix in (".glb", ".json"))
@@ -135,21 +135,21 @@ class Store:
         return path
 
     def findings(self, entry: AssetEntry) -> tuple[str, ...]:
-        """What the cleaning found and mended, one line each."""
+        """The cleaning's findings and repairs, one line each."""
         self.mesh(entry)
         report = files.read_json(self.folder(entry) / f"clean-{clean_key(entry)}.json")
         return tuple(str(line) for line in report["findings"])
 
 
 def clean_key(entry: AssetEntry) -> str:
-    """16 hex digits over everything that decides the bytes of an object's cleaned GLB."""
+    """16 hex digits of a hash of all that the bytes of an object's cleaned GLB depend on."""
     code = provenance(CLEANING).digest
     inputs = [entry.sha256, entry.file, entry.up, entry.front, entry.height, entry.yaw, code]
     return hashlib.sha256(json.dumps(inputs).encode()).hexdigest()[:16]
 
 
 def clean(entry: AssetEntry, path: Path) -> tuple[bytes, tuple[str, ...]]:
-    """The cleaned GLB of an object and what was found, from the file as delivered (a mesh, or an archive with one).
+    """The cleaned GLB of an object and its findings, from the original file (a mesh, or an archive with one).
 
     Raises:
         Avs3dError: naming the asset, if there is no usable mesh in it.
@@ -168,15 +168,15 @@ def clean(entry: AssetEntry, path: Path) -> tuple[bytes, tuple[str, ...]]:
                 source, up=entry.up or "y", front=entry.front or "+z", height=entry.height, yaw=entry.yaw or 0.0
             )
         except RecursionError:
-            raise Avs3dError(f"{entry.id}: {path.name} is nested without end; it is broken or hostile") from None
+            raise Avs3dError(f"{entry.id}: {path.name} is nested too deeply; it is broken or malicious") from None
         except Avs3dError as error:
-            # The reader speaks of a scratch file that is gone by now.
+            # The reader's message names a temporary file that is deleted by now.
             text = str(error).replace(f"{scratch}/", "").replace(str(path), path.name)
             raise Avs3dError(f"{entry.id}: {text}") from None
-        except Exception as error:  # a file that no reader foresaw ends itself, not all that come after it
+        except Exception as error:  # an unforeseen fault of one file must not stop the following ones
             text = " ".join(str(error).replace(f"{scratch}/", "").split())[:200]
             raise Avs3dError(
-                f"{entry.id}: {path.name} cannot be made a clean mesh ({type(error).__name__}: {text}); repair it"
+                f"{entry.id}: {path.name} cannot be cleaned ({type(error).__name__}: {text}); repair it"
             ) from error
     return data, tuple(str(finding) for finding in findings)
 
@@ -185,7 +185,7 @@ def main_mesh(names: tuple[str, ...], what: str) -> str:
     """The mesh among the members of an archive: the only one at the least depth (``scene.gltf`` of Sketchfab).
 
     Raises:
-        Avs3dError: if there is none, or which one is not clear.
+        Avs3dError: if there is none, or more than one.
     """
     meshes = [name for name in names if Path(name).suffix.lower() in MESH_SUFFIXES]
     if not meshes:
@@ -198,10 +198,10 @@ def main_mesh(names: tuple[str, ...], what: str) -> str:
 
 
 def find_entry(lock: Path, asset: str) -> AssetEntry:
-    """The entry of ``asset`` in the lock file.
+    """Find the entry of ``asset`` in the lock file.
 
     Raises:
-        UsageError: if it is not there, with the nearest id.
+        UsageError: if it is not there, with the most similar id.
     """
     table = read_lock(lock)
     entry = table.find(asset)
@@ -218,14 +218,14 @@ def open_asset(lock: Path, asset: str, store: Store | None = None) -> tuple[Path
     Args:
         lock: the lock file, beside the manifest.
         asset: its id.
-        store: where the files lie; the user's by default.
+        store: the store with the files; default: the user's.
 
     Returns:
         The path, and the entry with licence and provenance.
 
     Raises:
-        UsageError: if the lock file does not name it.
-        Avs3dError: if its file is missing or not the pinned one, with the command that fetches it.
+        UsageError: if the lock file does not contain it.
+        Avs3dError: if its file is missing or differs from the pinned one, with the command that fetches it.
     """
     entry = find_entry(lock, asset)
     store = store or Store.default()

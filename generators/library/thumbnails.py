@@ -1,7 +1,7 @@
-"""A picture of an object on neutral ground: the same studio, light and lens for all, so that faults are seen.
+"""Renders a picture of an object with the same background, light and lens for all objects, so that faults are visible.
 
-The studio is a grey room with a large soft light above the camera's left and a weak one on its right; the object is
-shown a metre large, whatever its size, because light maps are as fine as rooms need.
+The studio is a grey room with a large soft light above on the camera's left and a weak one on its right. The object is
+scaled to one metre, because the resolution of the light maps is chosen for rooms.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from generators.vision.embree import EmbreeBackend
 
 #: Side of a thumbnail, pixels.
 SIDE = 256
-#: From where it is looked at: degrees to its left and above.
+#: Direction of the camera: degrees to the object's left, and above it.
 VIEW = (-32.0, 20.0)
 _HFOV = 28.0
 _SUPERSAMPLING = 2
@@ -47,11 +47,11 @@ def render_views(mesh: Mesh, views: Sequence[tuple[float, float]], side: int = S
 
     Args:
         mesh: the object.
-        views: degrees by which the camera stands to the left of its front, and above.
-        side: pixels.
+        views: directions of the camera: degrees to the left of its front, and above.
+        side: side of each picture, pixels.
     """
     low, high = mesh.bounds.astype(np.float64)
-    # A body's silhouette, seen from any side, is within its diagonal.
+    # From any direction, an object's silhouette is no larger than its diagonal.
     scale = 1.25 / float(np.linalg.norm(high - low))
     anchor = np.array([(low[0] + high[0]) / 2, low[1], (low[2] + high[2]) / 2])
     placed = mesh.transformed(np.eye(3), -anchor * scale, scale)
@@ -72,7 +72,7 @@ def render_views(mesh: Mesh, views: Sequence[tuple[float, float]], side: int = S
 
 
 def _towards(target: NDArray[np.float64], yaw: float, pitch: float, distance: float) -> Pose:
-    """A camera at ``distance`` from the target, turned ``yaw`` about it and raised by ``pitch``; it looks at it."""
+    """A camera at ``distance`` from the target and facing it, turned about it by ``yaw`` and raised by ``pitch``."""
     offset = np.array([np.sin(yaw) * np.cos(pitch), np.sin(pitch), np.cos(yaw) * np.cos(pitch)])
     half_yaw, half_pitch = yaw / 2, -pitch / 2
     cy, sy, cp, sp = np.cos(half_yaw), np.sin(half_yaw), np.cos(half_pitch), np.sin(half_pitch)

@@ -1,1 +1,1 @@
-"""The walk, the gaze, and sources that move."""
+"""The agent's walk and gaze, and the motion of sources."""

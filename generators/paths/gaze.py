@@ -1,9 +1,10 @@
-"""Where the agent looks: smooth turns that find each candidate, lose it, and find it again on the other side.
+"""The agent's gaze: smooth turns that bring each candidate into view, out of view, and into view from the other side.
 
-A candidate is any placed object: the gaze must not tell which of them sounds, so that all have equal rights. A gaze is
-drawn in phases. In each, the head keeps one candidate at a wanted azimuth, inside the image or outside of it; which one
-and where is chosen, among random options, by what all candidates have had so far: frames in view, on the left, on the
-right. The head follows with a limited rate. Many gazes are drawn at once; `penalty` says which is best.
+A candidate is any placed object: the gaze must not reveal which of them sounds, so all are treated alike. A gaze is
+drawn in phases. In each phase the head keeps one candidate at a wanted azimuth, inside or outside the image. The
+candidate and the azimuth are chosen among random options such that all candidates get similar numbers of frames in
+view, on the left and on the right. The head follows at a limited rate. Many gazes are drawn at once; `penalty` ranks
+them.
 """
 
 from __future__ import annotations
@@ -18,70 +19,71 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-#: Limits of one step of the plan, degrees; together they stay below the contract's 30° a step.
+#: Limits of one planned step (degrees); their sum is below the 30° per step that the dataset's format allows.
 YAW_RATE, PITCH_RATE = 25.0, 10.0
-#: The camera tilts at most this far, degrees.
+#: Largest tilt of the camera (degrees).
 MOST_PITCH = 25.0
-#: Share of frames in which each candidate is in view: aimed at, and without a note.
+#: Share of frames in which each candidate is in view: the range aimed at, and the range without a note.
 VIEW_WANTED, VIEW_ALLOWED = (0.28, 0.62), (0.20, 0.70)
-#: Share of frames with a candidate clearly (from this azimuth on, degrees) on either side.
+#: Azimuth (degrees) from which a candidate is clearly on one side, and the wanted share of such frames per side.
 SIDE_AZIMUTH, SIDE_SHARE = 20.0, 0.20
-#: Test frames (index % 8 == 0) of 15 with and without each candidate.
+#: Wanted numbers of test frames (index % 8 == 0) with and without each candidate, and the number of test frames.
 FILLED_TESTS, EMPTY_TESTS, TEST_FRAMES = 3, 3, 15
-#: An object's middle counts as inside the image within this share of its half width.
+#: An object's middle counts as inside the image if it is within this share of the image's half width.
 INSIDE = 0.97
-#: At least this share of an object's surface samples must be in sight (half of them face away from any viewer).
+#: Least share of an object's surface samples that must be in sight (about half of them face away from any viewer).
 SEEN_SHARE = 0.06
-#: Gazes that share the lengths of their phases, and options among which each chooses in each phase.
+#: Number of gazes with the same phase lengths, and number of options per gaze and phase.
 _BATCH, _OPTIONS = 16, 12
-#: Shares of frames in view and on either side at which the choice of phases aims.
+#: Shares of frames in view, and on each side, that the choice of phases aims at.
 _AIM_VIEW, _AIM_SIDE = 0.45, 0.30
-#: Penalty per share of frames that is missing: of what is wanted, and, so that it outweighs everything else, of what is
-#: allowed; and per test frame.
+#: Penalty per missing share of frames: below the wanted range; below the allowed range (large enough to outweigh all
+#: other terms); and per missing test frame.
 _WANTED_COST, _ALLOWED_COST, _TEST_COST = 5, 50, 1
-#: The share of frames on either side is wanted this much above the least that is allowed.
+#: The wanted share of frames on each side is this much above the least allowed share.
 _SIDE_RESERVE = 0.05
-#: Sectors of heading in which the room is to be seen.
+#: Number of sectors of heading in which the gaze should see the room.
 _SECTORS = 12
-#: A candidate counts as in view, while phases are chosen, within this share of half the field of view: its middle is
-#: then inside the image by more than the wobble.
+#: While phases are chosen, a candidate counts as in view within this share of half the field of view, so that its
+#: middle stays inside the image in spite of the wobble.
 _IN_VIEW = 0.93
-#: Length of a phase (frames) in a walk of at least `_FULL_WALK` frames; in a shorter one phases shrink in proportion,
-#: but not below `_LEAST_PACE` of it, nor below `_LEAST_PHASE` frames. A gaze's own pace is drawn from `_PACES`.
+#: Length of a phase (frames) in a walk of at least `_FULL_WALK` frames. In a shorter walk the phases shrink in
+#: proportion, but not below `_LEAST_PACE` of this length, nor below `_LEAST_PHASE` frames. Each gaze draws a factor
+#: from `_PACES`.
 _PHASE, _FULL_WALK, _LEAST_PACE, _LEAST_PHASE, _PACES = (5, 14), 60.0, 0.4, 2, (0.8, 1.25)
-#: Powers of ten of the noise on an option's cost: how far a gaze's choices are from the best. The cost is a squared
-#: share of frames.
+#: Range of log10 of the noise that is added to an option's cost, so that gazes differ. The cost is a squared share of
+#: frames.
 _PATIENCE = (-4.5, -2.5)
-#: Share of the remaining turn that the head does in one frame: it eases into a turn's end.
+#: Share of the remaining turn that the head makes in one frame, so that turns end slowly.
 _EASE = 0.6
-#: Share of phases that hold a candidate in view; the others hold it out of view.
+#: Share of phases that keep a candidate in view; the others keep it out of view.
 _LOOKED = 0.6
-#: Azimuth (degrees) at the begin of a phase in view: off centre, so that its frames count for their side too. It ends
-#: between −`_END` and `_END`, towards the middle or across it.
+#: Azimuth (degrees) at the start of a phase in view: off centre, so that its frames also count for their side. The
+#: azimuth at the end is between −`_END` and `_END`.
 _BEGIN, _END = (20, 34), 30
 #: Azimuth (degrees) in a phase out of view.
 _AWAY = (60, 150)
-#: Amplitude (degrees) and period over 2π (frames) of the head's wobble.
+#: Amplitude (degrees) of the head's wobble, and its period divided by 2π (frames).
 _WOBBLE, _WOBBLE_PERIOD = 3.0, (1.5, 3.5)
-#: The camera tilts towards candidates below this azimuth (degrees), fully from `_FACING_WIDTH` degrees further in; of
-#: several, those within some `_NEAREST` degrees count most.
+#: The camera tilts towards candidates below this azimuth (degrees), and fully `_FACING_WIDTH` degrees further in. Of
+#: several candidates, those within about `_NEAREST` degrees have the largest weights.
 _FACING, _FACING_WIDTH, _NEAREST = 85.0, 30.0, 15.0
-#: Tilt (degrees) where nothing is ahead: mostly a little downwards.
+#: Tilt (degrees) if no candidate is ahead: slightly downwards in most cases.
 _REST_PITCH = (-8.0, 2.0)
-#: Share of a candidate's elevation that the camera tilts by, and of the remaining tilt that it does in one frame.
+#: Tilt as a share of a candidate's elevation, and the share of the remaining tilt that is made in one frame.
 _TILT, _TILT_EASE = 0.85, 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """What can be seen of one candidate from each position of a path.
+    """Visibility of one candidate from each position of a path.
 
     Attributes:
-        eyes: (n, 3) positions.
-        centre: (3,) middle of the object; (n, 3) of one that moves, at each position's time.
-        source: (3,) or (n, 3) where its sound would come from.
+        eyes: (n, 3) positions of the camera, metres.
+        centre: (3,) middle of the object, metres; (n, 3) if it moves: one at the time of each position.
+        source: (3,) or (n, 3) position of its sound source, if it sounded.
         points: (S, 3) or (n, S, 3) samples of its surface.
-        clear: (n, S) bool, nothing stands between the eye and the sample.
+        clear: (n, S) bool, whether nothing is between the eye and the sample.
         extent: tangent of half the field of view.
     """
 
@@ -94,7 +96,7 @@ class Sight:
 
     @property
     def bearing(self) -> Array:
-        """(n,) yaw at which the camera faces the candidate, radians, without jumps."""
+        """(n,) yaw at which the camera faces the candidate, radians, unwrapped."""
         delta = self.source - self.eyes
         return np.unwrap(np.arctan2(-delta[:, 0], -delta[:, 2]))
 
@@ -106,11 +108,11 @@ class Sight:
 
     @property
     def visible(self) -> Mask:
-        """(n,) enough of its surface is in sight, were the camera turned to it."""
+        """(n,) whether enough of its surface is in sight for a camera that is turned to it."""
         return np.asarray(self.clear.mean(axis=1) >= SEEN_SHARE)
 
     def in_camera(self, points: Array, yaw: Array, pitch: Array) -> tuple[Array, Array, Array]:
-        """Points (S, 3), or (n, S, 3) if they move, as gazes yaw, pitch (P, n) have them.
+        """Transform points (S, 3), or (n, S, 3) if they move, to the camera of gazes yaw, pitch (P, n).
 
         Returns:
             metres to the right, up and ahead, (P, n, S) each.
@@ -123,7 +125,7 @@ class Sight:
         return right, cos * delta[..., 1] - sin * level, cos * level + sin * delta[..., 1]
 
     def in_image(self, points: Array, yaw: Array, pitch: Array, margin: float = 1.0) -> Mask:
-        """(P, n, S) whether points (S, 3) or (n, S, 3) fall inside the images of gazes yaw, pitch (P, n)."""
+        """(P, n, S) whether points (S, 3) or (n, S, 3) are inside the images of gazes yaw, pitch (P, n)."""
         right, up, ahead = self.in_camera(points, yaw, pitch)
         reach = np.maximum(ahead, 1e-9) * self.extent * margin
         return np.asarray((ahead > 0.05) & (np.abs(right) <= reach) & (np.abs(up) <= reach))
@@ -131,12 +133,12 @@ class Sight:
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """What P gazes over n frames show of one candidate.
+    """Views of one candidate in P gazes over n frames.
 
     Attributes:
-        azimuth: (P, n) of its source in the tilted head's own frame, degrees, as observation.json records it.
-        looking: (P, n) it is looked at: its middle is inside the image and its surface in sight.
-        filled: (P, n) something of it is in the image.
+        azimuth: (P, n) azimuth of its source in the frame of the tilted head, degrees, as in observation.json.
+        looking: (P, n) bool, whether its middle is inside the image and its surface in sight.
+        filled: (P, n) bool, whether any part of it is in the image.
     """
 
     azimuth: Array
@@ -155,22 +157,22 @@ class Views:
 
     @property
     def look_share(self) -> Array:
-        """(P,) share of frames that look at it."""
+        """(P,) share of frames in which it is looked at."""
         return np.asarray(self.looking.mean(axis=1))
 
     @property
     def view_share(self) -> Array:
-        """(P,) share of frames with something of it in the image."""
+        """(P,) share of frames with any part of it in the image."""
         return np.asarray(self.filled.mean(axis=1))
 
     @property
     def right_share(self) -> Array:
-        """(P,) share of frames with it clearly to the right."""
+        """(P,) share of frames in which it is clearly on the right."""
         return np.asarray((self.azimuth >= SIDE_AZIMUTH).mean(axis=1))
 
     @property
     def left_share(self) -> Array:
-        """(P,) share of frames with it clearly to the left."""
+        """(P,) share of frames in which it is clearly on the left."""
         return np.asarray((self.azimuth <= -SIDE_AZIMUTH).mean(axis=1))
 
     @property
@@ -180,7 +182,7 @@ class Views:
         return test.sum(axis=1).astype(float), (~test).sum(axis=1).astype(float)
 
     def shortfall(self) -> Array:
-        """(P,) how far each gaze is from what is wanted for this candidate; 0 is perfect."""
+        """(P,) penalty of each gaze for missing the wanted shares of this candidate; 0 is perfect."""
         look, view = self.look_share, self.view_share
         filled, empty = self.tests
         scale = min(1.0, self.filled[:, ::8].shape[1] / TEST_FRAMES)
@@ -198,9 +200,9 @@ class Views:
 
 
 def penalty(views: Sequence[Views], yaw: Array) -> Array:
-    """(P,) how far each gaze is from what is wanted for all candidates alike."""
+    """(P,) penalty of each gaze, symmetric in the candidates; 0 is perfect."""
     each = np.stack([view.shortfall() for view in views])
-    # The room is to be seen all round.
+    # The gaze should see the room in all directions.
     sectors = np.floor((yaw % (2 * np.pi)) / (2 * np.pi / _SECTORS)).astype(int) % _SECTORS
     seen = np.stack([(sectors == k).any(axis=1) for k in range(_SECTORS)]).mean(axis=0)
     return np.asarray(each.max(axis=0) + each.mean(axis=0) + 1.0 - seen)
@@ -221,14 +223,14 @@ def draw_gazes(sights: Sequence[Sight], count: int, rng: Generator) -> tuple[Arr
 
 @dataclass(frozen=True, eq=False)
 class _Around:
-    """The candidates as the head has them: bearing (n, K), visible (n, K), and half the field of view, radians."""
+    """The candidates relative to the head: bearing (n, K), visible (n, K), and half the field of view, radians."""
 
     bearing: Array
     visible: Mask
     half: float
 
     def azimuth(self, yaw: Array, frame: int) -> Array:
-        """(…, K) azimuth of each candidate for yaws (…) at a frame, radians, positive to the right."""
+        """(…, K) azimuth of each candidate at one frame for yaws (…), radians, positive to the right."""
         return _wrapped(yaw[..., None] - self.bearing[frame])
 
 
@@ -237,7 +239,7 @@ def _wrapped(angle: Array) -> Array:
 
 
 def _draw_yaw(around: _Around, count: int, rng: Generator) -> Array:
-    """(count, n) headings, phase by phase."""
+    """(count, n) headings, radians, drawn phase by phase."""
     n, candidates = around.bearing.shape
     pace = float(np.clip(n / _FULL_WALK, _LEAST_PACE, 1.0)) * rng.uniform(*_PACES)
     patience = 10 ** rng.uniform(*_PATIENCE, size=(count, 1))
@@ -280,7 +282,7 @@ def _draw_yaw(around: _Around, count: int, rng: Generator) -> Array:
 
 
 def _wanted_azimuth(count: int, length: int, rng: Generator) -> Array:
-    """(count, options, length) azimuths at which a candidate is held, degrees: in view, off centre, or out of view."""
+    """(count, options, length) azimuths at which a candidate is kept, degrees: in view, off centre, or out of view."""
     shape = (count, _OPTIONS, 1)
     side = np.where(rng.uniform(size=shape) < 0.5, -1.0, 1.0)
     near = rng.uniform(*_BEGIN, size=shape)
@@ -292,7 +294,7 @@ def _wanted_azimuth(count: int, length: int, rng: Generator) -> Array:
 
 
 def _pitch(around: _Around, elevation: Array, yaw: Array, rng: Generator) -> Array:
-    """(count, n) tilt towards what is ahead (elevations (n, K)), slowly; a little downwards where nothing is."""
+    """(count, n) slow tilt towards the candidates ahead (elevations (n, K)); slightly downwards if there is none."""
     count, n = yaw.shape
     azimuth = np.abs(_wrapped(yaw[..., None] - around.bearing))
     facing = np.clip((np.radians(_FACING) - azimuth) / np.radians(_FACING_WIDTH), 0.0, 1.0) * around.visible

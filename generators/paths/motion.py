@@ -1,8 +1,8 @@
-"""The path of an object that moves: over the free floor, or to and fro on the worktop that carries it.
+"""The path of a moving object: over the free floor, or to and fro on its worktop.
 
-What stands on the floor goes where a disc round its footprint fits, so that it may turn anywhere, at a limited speed
-and a limited rate of turn, its front first. What stands on a worktop, table or shelf slides along it without turning,
-as far as the surface is level and free, and slows down before it comes back. What hangs on a wall does not move.
+An object on the floor moves forwards, with a limited speed and a limited rate of turn, wherever a disc around its
+footprint fits, so that it can turn anywhere. An object on a worktop, table or shelf slides along it without turning, as
+far as the surface is level and free, and slows down at the turning points. An object on a wall does not move.
 """
 
 from __future__ import annotations
@@ -31,31 +31,31 @@ from generators.placement.spots import CONTACT, Contact, standing
 
 Array = NDArray[np.float64]
 
-#: Samples of a motion per second; between them it goes straight.
+#: Samples of a motion per second; the motion is linear between them.
 RATE = 4
-#: Limits over the floor: m/s, and degrees per second.
+#: Limits of a motion over the floor: speed (m/s) and rate of turn (degrees/s).
 FLOOR_SPEED, TURN_RATE = (0.12, 0.25), 60.0
-#: Limits on a worktop: m/s at the fastest, and the shortest way worth calling a motion, metres.
+#: Limits of a motion on a worktop: largest speed (m/s) and least distance (m).
 TOP_SPEED, LEAST_SLIDE = (0.03, 0.06), 0.12
-#: What is lower than this is gone over, metres: the edge of a rug.
+#: Height (m) up to which the object moves over things, such as the edge of a rug.
 OVER = 0.02
-#: A floor path needs this much room for the object's middle, m².
+#: Least area (m²) for the object's middle that a floor path needs.
 LEAST_AREA = 0.10
-#: Paths that are drawn before the room counts as too small.
+#: Number of paths that are drawn before the room counts as too small.
 _ATTEMPTS = 8
-#: Spacing at which a worktop is felt along, and how far it may rise or fall, metres.
+#: Spacing of the samples along a worktop, and their largest difference in height (m).
 _STEP, _LEVEL = 0.01, 0.002
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Where the object that moves is.
+    """The path of the moving object.
 
     Attributes:
         index: of the object among the placements.
         start: its placement at time 0.
         positions: (RATE·n + 1, 3) the model's origin, `RATE` times a second.
-        yaws: (RATE·n + 1,) radians, without jumps.
+        yaws: (RATE·n + 1,) radians, unwrapped.
     """
 
     index: int
@@ -64,7 +64,7 @@ class Motion:
     yaws: Array
 
     def at(self, seconds: float) -> Placement:
-        """Where it is after ``seconds``, at most n."""
+        """Its placement after ``seconds``, at most n."""
         time = np.arange(len(self.yaws)) / RATE
         if not 0.0 <= seconds <= time[-1]:
             raise Avs3dError(f"motion of {self.start.model.category}: no time {seconds} s in 0 to {time[-1]:g} s")
@@ -72,8 +72,11 @@ class Motion:
         return replace(self.start, position=(x, y, z), yaw=float(np.interp(seconds, time, self.yaws)))
 
     def occluded(self, where: Placement, origins: Array, ways: Array, distance: ArrayLike) -> NDArray[np.bool_]:
-        """(N,) whether the object, were it ``where``, cuts rays nearer than ``distance`` lengths of ``ways`` (N, 3)."""
-        # It is looked at in its own frame, where it never moves.
+        """(N,) whether the object, placed at ``where``, blocks each ray.
+
+        A ray with direction ``ways`` (N, 3) is blocked by a hit nearer than ``distance`` direction lengths.
+        """
+        # The rays are moved to the object's own frame, so that its ray caster is built only once.
         turn = yaw_matrix(where.yaw)
         return self._caster.occluded((origins - np.asarray(where.position)) @ turn, ways @ turn, distance)
 
@@ -95,7 +98,7 @@ class Motion:
 
     @cached_property
     def seconds(self) -> tuple[Placement, ...]:
-        """(n + 1) where it is at every full second, the end of the last one included."""
+        """(n + 1) its placements at every full second, with the end of the last one."""
         return tuple(self.at(float(second)) for second in range((len(self.yaws) - 1) // RATE + 1))
 
     @property
@@ -105,7 +108,7 @@ class Motion:
 
 
 def movable(model: Model) -> Model:
-    """``model`` as one that moves stands: on something, where it might hang on a wall as well."""
+    """``model`` with a mount on which it can move: one that could also hang on a wall stands instead."""
     return replace(model, mount="surface") if model.mount == "wall_or_surface" else model
 
 
@@ -114,20 +117,20 @@ def plan_motion(site: Site, placements: Sequence[Placement], index: int, *, seco
 
     Args:
         site: the room without the placed objects.
-        placements: what was placed. A floor path begins as near to the object's place as it can.
-        index: of the one that moves.
+        placements: the placed objects. A floor path begins as near to the object's place as possible.
+        index: of the object that moves.
         seconds: duration.
         rng: the only source of randomness.
 
     Raises:
-        Avs3dError: one line, if it hangs on a wall or there is no room to move.
+        Avs3dError: one line, if the object hangs on a wall or has no room to move.
     """
     source = placements[index]
     others = [placement.box.grown(ELBOW_ROOM) for number, placement in enumerate(placements) if number != index]
     kind = source.support.kind
     if kind == "wall":
         raise Avs3dError(
-            f"{site.name}: source_motion: path needs something that stands; this {source.model.category} "
+            f"{site.name}: source_motion: path needs an object that does not hang; this {source.model.category} "
             f"({source.model.name}) hangs on the wall: choose another category or variant, or source_motion: static"
         )
     if kind == "floor":
@@ -152,7 +155,7 @@ def _over_floor(
     space = space.without([box.footprint for box in others]).largest()
     failed = Avs3dError(
         f"{site.name}: no room for the {source.model.category} ({source.model.name}) to move: a disc of "
-        f"{2 * radius:.2f} m finds {space.area:.2f} m² of free floor, expected {LEAST_AREA:g} m² in one piece; choose "
+        f"{2 * radius:.2f} m fits on {space.area:.2f} m² of floor, expected {LEAST_AREA:g} m² in one piece; choose "
         "a larger room, fewer objects or a smaller model"
     )
     if space.area < LEAST_AREA:
@@ -170,7 +173,7 @@ def _over_floor(
 
 
 def _views(site: Site, space: FreeSpace, height: float) -> Array:
-    """(N,) share of the room's free floor that sees something ``height`` metres above each of the space's points."""
+    """(N,) share of the room's free floor that has a free line to ``height`` metres above each point of the space."""
     eyes = site.space.largest().points
     eyes = np.insert(eyes[:: max(1, len(eyes) // 40)], 1, site.space.floor + SENSOR_HEIGHT, axis=1)
     targets = np.insert(space.points, 1, site.space.floor + height, axis=1)
@@ -181,7 +184,7 @@ def _views(site: Site, space: FreeSpace, height: float) -> Array:
 
 
 def _tour(space: FreeSpace, views: Array, source: Placement, seconds: int, rng: Generator) -> tuple[Array, Array]:
-    """Positions (RATE·seconds + 1, 2) and yaws of a round trip through the free floor, in sight more than out of it."""
+    """Positions (RATE·seconds + 1, 2) and yaws of a round trip over the free floor, mostly in sight."""
     pool = space.points
     speed = rng.uniform(*FLOOR_SPEED)
     start = space.nearest(np.asarray(source.position)[[0, 2]])
@@ -207,17 +210,17 @@ def _tour(space: FreeSpace, views: Array, source: Placement, seconds: int, rng: 
 
 
 def _timed(line: Array, speed: float) -> tuple[Array, Array]:
-    """Yaw (M,) along a polyline, front first, and the time (M,) at which each of its points is reached."""
+    """Yaw (M,) of a forward motion along a polyline, and the time (M,) at which each of its points is reached."""
     middle = np.diff(line, axis=0)
     angles = np.unwrap(np.arctan2(middle[:, 0], middle[:, 1]))
-    # A corner of the polyline is taken over the ten centimetres round it.
+    # The turn at a corner of the polyline is spread over ten centimetres.
     angles = ndimage.gaussian_filter1d(np.concatenate([angles[:1], (angles[1:] + angles[:-1]) / 2, angles[-1:]]), 3.0)
     length, turn = np.linalg.norm(middle, axis=1), np.abs(np.diff(angles))
     return angles, np.concatenate([[0.0], np.cumsum(np.maximum(length / speed, turn / math.radians(TURN_RATE)))])
 
 
 def _heights(site: Site, source: Placement, plan: Array, yaws: Array) -> Array | None:
-    """(K,) height of the model's origin in contact with the highest point under its footprint; None off the floor."""
+    """(K,) height of the model's origin above the highest point under its footprint; None if not on the floor."""
     mesh = source.model.mesh
     grid = Contact.below(mesh).grid(9)
     sin, cos = np.sin(yaws)[:, None], np.cos(yaws)[:, None]
@@ -229,7 +232,7 @@ def _heights(site: Site, source: Placement, plan: Array, yaws: Array) -> Array |
     above = (start - np.minimum(distance.astype(np.float64), 1e3)).reshape(x.shape).max(axis=1)
     if np.abs(above).max() > start / 2:
         return None
-    # Up before a rug's edge and down behind it, never into it.
+    # The object rises before the edge of a rug and sinks after it, so that it never enters the rug.
     above = ndimage.uniform_filter1d(ndimage.maximum_filter1d(above, 3), 3)
     return np.asarray(site.space.floor + above + CONTACT - float(mesh.bounds[0, 1]))
 
@@ -249,7 +252,7 @@ def _along_top(
         origins = start + (sign * _STEP * steps)[:, None] * along
         kept, settled = standing(site, mesh, origins, np.full(len(origins), yaw))
         reach = 0
-        # As far as it goes without a gap: each step stands level, at the same height, and free.
+        # The largest range without a gap in which each sample is level, at the same height, and free.
         for step, origin in zip(kept, settled, strict=True):
             box = UprightBox.around(mesh, origin, yaw)
             if step != reach or abs(origin[1] - start[1]) > _LEVEL:
@@ -266,7 +269,7 @@ def _along_top(
             "smaller model"
         )
     time = np.arange(RATE * seconds + 1) / RATE
-    # A pendulum's way, which is smooth at its turning points; it begins where the object was placed.
+    # A harmonic oscillation, which is smooth at its turning points; it begins at the object's place.
     half, middle = (high - low) / 2, (high + low) / 2
     omega = rng.uniform(*TOP_SPEED) / half
     phase = math.asin(min(1.0, max(-1.0, -middle / half)))
@@ -277,7 +280,7 @@ def _along_top(
 
 
 def _is_clear(site: Site, mesh: Mesh, positions: Array, yaws: Array, others: Sequence[UprightBox]) -> bool:
-    """Whether nothing is touched at any sample but what it goes over."""
+    """Whether the object touches nothing at any sample, except things low enough to move over."""
     for position, yaw in zip(positions, yaws, strict=True):
         box = UprightBox.around(mesh, position, float(yaw))
         above = UprightBox(box.centre + (0, OVER / 2, 0), box.half - (0, OVER / 2, 0), box.yaw)

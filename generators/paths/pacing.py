@@ -1,4 +1,4 @@
-"""When to be where along a given path, so that something that moves is never met.
+"""Progress along a given path that never collides with a moving object.
 
 The path is given; only the progress along it is chosen (path-velocity decomposition: K. Kant, S. W. Zucker, "Toward
 Efficient Trajectory Planning: The Path-Velocity Decomposition", IJRR 5(3), 1986), here exactly, by dynamic programming
@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: What going back, and standing still, cost more than going on at another speed.
+#: Extra cost of a step backwards, and of standing still, compared with a step forwards of another length.
 _BACK, _STILL = 2.0, 1.0
 
 
 def pace(
     free: NDArray[np.bool_], wanted: Array, spacing: float, *, most: float, back: float
 ) -> NDArray[np.int64] | None:
-    """Progress along a path, one step per second, that stays where it is free.
+    """Find progress along a path, one step per second, on free points only.
 
     Args:
         free: (2n − 1, M) whether point m of the path may be occupied at half second k.
@@ -29,11 +29,11 @@ def pace(
         back: longest step backwards, metres.
 
     Returns:
-        (n,) indices of the path's points; None where there is no way.
+        (n,) indices of the path's points; None if there is no solution.
     """
     points = free.shape[1]
     steps = range(-round(back / spacing), round(most / spacing) + 1)
-    # The walk begins in the first quarter, wherever nothing stands.
+    # The walk may begin at any free point of the first quarter.
     cost = np.where(free[0] & (np.arange(points) <= max(points // 4, 1)), 0.0, np.inf)
     came: list[NDArray[np.int64]] = []
     for frame, want in enumerate(wanted):

@@ -1,4 +1,4 @@
-"""What stands where at each second of an observation, and how it is lit: all still, or with the sounding one moving."""
+"""The lit scene at each second of an observation: all objects still, or the sounding one moving."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from generators.vision.base import Frame, VisionBackend, VisionSession
 
 Array = NDArray[np.float64]
 
-#: An observation draws at most so many frames at the same time: its sound, which one process computes, then takes as
-#: long as they do.
+#: Largest number of frames that an observation renders at the same time. With more, its sound, which one process
+#: computes, would take longer than its frames.
 MOST_THREADS = 4
-#: Frames in flight per thread: enough that no thread waits for the one that consumes them, few enough for the memory.
+#: Frames in flight per thread: enough to keep all threads busy, few enough for the memory.
 _AHEAD = 2
 
 
@@ -34,14 +34,14 @@ class Stage:
     Args:
         home: lit, without the objects.
         placements: the objects, at time 0; instance ids count from 1.
-        sounding_id: instance id of the sounding one. Nothing that is seen depends on it.
+        sounding_id: instance id of the sounding one. Nothing visible depends on it.
         motion: of the sounding one, if it moves.
 
     Attributes:
         placements: the objects at time 0.
         sounding_id: instance id of the sounding one.
         moves: whether it moves.
-        caster: rays against everything that stands still (all there is, where nothing moves).
+        caster: ray caster of all parts that do not move.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class Stage:
         return MovingLight(self._still, motion.seconds[0].model.mesh, [placed.box for placed in motion.seconds])
 
     def source(self, second: int) -> Placement:
-        """Where the sounding object is at the beginning of a second."""
+        """The placement of the sounding object at the beginning of a second."""
         return self.placements[self.sounding_id - 1] if self._motion is None else self._motion.seconds[second]
 
     def scene(self, second: int) -> Scene:
@@ -73,7 +73,10 @@ class Stage:
         return self._known[1]
 
     def hidden(self, second: int, origins: Array, directions: Array, distance: Array) -> NDArray[np.bool_]:
-        """(N,) whether rays from origins (N, 3) along directions (N, 3) meet anything within distances (N,) then."""
+        """(N,) whether rays hit anything at the beginning of a second.
+
+        Origins and directions are (N, 3); only hits nearer than the distances (N,) count.
+        """
         found = self.caster.occluded(origins, directions, distance)
         if self._motion is not None:
             found |= self._motion.occluded(self.source(second), origins, directions, distance)
@@ -81,7 +84,7 @@ class Stage:
 
 
 class Camera:
-    """A renderer's view of a stage; it opens the scene anew when it changes."""
+    """Renders a stage; it opens the scene again whenever the scene changes."""
 
     def __init__(self, backend: VisionBackend, stage: Stage, intrinsics: Intrinsics) -> None:
         self._backend, self._stage, self._intrinsics = backend, stage, intrinsics
@@ -89,7 +92,7 @@ class Camera:
         self._session: VisionSession | None = None
 
     def render(self, second: int, pose: Pose) -> Frame:
-        """What is seen from ``pose`` at the beginning of a second."""
+        """Render the frame from ``pose`` at the beginning of a second."""
         return self._open(second).render(pose)
 
     def _open(self, second: int) -> VisionSession:
@@ -106,9 +109,10 @@ class Camera:
 
         Args:
             poses: of the camera at the beginning of each second.
-            then: work on a frame, done in the thread that has drawn it.
-            cores: how many frames may be drawn at the same time, asked before each; more than `MOST_THREADS` never
-                are, nor where the renderer cannot or something moves. The frames are the same.
+            then: called on each frame in the thread that has rendered it.
+            cores: how many frames may be rendered at the same time, called before each frame. There are never more
+                than `MOST_THREADS`, and only one if the renderer needs it or an object moves. The frames do not depend
+                on it.
         """
         sessions: SimpleQueue[VisionSession] = SimpleQueue()
         shared, begun = 0, 0
@@ -145,7 +149,7 @@ class Camera:
                     waiting.cancel()
 
     def close(self) -> None:
-        """Free what the renderer holds."""
+        """Free the renderer's resources."""
         if self._session is not None:
             self._session.close()
         self._session = self._scene = None

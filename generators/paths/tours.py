@@ -1,6 +1,6 @@
-"""Tracks over the floor: a tour of waypoints past all candidates, smoothed within free space and resampled in time.
+"""Tracks over the floor: tours of waypoints past all candidates, smoothed within free space and resampled in time.
 
-Candidates are the placed objects, any of which may be the one that sounds: a tour gives all of them equal rights.
+Candidates are the placed objects, any of which may be the one that sounds: a tour treats all of them alike.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from generators.paths.watcher import Watcher
 
 Array = NDArray[np.float64]
 
-#: The sensor keeps this distance from placed objects, horizontally, metres.
+#: Least horizontal distance of the sensor from placed objects (m).
 OBJECT_DISTANCE = 0.35
-#: An object is best seen from beyond this distance, metres (horizontal), and from within its watcher's `far`.
+#: Least horizontal distance (m) of a good view of an object; the largest is its watcher's `far`.
 NEAR = 0.8
-#: Steps shorter than this are avoided: the views would hardly differ, metres.
+#: Least wanted length of a step (m): with shorter steps the views hardly differ.
 _LEAST_STEP = 0.02
-#: Places among which waypoints are chosen, and options for each waypoint.
+#: Number of places from which waypoints are chosen, and of options for each waypoint.
 _PLACES, _OPTIONS = 400, 16
-#: Spacing of the places between which a walk past a moving object chooses, and its longest step backwards, metres.
+#: For a walk past a moving object: spacing of the points at which it may be, and its longest step backwards (m).
 _PACE, _BACK = 0.01, 0.15
-#: Added to the distance from a moving object, for what both do between two looks, metres.
+#: Added to the distance from a moving object (m), because both move between two checks.
 _SLACK = 0.05
-#: Moments per second at which the distance from a moving object is looked at.
+#: Checks per second of the distance from a moving object.
 LOOKS = 8
 
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """How well places (N,) suit a walk past one candidate, in one phase: whether they see it, its bearing, and both."""
+    """Suitability of places (N,) for a walk past a candidate, in one phase: visibility, bearing, and both combined."""
 
     sees: NDArray[np.bool_]
     bearing: Array
@@ -68,12 +68,12 @@ class Tours:
         self._space, self._frames, self._motion = space, frames, motion
         self._pool = space.points[:: max(1, len(space.points) // _PLACES)]
         self._views = [[_View.of(self._pool, w, phase) for phase in range(w.phases)] for w in watchers]
-        # Small rooms are walked slowly, few frames in longer steps.
+        # Walks in small rooms are slow; walks of few frames have longer steps.
         pace_ = float(np.clip(0.05 + 0.03 * space.area, 0.06, 0.18)) * (1.0 if frames >= 40 else 1.6)
         self._length = min(pace_, 0.3) * (frames - 1)
 
     def draw(self, rng: Generator) -> Array | None:
-        """(frames, 2) positions along a smooth walk past all candidates; None if it runs into one that moves."""
+        """(frames, 2) positions along a smooth walk past all candidates; None if it would hit a moving one."""
         line = self._waypoints(rng)
         path = smooth(self._space, np.concatenate(self._space.paths(line)) if len(line) > 1 else line)
         if self._motion is None:
@@ -81,7 +81,7 @@ class Tours:
         return _past(self._space, path, self._length, self._frames, self._motion, rng)
 
     def _waypoints(self, rng: Generator) -> Array:
-        """(M, 2) places to walk to; each is chosen for the candidate that has been seen from the fewest so far."""
+        """(M, 2) waypoints; each is chosen for the candidate that is seen from the fewest waypoints so far."""
         pool, wanted = self._pool, 1.15 * self._length + 0.5
         seen = np.zeros(len(self._views))
         focus = int(rng.integers(len(seen)))
@@ -107,14 +107,14 @@ class Tours:
 
 
 def track_penalty(sights: Sequence[Sight], watchers: Sequence[Watcher]) -> float:
-    """Penalty of a track, whatever the gaze: few or one-sided views, too near or too far, hardly any movement."""
+    """Penalty of a track for any gaze: few or one-sided views, too near or too far, too little movement."""
     ground = sights[0].eyes[:, [0, 2]]
     each = []
     for sight, watcher in zip(sights, watchers, strict=True):
         distance = horizontal_distance(sight)
         seen = float(sight.visible.mean())
         inside = float(((distance >= NEAR) & (distance <= watcher.far)).mean())
-        # The time near the candidates is shared between them.
+        # All candidates should get the same time near them.
         far = max(0.0, 1.0 / len(sights) - inside)
         one_sided = max(0.0, 1.0 - spread_degrees(sight) / 100)
         each.append(3 * max(0.0, 0.4 + 0.3 / len(sights) - seen) + 1.5 * far + 1.5 * one_sided)
@@ -125,12 +125,12 @@ def track_penalty(sights: Sequence[Sight], watchers: Sequence[Watcher]) -> float
 
 
 def horizontal_distance(sight: Sight) -> Array:
-    """(n,) from each position to where the candidate's sound would come from, metres."""
+    """(n,) distance from each position to the position of the candidate's sound source, metres."""
     return np.asarray(np.linalg.norm(sight.eyes[:, [0, 2]] - sight.source[..., [0, 2]], axis=1))
 
 
 def spread_degrees(sight: Sight) -> float:
-    """Width of the smallest arc round a candidate that holds all positions from which it is in sight, degrees."""
+    """Width (degrees) of the smallest arc around a candidate with all positions from which it is in sight."""
     seen = sight.visible
     if seen.sum() < 2:
         return 0.0
@@ -139,9 +139,9 @@ def spread_degrees(sight: Sight) -> float:
 
 
 def distances(track: Array, motion: Motion) -> Array:
-    """(8·(n − 1) + 1,) metres between a walk (n, 2), one place per second, and a moving object, 8 times a second.
+    """(8·(n − 1) + 1,) distances (m) between a walk (n, 2), one position per second, and a moving object, 8 per second.
 
-    Both go straight between the places they are known at; the distance is horizontal, to the footprint.
+    Both positions are interpolated linearly; the distance is horizontal and measured to the footprint.
     """
     seconds = np.arange(LOOKS * (len(track) - 1) + 1) / LOOKS
     walked = np.stack([np.interp(seconds, np.arange(len(track)), track[:, k]) for k in range(2)], axis=1)
@@ -156,7 +156,7 @@ def distances(track: Array, motion: Motion) -> Array:
 def best_piece(space: FreeSpace, watchers: Sequence[Watcher], least: float) -> FreeSpace | None:
     """The connected piece of floor, of at least ``least`` m², with the most views of all candidates.
 
-    Where no piece sees every candidate, it is the one with the most views of any, then the largest.
+    If no piece has a view of every candidate, it is the one with the most views of any, then the largest.
     """
     best, best_score = None, -1.0
     for label in range(1, min(int(space.labels.max()), 6) + 1):
@@ -172,7 +172,7 @@ def best_piece(space: FreeSpace, watchers: Sequence[Watcher], least: float) -> F
 
 
 def _speeds(frames: int, rng: Generator) -> Array:
-    """(frames − 1,) a slowly varying speed with a mean near 1."""
+    """(frames − 1,) a slowly varying relative speed with a mean near 1."""
     phase, waves = rng.uniform(0, 2 * np.pi), rng.uniform(1, 4)
     t = np.linspace(0.0, 1.0, frames)
     return np.asarray(1.0 + 0.3 * np.sin(2 * np.pi * waves * (t[1:] + t[:-1]) / 2 + phase))
@@ -188,7 +188,7 @@ def _in_time(space: FreeSpace, path: Array, length: float, frames: int, rng: Gen
 
 
 def _into(space: FreeSpace, path: Array, out: Array) -> Array:
-    """``out`` (n, 2) with what a chord of the polyline takes into an obstacle moved back onto ``path``."""
+    """``out`` (n, 2) with each point that a chord of the polyline moved into an obstacle put back onto ``path``."""
     for index in np.flatnonzero(~space.contains(out)):
         near = path[space.contains(path)]
         out[index] = near[int(np.argmin(((near - out[index]) ** 2).sum(axis=1)))]
@@ -196,7 +196,7 @@ def _into(space: FreeSpace, path: Array, out: Array) -> Array:
 
 
 def _past(space: FreeSpace, path: Array, length: float, frames: int, motion: Motion, rng: Generator) -> Array | None:
-    """(frames, 2) positions along ``path``, waiting for an object that moves; None where it cannot be let past."""
+    """(frames, 2) positions along ``path`` that wait for a moving object; None if it cannot be avoided."""
     places = _into(space, path, resample(path, _PACE))
     spacing = float(arc_length(places)[-1]) / max(len(places) - 1, 1)
     wanted = _speeds(frames, rng) * length / max(frames - 1, 1)

@@ -1,9 +1,9 @@
 """The agent's walk: through free space, past both sides of every candidate, looking at each and away from it.
 
-A candidate is any placed object. Which one sounds is not known here, and is drawn independently later: nothing of a
-walk can tell it. A walk is drawn as a tour of waypoints round the candidates (generators/paths/tours.py); then a gaze
-is planned along it (generators/paths/gaze.py). Several tours with many gazes each are drawn, and the best by a
-penalty that is symmetric in the candidates is kept.
+A candidate is any placed object. The sounding one is drawn later and independently, so a walk cannot reveal it. A walk
+is drawn as a tour of waypoints around the candidates (generators/paths/tours.py); then a gaze is planned along it
+(generators/paths/gaze.py). Several tours with many gazes each are drawn, and the one with the smallest penalty is
+kept; the penalty is symmetric in the candidates.
 """
 
 from __future__ import annotations
@@ -33,28 +33,30 @@ Array = NDArray[np.float64]
 
 #: Maximum step length (m) and turn (degrees) between frames.
 MOST_STEP, MOST_TURN = 0.5, 30.0
-#: Tours that are judged, and gazes that are drawn along each.
+#: Number of tours that are evaluated, and of gazes that are drawn along each.
 _TOURS, _GAZES = 8, 48
-#: Tours drawn at most where some of them run into an object that moves.
+#: Largest number of tours that are drawn if some of them hit a moving object.
 _TRIES = 5 * _TOURS
-#: Free floor below which nobody can walk, m².
+#: Least area of free floor for a walk (m²).
 _LEAST_AREA = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class WalkTask:
-    """A room to walk through, and what to look at there.
+    """A room to walk through, and the objects to look at.
 
     Attributes:
         site: the room, measured without the placed objects.
-        placements: what was placed in it.
+        placements: the placed objects.
         frames: number of poses.
         height: of the sensor above the floor, metres.
         hfov: field of view of the (square) camera, degrees.
         motion: of the object that moves, if one does; it lasts ``frames`` seconds.
-        navigable: what a renderer's own navigation mesh says of points on the floor; the walk keeps to both.
-        watched: indices of the placements that the walk is planned for; None: all of them. Anything else tells
-            something about them: it is for experiments on that (benchmarks/leaks.py), and no generator uses it.
+        navigable: tells which points on the floor a renderer's own navigation mesh contains; the walk stays within
+            both this mesh and the measured free space.
+        watched: indices of the placements for which the walk is planned; None: all of them. Any other value lets the
+            walk reveal something about these placements: it is for experiments on such leaks (benchmarks/leaks.py),
+            and no generator uses it.
     """
 
     site: Site
@@ -69,12 +71,12 @@ class WalkTask:
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """Poses and what they amount to.
+    """Poses, and measurements of them.
 
     Attributes:
         poses: of the agent, one per frame.
-        report: what the poses show of each placed object.
-        notes: constraints that were relaxed, of the placements and of the walk.
+        report: visibility of each placed object along the poses.
+        notes: relaxed constraints of the placements and of the walk.
     """
 
     poses: tuple[Pose, ...]
@@ -83,7 +85,7 @@ class Walk:
 
 
 def plan_walk(task: WalkTask, rng: Generator) -> Walk:
-    """Walk through a room past all placed objects, none of which is preferred.
+    """Plan a walk through a room past all placed objects, none of which is preferred.
 
     Args:
         task: the room and the objects.
@@ -128,13 +130,13 @@ def plan_walk(task: WalkTask, rng: Generator) -> Walk:
 
 
 def _floor(task: WalkTask) -> tuple[FreeSpace, RayCaster]:
-    """Where the agent may walk, and rays against the room and everything that stands in it."""
+    """The floor on which the agent may walk, and a ray caster of the room with all objects that do not move."""
     site, motion = task.site, task.motion
     standing = [p for index, p in enumerate(task.placements) if motion is None or index != motion.index]
     triangles = np.concatenate([site.triangles, *(p.mesh.positions for p in standing)])
     caster = RayCaster(triangles)
     space = FreeSpace.of(site.scene, site.room.name, triangles=triangles, caster=caster, height=task.height)
-    # A pose may be anywhere in a cell whose centre is walkable: half a diagonal more.
+    # A pose may be anywhere in a cell whose centre is walkable: add half a diagonal.
     space = space.without([p.box.footprint for p in standing], OBJECT_DISTANCE + CELL * math.sqrt(0.5))
     return space if task.navigable is None else space.within(task.navigable), caster
 
@@ -142,7 +144,7 @@ def _floor(task: WalkTask) -> tuple[FreeSpace, RayCaster]:
 def _search(
     tours: Tours, chosen: Sequence[Watcher], rng: Generator, *, moving: bool
 ) -> tuple[Array, Array, Array] | None:
-    """The eyes (n, 3), yaw and pitch (n,) of the best of many walks; None if all run into what moves."""
+    """The eyes (n, 3), yaw and pitch (n,) of the best of many walks; None if all hit the moving object."""
     best: tuple[float, Array, Array, Array] | None = None
     found = 0
     for _ in range(_TRIES if moving else _TOURS):
@@ -162,10 +164,11 @@ def _search(
 
 
 def check_poses(poses: Sequence[Pose], space: FreeSpace, name: str) -> None:
-    """Hold poses to the hard rules.
+    """Check poses against the hard constraints.
 
     Raises:
-        Avs3dError: naming the first pose outside free space, too far or too much turned from the one before, or twice.
+        Avs3dError: naming the first pose that is outside free space, too far or turned too much from the one before,
+            or a repetition.
     """
     positions = np.array([pose.position for pose in poses])
     for index, inside in enumerate(space.contains(positions[:, [0, 2]])):
@@ -188,10 +191,10 @@ def check_poses(poses: Sequence[Pose], space: FreeSpace, name: str) -> None:
 
 
 def check_distance(poses: Sequence[Pose], motion: Motion, name: str) -> None:
-    """Hold poses, one per second, to their distance from an object that moves, at every time.
+    """Check the distance of poses, one per second, from a moving object at all times.
 
     Raises:
-        Avs3dError: naming the first moment at which it is not kept.
+        Avs3dError: naming the first time at which the distance is too small.
     """
     distance = distances(np.array([pose.position for pose in poses])[:, [0, 2]], motion)
     near = np.flatnonzero(distance < OBJECT_DISTANCE)

@@ -1,4 +1,4 @@
-"""What a walk turned out to be, for each candidate, and the notes on constraints that were relaxed."""
+"""Measurements of a finished walk for each candidate, and the notes on relaxed constraints."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class CandidateReport:
-    """What a walk shows of one candidate.
+    """Views of one candidate along a walk.
 
     Attributes:
-        look_share: share of frames that look at it (in line of sight, its middle inside the image).
-        view_share: share of frames with something of it in the image.
-        left_share, right_share: shares of frames with it at least 20° to the left, to the right.
-        filled_tests, empty_tests: test frames (index % 8 == 0) with and without it in the image.
+        look_share: share of frames in which it is looked at (in line of sight, its middle inside the image).
+        view_share: share of frames with any part of it in the image.
+        left_share, right_share: shares of frames in which it is at least 20° to the left, or to the right.
+        filled_tests, empty_tests: numbers of test frames (index % 8 == 0) with and without it in the image.
         distance: mean horizontal distance to it, metres.
-        spread: angle over which the viewing positions spread, seen from it, degrees.
+        spread: angular width of the viewing positions, seen from the candidate, degrees.
     """
 
     look_share: float
@@ -58,12 +58,12 @@ class CandidateReport:
 
 @dataclass(frozen=True)
 class WalkReport:
-    """What a walk turned out to be.
+    """Measurements of a finished walk.
 
     Attributes:
-        candidates: one per placed object, in their order.
-        clearance: least horizontal distance to anything within the agent's height, metres (a lower bound).
-        length: metres walked.
+        candidates: one report per placed object, in their order.
+        clearance: lower bound of the horizontal distance to anything within the agent's height, metres.
+        length: length of the walk, metres.
     """
 
     candidates: tuple[CandidateReport, ...]
@@ -82,7 +82,7 @@ class WalkReport:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """The soft constraints that are not met, one line each; no line tells which object it is about."""
+        """The soft constraints that are not met, one line each; no line identifies an object."""
         low, high = gaze.VIEW_ALLOWED
         least, most = min(c.view_share for c in self.candidates), max(c.view_share for c in self.candidates)
         out = []

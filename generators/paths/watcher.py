@@ -1,4 +1,4 @@
-"""Lines of sight from floor positions to the candidates (all placed objects), which may stand or move."""
+"""Lines of sight from floor positions to the candidates (all placed objects), which may be still or moving."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from generators.placement.placement import Placement
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-#: Samples of an object's surface.
+#: Number of samples on an object's surface.
 _SAMPLES = 64
-#: The walk stays within this range of a large object, metres.
+#: Largest distance of the walk from a large object (m).
 FAR = 3.0
 
 
@@ -46,31 +46,31 @@ def watchers(
 
 
 class Watcher(Protocol):
-    """What a walk needs to know of one candidate.
+    """Visibility of one candidate, for the planning of a walk.
 
     Attributes:
-        far: how far the walk goes from it, metres.
-        phases: stretches of the walk, of equal length, in each of which it is taken to be in one place.
+        far: largest distance of the walk from it, metres.
+        phases: number of equally long parts of the walk, in each of which its place is taken as constant.
     """
 
     far: float
     phases: int
 
     def sees(self, track: Array, phase: int = 0) -> Bools:
-        """(n,) whether enough of it is in sight from positions (n, 2) in a phase."""
+        """(n,) whether enough of the candidate is in sight from positions (n, 2) in a phase."""
         ...
 
     def ground(self, phase: int = 0) -> Array:
-        """(2,) x and z of the place where its sound would come from in a phase."""
+        """(2,) x and z of its sound source in a phase."""
         ...
 
     def sight(self, track: Array) -> Sight:
-        """What can be seen of it along a walk (n, 2), one position per frame."""
+        """Its visibility along a walk (n, 2), one position per frame."""
         ...
 
 
 class StillWatcher:
-    """Looks at an object that stands.
+    """Watcher of an object that does not move.
 
     Args:
         caster: rays against the room and all objects in it.
@@ -89,7 +89,7 @@ class StillWatcher:
         self.far = far(source)
 
     def clear(self, track: Array) -> Bools:
-        """(n, S) free lines from positions (n, 2) to the samples."""
+        """(n, S) whether the line from each position (n, 2) to each sample is free."""
         starts = np.repeat(np.insert(track, 1, self.eye, axis=1), len(self.points), axis=0)
         ends = np.tile(self.points, (len(track), 1))
         return ~self.caster.occluded(starts, ends - starts, 0.999).reshape(len(track), -1)
@@ -109,10 +109,10 @@ class StillWatcher:
 
 
 class MovingWatcher:
-    """Looks at an object that moves.
+    """Watcher of a moving object.
 
     Args:
-        caster: rays against the room and the objects that stand.
+        caster: rays against the room and the objects that do not move.
         motion: of the object.
         frames: one per second.
         eye: height of the sensor, world.
@@ -131,7 +131,11 @@ class MovingWatcher:
         return self._sources[min(int((phase + 0.5) / self.phases * len(self._sources)), len(self._sources) - 1)]
 
     def _clear(self, eyes: Array, source: Placement) -> tuple[Bools, Array]:
-        """(n, S) free lines from ``eyes`` (n, 3) to the samples of the object at ``source``, and (S, 3) those."""
+        """The samples (S, 3) of the object at ``source``, and whether each is in free sight from ``eyes`` (n, 3).
+
+        Returns:
+            (n, S) bool, and the samples (S, 3).
+        """
         points = self._points @ yaw_matrix(source.yaw).T + np.asarray(source.position)
         starts, ends = np.repeat(eyes, len(points), axis=0), np.tile(points, (len(eyes), 1))
         hidden = self.caster.occluded(starts, ends - starts, 0.999)
@@ -162,15 +166,15 @@ class MovingWatcher:
 
 
 def far(source: Placement) -> float:
-    """How far the walk goes from an object: a telephone fills as much of the image as the contract's 3 m allow."""
+    """Largest distance of the walk from an object: smaller for small objects, so that they fill enough of the image."""
     diagonal = float(2 * np.linalg.norm(source.box.half))
     return float(np.clip(1.0 + 1.8 * diagonal, 1.4, FAR))
 
 
 def outer_samples(mesh: Mesh, count: int, off: float = 0.01) -> Array:
-    """(≤ count, 3) points spread over what can be seen of ``mesh`` from outside, ``off`` metres off the surface.
+    """(≤ count, 3) points on the surface of ``mesh`` that is visible from outside, moved out by ``off`` metres.
 
-    Inner surfaces (a drum behind its glass, the back of a panel) are those where a ray along the normal is caught.
+    Inner surfaces (a drum behind its glass, the back of a panel) are those where a ray along the normal hits the mesh.
     """
     triangles = mesh.positions.astype(np.float64)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -185,7 +189,7 @@ def outer_samples(mesh: Mesh, count: int, off: float = 0.01) -> Array:
 
 
 def line_of_sight(caster: RayCaster, pose: Pose, source: Placement) -> bool:
-    """Whether nothing but the object itself stands between the sensor and where its sound comes from.
+    """Whether nothing except the object itself is between the sensor and the object's sound source.
 
     Args:
         caster: rays against the scene with the placed objects.

@@ -1,1 +1,1 @@
-"""Where objects stand in a room."""
+"""Placement of objects in a room."""

@@ -1,4 +1,4 @@
-"""Whether an object fits where it would stand: clear of everything, out of the way, in sight of the walking agent."""
+"""Tests of whether an object fits at a place: no collision, no blocked passage, visible to the walking agent."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ from generators.placement.site import Site
 
 Array = NDArray[np.float64]
 
-#: A triangle may reach this far into an object's box: contact is not collision.
+#: Depth (m) to which a triangle may reach into an object's box: contact is not collision.
 SKIN = 0.002
-#: … and, in a scan, this many standard deviations of its surface further.
+#: In a scan, this many standard deviations of its surface are added to that depth.
 ROUGH_SKIN = 3.5
-#: Objects keep this distance from one another, metres.
+#: Least distance between objects (m).
 ELBOW_ROOM = 0.03
-#: Nothing stands nearer to a doorway, metres.
+#: Least distance of an object from a doorway (m).
 DOOR_ZONE = 0.6
-#: The largest connected free floor that must remain: this share of what was there, or this many m².
+#: Size that the largest connected free floor must keep: a share of its size before, or an area (m²).
 KEEP_SHARE, KEEP_AREA = 0.8, 1.2
-#: An object counts as visible from a place 0.7–3 m away that sees half of its front; this floor area must, m².
+#: Least floor area (m²) of the places, 0.7–3 m away, from which half of an object's front is in sight.
 VIEW_NEAR, VIEW_FAR, VIEW_AREA = 0.7, 3.0, 0.30
-#: … and these places must spread over this angle as seen from the object, degrees.
+#: Least angular width of these places as seen from the object (degrees).
 VIEW_SPREAD = 35.0
-#: Places from which an object is looked at, at most.
+#: Largest number of places from which the visibility of an object is tested.
 _EYES = 80
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """An object where it would stand: its box, (S, 3) points spread over its front, and its yaw."""
+    """An object at a possible place: its box, (S, 3) points spread over its front, and its yaw."""
 
     box: UprightBox
     fronts: Array
@@ -55,14 +55,14 @@ class Body:
 
 
 class Fitting:
-    """The tests of one room. Reasons of refusal are predicates in the plural, for error messages that count them."""
+    """The tests of one room. A reason of refusal is a verb phrase in the plural, because error messages count them."""
 
     def __init__(self, site: Site) -> None:
         self.site = site
         self._before = site.space.largest()
 
     def fault_alone(self, body: Body, *, on_floor: bool) -> str:
-        """Why an object does not fit, were it the only one; "" if it does."""
+        """The reason why an object does not fit even without the others; "" if it fits."""
         if self.site.collides(body.box.grown(-SKIN - ROUGH_SKIN * self.site.noise)):
             return "collide with the room"
         if on_floor:
@@ -72,14 +72,14 @@ class Fitting:
         return self.fault_together([body])
 
     def fault_together(self, bodies: Sequence[Body]) -> str:
-        """Why objects that fit alone do not fit together; "" if they do."""
+        """The reason why objects that fit separately do not fit together; "" if they fit."""
         for index, one in enumerate(bodies):
             if any(one.box.grown(ELBOW_ROOM).hits_box(other.box) for other in bodies[:index]):
                 return "touch another object"
         left = self.site.space.without([body.box.footprint for body in bodies]).largest()
         if left.area < min(KEEP_SHARE * self._before.area, KEEP_AREA):
-            return "block the way"
-        # Whoever could leave through a door before still can.
+            return "leave too little free floor"
+        # Each door that could be reached before must still be reachable.
         if not all((way & left.walkable).any() for way in self._ways):
             return "block a door"
         for index, body in enumerate(bodies):
@@ -90,7 +90,7 @@ class Fitting:
 
     @cached_property
     def _ways(self) -> list[NDArray[np.bool_]]:
-        """For each door that can be reached, the cells of the largest free floor just inside it."""
+        """For each reachable door, the cells of the largest free floor just inside it."""
         centres = self._before.cell_centres()
         ways = []
         for door in self.site.doors:
@@ -99,7 +99,7 @@ class Fitting:
         return [way for way in ways if way.any()]
 
     def _hidden(self, body: Body, others: Sequence[UprightBox], floor: FreeSpace) -> bool:
-        """Whether too little of the free ``floor`` has a view of the object's front."""
+        """Whether the object's front is visible from too little of the free ``floor``."""
         yaw = body.box.yaw
         offsets = floor.points - body.centre[[0, 2]]
         distance = np.linalg.norm(offsets, axis=1)
@@ -123,7 +123,7 @@ class Fitting:
 
 
 def front_points(mesh: Mesh, count: int = 24) -> Array:
-    """(count, 3) points spread by area over the faces that look forward (+Z), 1 cm in front of them."""
+    """(count, 3) points 1 cm in front of the faces that face forward (+Z), spread in proportion to area."""
     triangles = mesh.positions.astype(np.float64)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     points, _ = spread_points(triangles, np.maximum(normals[:, 2], 0.0), count)
@@ -131,7 +131,7 @@ def front_points(mesh: Mesh, count: int = 24) -> Array:
 
 
 def spread_points(triangles: Array, weights: Array, count: int) -> tuple[Array, NDArray[np.intp]]:
-    """Points on ``triangles`` (F, 3, 3), spread evenly by ``weights`` (F,) without randomness.
+    """Points on ``triangles`` (F, 3, 3), spread in proportion to ``weights`` (F,) without random numbers.
 
     Within a triangle they follow the additive sequence of the plastic number (Roberts, 2018).
 

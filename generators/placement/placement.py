@@ -1,10 +1,10 @@
-"""Objects where they belong: on their support, clear of everything, facing the room, in sight of a walking agent.
+"""Places the objects: on a suitable support, without collision, facing the room, visible to a walking agent.
 
 `place` collects spots for a model (generators/placement/spots.py), tries them in random order and keeps the first
-that passes every test of generators/placement/fitting.py. Twins (identical copies) stand at least a metre apart where
-the room allows; an oven and a microwave stand side by side (the paper's hard pair).
+that passes every test of generators/placement/fitting.py. Twins (identical copies) are at least a metre apart if the
+room allows; an oven and a microwave are side by side (the paper's hard pair).
 
-Nothing here knows which object sounds: that is drawn later (generators/arrangement.py), so that no place can tell it.
+The sounding object is drawn later (generators/arrangement.py), so that no place can reveal it.
 """
 
 from __future__ import annotations
@@ -35,26 +35,26 @@ Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 Fit = tuple[Spot, Body]
 
-#: Twins stand this far apart (centres, metres); the later ones are tried only if the room has no place for the first.
+#: Least distances between the centres of twins (m); each is tried only if the room has no places for those before it.
 TWIN_DISTANCES = (1.0, 0.7, 0.5)
-#: Two categories that are easily confused, and how near to one another they stand (centres, metres).
+#: Two categories that are easily confused, and the range of the distance between their centres (m).
 HARD_PAIR, PAIR_DISTANCE = ("microwave", "oven"), (0.5, 1.0)
-#: Spots of a model that are judged, at first and at most; two of them are at least this far apart, metres.
+#: Number of spots of a model that are tested, at first and at most; least distance between two of them (m).
 _POOLS, _THINNING = (40, 160), 0.08
-#: Branches followed, and complete sets judged, in the search for twins.
+#: Limits of the search for twins: number of branches followed, and of complete sets tested.
 _BRANCHES, _SETS = 20_000, 24
-#: How often the objects placed first may move to make room for those placed later.
+#: Number of attempts to move the objects that were placed first, to make room for later ones.
 _ATTEMPTS = 6
 
 
 @dataclass(frozen=True)
 class Rule:
-    """Where a category belongs.
+    """The usual places of a category.
 
     Attributes:
-        surfaces: kinds of support in the order of preference; those of one tier are mixed.
-        gap: metres between the back and the wall, for what stands on the floor against a wall.
-        free: stands on open floor instead.
+        surfaces: kinds of support in the order of preference; kinds of one tier are equally good.
+        gap: range of the distance between the back and the wall, metres, for objects on the floor against a wall.
+        free: whether the object stands on open floor instead.
         jitter: largest deviation of the yaw, degrees.
         rear: how strongly the back of a worktop is preferred (0–1).
     """
@@ -83,11 +83,11 @@ WALL_HEIGHTS = (1.5, 1.9)
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """A model in the room.
+    """A model placed in the room.
 
     Attributes:
-        model: what stands there.
-        support: what it stands on or hangs from.
+        model: the model.
+        support: the surface on which it stands or hangs.
         position: world coordinates of the model's origin, metres.
         yaw: radians about +Y; the front looks along (sin yaw, 0, cos yaw).
         relaxed: which constraint was relaxed ("" = none).
@@ -106,7 +106,7 @@ class Placement:
 
     @property
     def source_position(self) -> Vector:
-        """Where its sound comes from, world coordinates."""
+        """(3,) position of its sound source, world coordinates, metres."""
         x, y, z = yaw_matrix(self.yaw) @ np.asarray(self.model.source_point) + np.asarray(self.position)
         return float(x), float(y), float(z)
 
@@ -117,12 +117,12 @@ class Placement:
 
     @cached_property
     def box(self) -> UprightBox:
-        """The box around it, turned with it."""
+        """The upright bounding box, turned by its yaw."""
         return UprightBox.around(self.model.mesh, self.position, self.yaw)
 
     @property
     def front(self) -> Array:
-        """(3,) the direction it looks."""
+        """(3,) unit vector in the direction of its front."""
         return np.array([math.sin(self.yaw), 0.0, math.cos(self.yaw)])
 
     def part(self, instance_id: int) -> Part:
@@ -135,19 +135,19 @@ class Placement:
 def place(site: Site, models: Sequence[Model], *, rng: Generator) -> tuple[Placement, ...]:
     """Find places for all objects of an observation.
 
-    The order of ``models`` does not influence the places: copies of one model are placed first, the others in an order
-    that is drawn, so that no model has a right before another.
+    The order of ``models`` does not influence the places: copies of one model are placed first, the others in a random
+    order, so that no model is preferred.
 
     Args:
         site: the room, measured without the objects.
-        models: one per object; a model that is listed several times stands there in as many identical copies.
+        models: one per object; a model that is listed several times is placed in as many identical copies.
         rng: the only source of randomness.
 
     Returns:
         The places, in the order of ``models``.
 
     Raises:
-        Avs3dError: one line with the category, the room, what failed how often, and what to do.
+        Avs3dError: one line with the category, the room, how often each test failed, and what to do.
     """
     if not models:
         raise Avs3dError(f"{site.name}: no objects to place; expected at least one")
@@ -168,7 +168,7 @@ def place(site: Site, models: Sequence[Model], *, rng: Generator) -> tuple[Place
             if last or not placed:
                 raise
             continue
-        # The first may have taken the place of the others: they move before a constraint is relaxed.
+        # Earlier objects may occupy the only places of later ones: they are moved before a constraint is relaxed.
         if last or not any(placement.relaxed for placement in placed[len(found[order[0]]) :]):
             break
     where = {index: place for n, group in enumerate(groups) for index, place in zip(group, found[n], strict=True)}
@@ -192,10 +192,10 @@ class Placer:
         self.refused: Counter[str] = Counter()
 
     def copies(self, model: Model, count: int, placed: Sequence[Placement], rng: Generator) -> list[Placement]:
-        """``count`` copies of ``model`` beside what is ``placed``.
+        """Place ``count`` copies of ``model`` in addition to the objects already ``placed``.
 
         Raises:
-            Avs3dError: if the room has no room for them.
+            Avs3dError: if the room has no places for them.
         """
         self.refused.clear()
         bodies = [_body(other.model, other.position, other.yaw) for other in placed]
@@ -214,11 +214,11 @@ class Placer:
                     return found
         places = sum(len(tier.first(_POOLS[-1])) for tier in tiers)
         if places:
-            self.refused[f"would do for one, but no {count} of them together, {TWIN_DISTANCES[-1]} m apart"] = places
+            self.refused[f"suit one object, but no {count} of them fit together, {TWIN_DISTANCES[-1]} m apart"] = places
         raise self._error(model, count, sum(len(tier.spots) for tier in tiers))
 
     def _single(self, model: Model, placed: Sequence[Placement], bodies: Sequence[Body], rng: Generator) -> Placement:
-        """One object; half of a hard pair stands near the other half, whichever was placed first."""
+        """Place one object; one half of a hard pair is placed near the other half if that is placed already."""
         pool = _Pool(self, model, [spot for tier in self.spots(model, rng) for spot in tier])
         partners = _partners(model, placed)
         rounds = [(np.zeros(3), 0.0, math.inf, "")]
@@ -236,7 +236,7 @@ class Placer:
         raise self._error(model, 1, len(pool.spots))
 
     def spots(self, model: Model, rng: Generator) -> list[list[Spot]]:
-        """Candidate spots in tiers of preference, each in the order in which they are tried."""
+        """Candidate spots in tiers of preference; each tier is in the order of the attempts."""
         rule = RULES.get(model.category, Rule())
         site, mesh, jitter = self.site, model.mesh, math.radians(rule.jitter)
         tiers: list[list[Spot]] = []
@@ -257,7 +257,7 @@ class Placer:
         return [sorted(tier, key=lambda spot: spot.rank) for tier in tiers if tier]
 
     def _apart(self, fits: Sequence[Fit], count: int, distance: float, bodies: Sequence[Body]) -> list[Fit]:
-        """The first ``count`` of ``fits`` that are ``distance`` apart and fit together with ``bodies``, or none.
+        """The first ``count`` of ``fits`` that are ``distance`` metres apart and fit together with ``bodies``, or none.
 
         The search is depth-first.
         """
@@ -289,8 +289,8 @@ class Placer:
         if not self.site.space.walkable.any():
             why = "it has no free floor"
         elif not spots:
-            kinds = {"floor": "level floor, for most things along a wall", "wall": "free wall"}
-            why = f"it has no {kinds.get(model.mount, 'worktop, table or shelf')} that takes {_size(model)}"
+            kinds = {"floor": "level floor (most categories need it along a wall)", "wall": "free wall"}
+            why = f"it has no {kinds.get(model.mount, 'worktop, table or shelf')} large enough for {_size(model)}"
         else:
             counts = sorted(self.refused.items(), key=lambda item: (-item[1], item[0]))
             why = f"of {spots} spots " + ", ".join(f"{number} {reason}" for reason, number in counts)
@@ -301,7 +301,7 @@ class Placer:
 
 
 class _Pool:
-    """The spots of one tier, judged one by one as they are asked for; those that fit, thinned out."""
+    """The fitting spots of one tier, tested on demand and thinned out."""
 
     def __init__(self, placer: Placer, model: Model, spots: Sequence[Spot]) -> None:
         self.spots = spots
@@ -321,7 +321,7 @@ class _Pool:
         return None if isinstance(known, str) else known
 
     def first(self, most: int) -> list[Fit]:
-        """The first ``most`` that fit alone and are not next to an earlier one."""
+        """The first ``most`` spots that fit and are not next to an earlier one."""
         out: list[Fit] = []
         kept: list[int] = []
         for index, spot in enumerate(self.spots):
@@ -335,7 +335,7 @@ class _Pool:
         return out
 
     def between(self, centre: Array, near: float, far: float) -> Iterator[Fit]:
-        """Those that fit alone with their middle ``near`` to ``far`` metres from ``centre``."""
+        """The spots that fit and whose middle is ``near`` to ``far`` metres from ``centre``."""
         for index, spot in enumerate(self.spots):
             box = UprightBox.around(self._model.mesh, spot.position, spot.yaw)
             if near <= float(np.linalg.norm(box.centre - centre)) <= far:
@@ -352,7 +352,7 @@ def _is_apart(position: Array, others: Array) -> bool:
 
 
 def _partners(model: Model, placed: Sequence[Placement]) -> list[Placement]:
-    """What forms a hard pair with ``model``."""
+    """The placed objects that form a hard pair with ``model``."""
     if model.category not in HARD_PAIR:
         return []
     wanted = HARD_PAIR[1 - HARD_PAIR.index(model.category)]

@@ -1,7 +1,7 @@
-"""A room as placement sees it: its triangles, its free floor, its doorways and what can carry an object.
+"""A room, measured for placement: its triangles, free floor, doorways and supports.
 
-A scene may name its supports (the procedural apartments do). Where it names none in a room, as a scan, they are
-measured: the floor and the sides of the room's box, and level patches of a height map as tables and worktops.
+A scene may list its supports (the procedural apartments do). If it lists none in a room, as a scan, they are measured:
+the floor and the sides of the room's box, and level patches of a height map as tables and worktops.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from generators.core.scene import F32, Room, Scene, Support, SupportKind
 
 Array = NDArray[np.float64]
 
-#: A scan's surface is taken to be no rougher than this, metres: what is, is no surface to stand on.
+#: Upper limit of the measured roughness of a scan's surface (m); nothing is placed on a rougher one.
 NOISIEST = 0.008
 #: The four horizontal axes.
 AXES = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (-1.0, 0.0, 0.0))
@@ -31,7 +31,7 @@ AXES = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (-1.0, 0.0, 0.0))
 
 @dataclass(frozen=True, eq=False)
 class Site:
-    """A room, measured.
+    """A measured room.
 
     Attributes:
         scene: the scene.
@@ -59,7 +59,7 @@ class Site:
         box = scene.room(room)
         triangles = triangles_near(scene, [(box.low, box.high)])
         if not len(triangles):
-            raise Avs3dError(f"{scene.name}/{room}: no geometry inside the room's box {box.low}–{box.high}; mend it")
+            raise Avs3dError(f"{scene.name}/{room}: no geometry inside the room's box {box.low}–{box.high}; correct it")
         caster = RayCaster(triangles)
         space = FreeSpace.of(scene, room, triangles=triangles, caster=caster)
         return cls(scene, box, triangles, caster, space, find_doors(caster, box))
@@ -73,7 +73,7 @@ class Site:
 
     @cached_property
     def noise(self) -> float:
-        """Standard deviation of a scan's surface about what it stands for, metres; 0 for a scene that is no scan.
+        """Standard deviation of a scan's surface about the true surface, metres; 0 for a scene that is not a scan.
 
         Measured on the free floor: heights on a 2.5 cm grid against the median of the 30 cm around each.
         """
@@ -105,20 +105,20 @@ class Site:
         return f"{self.scene.name}/{self.room.name}"
 
     def supports(self, kind: SupportKind) -> tuple[Support, ...]:
-        """The room's supports of one kind: the scene's own, or measured ones where it names none in the room."""
+        """The room's supports of one kind: those that the scene lists, or measured ones if it lists none."""
         named = tuple(s for s in self.scene.supports if s.room == self.room.name)
         return tuple(s for s in named or self.measured if s.kind == kind)
 
     @cached_property
     def measured(self) -> tuple[Support, ...]:
-        """Supports found in the room's geometry alone."""
+        """Supports measured on the room's geometry."""
         return (_floor_of(self.room), *_walls_of(self.room), *find_surfaces(self))
 
 
 def find_doors(caster: RayCaster, room: Room) -> tuple[Array, ...]:
-    """The doorways in the room's outline, where a ray gets out at every height: (D, 2) points every 5 cm across each.
+    """The doorways in the room's outline, where rays leave the room at every height: (D, 2) points every 5 cm of each.
 
-    An opening wider than 2.4 m is where an open plan goes on, or a box that was drawn too large; it is no door.
+    An opening wider than 2.4 m is not a door: it belongs to an open plan, or the room's box is too large.
     """
     low, high = np.asarray(room.low, dtype=np.float64), np.asarray(room.high, dtype=np.float64)
     inset, beyond = 0.3, 0.3
@@ -153,7 +153,7 @@ def _floor_of(room: Room) -> Support:
 
 
 def _walls_of(room: Room) -> tuple[Support, ...]:
-    """The four sides of the room's box; their clearance is infinite to say that the wall must be looked for."""
+    """The four sides of the room's box; an infinite clearance marks that the wall itself must still be found."""
     (x0, y0, z0), (x1, _, z1) = room.low, room.high
     w, d = x1 - x0, z1 - z0
     rise = (0.0, 2.1, 0.0)
@@ -167,10 +167,10 @@ def _walls_of(room: Room) -> tuple[Support, ...]:
 
 
 def find_surfaces(site: Site) -> list[Support]:
-    """Table tops and worktops of a scene that names none, from a height map of the room.
+    """Table tops and worktops of a scene that lists none, from a height map of the room.
 
     Rays straight down on a 5 cm grid from 1.35 m, below wall cupboards; level patches 0.35–1.25 m high become supports
-    (their bounding rectangle; spots are let down onto what is really there). High and deep ones count as worktops.
+    (their bounding rectangle; later, models are lowered onto the real surface). High and deep ones count as worktops.
     """
     centres = site.space.cell_centres()
     shape = site.space.walkable.shape

@@ -1,7 +1,7 @@
-"""Spots: where a model could stand or hang in a room, by its support alone.
+"""Spots: places on a support where a model could stand or hang in a room.
 
-Everything is measured on the room's triangles by ray casting, so that tidy flats and noisy scans are treated alike. A
-spot already touches its support (the gap is `CONTACT`); generators/placement/fitting.py says whether it collides,
+Everything is measured on the room's triangles by ray casting, so that modelled flats and noisy scans are treated alike.
+A spot already touches its support (the gap is `CONTACT`); generators/placement/fitting.py tests whether it collides,
 blocks the way or is hidden.
 """
 
@@ -22,31 +22,31 @@ from generators.placement.site import AXES, Site
 
 Array = NDArray[np.float64]
 
-#: Gap between an object and what it stands on or hangs from, metres: contact, without coincident faces.
+#: Gap (m) between an object and its support: contact, without coincident faces.
 CONTACT = 0.0002
-#: How far the support may deviate from a plane under the footprint (scanned floors wave by a centimetre), metres.
+#: Largest deviation of the support from a plane under the footprint (m); scanned floors deviate by a centimetre.
 FLATNESS = 0.010
-#: How far a wall may deviate from a plane behind an appliance: a skirting board passes, a pipe or a shelf does not.
+#: Largest deviation of a wall from a plane behind an appliance (m): more than a skirting board, less than a pipe.
 BACK_FLATNESS = 0.030
-#: How far a wall may step back above an appliance (a ledge, a tiled front wall, a window let in), metres.
+#: Largest step back of a wall above an appliance (m): a ledge, a tiled front wall, a recessed window.
 RECESS = 0.12
-#: A wall lies this near the side of the room's box; a scan's box is drawn by hand.
+#: Largest distance of a wall from the side of the room's box (m); a scan's box is drawn by hand.
 BOX_SLACK = 0.25
-#: Extra distances from the wall, metres: a scanned wall is rougher than the few rays that measured it can tell.
+#: Extra distances from the wall (m) that are tried: a scanned wall is rougher than the few measuring rays show.
 _EASE = (0.0, 0.006, 0.012)
-#: On a scan, whose surface is rough, all of these allow for this many of its standard deviations more …
+#: On a scan, whose surface is rough, this many of its standard deviations are added to all of these tolerances.
 ROUGH = 5.0
-#: … an object stands (or hangs) at this quantile of what is below (behind) it, not on the highest bump …
+#: On a scan, an object rests at this quantile of the measured distances below (behind) it, not on the highest bump.
 SETTLED = 0.8
-#: … and this share of the rays that look for it may go through holes.
+#: On a scan, share of the measuring rays that may go through holes.
 HOLES = 0.16
-#: Spacing of the candidates, metres.
+#: Spacing of the candidate spots (m).
 SPACING = 0.04
 
 
 @dataclass(frozen=True, eq=False)
 class Spot:
-    """One candidate: the model's origin and yaw on a support; spots are tried in ascending ``rank``."""
+    """One candidate place: the model's origin and yaw on a support; spots are tried in ascending ``rank``."""
 
     support: Support
     position: Array
@@ -56,19 +56,19 @@ class Spot:
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """The rectangle by which a model touches its support: ``low`` and ``high`` (2,) along two of its own axes."""
+    """The contact rectangle of a model with its support: ``low`` and ``high`` (2,) along two of the model's axes."""
 
     low: Array
     high: Array
 
     @classmethod
     def below(cls, mesh: Mesh) -> Contact:
-        """x, z extent of what lies within 2 cm of the model's lowest point."""
+        """Extent along x and z of the geometry within 2 cm of the model's lowest point."""
         return cls._near(mesh, 1, [0, 2], 0.02)
 
     @classmethod
     def behind(cls, mesh: Mesh) -> Contact:
-        """x, y extent of what lies within 2 cm of the model's rearmost point."""
+        """Extent along x and y of the geometry within 2 cm of the model's rearmost point."""
         return cls._near(mesh, 2, [0, 1], 0.02)
 
     @classmethod
@@ -78,7 +78,7 @@ class Contact:
         return cls(touching.min(axis=0), touching.max(axis=0))
 
     def grid(self, count: int) -> Array:
-        """(count², 2) points across the rectangle, its corners included."""
+        """(count², 2) points on a grid over the rectangle, with its corners."""
         edge = np.minimum(0.002, (self.high - self.low) / 4)
         x, y = (np.linspace(a, b, count) for a, b in zip(self.low + edge, self.high - edge, strict=True))
         return np.stack([g.reshape(-1) for g in np.meshgrid(x, y, indexing="ij")], axis=1)
@@ -87,7 +87,7 @@ class Contact:
 def standing(
     site: Site, mesh: Mesh, origins: Array, yaws: Array, tolerance: float = 0.03
 ) -> tuple[NDArray[np.intp], Array]:
-    """Let a model down onto what is below it.
+    """Lower a model onto the surface below it.
 
     Args:
         site: the room.
@@ -97,7 +97,8 @@ def standing(
         tolerance: how far the support may be from the expected height.
 
     Returns:
-        indices (M,) of those that stand fully on one level surface, and their origins (M, 3) in contact.
+        indices (M,) of the origins at which the model stands fully on one level surface, and these origins (M, 3)
+        in contact.
     """
     grid = Contact.below(mesh).grid(5)
     lowest = float(mesh.bounds[0, 1])
@@ -118,10 +119,10 @@ def standing(
 
 
 def _level(height: Array, noise: float) -> tuple[Array, NDArray[np.bool_]]:
-    """Where to rest on what rays (N, K) met: the level (N,), and whether all of it is level enough (N,).
+    """Find the resting level (N,) from the hits of rays (N, K), and whether the surface is level enough (N,).
 
-    On tidy geometry that is the highest point, and nothing may be lower than `FLATNESS`. On a scan, bumps of its noise
-    reach into the object (unseen), and a few rays may be lost in holes.
+    On modelled geometry the level is the highest point, and no point may be more than `FLATNESS` lower. On a scan,
+    bumps of its noise reach invisibly into the object, and a few rays may go through holes.
     """
     top = height.max(axis=1)
     if noise <= 0:
@@ -133,7 +134,7 @@ def _level(height: Array, noise: float) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def on_top(site: Site, mesh: Mesh, support: Support, rng: Generator, *, jitter: float, rear: float) -> list[Spot]:
-    """Spots on a worktop, shelf or table top; the model looks along the support's front, turned by up to ``jitter``.
+    """Spots on a worktop, shelf or table top; the model faces the support's front, turned by up to ``jitter`` radians.
 
     ``rear`` (0–1) prefers spots at the back of the support.
     """
@@ -145,7 +146,7 @@ def on_top(site: Site, mesh: Mesh, support: Support, rng: Generator, *, jitter: 
     front = np.asarray(support.front, dtype=np.float64)
     a, b = (_centred(n, SPACING / 2 if n < 0.6 else SPACING) for n in length)
     ab = np.stack([g.reshape(-1) for g in np.meshgrid(a, b, indexing="ij")], axis=1)
-    # Where a turned model does not fit, one that stands straight may.
+    # A model that is not turned may fit where a turned one does not.
     turns = np.concatenate([rng.uniform(-jitter, jitter, len(ab)), np.zeros(len(ab))])
     late = np.repeat([0.0, 1.0], len(ab))
     ab = np.tile(ab, (2, 1))
@@ -184,10 +185,11 @@ def _centred(length: float, spacing: float) -> Array:
 
 
 def against_wall(site: Site, mesh: Mesh, support: Support, rng: Generator, *, gap: tuple[float, float]) -> list[Spot]:
-    """Spots on the floor with the back to a wall, ``gap`` (least, most) metres before the first thing behind it.
+    """Spots on the floor with the back to a wall, ``gap`` (least, most) metres in front of the first surface behind.
 
-    A wall is what is flat behind the whole model and still there above it, up to 1.9 m (a window may be let in). The
-    side of the room's box comes first; anything else as tall and flat is taken only where those spots fail.
+    A wall is a surface that is flat behind the whole model and continues above it, up to 1.9 m (a window may be
+    recessed). The side of the room's box is preferred; any other surface as tall and flat is used only if those spots
+    fail.
     """
     low, high = mesh.bounds.astype(np.float64)
     width, height, depth = high - low
@@ -239,17 +241,17 @@ def against_wall(site: Site, mesh: Mesh, support: Support, rng: Generator, *, ga
 
 
 def _patched(distance: Array) -> Array:
-    """Distances (N, K) to a scanned wall with those of a few rays that went through holes left out."""
+    """Distances (N, K) to a scanned wall, without those of a few rays that went through holes."""
     holes = distance > np.median(distance, axis=1, keepdims=True) + 0.3
     few = holes.mean(axis=1, keepdims=True) <= HOLES
     return np.where(holes & few, distance.min(axis=1, keepdims=True), distance)
 
 
 def open_floor(site: Site, mesh: Mesh, support: Support, rng: Generator, *, jitter: float) -> list[Spot]:
-    """Spots on the free floor, near a wall first, looking towards the middle of the room within ``jitter`` radians."""
+    """Spots on the free floor, near a wall first, facing the middle of the room within ``jitter`` radians."""
     every = site.space.cell_centres()
     low, high = np.asarray(site.room.low)[[0, 2]], np.asarray(site.room.high)[[0, 2]]
-    # What is nearer than the footprint's smaller half is inside it; every second cell is dense enough.
+    # Anything nearer than half the footprint's smaller side would be inside it; every second cell is dense enough.
     width, _, depth = np.diff(mesh.bounds.astype(np.float64), axis=0)[0]
     even = (site.space.index(every) % 2 == 0).all(axis=1)
     fits = site.space.clearance(every) > 0.4 * min(width, depth) - 0.02
@@ -270,7 +272,7 @@ def open_floor(site: Site, mesh: Mesh, support: Support, rng: Generator, *, jitt
 
 
 def on_wall(site: Site, mesh: Mesh, support: Support, rng: Generator, *, heights: tuple[float, float]) -> list[Spot]:
-    """Spots on a wall with the middle of the model between two ``heights`` above the floor."""
+    """Spots on a wall with the middle of the model between two ``heights`` above the floor, metres."""
     origin, u, v = (np.asarray(c, dtype=np.float64) for c in (support.origin, support.u, support.v))
     normal = np.asarray(support.normal, dtype=np.float64)
     normal = normal * (1, 0, 1) / math.hypot(normal[0], normal[2])
@@ -291,7 +293,7 @@ def on_wall(site: Site, mesh: Mesh, support: Support, rng: Generator, *, heights
     distance, _ = site.caster.closest(points.reshape(-1, 3), np.broadcast_to(-normal, (points.size // 3, 3)))
     out = ahead - np.minimum(distance.astype(np.float64), 1e3).reshape(points.shape[:2])
     top, flat = _level(out, site.noise)
-    # The side of a scan's box only says where to look for the wall.
+    # The side of a scan's box only gives the approximate position of the wall.
     reach = 0.03 if math.isfinite(support.clearance) else ahead
     good = flat & (np.abs(top) <= reach + ROUGH * site.noise)
     rotation = yaw_matrix(yaw)
