@@ -1,7 +1,7 @@
 """Where a piece of furniture may stand: candidate spots along walls, collisions, clearances.
 
-A room's `Arranger` keeps what stands already and the volumes to be left free: in front of doors, before windows, before
-cupboard doors.
+A room's `Arranger` keeps the pieces placed so far and the volumes that must stay free: before doors, windows and the
+fronts of cupboards.
 """
 
 from __future__ import annotations
@@ -22,8 +22,33 @@ from generators.core.scene import Part
 
 Array = NDArray[np.float64]
 
-#: Floor furniture keeps clear of the skirting boards.
+#: Gap between floor furniture and the wall (m): the skirting boards are 0.014 m thick.
 WALL_GAP = 0.02
+#: Width kept free on both sides of a window (m): with a casing, its sill is 0.11 m wider than the opening on each side.
+WINDOW_SIDE = 0.12
+#: Height kept free below a window (m): the sill is 0.03 m thick.
+_SILL = 0.04
+#: Depth kept free before a window (m): furniture that is higher than the sill would cover a part of it.
+_WINDOW_DEPTH = 0.4
+#: Width kept free on both sides of a door (m): its casing is 0.07 m wide.
+_DOOR_SIDE = 0.09
+#: Height of the volume kept free before a door (m): `floorplan.DOOR_HEIGHT` and a little of the casing above.
+_DOORWAY_TOP = 2.1
+#: Depth kept free before a door or the entrance (m): about the width of a leaf.
+_DOOR_DEPTH = 0.85
+#: Depth kept free before a passage (m): it has no leaf, so this only lets people through.
+_PASSAGE_DEPTH = 0.75
+#: Gap between a piece in a corner and the wall beside it (m).
+_CORNER_GAP = 0.003
+#: Distance between the places that are tried along a wall (m), at most.
+_SPACING = 0.05
+#: Resolution at which a wall is searched for free stretches (m).
+_CELL = 0.01
+#: Half the width of the box that tests one such cell (m); less than half a cell, so that a touch does not count.
+_PROBE = 0.004
+#: Upper limit of the random number that is added to a place's score, unless a rule names another. Scores are mostly
+#: distances in metres, so this chooses among places that are about 0.3 m worse than the best.
+JITTER = 0.3
 #: How an option of a kind of furniture is given: its name and value.
 Options = dict[str, object]
 
@@ -60,8 +85,8 @@ class Arranger:
     """One room while it is being furnished.
 
     Attributes:
-        placed: what stands in it so far.
-        memory: what rules have worked out about the empty room; all attempts share it.
+        placed: the furniture placed so far.
+        memory: results of rules for the empty room; all attempts share it.
         doorways: the room's doors, passages and entrance with the world boxes that are kept free before them.
         extras: further parts that are no furniture (tiles on a wall).
     """
@@ -81,12 +106,12 @@ class Arranger:
             for opening in plan.openings_of(room.name, side):
                 a, b = wall.along(opening.start, opening.stop)
                 if opening.kind == "window":
-                    self._panes.append(
-                        self.volume(wall, (a - 0.12, b + 0.12), (opening.bottom - 0.04, opening.top), 0.4)
-                    )
+                    span = (a - WINDOW_SIDE, b + WINDOW_SIDE)
+                    self._panes.append(self.volume(wall, span, (opening.bottom - _SILL, opening.top), _WINDOW_DEPTH))
                 else:
-                    depth = 0.75 if opening.kind == "passage" else 0.85
-                    self.doorways.append((opening, *self.volume(wall, (a - 0.09, b + 0.09), (FLAT, 2.1), depth)))
+                    span = (a - _DOOR_SIDE, b + _DOOR_SIDE)
+                    depth = _PASSAGE_DEPTH if opening.kind == "passage" else _DOOR_DEPTH
+                    self.doorways.append((opening, *self.volume(wall, span, (FLAT, _DOORWAY_TOP), depth)))
         self._zones = [(low, high) for _, low, high in self.doorways]
 
     # -- building ----------------------------------------------------------------------------------------------------
@@ -100,7 +125,7 @@ class Arranger:
         return self._models[key]
 
     def restart(self, rng: Generator) -> Arranger:
-        """The same room, empty, with the same pieces at hand and other random choices."""
+        """The same room, empty, with the same pieces to choose from and other random choices."""
         other = Arranger(self.plan, self.room, self.palette, self.seed, rng)
         other._models, other.memory = self._models, self.memory
         return other
@@ -136,14 +161,14 @@ class Arranger:
         zones: bool = True,
         ignore: Sequence[Placed] = (),
     ) -> NDArray[np.bool_]:
-        """(K,): which of K boxes lie in the room and meet nothing.
+        """(K,): which of K boxes lie in the room and overlap nothing.
 
         Args:
             low: (K, 3) lowest corners.
             high: (K, 3) highest corners.
             windows: whether they must leave the windows free.
             zones: whether they must leave the reserved volumes free.
-            ignore: pieces that they may meet (a chair drawn up to its table).
+            ignore: pieces that they may overlap (a chair pushed under its table).
         """
         r = self.room
         inner = (low[:, 0] > r.x0 - TOUCH) & (high[:, 0] < r.x1 + TOUCH)
@@ -167,10 +192,10 @@ class Arranger:
         out: list[Spot] = []
         for side in where.sides:
             wall = self.room.wall(side)
-            first, last = -low[0] + 0.003 + margin, wall.length - high[0] - 0.003 - margin
+            first, last = -low[0] + _CORNER_GAP + margin, wall.length - high[0] - _CORNER_GAP - margin
             if last < first:
                 continue
-            count = max(2, int((last - first) / 0.05) + 1)
+            count = max(2, int((last - first) / _SPACING) + 1)
             alongs = np.linspace(first, last, count)
             positions = wall.points(alongs, where.height, gap - low[2])
             ends = [
@@ -195,7 +220,7 @@ class Arranger:
         return out
 
     def _front_free(self, low: Array, high: Array) -> NDArray[np.bool_]:
-        """Like `free`, but door zones may be met: both are walked through."""
+        """Like `free`, but overlaps with reserved volumes are allowed: people walk through both."""
         r = self.room
         inner = (low[:, 0] > r.x0 - TOUCH) & (high[:, 0] < r.x1 + TOUCH)
         inner &= (low[:, 2] > r.z0 - TOUCH) & (high[:, 2] < r.z1 + TOUCH)
@@ -205,7 +230,7 @@ class Arranger:
         return inner
 
     def put(self, furniture: Furniture, spot: Spot, *, front: float = 0.0) -> Placed:
-        """Stand a piece at a spot and keep ``front`` metres before it free."""
+        """Place a piece at a spot and keep ``front`` metres before it free."""
         piece = Placed(furniture, spot.position, spot.yaw, spot.low, spot.high)
         self.placed.append(piece)
         if front > 0:
@@ -222,7 +247,7 @@ class Arranger:
         where: Where = ANYWHERE,
         score: Callable[[Spot], float] | None = None,
         copy: int = 0,
-        jitter: float = 0.3,
+        jitter: float = JITTER,
         options: Options | None = None,
     ) -> tuple[Placed, Spot] | None:
         """Put a kind at its best free spot (highest ``score`` plus noise of size ``jitter``), if there is any."""
@@ -246,7 +271,7 @@ class Arranger:
         zones: bool = True,
         ignore: Sequence[Placed] = (),
     ) -> Placed | None:
-        """Stand a piece with its origin at ``centre`` (x, z), if it fits; rugs need only lie in the room."""
+        """Place a piece with its origin at ``centre`` (x, z), if it fits; rugs need only lie in the room."""
         position = np.array([centre[0], height, centre[1]], dtype=np.float64)
         low, high = world_box(furniture, position, yaw)
         piece = Placed(furniture, position, yaw, low, high)
@@ -263,12 +288,12 @@ class Arranger:
     def stretches(
         self, wall: WallFrame, height: tuple[float, float], depth: float, *, windows: bool = True
     ) -> list[tuple[float, float]]:
-        """Free intervals of a wall for things of that height range and depth, by 1 cm."""
-        steps = np.arange(0.005, wall.length, 0.01)
+        """Free intervals of a wall for things of that height range and depth, in steps of 1 cm."""
+        steps = np.arange(_CELL / 2, wall.length, _CELL)
         ends = [
-            wall.points(steps - 0.004, height[0], 0.0),
-            wall.points(steps + 0.004, height[1], depth),
+            wall.points(steps - _PROBE, height[0], 0.0),
+            wall.points(steps + _PROBE, height[1], depth),
         ]
         ok = self.free(np.minimum(*ends), np.maximum(*ends), windows=windows)
         edges = np.flatnonzero(np.diff(np.concatenate([[0], ok.astype(np.int8), [0]])))
-        return [(round(a * 0.01, 2), round(min(b * 0.01, wall.length), 2)) for a, b in edges.reshape(-1, 2)]
+        return [(round(a * _CELL, 2), round(min(b * _CELL, wall.length), 2)) for a, b in edges.reshape(-1, 2)]

@@ -17,106 +17,169 @@ from generators.apartments.interior.fittings import (
     radiator,
     shelf_board,
 )
-from generators.apartments.interior.pieces import Placed, Spot
-from generators.apartments.interior.walking import free_rectangle, walkable, wall_spots
+from generators.apartments.interior.pieces import Placed, Spot, origin_height
+from generators.apartments.interior.walking import FloorDemand, Size, wall_spots
+from generators.assets.furniture import Furniture
 
 Array = NDArray[np.float64]
 
+#: Place that a washing machine takes at a wall (m): a machine of 0.60 m × 0.60 m × 0.85 m with some play on all sides.
+_MACHINE = Size(width=0.66, depth=0.64, height=0.95)
+#: Distance between the middles of two such places (m), at least.
+_MACHINE_SPACING = 1.0
+#: Places for machines and toilets that a bathroom should keep: up to two of each stand there in the benchmark.
+_PLACES = 4
+#: Floor that must remain free.
+_FLOOR = FloorDemand(area=1.2, rectangle=(1.6, 1.8))
+
+#: One flat in this many has a shower in place of the bathtub.
+_FLATS_PER_SHOWER = 3
+#: Free floor before tub and shower, to get in and out (m).
+_TUB_FRONT = 0.5
+#: Score of a place for tub or shower per metre from the doors' mean position: far from the door is better.
+_FAR_FROM_DOOR = 0.5
+#: A tub's score at a wall shorter than this (m) is raised by this: there it leaves the longer walls free.
+_SHORT_WALL, _SHORT_WALL_BONUS = 3.3, 0.3
+#: Gap between a shower and the wall at its back (m), and the distance from a wall's end within which it counts as in
+#: the corner (m).
+_SHOWER_GAP, _SHOWER_CORNER = 0.002, 0.01
+#: Upper limit of the random part of the score of a shower's place.
+_SHOWER_JITTER = 0.5
+
+#: Free floor before the washbasin (m): as much as a person takes who stands there.
+_BASIN_FRONT = 0.6
+#: Free width on both sides of the washbasin, for elbows (m), and height up to which the wall above it must be free for
+#: the cabinet (m).
+_BASIN_MARGIN, _BASIN_TOP = 0.12, 2.0
+#: Weight of `facing_door` in the score of the washbasin's place.
+_BASIN_IN_VIEW = 1.5
+#: Height of the lower edge of the cabinet over the washbasin (m), and its gap above what is on the washbasin (m).
+_VANITY_BOTTOM, _VANITY_GAP = 1.14, 0.02
+
+#: Gap between the mat and the tub or shower (m).
+_MAT_GAP = 0.05
+#: The same between a second mat and the washbasin (m); none is laid within this distance of another (m, middles).
+_SECOND_MAT_GAP, _MAT_DISTANCE = 0.04, 1.1
+#: Height of the lowest point of a towel rail, and of the second one, above the floor (m).
+_RAIL_BOTTOM, _SECOND_RAIL_BOTTOM = 0.95, 0.98
+#: Free wall on both sides of a towel rail (m).
+_RAIL_MARGIN = 0.05
+#: Towel rails of at least this height (m) are heated ladders (1.15 m); others are bars (0.44 m).
+_LADDER = 1.0
+#: Length of the radiator (m): short, for walls are scarce.
+_RADIATOR_LENGTH = 0.5
+#: Free floor before the cabinet, to open its doors (m), and the upper limit of the random part of its place's score.
+_CABINET_FRONT, _CABINET_JITTER = 0.35, 0.8
+#: Weights in the scores of small things' places. They stand in corners and close to the fixtures, so that long
+#: stretches of wall remain free: `cornered` for basket and bin, and for the cabinet; distance (per metre) of the basket
+#: from the tub, of the bin from the washbasin, of the shelf board from the tub.
+_SMALL_CORNERED, _CABINET_CORNERED = 1.5, 0.5
+_BASKET_NEAR, _BIN_NEAR, _BOARD_NEAR = 0.3, 0.5, 0.5
+#: Number of the bathroom's shelf board: other things lie on it than on the living room's.
+_BOARD = 3
+
 
 def _machine_spots(a: Arranger) -> int:
-    """How many washing machines still fit at the walls, 1 m apart."""
-    return wall_spots(a, 0.66, 0.64, 0.95, 1.0)
+    """How many washing machines still fit at the walls."""
+    return wall_spots(a, _MACHINE, _MACHINE_SPACING)
 
 
 def _spare(a: Arranger, furnish_more: Callable[[], object]) -> None:
-    """Add what the room can spare: taken back where it leaves fewer than four spots for machines and toilet."""
+    """Add optional furniture; remove it again if it leaves too few places for machines and toilets."""
     before = a.snapshot()
     spots = _machine_spots(a)
     furnish_more()
-    if _machine_spots(a) < min(spots, 4):
+    if _machine_spots(a) < min(spots, _PLACES):
         a.revert(before)
 
 
 def _shower(a: Arranger, score: Callable[[Spot], float]) -> tuple[Placed, Spot] | None:
-    """The shower has tiles at its back and on its left: it stands in the left corner of a wall."""
+    """Place a shower: it has tiles at its back and on its left, so it stands at the left end of a wall."""
     shower = a.model("shower")
-    found = [s for s in a.spots(shower, where=Where(gap=0.002, front=0.5)) if s.extent[0] < 0.01]
+    where = Where(gap=_SHOWER_GAP, front=_TUB_FRONT)
+    found = [s for s in a.spots(shower, where=where) if s.extent[0] < _SHOWER_CORNER]
     if not found:
         return None
-    spot = max(found, key=lambda s: score(s) + a.rng.uniform(0, 0.5))
-    return a.put(shower, spot, front=0.5), spot
+    spot = max(found, key=lambda s: score(s) + a.rng.uniform(0, _SHOWER_JITTER))
+    return a.put(shower, spot, front=_TUB_FRONT), spot
 
 
 def furnish_bathroom(a: Arranger) -> float:
-    """Tub or shower in a corner, washbasin and cabinet, towels, mat, basket; free walls for machines and toilet."""
+    """Furnish a bathroom: tub or shower, washbasin and cabinet, towels, mat, basket; walls free for the benchmark.
+
+    Returns:
+        Share of the wanted places for machines and toilets that remain, or 0 if something necessary does not fit.
+    """
     doors = doors_of(a)
-    far = near(doors.mean(axis=0), -0.5)
-    tub = a.seed % 3 != 2
+    far = near(doors.mean(axis=0), -_FAR_FROM_DOOR)
     main = None
-    if tub:
+    if a.seed % _FLATS_PER_SHOWER != _FLATS_PER_SHOWER - 1:
         main = a.place(
             "bathtub",
-            score=lambda s: cornered(s) + far(s) + (0.3 if s.wall.length < 3.3 else 0.0),
-            where=Where(front=0.5),
+            score=lambda s: cornered(s) + far(s) + (_SHORT_WALL_BONUS if s.wall.length < _SHORT_WALL else 0.0),
+            where=Where(front=_TUB_FRONT),
         )
     if main is None:
         main = _shower(a, far)
     if main is None:
         return 0.0
     view = facing_door(a)
-    basin = a.place("washbasin", score=lambda s: 1.5 * view(s), where=Where(front=0.6, margin=0.12, top=2.0))
+    where = Where(front=_BASIN_FRONT, margin=_BASIN_MARGIN, top=_BASIN_TOP)
+    basin = a.place("washbasin", score=lambda s: _BASIN_IN_VIEW * view(s), where=where)
     if basin is None:
         return 0.0
     _tub_piece, tub_spot = main
     spot = basin[1]
     cabinet = a.model("vanity_cabinet")
-    height = max(1.14, float(basin[0].high[1]) + 0.02) - float(cabinet.mesh.bounds[0, 1])
+    height = origin_height(cabinet, max(_VANITY_BOTTOM, float(basin[0].high[1]) + _VANITY_GAP))
     at = spot.wall.point(spot.along, 0.0)
     if a.place_free(cabinet, at[[0, 2]], spot.wall.yaw, height=height) is None:
         return 0.0
     mat = a.model("bath_mat")
     depth = float(mat.mesh.bounds[1, 2] - mat.mesh.bounds[0, 2])
-    front = tub_spot.centre + tub_spot.wall.normal * (depth_of(tub_spot) / 2 + depth / 2 + 0.05)
+    front = tub_spot.centre + tub_spot.wall.normal * (depth_of(tub_spot) / 2 + depth / 2 + _MAT_GAP)
     a.place_free(mat, front[[0, 2]], tub_spot.wall.yaw)
     rail = a.model("towel_rail")
     a.place(
         "towel_rail",
-        score=near(tub_spot.centre, 1.0),
-        where=Where(height=0.95 - float(rail.mesh.bounds[0, 1]), margin=0.05),
+        score=near(tub_spot.centre),
+        where=Where(height=origin_height(rail, _RAIL_BOTTOM), margin=_RAIL_MARGIN),
     )
-    # Small things stand close to the fixtures and leave long stretches of wall.
-    a.place("laundry_basket", score=lambda s: 1.5 * cornered(s) + near(tub_spot.centre, 0.3)(s))
+    by_tub, by_basin = near(tub_spot.centre, _BASKET_NEAR), near(spot.centre, _BIN_NEAR)
+    a.place("laundry_basket", score=lambda s: _SMALL_CORNERED * cornered(s) + by_tub(s))
     _spare(
         a,
         lambda: a.place(
             "bathroom_cabinet",
-            score=lambda s: near(spot.centre, 1.0)(s) + 0.5 * cornered(s),
-            jitter=0.8,
-            where=Where(front=0.35),
+            score=lambda s: near(spot.centre)(s) + _CABINET_CORNERED * cornered(s),
+            jitter=_CABINET_JITTER,
+            where=Where(front=_CABINET_FRONT),
         ),
     )
-    if rail.mesh.bounds[1, 1] - rail.mesh.bounds[0, 1] < 1.0:
-        _spare(a, lambda: radiator(a, 0.5))  # a ladder rail warms the room by itself
-    _spare(a, lambda: a.place("waste_bin", score=lambda s: 1.5 * cornered(s) + near(spot.centre, 0.5)(s)))
+    if not _is_ladder(rail):
+        _spare(a, lambda: radiator(a, _RADIATOR_LENGTH))  # a ladder is a radiator itself
+    _spare(a, lambda: a.place("waste_bin", score=lambda s: _SMALL_CORNERED * cornered(s) + by_basin(s)))
     _beside_basin(a, spot)
-    shelf_board(a, copy=3, score=near(tub_spot.centre, 0.5))
-    spots = _machine_spots(a)
-    if walkable(a) < 1.2 or not free_rectangle(a, 1.6, 1.8):
-        return 0.0
-    return min(spots, 4) / 4
+    shelf_board(a, copy=_BOARD, score=near(tub_spot.centre, _BOARD_NEAR))
+    return min(_machine_spots(a), _PLACES) / _PLACES if _FLOOR.met(a) else 0.0
+
+
+def _is_ladder(rail: Furniture) -> bool:
+    """Whether a towel rail is a heated ladder."""
+    return bool(rail.mesh.bounds[1, 1] - rail.mesh.bounds[0, 1] >= _LADDER)
 
 
 def _beside_basin(a: Arranger, spot: Spot) -> None:
-    """A mat before the washbasin, where none lies near, and hooks beside it."""
+    """A mat before the washbasin, if none lies near, and a second towel rail beside it."""
     second = a.model("bath_mat", 1)
-    reach = depth_of(spot) / 2 + float(second.mesh.bounds[1, 2]) + 0.04
-    if not any(p.flat and np.linalg.norm((p.position - spot.centre)[[0, 2]]) < 1.1 for p in a.placed):
+    reach = depth_of(spot) / 2 + float(second.mesh.bounds[1, 2]) + _SECOND_MAT_GAP
+    if not any(p.flat and np.linalg.norm((p.position - spot.centre)[[0, 2]]) < _MAT_DISTANCE for p in a.placed):
         a.place_free(second, (spot.centre + spot.wall.normal * reach)[[0, 2]], spot.wall.yaw)
-    hooks = a.model("towel_rail", 1)
-    if hooks.mesh.bounds[1, 1] - hooks.mesh.bounds[0, 1] < 0.8:
+    rail = a.model("towel_rail", 1)
+    if not _is_ladder(rail):
         a.place(
             "towel_rail",
             copy=1,
             score=near(spot.centre),
-            where=Where(height=0.98 - float(hooks.mesh.bounds[0, 1]), margin=0.05),
+            where=Where(height=origin_height(rail, _SECOND_RAIL_BOTTOM), margin=_RAIL_MARGIN),
         )

@@ -1,6 +1,6 @@
-"""A piece of furniture in its place, and a place where one could stand.
+"""A piece of furniture in its place (`Placed`), and a candidate place for one (`Spot`).
 
-Furniture stands at yaws of 90° (or slightly off), so axis-aligned world boxes describe it.
+Furniture is turned by multiples of 90° (chairs by a few degrees more), so axis-aligned world boxes describe it.
 """
 
 from __future__ import annotations
@@ -17,10 +17,14 @@ from generators.assets.shapes import rotation
 
 Array = NDArray[np.float64]
 
-#: Things lower than this are lain or stood upon (rugs, mats).
+#: Things of at most this height (m) are rugs and mats: people walk on them and furniture stands on them.
 FLAT = 0.04
-#: Boxes that meet by less than this touch, metres.
+#: Boxes that overlap by less than this (m) only touch.
 TOUCH = 2e-3
+#: Corners of the acoustic twin's triangles for one box: 12 triangles.
+_BOX_CORNERS = 36
+#: Curtains that extend less than this (m) along an axis hang on a wall across it; rod and folds are 0.1 m deep.
+_CURTAIN_DEPTH = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,10 +56,10 @@ class Placed:
         if self.furniture.kind != "curtains":
             return [(self.low, self.high)]
         turned = self.furniture.mesh.transformed(rotation("y", self.yaw), self.position)
-        corners = turned.acoustic_positions.reshape(-1, 36, 3).astype(np.float64)
+        corners = turned.acoustic_positions.reshape(-1, _BOX_CORNERS, 3).astype(np.float64)
         out = [(c.min(axis=0), c.max(axis=0)) for c in corners]
         for axis in (0, 2):
-            if self.high[axis] - self.low[axis] < 0.3:
+            if self.high[axis] - self.low[axis] < _CURTAIN_DEPTH:
                 for low, high in out:
                     low[axis], high[axis] = self.low[axis], self.high[axis]
         return out
@@ -96,6 +100,11 @@ def world_box(furniture: Furniture, position: Array, yaw: float) -> tuple[Array,
     corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
     moved = corners @ rotation("y", yaw).T + position
     return moved.min(axis=0), moved.max(axis=0)
+
+
+def origin_height(furniture: Furniture, bottom: float) -> float:
+    """Height of a piece's origin above the floor that brings its lowest point to the height ``bottom``."""
+    return bottom - float(furniture.mesh.bounds[0, 1])
 
 
 def overlaps(low: Array, high: Array, lows: Array, highs: Array) -> NDArray[np.bool_]:
