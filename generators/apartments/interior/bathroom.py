@@ -58,7 +58,8 @@ _VANITY_BOTTOM, _VANITY_GAP = 1.14, 0.02
 
 #: Gap between the mat and the tub or shower (m).
 _MAT_GAP = 0.05
-#: The same between a second mat and the washbasin (m); none is laid within this distance of another (m, middles).
+#: Gap between a second mat and the washbasin (m); there is none if another mat's middle is this near to the
+#: washbasin's (m).
 _SECOND_MAT_GAP, _MAT_DISTANCE = 0.04, 1.1
 #: Height of the lowest point of a towel rail, and of the second one, above the floor (m).
 _RAIL_BOTTOM, _SECOND_RAIL_BOTTOM = 0.95, 0.98
@@ -70,9 +71,9 @@ _LADDER = 1.0
 _RADIATOR_LENGTH = 0.5
 #: Free floor before the cabinet, to open its doors (m), and the upper limit of the random part of its place's score.
 _CABINET_FRONT, _CABINET_JITTER = 0.35, 0.8
-#: Weights in the scores of small things' places. They stand in corners and close to the fixtures, so that long
-#: stretches of wall remain free: `cornered` for basket and bin, and for the cabinet; distance (per metre) of the basket
-#: from the tub, of the bin from the washbasin, of the shelf board from the tub.
+#: Weights in the scores of the places of small things, which stand in corners and near the fixtures so that long
+#: stretches of wall remain free: of `cornered` for basket and bin, and for the cabinet; per metre of distance for the
+#: basket from the tub, the bin from the washbasin, the shelf board from the tub.
 _SMALL_CORNERED, _CABINET_CORNERED = 1.5, 0.5
 _BASKET_NEAR, _BIN_NEAR, _BOARD_NEAR = 0.3, 0.5, 0.5
 #: Number of the bathroom's shelf board: other things lie on it than on the living room's.
