@@ -17,7 +17,9 @@ OpeningKind = Literal["door", "passage", "window", "entrance"]
 Array = NDArray[np.float64]
 
 SIDES: tuple[Side, ...] = ("north", "east", "south", "west")
+#: Thickness of the walls between rooms (m): a usual partition wall with its plaster.
 INNER_WALL = 0.12
+#: Height of door openings (m): room for the usual leaf of about 2 m.
 DOOR_HEIGHT = 2.05
 #: Clockwise neighbours: the wall at a wall's right end (seen from inside), at its left end, and across the room.
 RIGHT: dict[Side, Side] = {"north": "east", "east": "south", "south": "west", "west": "north"}
@@ -94,7 +96,7 @@ class RoomPlan:
 
 @dataclass(frozen=True)
 class Opening:
-    """A rectangular hole in a wall, or (``entrance``) a closed door leaf upon it.
+    """A rectangular hole in a wall, or (``entrance``) a closed door leaf on it; lengths in metres.
 
     ``start`` and ``stop`` are world coordinates along the wall (x on north and south walls, z on the others);
     ``room``/``side`` is the wall of the room that owns the reveal, ``other``/``other_side`` the wall behind it.
