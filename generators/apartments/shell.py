@@ -24,15 +24,21 @@ from generators.apartments.roomshell import RoomShell
 from generators.assets.materials import Palette, RoomFinish
 from generators.core.scene import Material, Part
 
+#: Depth of the skirting boards (m); their height is the style's.
 SKIRTING_DEPTH = 0.014
+#: Shortest skirting board (m): between a door's casing and a corner there may be less wall.
+_SHORTEST_SKIRTING = 0.02
+#: How much more than its own width an opening counts against a wall that may get the accent colour: little of the
+#: colour shows between openings.
+_OPENING_WEIGHT = 1.5
 
 
 def accent_side(plan: FloorPlan, room: RoomPlan) -> Side:
-    """The wall for the accent colour: the longest free of openings."""
+    """The wall for the accent colour: the one with the greatest length left beside its openings."""
 
     def free(side: Side) -> float:
         taken = sum(o.stop - o.start for o in plan.openings_of(room.name, side))
-        return room.wall(side).length - 1.5 * taken
+        return room.wall(side).length - _OPENING_WEIGHT * taken
 
     return max(SIDES, key=lambda side: (round(free(side), 3), side))
 
@@ -73,7 +79,7 @@ def _room(
             doors = sorted(wall.along(o.start, o.stop) for o in openings if o.bottom == 0.0)
             ends = [0.0, *(v for a, b in doors for v in (a - CASING_WIDTH, b + CASING_WIDTH)), wall.length]
             for start, stop in zip(ends[::2], ends[1::2], strict=True):
-                if stop - start > 0.02:
+                if stop - start > _SHORTEST_SKIRTING:
                     depth = (0.0, SKIRTING_DEPTH)
                     shell.block(
                         wall, (start, stop), (0.0, style.skirting), depth, finish.skirting, "front left right top"
