@@ -21,12 +21,16 @@ from generators.core.scene import Part, Room, Scene, Support
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
-#: Free wall between these heights can carry a clock.
+#: Height range of a wall that must be free for a clock (m).
 WALL_BAND = (1.4, 2.0)
-#: Free depth before a wall support.
+#: Depth that must be free before such a wall (m).
 WALL_CLEARANCE = 0.25
-#: Horizontal supports with less free height than this are of no use.
+#: Distance of a wall support from the wall's ends (m), and its least length (m).
+_WALL_END, _WALL_LENGTH = 0.1, 0.4
+#: Horizontal supports with less free height than this are of no use (m).
 LOWEST_CLEARANCE = 0.2
+#: A piece is above a support if it begins at most this much below it (m) and overlaps it by at least this much (m).
+_BELOW, _OVERLAP = 1e-3, 0.01
 
 
 def _vector(values: Array) -> Vector:
@@ -39,7 +43,7 @@ def _part(piece: Placed, name: str) -> Part:
 
 
 def _furniture_supports(a: Arranger) -> list[Support]:
-    """The furniture's own supports in the world, with the height that is really free above them."""
+    """The furniture's own supports in the world, with the height that the room leaves free above them."""
     out = []
     for piece in a.placed:
         turn = rotation("y", piece.yaw)
@@ -52,9 +56,9 @@ def _furniture_supports(a: Arranger) -> list[Support]:
                 float(p.low[1] - low[1])
                 for p in a.placed
                 if p is not piece
-                and p.low[1] >= low[1] - 1e-3
-                and (p.low[[0, 2]] < high[[0, 2]] - 0.01).all()
-                and (p.high[[0, 2]] > low[[0, 2]] + 0.01).all()
+                and p.low[1] >= low[1] - _BELOW
+                and (p.low[[0, 2]] < high[[0, 2]] - _OVERLAP).all()
+                and (p.high[[0, 2]] > low[[0, 2]] + _OVERLAP).all()
             ]
             clearance = min([support.clearance, a.plan.height - float(low[1]), *above])
             if clearance >= LOWEST_CLEARANCE:
@@ -92,8 +96,8 @@ def _room_supports(a: Arranger) -> list[Support]:
     for side in SIDES:
         wall = r.wall(side)
         for start, stop in a.stretches(wall, WALL_BAND, WALL_CLEARANCE):
-            start, stop = max(start, 0.1), min(stop, wall.length - 0.1)
-            if stop - start >= 0.4:
+            start, stop = max(start, _WALL_END), min(stop, wall.length - _WALL_END)
+            if stop - start >= _WALL_LENGTH:
                 normal = _vector(wall.normal)
                 out.append(
                     Support(

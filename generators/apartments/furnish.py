@@ -1,8 +1,8 @@
 """Furnishes a room by the rules of its kind.
 
-Every room is furnished several times with other random choices; the first arrangement that meets its room's demands
-(walking area, free spots for the objects of the benchmark) is taken, or else the best one. Then
-pictures are hung on the walls that are still blank.
+Every room is furnished several times with other random choices; the first arrangement that meets all demands of the
+room (walking area, free places for the objects of the benchmark) is taken, or else the best one. Then pictures are hung
+on walls that are still blank.
 """
 
 from __future__ import annotations
@@ -25,7 +25,10 @@ from generators.assets.materials import Palette
 
 #: How often a room is furnished before the best arrangement is taken.
 ATTEMPTS = 14
+#: An arrangement of at least this quality is taken at once: the highest quality is 1, less rounding errors.
+_PERFECT = 0.999
 
+#: Room name → its rule, which furnishes the room and returns the arrangement's quality, from 0 (unusable) to 1.
 RULES: dict[str, Callable[[Arranger], float]] = {
     "bathroom": furnish_bathroom,
     "kitchen": furnish_kitchen,
@@ -56,7 +59,7 @@ def furnish(plan: FloorPlan, room: RoomPlan, palette: Palette, seed: int, rng: G
         quality = RULES[room.name](attempt)
         if quality > best_quality:
             best, best_quality = attempt, quality
-        if quality >= 0.999:
+        if quality >= _PERFECT:
             break
     # Its own generator: what hangs on the walls changes nothing that stands in the room.
     best.rng = np.random.default_rng([seed, zlib.crc32(b"walls"), zlib.crc32(room.name.encode())])
