@@ -251,7 +251,7 @@ def test_truncated_and_garbled_files(tmp_path: Path) -> None:
     (tmp_path / "half.glb").write_bytes(data[: len(data) // 2])
     assert f"half.glb: is truncated ({len(data) // 2} bytes of {len(data)})" in said(tmp_path / "half.glb")
     (tmp_path / "tiny.glb").write_bytes(data[:9])
-    assert "is no binary glTF" in said(tmp_path / "tiny.glb")
+    assert "is not a binary glTF" in said(tmp_path / "tiny.glb")
     (tmp_path / "junk.glb").write_bytes(data[:20] + b"#" * (len(data) - 20))
     assert "its JSON is broken" in said(tmp_path / "junk.glb")
     (tmp_path / "junk.gltf").write_text("{")

@@ -113,7 +113,9 @@ def test_other_versions_end_in_one_line(root: Path, manifest: Path, tmp_path: Pa
     tree.record["plan_sha256"] = "0" * 64
     tree.record["vision"]["version"] = "1.2.3"
     tree.finish()
-    with pytest.raises(UsageError, match=r"was made by other software \(embree 1\.2\.3, installed: .*bytes cannot be equal"):
+    with pytest.raises(
+        UsageError, match=r"was made by other software \(embree 1\.2\.3, installed: .*bytes cannot be equal"
+    ):
         regenerate(target, 2 * FRAMES, seed=1, manifest=manifest)
 
 
@@ -142,7 +144,9 @@ def test_the_command_prints_the_seed_and_gives_exit_codes(root: Path, manifest: 
     code, text = call(target, "--regenerate", 2 * FRAMES, "--seed", 3, "--manifest", manifest, "--json", tmp_path / "j")
     assert code == 1, text
     named = [
-        p["path"] for p in json.loads((tmp_path / "j").read_text())["problems"] if "manifest makes" in p["message"]
+        p["path"]
+        for p in json.loads((tmp_path / "j").read_text())["problems"]
+        if "differs from the regenerated file" in p["message"]
     ]
     assert named == [f"{KEY}/input/frame_{index:03d}.png" for index in range(FRAMES)]
 

@@ -1,4 +1,4 @@
-"""Coarse stand-ins for a mesh, at the resolution that sound resolves."""
+"""Acoustic twins: coarse copies of a mesh without the details that are too small to matter for sound."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from generators.assets.shapes import ACOUSTIC_DETAIL, BOX_FACES
 Array = NDArray[np.float64]
 Labels = tuple[str, ...]
 
-#: More parts than this are stood for by one box: hundreds of boxes cost rays and hold no more truth.
+#: A mesh with more parts than this gets a single box: hundreds of boxes cost time and are no more accurate.
 MAX_BOXES = 64
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=np.float64)
 
@@ -30,14 +30,14 @@ def weld(triangles: Array, grid: float = 1e-5) -> tuple[Array, NDArray[np.int64]
 
 
 def component_boxes(triangles: Array, labels: NDArray[np.str_]) -> tuple[Array, Labels]:
-    """A bounding box per connected part of at least 10 cm, labelled as most of the part's area.
+    """A bounding box per connected part of at least 10 cm, with the label of most of the part's area.
 
     Args:
         triangles: (F, 3, 3), metres.
         labels: (F,) acoustic labels.
 
     Returns:
-        (A, 3, 3) triangles and one label each. One box of everything where all parts are small or there are too many.
+        (A, 3, 3) triangles and one label each. If all parts are small, or there are too many, one box around all.
     """
     _, faces = weld(triangles)
     area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1) / 2
@@ -64,7 +64,7 @@ def clustered(triangles: Array, labels: NDArray[np.str_], max_faces: int) -> tup
     """The surface itself with at most ``max_faces`` faces, by vertex clustering (Rossignac & Borrel 1993).
 
     Vertices in one cell of a grid become their mean, faces that collapse are dropped; the grid starts at 5 cm and is
-    widened until few enough faces remain. A mesh that is small enough already is returned as it is.
+    widened until few enough faces remain. A mesh that has few enough faces already is returned unchanged.
     """
     if len(triangles) <= max_faces:
         return triangles, tuple(str(x) for x in labels)

@@ -1,4 +1,4 @@
-"""The objects that sound, and the oven that only looks as if it did."""
+"""Catalogue of the procedural models: the seven sounding categories, and the silent oven as a distractor."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def build_model(category: str, variant: str, rng: Generator) -> Model:
     Args:
         category: one of the seven categories or a distractor.
         variant: one of `variants`.
-        rng: chooses what differs between two copies of a product (a colour, the time a clock shows).
+        rng: chooses the differences between two copies of a product (a colour, the time on a clock).
 
     Raises:
         UsageError: if the category or the variant is unknown.

@@ -1,4 +1,4 @@
-"""Floors, walls and worktops: which texture a named finish of a style becomes, and how it sounds."""
+"""Floors, walls and worktops: texture and acoustic label of each named finish of a style."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def dry_floor(kind: str, spec: str, rng: np.random.Generator) -> Image:
 
 
 def _checker(rng: np.random.Generator, colours: tuple[Field, ...]) -> Image:
-    """Light and dark squares of 30 cm, each slightly its own."""
+    """Light and dark squares of 30 cm with slight variations."""
     light = ceramic.tiles(
         rng, colours[0], colours[0] * 0.7, tiling=ceramic.Tiling(columns=8, rows=8, joint=2.5, tone=0.012)
     )
@@ -129,7 +129,7 @@ def wall_tiles(role: str, kind: str, colour: Field, grout: Field, rng: np.random
 
 
 def accent_wall(role: str, finish: str, style: Style, rng: np.random.Generator) -> Material:
-    """A feature wall, 2.12 m per repeat: wallpaper in half of the flats whose style has some, else paint or brick."""
+    """A feature wall, 2.12 m per repeat: wallpaper in half of the flats whose style has any, else paint or brick."""
     if finish == "brick":
         return _material(role, "brick", surfaces.brick(rng, hex_colour("#96583f"), hex_colour("#b3aa9d")), 0.0)
     if style.papers and rng.random() < 0.5:

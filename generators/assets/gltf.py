@@ -1,8 +1,8 @@
-"""The parts of a glTF file that readers trip over: compressed meshes, and KTX2 (Basis Universal) textures.
+"""Parts of glTF files that common readers cannot handle: compressed meshes, and KTX2 (Basis Universal) textures.
 
-Geometry that is compressed with Draco or meshopt is refused: no dependable decoder of both comes with pip. Textures in
-KTX2 (``KHR_texture_basisu``: HM3D's ``.basis.glb``) are decoded by `opengl_basisu
-<https://pypi.org/project/opengl-basisu/>`_ where that is installed (extra ``basis``); else only the geometry is read.
+Geometry that is compressed with Draco or meshopt is refused: pip offers no reliable decoder of both. Textures in KTX2
+(``KHR_texture_basisu``: HM3D's ``.basis.glb``) are decoded by `opengl_basisu
+<https://pypi.org/project/opengl-basisu/>`_ if that is installed (extra ``basis``); else only the geometry is read.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from avs3d_bench.errors import Avs3dError
 
 BASISU = "KHR_texture_basisu"
 KTX2 = "image/ktx2"
-#: Extensions that hide the geometry, and what undoes them.
+#: Extensions that compress the geometry, and the names of their compressors.
 COMPRESSED = {
     "KHR_draco_mesh_compression": "Draco",
     "EXT_meshopt_compression": "meshopt",
     "KHR_meshopt_compression": "meshopt",
 }
 _DECODER = "opengl_basisu"
-#: Lists of the document that are looked at here, and those of them that hold names.
+#: Lists of the document that are read here, and those of them that contain names.
 _OF_NAMES = ("extensionsUsed", "extensionsRequired")
 _LISTS = (*_OF_NAMES, "buffers", "bufferViews", "images", "textures", "materials")
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
@@ -40,13 +40,15 @@ def read_tree(file: Path) -> dict[str, Any]:
     """The JSON of a .glb or .gltf file; of a GLB only that chunk is read.
 
     Raises:
-        Avs3dError: if the file is no glTF, or truncated.
+        Avs3dError: if the file is not glTF, or truncated.
     """
     if file.suffix.lower() == ".glb":
         with file.open("rb") as stream:
             head = stream.read(20)
             if len(head) < 20 or head[:4] != b"glTF":
-                raise Avs3dError(f"{file}: is no binary glTF (no 'glTF' at its start); is it whole?")
+                raise Avs3dError(
+                    f"{file}: is not a binary glTF (no 'glTF' at its start); check that the file is complete"
+                )
             length, size = struct.unpack_from("<I", head, 8)[0], struct.unpack_from("<I", head, 12)[0]
             there = file.stat().st_size
             if length > there:
@@ -57,19 +59,25 @@ def read_tree(file: Path) -> dict[str, Any]:
     try:
         tree = json.loads(data)
     except (ValueError, RecursionError) as error:
-        raise Avs3dError(f"{file}: cannot be read as {file.suffix[1:]} (its JSON is broken); is it whole?") from error
+        raise Avs3dError(
+            f"{file}: cannot be read as {file.suffix[1:]} (its JSON is broken); check that it is complete"
+        ) from error
     if not isinstance(tree, dict):
-        raise Avs3dError(f"{file}: cannot be read as {file.suffix[1:]} (its JSON is no object); is it whole?")
+        raise Avs3dError(
+            f"{file}: cannot be read as {file.suffix[1:]} (its JSON is not an object); check that it is complete"
+        )
     for key in _LISTS:
         items = tree.get(key, [])
         kind = str if key in _OF_NAMES else dict
         if not isinstance(items, list) or not all(isinstance(item, kind) for item in items):
-            raise Avs3dError(f"{file}: cannot be read as {file.suffix[1:]} (its {key} are {items!r:.40}); is it whole?")
+            raise Avs3dError(
+                f"{file}: cannot be read as {file.suffix[1:]} (its {key} are {items!r:.40}); check that it is complete"
+            )
     return tree
 
 
 def refuse_compressed(file: Path, tree: dict[str, Any]) -> None:
-    """Refuse geometry that nothing here can unpack.
+    """Refuse geometry in a compression that cannot be read.
 
     Raises:
         Avs3dError: with the command that unpacks it.
@@ -78,7 +86,7 @@ def refuse_compressed(file: Path, tree: dict[str, Any]) -> None:
     for extension, name in COMPRESSED.items():
         if extension in used:
             raise Avs3dError(
-                f"{file}: its meshes are compressed with {name} ({extension}), which is not read here; unpack them: "
+                f"{file}: its meshes are compressed with {name} ({extension}), which cannot be read; unpack them: "
                 f"npx @gltf-transform/cli copy {file.name} {file.stem}.plain.glb"
             )
 
@@ -96,7 +104,7 @@ def can_decode_basis() -> bool:
 
 
 def basis_error(file: Path) -> Avs3dError:
-    """The line that says what to do about textures in KTX2 without a decoder."""
+    """The message about textures in KTX2 without a decoder."""
     stem = file.name.removesuffix(".glb")
     plain = f"{stem.removesuffix('.basis') if stem.endswith('.basis') else stem + '.plain'}.glb"
     return Avs3dError(
@@ -107,7 +115,7 @@ def basis_error(file: Path) -> Avs3dError:
 
 
 def check_images(file: Path) -> None:
-    """Refuse a GLB with an image that is no picture: readers pass over it, and the faces come out plain.
+    """Refuse a GLB with a broken image: readers ignore such an image and use a plain colour.
 
     Raises:
         Avs3dError: naming the image.
@@ -140,7 +148,7 @@ def without_basis(file: Path) -> bytes:
         image = tree["images"][index]
         try:
             pixels = decoder.open(_image_bytes(file, tree, binary, image)).transcode("rgba8").data
-        except Exception as error:  # the decoder has its own
+        except Exception as error:  # the decoder raises its own exceptions
             reason = " ".join(str(error).split()) or type(error).__name__
             raise Avs3dError(
                 f"{file}: KTX2 image {index} cannot be decoded ({reason}); fetch the file again"
@@ -158,7 +166,7 @@ def without_basis(file: Path) -> bytes:
 
 
 def without_textures(file: Path) -> bytes:
-    """The GLB with its geometry, material names and factors alone."""
+    """The GLB with only its geometry, material names and factors."""
     tree, binary = _load(file)
     for key in ("images", "textures", "samplers"):
         tree.pop(key, None)
@@ -197,7 +205,7 @@ def _load(file: Path) -> tuple[dict[str, Any], bytes]:
 
 def _image_bytes(file: Path, tree: dict[str, Any], binary: bytes, image: dict[str, Any]) -> bytes:
     if "bufferView" not in image:
-        raise ValueError(f"{file}: it does not lie in the file")
+        raise ValueError(f"{file}: it is not inside the file")
     view = tree["bufferViews"][image["bufferView"]]
     start = view.get("byteOffset", 0)
     return binary[start : start + view["byteLength"]]

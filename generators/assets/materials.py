@@ -1,9 +1,9 @@
-"""`Palette`: the materials of one flat, harmonised by a style, varied by a seed, made when they are first asked for.
+"""`Palette`: the materials of one flat, chosen by a style and a seed, and made on first use.
 
-A material is asked for by its role (`ROLES`), e.g. ``palette.material("worktop")``; the walls and floors of a room come
-together as ``palette.finish("kitchen")``. Each role has its own random stream, derived from the palette's seed and the
-role's name, so that the result does not depend on the order in which roles are asked for. A role's material is one
-object, and its name is the role's: `TILES` tells `MeshBuilder` how large its texture is.
+A material is requested by its role (`ROLES`), e.g. ``palette.material("worktop")``; the walls and floor of a room by
+``palette.finish("kitchen")``. Each role has its own random stream, derived from the palette's seed and the role's name,
+so that the result does not depend on the order of requests. Each role has one material object, named after the role;
+`TILES` gives `MeshBuilder` the size of its texture.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from generators.assets.textures.noise import Image, hex_colour, shift_colour, to
 from generators.core.scene import Material, Texture
 
 ROOM_KINDS = ("bathroom", "kitchen", "living_room", "hall", "bedroom")
-#: Variants of roles that come in several.
+#: Numbers of variants of the roles that have several.
 RUGS, PICTURES, PRINTS, TOWELS, CUSHIONS = 3, 6, 3, 3, 4
 
-#: Metres per repeat of each material's texture (1 where a material is not named: fitted or plain).
+#: Metres per repeat of each material's texture; 1 for materials that are not listed (fitted or plain).
 TILES: dict[str, float] = {
     **{f"floor_{room}": 2.4 for room in ROOM_KINDS},
     **{f"wall_{room}": 2.12 for room in ROOM_KINDS},
@@ -49,10 +49,10 @@ class RoomFinish:
     """The surfaces of one room.
 
     Attributes:
-        floor, wall, ceiling, skirting: as named.
+        floor, wall, ceiling, skirting: materials of these surfaces.
         accent_wall: a feature wall (another paint, wallpaper or brick); the same as ``wall`` in wet rooms.
         wall_tiles: tiles of a bathroom's walls or a kitchen's splash-back, else None.
-        tile_height: how high the tiles go up the walls, metres; 0 where only a splash-back is tiled.
+        tile_height: height of the tiles on the walls, metres; 0 if only a splash-back is tiled.
     """
 
     floor: Material
@@ -74,7 +74,7 @@ class Palette:
 
     Args:
         style: a key of `STYLES`.
-        entropy: the seed all its random streams are derived from.
+        entropy: the seed from which all its random streams are derived.
 
     Raises:
         UsageError: if there is no such style.
@@ -95,7 +95,7 @@ class Palette:
         return cls(style or chosen, int(rng.integers(2**62)))
 
     def stream(self, purpose: str) -> np.random.Generator:
-        """The palette's own random numbers for one purpose; the same on every call."""
+        """The palette's random number generator for one purpose; the same on every call."""
         key = (zlib.crc32(purpose.encode()),)
         return np.random.default_rng(np.random.SeedSequence(self.entropy, spawn_key=key))
 
@@ -113,7 +113,7 @@ class Palette:
         return self._made[role]
 
     def shared(self, purpose: str, make: Callable[[np.random.Generator], Image]) -> Image:
-        """Pixels that several roles have in common, made once."""
+        """Pixels that several roles share, made once."""
         if purpose not in self._shared:
             self._shared[purpose] = make(self.stream(purpose))
         return self._shared[purpose]
@@ -268,7 +268,7 @@ def _worktop(palette: Palette, style: Style, role: str, rng: np.random.Generator
 def _floor(palette: Palette, style: Style, role: str, rng: np.random.Generator) -> Material:
     room = role.removeprefix("floor_")
     if room in ("bathroom", "kitchen"):
-        # The kitchen takes the dry floor on in a third of the flats.
+        # In a third of the flats the kitchen has the dry floor, too.
         order = palette.stream("wet_floors").permutation(len(style.wet_floors))
         if room == "bathroom" or palette.stream("kitchen floor").random() < 0.66:
             kind, colours = style.wet_floors[int(order[0 if room == "bathroom" else 1])]
@@ -375,5 +375,5 @@ _RECIPES: dict[str, Recipe] = {
     "hood_light": _plain("glass", "#efe6d6", 0.3, (22.0, 19.0, 14.5)),
 }
 
-#: Every role a palette has a material for.
+#: All roles for which a palette has a material.
 ROLES = tuple(_RECIPES)

@@ -1,4 +1,4 @@
-"""What can be wrong with a mesh file before a reader trips over it, or silently leaves out what it cannot find."""
+"""Checks of a mesh file before it is read, because readers fail on broken files or silently ignore missing ones."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ SUFFIXES = (".glb", ".gltf", ".obj", ".ply")
 
 
 def check_file(file: Path) -> None:
-    """Refuse a file that is missing, of an unknown kind, truncated, or without a file it refers to.
+    """Refuse a file that is missing, of an unknown kind, truncated, or that refers to a missing file.
 
     Raises:
-        Avs3dError: with what is wrong and what to do.
+        Avs3dError: with the fault and what to do.
     """
     if not file.is_file():
         raise Avs3dError(f"{file}: no such file; expected a mesh ({', '.join(SUFFIXES)})")
@@ -30,7 +30,7 @@ def check_file(file: Path) -> None:
 
 
 def _words(file: Path, key: str) -> Iterator[str]:
-    """What follows ``key`` at the start of a line of a text file."""
+    """The rest of each line of a text file that begins with ``key``."""
     with file.open(encoding="utf-8", errors="replace") as lines:
         for line in lines:
             head, _, rest = line.strip().partition(" ")

@@ -1,7 +1,8 @@
-"""Meshes from files: GLB, glTF, OBJ and PLY as a `Mesh`, and as a `Model` of one of the categories.
+"""Reads GLB, glTF, OBJ and PLY files as a `Mesh`, or as a `Model` of one of the categories.
 
 Colours follow each format: glTF's factors and vertex colours are linear light, those of OBJ and PLY are sRGB. An OBJ's
-``Kd`` is ignored where it has ``map_Kd``, as most writers mean it. Alpha, emission and roughness are left out.
+``Kd`` is ignored if it has ``map_Kd``, which is the intention of most writers. Alpha, emission and roughness are
+ignored.
 """
 
 from __future__ import annotations
@@ -29,11 +30,11 @@ from generators.core.scene import Licence, Material, Mesh, Texture
 
 Array = NDArray[np.float64]
 
-#: Models larger or smaller than this (longest side, metres) are not in metres.
+#: Range of a model's longest side (m); a file outside this range is not in metres.
 PLAUSIBLE = (0.02, 5.0)
-#: Largest coordinate (the file's own units): a street in nanometres; products of larger ones leave single precision.
+#: Largest coordinate (the file's own units); products of larger ones exceed the range of single precision.
 FARTHEST = 1e12
-#: Height a category's model gets if its file's units are wrong, how it is mounted, how far up its front it sounds.
+#: Per category: height (m) if the file's units are wrong, mount, and height of the sound source as a share of its own.
 _DEFAULTS: dict[str, tuple[float, Mount, float]] = {
     "washing_machine": (0.85, "floor", 0.5),
     "toilet": (0.78, "floor", 0.45),
@@ -44,7 +45,7 @@ _DEFAULTS: dict[str, tuple[float, Mount, float]] = {
     "telephone": (0.14, "surface", 0.5),
     "oven": (0.29, "surface", 0.5),
 }
-#: Words in a material's name that tell how it sounds.
+#: Words in a material's name that determine its acoustic label.
 _WORDS = {
     "wood": "wood oak walnut pine timber parquet laminate mdf",
     "metal": "metal steel chrome iron alumin brass copper",
@@ -62,7 +63,7 @@ _WORDS = {
     "paper": "paper book cardboard",
     "foliage": "plant leaf foliage",
 }
-#: Above this many faces, `corner_normals` (a loop over vertices) gives way to plain face normals.
+#: Above this number of faces, plain face normals replace the slow `corner_normals` (a loop over vertices).
 _SMOOTH_LIMIT = 60_000
 
 
@@ -77,15 +78,16 @@ def load_mesh(
     """Read a mesh with its colours, textures and normals; a scene graph is flattened.
 
     Args:
-        path: .glb, .gltf, .obj or .ply; OBJ's MTL and textures are looked for beside it.
-        acoustic: label of materials whose name does not tell (``oak_wood`` tells, ``Material.003`` does not).
+        path: .glb, .gltf, .obj or .ply; an OBJ's MTL and textures must be beside it.
+        acoustic: label of materials whose name does not determine one (``Material.003``, unlike ``oak_wood``).
         twin: the acoustic twin: a box per connected part, or the surface itself, decimated.
-        max_acoustic_faces: of the decimated surface.
+        max_acoustic_faces: largest number of faces of the decimated surface.
         textures: whether textures are read; without them a GLB's surfaces have their materials' plain colours.
 
     Raises:
         Avs3dError: if the file, its MTL or a texture is missing, unreadable or truncated, if it has no faces, if a
-            coordinate is not finite, if its geometry is compressed, or its textures need a decoder that is not there.
+            coordinate is not finite, if its geometry is compressed, or if its textures need a decoder that is not
+            installed.
     """
     file = Path(path)
     scene = open_scene(file, textures=textures)
@@ -114,7 +116,7 @@ def load_mesh(
 
 
 def open_scene(file: Path, *, textures: bool = True) -> Any:
-    """The reader's scene graph of a mesh file, its KTX2 textures decoded, or all left out where none are wanted.
+    """The reader's scene graph of a mesh file, with its KTX2 textures decoded, or without any textures.
 
     Raises:
         Avs3dError: see `load_mesh`.
@@ -128,13 +130,15 @@ def open_scene(file: Path, *, textures: bool = True) -> Any:
         if data is not None:
             return trimesh.load_scene(io.BytesIO(data), file_type="glb", process=False)
         return trimesh.load_scene(file, process=False)
-    except Exception as error:  # every format's reader has its own
+    except Exception as error:  # each format's reader raises its own exceptions
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise Avs3dError(f"{file}: cannot be read as {file.suffix[1:]} ({reason}); is it whole?") from error
+        raise Avs3dError(
+            f"{file}: cannot be read as {file.suffix[1:]} ({reason}); check that it is complete"
+        ) from error
 
 
 def world_triangles(file: Path, scene: Any) -> Iterator[tuple[Array, NDArray[np.int64], Any]]:
-    """Corners (F, 3, 3) in the file's world, vertex indices (F, 3) and the reader's own geometry of each mesh.
+    """Per mesh: corners (F, 3, 3) in the file's world, vertex indices (F, 3) and the reader's own geometry.
 
     Raises:
         Avs3dError: see `world_vertices`.
@@ -181,17 +185,17 @@ def load_model(
     Args:
         path: see `load_mesh`.
         category: one of the categories or a distractor.
-        licence: of the file.
-        height: metres; without it the file's own units are taken as metres, unless its longest side is above 5 m or
-            below 2 cm: then it gets the category's usual height.
+        licence: licence of the file.
+        height: metres; without it the file's units are taken as metres, unless its longest side is then above 5 m or
+            below 2 cm: in this case it gets the category's usual height.
         up: the file's axis that points up: ``x``, ``y``, ``z``, with or without sign.
-        front: the file's axis towards which its front looks.
-        mount: what it stands on or hangs from; the category's usual one where missing.
-        source_point: in the model frame; where missing, 3 cm before the front surface at a height typical of the
-            category.
+        front: the file's axis that points to the front.
+        mount: kind of surface on which it stands or hangs; default: the category's usual one.
+        source_point: position of the sound source in the model frame; default: 3 cm in front of the front surface, at
+            a height typical of the category.
 
     Raises:
-        UsageError: for an unknown category, or axes that are none or not perpendicular.
+        UsageError: for an unknown category, or axes that are not valid or not perpendicular.
         Avs3dError: see `load_mesh`; or if the height is not a plausible number.
     """
     usual_height, usual_mount, level = _DEFAULTS[check_category(category, silent=True)]
@@ -204,7 +208,7 @@ def load_model(
         if not (np.isfinite(height) and 0.01 <= height <= PLAUSIBLE[1]):
             raise Avs3dError(f"{path}: height {height} is not between 0.01 and {PLAUSIBLE[1]} m")
         if extent[1] <= 0:
-            raise Avs3dError(f"{path}: is flat along its up axis {up!r}; name another axis, or no height")
+            raise Avs3dError(f"{path}: is flat along its up axis {up!r}; name another axis, or leave out the height")
         mesh = mesh.transformed(np.eye(3), np.zeros(3), height / float(extent[1]))
     design = framed(Design(mesh, mount or usual_mount, (0.0, 0.0, 0.0)))
     point = source_point if source_point is not None else before_front(design.mesh, level)
@@ -216,12 +220,13 @@ def load_model(
 
 
 def _instances(file: Path, scene: Any) -> Iterator[tuple[str, Any, Array]]:
-    """Name, geometry and local-to-world matrix of every triangle mesh in the scene graph, in the order of names.
+    """Name, geometry and local-to-world matrix of every triangle mesh in the scene graph, sorted by name.
 
-    The names are those of geometries: the reader makes up random ones for nodes (of a mesh with several primitives).
+    The names are those of geometries, because the reader invents random names for the nodes of a mesh with several
+    primitives.
 
     Raises:
-        Avs3dError: if a face refers to a vertex that is not there.
+        Avs3dError: if a face refers to a vertex that does not exist.
     """
     nodes = [scene.graph[node] for node in scene.graph.nodes_geometry]
     for matrix, name in sorted(nodes, key=lambda node: (str(node[1]), np.asarray(node[0], dtype=np.float64).tolist())):
@@ -230,19 +235,19 @@ def _instances(file: Path, scene: Any) -> Iterator[tuple[str, Any, Array]]:
             if not 0 <= int(np.min(part.faces)) <= int(np.max(part.faces)) < len(part.vertices):
                 raise Avs3dError(
                     f"{file}: faces of {str(name)!r} refer to vertex {int(np.max(part.faces))}, it has "
-                    f"{len(part.vertices)}; is the file whole?"
+                    f"{len(part.vertices)}; check that the file is complete"
                 )
             yield str(name), part, np.asarray(matrix, dtype=np.float64)
 
 
 def _piece(file: Path, name: str, part: Any, matrix: Array, acoustic: str, known: dict[int, Material]) -> Mesh:
-    """One geometry as a mesh in the file's world, its acoustic twin still empty.
+    """One geometry as a mesh in the file's world, still without its acoustic twin.
 
-    ``known`` holds the materials met so far, by the identity of the reader's own: textures are decoded once.
+    ``known`` maps the identity of the reader's materials to those converted so far, so that textures are decoded once.
     """
     vertices, faces = world_vertices(file, name, part, matrix), np.asarray(part.faces, dtype=np.int64)
     linear_part = matrix[:3, :3]
-    if np.linalg.det(linear_part) < 0:  # a mirrored node turns its faces inside out
+    if np.linalg.det(linear_part) < 0:  # a mirrored node reverses the winding of its faces
         faces = faces[:, ::-1]
     triangles = vertices[faces]
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -251,7 +256,7 @@ def _piece(file: Path, name: str, part: Any, matrix: Array, acoustic: str, known
     if not keep.any():
         raise Avs3dError(f"{file}: every face of {name!r} is degenerate (no area); repair the mesh")
     triangles, faces, cross = triangles[keep], faces[keep], cross[keep]
-    if "vertex_normals" in part._cache:  # only then did the file bring its own
+    if "vertex_normals" in part._cache:  # only in this case the normals come from the file
         given = np.asarray(part.vertex_normals, dtype=np.float64) @ np.linalg.inv(linear_part)
         normals = _unit(given[faces], cross)
     elif len(triangles) <= _SMOOTH_LIMIT:
@@ -271,7 +276,7 @@ def _piece(file: Path, name: str, part: Any, matrix: Array, acoustic: str, known
 
 
 def _unit(normals: Array, cross: Array) -> Array:
-    """(F, 3, 3) normalised; the face's own where a normal is zero or not finite."""
+    """(F, 3, 3) unit normals; a normal that is zero or not finite is replaced by that of the face."""
     face = cross / np.linalg.norm(cross, axis=1, keepdims=True)
     length = np.linalg.norm(normals, axis=2, keepdims=True)
     good = np.isfinite(length) & (length > 1e-9)
@@ -315,7 +320,7 @@ def _surface(
 
 
 def _material(file: Path, source: Any, name: str, gltf: bool, acoustic: str) -> Material:
-    """A material of the reader's as ours; ``name`` is that of the geometry it was met on."""
+    """Convert one of the reader's materials; ``name`` is that of the first geometry with it."""
     title = str(getattr(source, "name", None) or name)
     image = getattr(source, "baseColorTexture", None) if gltf else getattr(source, "image", None)
     factor = getattr(source, "baseColorFactor", None) if gltf else getattr(source, "diffuse", None)
@@ -338,7 +343,7 @@ def _material(file: Path, source: Any, name: str, gltf: bool, acoustic: str) -> 
 def _palette(
     visual: Any, name: str, faces: NDArray[np.int64], kept: NDArray[np.int64], gltf: bool
 ) -> tuple[Texture, Array]:
-    """Vertex or face colours as a texture with a texel per colour; a face takes the mean of its corners."""
+    """Vertex or face colours as a texture with one texel per colour; a face gets the mean of its corners."""
     if visual.kind == "vertex":
         colours = np.asarray(visual.vertex_colors, dtype=np.float64)[faces, :3].mean(axis=1)
     else:

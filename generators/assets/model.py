@@ -23,9 +23,9 @@ class Model:
         name: ``category/variant``, or the file it was loaded from.
         category: see `avs3d_bench.taxonomy`.
         mesh: metres, Y up, front towards +Z.
-        mount: what it stands on or hangs from.
-        licence: of the mesh and its textures.
-        source_point: where the sound leaves it, in the model frame; on or a little in front of its surface.
+        mount: kind of surface on which it stands or hangs.
+        licence: licence of the mesh and its textures.
+        source_point: position of the sound source in the model frame, on its surface or a little in front of it.
     """
 
     name: str

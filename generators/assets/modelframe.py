@@ -1,4 +1,4 @@
-"""Bringing a foreign mesh into the model frame: its axes, where it sounds, a twin that leaves the source free."""
+"""Moves a mesh from a file into the model frame: axes, sound source, and an acoustic twin that leaves it free."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def upright(up: str, front: str) -> Array:
     """(3, 3) rotation that takes the axis ``up`` of a file to +Y and ``front`` to +Z.
 
     Raises:
-        UsageError: if one is no axis, or they are not perpendicular.
+        UsageError: if one is not an axis, or they are not perpendicular.
     """
     y, z = _axis(up, "up"), _axis(front, "front")
     if abs(float(y @ z)) > 0:
@@ -37,7 +37,7 @@ def upright(up: str, front: str) -> Array:
 
 
 def before_front(mesh: Mesh, level: float, gap: float = 0.03) -> Point:
-    """The point ``gap`` metres before the front surface, at the share ``level`` of the height, nearest the middle."""
+    """The point ``gap`` metres in front of the surface, at the share ``level`` of the height, nearest the middle."""
     low, high = mesh.bounds.astype(np.float64)
     size = high - low
     best: tuple[float, Point] | None = None
@@ -46,7 +46,7 @@ def before_front(mesh: Mesh, level: float, gap: float = 0.03) -> Point:
         for dy in (0.0, -0.1, 0.1, -0.2, 0.2):
             x = float(low[0] + size[0] * (0.5 + dx))
             y = float(low[1] + size[1] * min(max(level + dy, 0.05), 0.95))
-            # Where the line along z through (x, y) meets each triangle: its barycentric coordinates in the xy plane.
+            # Barycentric coordinates, in the xy plane, of the line along z through (x, y) in each triangle.
             det = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (b[:, 1] - a[:, 1])
             safe = np.where(np.abs(det) > 1e-12, det, np.inf)
             u = ((x - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (y - a[:, 1])) / safe
@@ -65,7 +65,7 @@ def before_front(mesh: Mesh, level: float, gap: float = 0.03) -> Point:
 
 
 def clear_of_twin(mesh: Mesh, point: Point) -> Mesh:
-    """Draw back the fronts of acoustic boxes that swallow ``point``, or the engine would hear it from inside a box."""
+    """Move back the fronts of acoustic boxes that contain ``point``; else the source would be inside a box."""
     boxes = mesh.acoustic_positions.reshape(-1, 12, 3, 3).astype(np.float64)
     labels = np.array(mesh.acoustic_labels).reshape(-1, 12)
     at = np.asarray(point)

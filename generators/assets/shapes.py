@@ -1,7 +1,7 @@
-"""Solid primitives with normals, metric texture coordinates and an acoustic twin: the kit all models are built from.
+"""Solid primitives with normals, metric texture coordinates and an acoustic twin, from which all models are built.
 
 Every primitive is added to a `MeshBuilder`, in metres, Y up. Texture coordinates are metres divided by the material's
-``tile`` (metres per repeat), projected along the dominant axis of each face, unless a primitive says otherwise.
+``tile`` (metres per repeat), projected along the dominant axis of each face, unless a primitive defines others.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def box_uv(triangles: Array, tile: float) -> Array:
 class MeshBuilder:
     """Collects primitives and builds one `Mesh`.
 
-    ``tiles`` maps a material's name to metres per repeat of its texture (1 where it is not named).
+    ``tiles`` maps a material's name to metres per repeat of its texture (1 for names not in it).
     """
 
     def __init__(self, tiles: dict[str, float] | None = None) -> None:
@@ -126,11 +126,11 @@ class MeshBuilder:
             material: the material of all its faces.
             centre: added after the rotation.
             rotate: (3, 3) rotation.
-            uv: (F, 3, 2) coordinates in repeats; box projection where missing.
-            normals: (F, 3, 3); smoothed below ``crease`` degrees where missing.
+            uv: (F, 3, 2) coordinates in repeats; default: box projection.
+            normals: (F, 3, 3); default: smoothed at edges below ``crease`` degrees.
             crease: see `corner_normals`.
-            acoustic: True: the bounding box stands for it unless it is a small detail; "exact": its own faces; False:
-                sound does not meet it.
+            acoustic: geometry for sound: True: its bounding box, or nothing for a small detail; "exact": its own faces;
+                False: nothing.
         """
         local = np.asarray(vertices, dtype=np.float64)
         index = np.asarray(faces, dtype=np.int64)
@@ -177,7 +177,7 @@ class MeshBuilder:
         radius = min(bevel, 0.49 * float(extents.min()))
         if radius <= 0:
             return self.add(_CUBE * extents, BOX_FACES, material, centre=centre, rotate=rotate, acoustic=acoustic)
-        # A cube whose faces are split near the edges; the rim is pulled onto a sphere round the inner corner.
+        # A cube whose faces are split near the edges; the rim is moved onto a sphere around the inner corner.
         ring = np.sin(np.linspace(-np.pi / 2, 0, segments + 1))
         steps = np.concatenate([ring, -ring[::-1]])
         vertices: list[Array] = []
@@ -369,7 +369,7 @@ class MeshBuilder:
         minor_segments: int = 12,
         acoustic: bool | str = False,
     ) -> MeshBuilder:
-        """A torus about ``centre``; its hole looks along ``axis``."""
+        """A torus about ``centre``, with its hole along ``axis``."""
         t = np.linspace(0, 2 * np.pi, segments, endpoint=False)
         flat = np.stack([major * np.cos(t), np.zeros_like(t), major * np.sin(t)], axis=1)
         turn = {"y": np.eye(3), "x": rotation("z", 90), "z": rotation("x", 90)}[axis]
@@ -402,7 +402,7 @@ class MeshBuilder:
         subdivide: float | None = None,
         acoustic: bool | str = "exact",
     ) -> MeshBuilder:
-        """A rectangle: ``corners`` (4, 3) counter-clockwise from its lower left as seen from its front.
+        """A rectangle: ``corners`` (4, 3) counter-clockwise from its lower left, seen from its front.
 
         ``fit`` stretches the texture over it once (a dial, a display, a picture); else it repeats every ``tile``
         metres from the lower left corner. ``subdivide``: split into cells of at most that many metres.
@@ -433,7 +433,7 @@ class MeshBuilder:
         segments: int = 48,
         fit: bool = True,
     ) -> MeshBuilder:
-        """A flat disc looking along ``normal`` ("x", "y" or "z"), the texture's unit square fitted round it."""
+        """A flat disc facing ``normal`` ("x", "y" or "z"); it is inscribed in the texture's unit square."""
         angle = np.linspace(0, 2 * np.pi, segments, endpoint=False)
         flat = np.concatenate([[[0.0, 0.0]], np.stack([np.cos(angle), np.sin(angle)], axis=1)])
         ring = np.arange(segments)
@@ -460,7 +460,7 @@ class MeshBuilder:
         return self
 
     def build(self) -> Mesh:
-        """The mesh of everything added."""
+        """The mesh of all added parts."""
 
         def joined(arrays: list[Array], empty: tuple[int, ...]) -> F32:
             return np.concatenate(arrays).astype(np.float32) if arrays else np.zeros(empty, dtype=np.float32)

@@ -1,4 +1,4 @@
-"""Mono sources: synthesised per category, or any recording, at one loudness.
+"""Mono source signals, synthesised per category or from a recording, at a common loudness.
 
 All sources have the same integrated loudness (ITU-R BS.1770-4) and a limited true peak, so that no category is louder
 than another and, with the clips' fixed gain, none clips.
@@ -20,16 +20,16 @@ from avs3d_bench.taxonomy import check_category
 from generators.assets.synthesis.loudness import integrated_loudness, normalised
 from generators.assets.synthesis.voices import speak
 
-#: Loudness of every source.
+#: Loudness of every source (LUFS).
 TARGET_LUFS = -18.0
-#: No source passes this true peak (dBTP).
+#: Largest true peak of a source (dBTP).
 CEILING_DB = -1.0
-#: No second of a source is quieter than this (dBFS, RMS).
+#: Least level of every second of a source (dBFS, RMS).
 SECOND_FLOOR_DB = -45.0
-#: A recording must last this long, and its loop is cross-faded over at most half a second.
+#: Least length of a recording, and longest cross-fade of its loop (s).
 _SHORTEST = 0.5
 _CROSS_FADE = 0.5
-#: A recording below this loudness is taken for silence (LUFS).
+#: A recording below this loudness counts as silent (LUFS).
 _SILENCE = -60.0
 
 
@@ -39,7 +39,7 @@ def synthesise(category: str, seconds: float, rng: Generator) -> NDArray[np.floa
     Args:
         category: one of the seven.
         seconds: length, at least 1.
-        rng: settles everything.
+        rng: the only source of randomness.
 
     Returns:
         (seconds · 44100,) float32 mono at `TARGET_LUFS`, true peak below `CEILING_DB`; every second of it above
@@ -51,7 +51,7 @@ def synthesise(category: str, seconds: float, rng: Generator) -> NDArray[np.floa
     """
     check_category(category)
     if not 1.0 <= seconds <= 3600.0:
-        raise Avs3dError(f"sound of {category}: {seconds} s were asked for, expected 1 to 3600 s")
+        raise Avs3dError(f"sound of {category}: length {seconds} s, expected 1 to 3600 s")
     raw = speak(category, round(seconds * SAMPLE_RATE), rng)
     return normalised(raw, SAMPLE_RATE, TARGET_LUFS, CEILING_DB)
 
@@ -69,8 +69,8 @@ def load_sound(path: Path | str, seconds: float, sample_rate: int = SAMPLE_RATE)
 
     Args:
         path: any WAV or FLAC.
-        seconds: length wanted; a longer recording is cut, a shorter one looped.
-        sample_rate: rate wanted, Hz.
+        seconds: length of the source; a longer recording is cut, a shorter one looped.
+        sample_rate: rate of the source, Hz.
 
     Returns:
         (seconds · sample_rate,) float32.
@@ -97,7 +97,7 @@ def load_sound(path: Path | str, seconds: float, sample_rate: int = SAMPLE_RATE)
 
 
 def loop(signal: NDArray[np.float64], count: int, fade: int) -> NDArray[np.float64]:
-    """Repeat ``signal`` to ``count`` samples; each end fades into the next beginning over ``fade`` samples.
+    """Repeat ``signal`` to ``count`` samples; each repetition is cross-faded with the next over ``fade`` samples.
 
     The fade is of equal power (sine and cosine) and at most a quarter of the signal.
     """
@@ -110,12 +110,12 @@ def loop(signal: NDArray[np.float64], count: int, fade: int) -> NDArray[np.float
     body[:fade] = signal[:fade] * np.sin(t) + signal[hop:] * np.cos(t)
     repeats = -(-count // hop)
     out = np.tile(body[:hop], repeats)[:count]
-    out[: min(fade, count)] = signal[: min(fade, count)]  # nothing comes before the first time
+    out[: min(fade, count)] = signal[: min(fade, count)]  # the first repetition has no predecessor
     return out
 
 
 def _read(file: Path) -> tuple[NDArray[np.float64], int]:
-    """(n, channels) float64 and the sample rate; refuses a file whose data stop before its header says."""
+    """Samples (n, channels) float64 and the sample rate; a file that is shorter than its header says is refused."""
     if not file.is_file():
         raise Avs3dError(f"{file}: no such sound file; expected a WAV or FLAC")
     try:
@@ -133,7 +133,7 @@ def _read(file: Path) -> tuple[NDArray[np.float64], int]:
 
 
 def _missing_bytes(file: Path) -> int:
-    """Bytes by which a RIFF/WAVE file is shorter than its data chunk says (libsndfile passes over that in silence)."""
+    """Bytes by which a RIFF/WAVE file is shorter than its data chunk says (libsndfile ignores this)."""
     with file.open("rb") as handle:
         head = handle.read(12)
         if head[:4] != b"RIFF" or head[8:12] != b"WAVE":
@@ -142,7 +142,7 @@ def _missing_bytes(file: Path) -> int:
         while len(chunk := handle.read(8)) == 8:
             length = int.from_bytes(chunk[4:], "little")
             if chunk[:4] == b"data":
-                # 0 and the largest number stand for "unknown" in streamed files.
+                # 0 and the largest number mean "unknown" in streamed files.
                 return 0 if length in (0, 0xFFFFFFFF) else max(0, handle.tell() + length - size)
             handle.seek(length + length % 2, 1)
     return 0

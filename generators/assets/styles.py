@@ -1,6 +1,6 @@
 """The colours and choices of interior styles: plain data that `Palette` picks from.
 
-Each field is a tuple of options, of which a flat takes one by its seed; colours are sRGB hex.
+Each field is a tuple of options, one of which is chosen by the flat's seed; colours are sRGB hex.
 """
 
 from __future__ import annotations
@@ -10,14 +10,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Style:
-    """What belongs together.
+    """The options of one interior style.
 
     Attributes:
         walls: wall paints of the living rooms.
         accents: paints of a feature wall.
         papers: (motif, ground, ink) of wallpapers; may be empty.
         wall_finish: ``paint``, ``lime`` (rough plaster) or ``brick`` for the feature wall.
-        floors: (layout, species) of wooden floors; ``concrete`` or ``terracotta`` stand for themselves.
+        floors: (layout, species) of wooden floors, or ``concrete`` or ``terracotta``.
         wet_floors: (kind, colours) of kitchen and bathroom floors.
         wall_tiles: (kind, colour, grout) of bathrooms and splash-backs.
         wood, wood_alt: species of furniture.
@@ -33,7 +33,7 @@ class Style:
         towels: colours of towels.
         rugs: (pattern, colours).
         art: colours of pictures.
-        doors: leaf of doors, as fronts.
+        doors: door leaves, in the notation of ``fronts``.
         frames: window frames.
         skirting: skirting boards and door frames.
         accent_paint: lacquered small furniture.

@@ -1,7 +1,7 @@
 """Furniture: about forty kinds, each with variants, as `Furniture` records in their own frame.
 
-`build_furniture` makes one piece from a palette (the flat's materials and habits: what its handles look like) and a
-random generator (this piece's own form). `KINDS` maps a kind's name to the same thing as a function.
+`build_furniture` makes one piece from a palette (materials and common details of the flat, such as its handles) and a
+random number generator (the form of this piece). `KINDS` maps a kind's name to a function that makes it.
 """
 
 from __future__ import annotations
@@ -96,8 +96,8 @@ def build_furniture(kind: str, palette: Palette, rng: np.random.Generator, **opt
     Args:
         kind: a key of `KINDS`.
         palette: the flat's materials.
-        rng: decides the variant, its proportions and what lies on it.
-        **options: what the kind's builder takes (see `options_of`); lengths in metres, None means by itself.
+        rng: chooses the variant, its proportions and the small things on it.
+        **options: options of the kind (see `options_of`); lengths in metres; None: chosen by ``rng``.
 
     Returns:
         The piece in its own frame; the same bytes for the same palette, ``rng`` state and options.
@@ -109,7 +109,7 @@ def build_furniture(kind: str, palette: Palette, rng: np.random.Generator, **opt
     allowed = options_of(kind)
     for name, value in options.items():
         if name not in allowed:
-            raise UsageError(f"{kind}: no option {name!r}; it takes {', '.join(allowed) or 'none'}")
+            raise UsageError(f"{kind}: no option {name!r}; expected one of {', '.join(allowed) or 'none'}")
         if name in ("length", "width", "height") and value is not None and not 0 < float(str(value)) < 100:
             raise UsageError(f"{kind}: {name} is {value}, expected metres above 0")
     kit = Kit(palette, rng)

@@ -20,14 +20,14 @@ class Vessel:
     """Sizes of a basin, tub or tray, in metres; ``foot`` is a ratio.
 
     Attributes:
-        width, depth: of the rim's outside.
+        width, depth: outer size of the rim.
         bottom, top: heights of the underside and of the rim.
         rim: width of the rim.
-        deep: from the rim down to the floor inside.
+        deep: depth of the inside, from the rim to its floor.
         corner: radius of the corners.
-        slope: by how much the inside narrows from the rim to the floor.
+        slope: difference in width of the inside between rim and floor.
         foot: width of the underside, relative to the rim's.
-        inset: by how much the outside stands back behind the rim.
+        inset: distance by which the outside is set back from the rim.
     """
 
     width: float
@@ -43,7 +43,7 @@ class Vessel:
 
 
 def hollow(kit: Kit, size: Vessel, material: Material, *, centre: tuple[float, float] = (0.0, 0.0)) -> None:
-    """A vessel with a rounded rim: up the outside, over, and down the inside to its floor."""
+    """A vessel with a rounded rim: one surface from the outside over the rim to the floor inside."""
     width, depth, bottom, top = size.width, size.depth, size.bottom, size.top
     rim, deep, corner, slope, foot, inset = size.rim, size.deep, size.corner, size.slope, size.foot, size.inset
     w, d = width - 2 * rim, depth - 2 * rim

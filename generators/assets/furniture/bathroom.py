@@ -113,8 +113,7 @@ def _vessel(kit: Kit, w: float, d: float, top: float, metal: Material) -> None:
 def vanity_cabinet(kit: Kit) -> None:
     """A wall cabinet with two doors and a lamp over them.
 
-    It takes the place of a mirror: light that depends on the view cannot be baked, and a mirror that shows nothing is
-    seen to be false.
+    It replaces a mirror, because baked light cannot depend on the view, and a mirror without a reflection looks wrong.
     """
     kit.mount = "wall"
     w, h = kit.near(0.65, 0.15), 0.7

@@ -1,7 +1,7 @@
-"""`Furniture` and the `Kit` it is made with: a mesh builder that knows wood grain, soft shapes and acoustic boxes.
+"""`Furniture`, and its mesh builder `Kit`, which adds wood grain, soft shapes and acoustic boxes.
 
 Pieces are modelled in any convenient frame (usually back at z = 0, floor at y = 0, x about 0) with the front towards
-+Z; `Kit.finish` moves the origin to where the conventions want it.
++Z; `Kit.finish` moves the origin to the place that the conventions require.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Furniture:
         mesh: Y up, front +Z. Origin: floor pieces at the centre of the footprint on the floor, wall pieces at the
             centre of the back face (z = 0 is the wall), ceiling pieces at the contact with the ceiling (y = 0).
         supports: free surfaces for objects, in the local frame, with ``room`` empty.
-        mount: what it is fixed to.
+        mount: kind of surface to which it is fixed.
     """
 
     kind: str
@@ -53,8 +53,8 @@ class Kit(MeshBuilder):
     """A mesh builder for furniture.
 
     It differs from its base in three ways: a wooden part's grain follows its longest side (or ``grain``); each part
-    takes its own piece of the texture; and sound meets only the boxes named by `sound`, so that a chair is two
-    boxes to the acoustic engine and not forty.
+    uses another piece of the texture; and the acoustic twin has only the boxes added by `sound`, so that the acoustic
+    engine gets two boxes for a chair and not forty.
     """
 
     def __init__(self, palette: Palette, rng: np.random.Generator) -> None:
@@ -71,7 +71,7 @@ class Kit(MeshBuilder):
         return self.palette.material(role)
 
     def pick(self, *options: str) -> str:
-        """One of the options, by this piece's random numbers."""
+        """One of the options, chosen by this piece's random numbers."""
         return options[int(self.rng.integers(len(options)))]
 
     def near(self, value: float, spread: float = 0.06) -> float:
@@ -80,7 +80,7 @@ class Kit(MeshBuilder):
 
     @contextmanager
     def one_slab(self) -> Iterator[None]:
-        """Parts added inside share one texture, as if cut from one slab at their places."""
+        """Parts added in this context share one texture, as if they were cut from one slab."""
         self._whole = True
         try:
             yield
@@ -89,7 +89,7 @@ class Kit(MeshBuilder):
 
     @contextmanager
     def grained(self, axis: str) -> Iterator[None]:
-        """Parts added inside have their grain along ``"x"``, ``"y"`` or ``"z"``."""
+        """Parts added in this context have their grain along ``"x"``, ``"y"`` or ``"z"``."""
         before, self.grain = self.grain, "xyz".index(axis)
         try:
             yield
@@ -109,7 +109,7 @@ class Kit(MeshBuilder):
         crease: float = 40.0,
         acoustic: bool | str = True,
     ) -> Kit:
-        """As `MeshBuilder.add`, silent, and with texture coordinates that follow the grain where none are given."""
+        """As `MeshBuilder.add`, without an acoustic twin; default texture coordinates follow the grain."""
         points = np.asarray(vertices, dtype=np.float64)
         if uv is None and material.texture is not None:
             uv = self._grain_uv(points + (np.asarray(centre) if self._whole else 0.0), np.asarray(faces), material)
@@ -131,7 +131,7 @@ class Kit(MeshBuilder):
         cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         dominant = np.argmax(np.abs(cross), axis=1)
         along = self.grain if self.grain is not None else int(np.argmax(np.ptp(points, axis=0)))
-        # (u, v) axes of a face: the grain, and what is left; on end grain any pair will do.
+        # (u, v) axes of a face: the grain, and the remaining axis; on end grain any pair is possible.
         table = np.array([[1, 2], [0, 2], [0, 1]])
         for axis in range(3):
             if axis != along:
@@ -211,7 +211,7 @@ class Kit(MeshBuilder):
         w, h, d = (float(k) / 2 for k in size)
         cut = np.sin(np.linspace(-np.pi / 2, np.pi / 2, cells + 1))
         s, t = (k.reshape(-1) for k in np.meshgrid(cut, cut, indexing="ij"))
-        # Corners stay, sides are drawn in: cloth over stuffing.
+        # The sides are curved inwards between the corners, as in a stuffed cushion.
         x = w * s * (1 - 0.07 * (1 - t**2))
         y = h * t * (1 - 0.07 * (1 - s**2))
         thick = d * (np.clip(1 - np.abs(s) ** 2.4, 0, 1) * np.clip(1 - np.abs(t) ** 2.4, 0, 1)) ** 0.42
@@ -312,12 +312,12 @@ class Kit(MeshBuilder):
         return self
 
     def cloth_quad(self, corners: ArrayLike, material: Material, *, fit: bool = True) -> Kit:
-        """A flat printed face (picture, screen, hob); silent."""
+        """A flat printed face (picture, screen, hob) without an acoustic twin."""
         self.quad(corners, material, fit=fit, acoustic=False)
         return self
 
     def sound(self, low: Point, high: Point, material: Material) -> Kit:
-        """What sound meets: a box between two corners, with the material's acoustic label."""
+        """Add a box between two corners to the acoustic twin, with the material's acoustic label."""
         lower, upper = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
         corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * (upper - lower) + lower
         self._sound(corners[BOX_FACES], material)
@@ -342,7 +342,7 @@ class Kit(MeshBuilder):
         return self
 
     def finish(self, kind: str) -> Furniture:
-        """The piece, its origin moved to where its mount wants it."""
+        """The piece, with its origin moved to the place that its mount requires."""
         mesh = self.build()
         low, high = mesh.bounds.astype(np.float64)
         middle = (low + high) / 2

@@ -1,4 +1,4 @@
-"""The kitchen counter: base cabinets under one worktop, with sink, hob, built-in oven and what stands on it."""
+"""The kitchen counter: base cabinets under one worktop, with sink, hob, built-in oven and small things on top."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ def kitchen_counter(
     Args:
         kit: what to build with.
         length: metres (0.4 … 6); modules of about 60 cm divide it evenly.
-        features: of `FEATURES`; ``oven`` goes under the hob. Default: sink, hob, oven, drawers as far as they fit.
-        splash: whether a tiled splash-back stands behind it.
-        decor: whether small things stand on it (never on its supports).
+        features: a subset of `FEATURES`; ``oven`` is under the hob. Default: sink, hob, oven, drawers if they fit.
+        splash: whether it has a tiled splash-back.
+        decor: whether small things are on it (never on its supports).
     """
     width = float(length or 2.4)
     if not 0.4 <= width <= 6.0:
@@ -76,7 +76,7 @@ def kitchen_counter(
 
 @dataclass(frozen=True)
 class _Run:
-    """Modules of equal width side by side; what stands in which, numbered from the left, -1: nowhere.
+    """Modules of equal width side by side, and the module of each feature (from the left; -1: none).
 
     Attributes:
         left: x of the left end; the right end is at -left (m).
@@ -208,7 +208,7 @@ def _sink(kit: Kit, x: float, step: float) -> tuple[tuple[float, float], tuple[f
 
 
 def _free_tops(kit: Kit, left: float, step: float, taken: list[int], count: int, decor: bool) -> None:
-    """Declare the free stretches of the worktop as supports, after giving up to two ends to small things."""
+    """Declare the free parts of the worktop as supports, after small things have been put on up to two ends."""
     runs: list[list[float]] = []
     for k in range(count):
         if k in taken:

@@ -1,4 +1,4 @@
-"""What dresses floor and walls: rug, pictures, curtains; radiator and door leaf."""
+"""Rug, pictures, curtains, radiator and door leaf."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def picture(kit: Kit, *, width: float | None = None, height: float | None = None
             (-w / 2 + 0.01, -h / 2 + 0.01, 0.0), (w / 2 - 0.01, h / 2 - 0.01, 0.012), kit.m("mount_board"), bevel=0.0
         )
         pw, ph = w / 2 - band - mount, h / 2 - band - mount
-        # The square picture is cropped, not squeezed.
+        # The square picture is cropped, not distorted.
         su, sv = min(1.0, pw / ph), min(1.0, ph / pw)
         corners = np.array([(-pw, -ph, 0.0135), (pw, -ph, 0.0135), (pw, ph, 0.0135), (-pw, ph, 0.0135)])
         chart = np.array(

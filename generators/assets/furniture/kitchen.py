@@ -20,7 +20,7 @@ from generators.assets.furniture.parts import (
 
 
 def wall_cabinet(kit: Kit, *, length: float | None = None, height: float | None = None) -> None:
-    """Wall cabinets of equal doors, now and then with one open compartment."""
+    """Wall cabinets with equal doors, sometimes with one open compartment."""
     kit.mount = "wall"
     width, h, d = float(length or 1.8), height or 0.7, 0.33
     if not 0.3 <= width <= 6.0:

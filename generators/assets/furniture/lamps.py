@@ -1,4 +1,4 @@
-"""Lamps that stand and lamps that hang."""
+"""Floor lamps and pendant lamps."""
 
 from __future__ import annotations
 

@@ -95,7 +95,7 @@ def front(
 
 
 def pull_style(kit: Kit, place: str, role: str = "metal") -> tuple[str, str, Material]:
-    """The flat's own kind of handle."""
+    """The kind of handle that this flat uses."""
     return str(kit.palette.choose("handles", HANDLES)), place, kit.m(role)
 
 
@@ -147,7 +147,7 @@ def book_row(
 ) -> float:
     """Books side by side from ``x[0]``, spines at ``z_front``; returns where the row ends.
 
-    The last one sometimes leans. Spines come from the atlas of the role ``books``, pages and covers are plain.
+    The last book leans sometimes. Spines come from the atlas of the role ``books``; pages and covers are plain.
     """
     columns, rows = SPINES
     at = x[0]
@@ -222,7 +222,7 @@ def bowl(kit: Kit, at: tuple[float, float, float], material: Material, radius: f
 
 
 def fruit_bowl(kit: Kit, at: tuple[float, float, float]) -> None:
-    """A bowl of oranges, apples and pears' greens."""
+    """A bowl of fruit in the colours of oranges, apples and pears."""
     x, y, z = at
     bowl(kit, at, kit.m(kit.pick("pot_white", "wood", "ceramic_accent")), 0.13, 0.075)
     for k in range(6):

@@ -116,7 +116,7 @@ def plant(kit: Kit, *, height: float | None = None) -> None:
     tall = float(height or {"rubber": 1.5, "palm": 1.6, "snake": 0.85, "fan": 1.05}[form] * kit.rng.uniform(0.88, 1.1))
     r, pot = 0.15 + 0.03 * float(kit.rng.random()) + (0.03 if form in ("palm", "rubber") else 0.0), 0.3
     _pot(kit, (0.0, 0.0, 0.0), r, pot)
-    # The foliage is grown by itself and scaled to the height asked for.
+    # The foliage is built first and then scaled to the requested height.
     tree = Kit(kit.palette, kit.rng)
     leaf = tree.m(tree.pick("leaf", "leaf", "leaf_alt"))
     soil = np.array([0.0, 0.87 * pot, 0.0])

@@ -61,7 +61,7 @@ def bookshelf(kit: Kit, *, width: float | None = None, height: float | None = No
 
 
 def _fill(kit: Kit, x: tuple[float, float], y: float, depth: float, clear: float, *, low: bool) -> None:
-    """What stands in one compartment."""
+    """The contents of one compartment."""
     choice = "boxes" if low and kit.rng.random() < 0.5 else kit.pick("books", "books", "books", "mixed", "ornament")
     front_z = depth - 0.035
     if choice == "boxes":

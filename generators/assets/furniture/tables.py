@@ -182,7 +182,7 @@ def tv_stand(kit: Kit, *, length: float | None = None) -> None:
 
 
 def desk(kit: Kit) -> None:
-    """A writing desk with drawers on one side or a thin one on trestle legs, with a lamp's worth of free top."""
+    """A writing desk with drawers on one side, or a thin one on trestle legs; part of its top is free."""
     w, d, h = kit.near(1.3, 0.08), 0.62, 0.74
     top = kit.m("wood")
     kit.panel((-w / 2, h - 0.028, 0.0), (w / 2, h, d), top, bevel=0.004)

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 def _hands(b: MeshBuilder, centre: tuple[float, float, float], radius: float, ink: Material, rng: Generator) -> None:
-    """Hour, minute and second hand on a dial of ``radius`` metres that looks along +Z."""
+    """Hour, minute and second hand on a dial of ``radius`` metres that faces +Z."""
     minutes = float(rng.integers(720))
     red = plastic("second_hand", "#c0261f")
     specs = (
@@ -46,7 +46,7 @@ def _rim(
 
 
 def _station(rng: Generator) -> Design:
-    """A wall clock in the manner of railway stations: bars instead of minute numerals, bold figures."""
+    """A wall clock in the style of railway stations: bars instead of minute numerals, bold figures."""
     b = MeshBuilder()
     radius = 0.19
     case = plastic("rim", choose(rng, "#1d1e20", "#9d2323", "#29465c", "#3c4a3e"), gloss=0.5)

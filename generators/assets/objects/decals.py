@@ -11,7 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 Pixels = NDArray[np.uint8]
 XY = tuple[float, float]
 
-#: Drawn this much larger and averaged down, so that every edge is smooth.
+#: Factor of supersampling: the picture is drawn larger and averaged, so that every edge is smooth.
 _OVERSAMPLE = 4
 _SEGMENTS = {  # a b c d e f g: top, upper right, lower right, bottom, lower left, upper left, middle
     "0": "abcdef",

@@ -1,4 +1,4 @@
-"""What a category's module hands to the catalogue: a mesh, how it is mounted and where it sounds."""
+"""`Design`: the mesh, mount and source point of a model, from its category's module to the catalogue."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class Design:
 
     Attributes:
         mesh: the object.
-        mount: what it stands on or hangs from.
-        source_point: where the sound leaves it, on or a little in front of its surface.
+        mount: kind of surface on which it stands or hangs.
+        source_point: position of the sound source, on its surface or a little in front of it.
     """
 
     mesh: Mesh
@@ -29,5 +29,5 @@ class Design:
     source_point: Point
 
 
-#: Builds one variant; the generator chooses what may differ between two copies of the same product (a colour, a time).
+#: Builds one variant; the generator chooses the differences between two copies of a product (a colour, a time).
 Build = Callable[[Generator], Design]

@@ -1,8 +1,8 @@
-"""What household goods are made of: enamel, plastics, chrome, steel, glass, ceramic, rubber, wood, and printed faces.
+"""Materials of household goods: enamel, plastics, chrome, steel, glass, ceramic, rubber, wood, and printed faces.
 
-Light is baked into the scene and does not depend on the view, so what a polished surface would mirror is painted:
-metal carries a room's reflection looked up by its normals (see `mirrored`), dark glass a pale sheen. Colours are given
-as sRGB and stored linear. Plain finishes are cached, because a mesh tells its materials apart by identity.
+Light is baked into the scene and does not depend on the view, so reflections of polished surfaces are painted: metal
+has a texture of a room's reflection, looked up by its normals (see `mirrored`), dark glass a pale sheen. Colours are
+given as sRGB and stored linear. Plain finishes are cached, because a mesh distinguishes its materials by identity.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ Pixels = NDArray[np.uint8]
 Array = NDArray[np.float64]
 Colour = tuple[float, float, float]
 
-#: Smooth dielectrics reflect 4 % at normal incidence (Fresnel, n = 1.5), more at a slant; a renderer without view-
-#: dependent light would show black plastic as a hole, so this much of it is counted as diffuse.
+#: Part of the specular reflection that is added to the diffuse albedo. Smooth dielectrics reflect 4 % at normal
+#: incidence (Fresnel, n = 1.5), more at other angles; without it, black plastic would look like a hole.
 SHEEN = 0.022
-#: Texture names that `mirrored` recognises start with this.
+#: Prefix of the texture names that `mirrored` recognises.
 _MIRROR = "mirror:"
 
 

@@ -1,4 +1,4 @@
-"""Shapes of moulded goods that boxes and lathes do not give: lofts, rounded slabs, housings with a port, coils."""
+"""Shapes of moulded goods other than boxes and lathes: lofts, rounded slabs, housings with a port, coils."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 #: Which ends of a loft are closed.
 Caps = Literal["both", "first", "none"]
-#: A housing of enamelled sheet: radius of its edges along z, and of the edges of its front (m).
+#: Housing of enamelled sheet steel: radius of its edges along z, and of the edges of its front (m).
 EDGE, BEVEL = 0.012, 0.008
 
 
@@ -34,10 +34,10 @@ def loft(
 
     Args:
         builder: receives the faces.
-        loops: (L, N, 3); loop k's point j is joined to loop k+1's point j. Seen from the end of the stack the loops
-            run counter-clockwise (so that the skin looks outwards).
+        loops: (L, N, 3); loop k's point j is joined to loop k+1's point j. Seen from the end of the stack, the loops
+            run counter-clockwise, so that the skin faces outwards.
         material: of all faces.
-        caps: which ends are closed, with a fan round the mean of the loop (it must be star-shaped about it).
+        caps: ends to close, with a fan around the mean of the loop (the loop must be star-shaped about it).
         centre: added after the rotation.
         rotate: (3, 3).
         crease: smoothing angle, degrees.
@@ -130,7 +130,7 @@ def housing_with_port(
     width, height, length = size
     outline = rounded_rectangle(width, height, EDGE)
     away = outline - np.asarray(port)
-    # The long sides need points between the corners, or the front's triangles become slivers across the hole.
+    # The long sides need points between the corners; otherwise the front's triangles become slivers across the hole.
     pieces = []
     for first, second in zip(away, np.roll(away, -1, axis=0), strict=True):
         cuts = max(1, int(np.linalg.norm(second - first) / 0.08))

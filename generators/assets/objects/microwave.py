@@ -22,7 +22,7 @@ from generators.assets.shapes import MeshBuilder, rotation
 from generators.core.scene import Material
 
 W, H, D = 0.50, 0.29, 0.37
-#: Share of the front that the control panel takes.
+#: Width of the control panel as a share of the front's.
 PANEL = 0.125
 
 

@@ -17,12 +17,12 @@ from generators.core.scene import Material
 
 Array = NDArray[np.float64]
 
-#: The darker of a cordless set's colours: its prints are light.
+#: The darker colour of a cordless set; with it, the prints are light.
 DARK = "#1d1f22"
 
 
 def _handset(b: MeshBuilder, length: float, material: Material, centre: Array, turn: Array) -> None:
-    """A handset along local x, its ear and mouth pieces looking down (−y), the grip arched above them."""
+    """A handset along local x with its ear and mouth pieces facing down (−y) and an arched grip above them."""
     half = length / 2
     x = np.linspace(-half * 0.98, half * 0.98, 25)
     s = x / half
@@ -64,9 +64,9 @@ class _Keys:
     Attributes:
         labels: one character a key, row by row.
         columns: keys in a row.
-        pitch: from key to key across and up (m).
-        size: of a key: across, up, out (m).
-        key: their colour (sRGB).
+        pitch: distances from key to key, across and up (m).
+        size: size of a key: across, up, out (m).
+        key: colour of the keys (sRGB).
         ink: colour of the print (sRGB).
     """
 

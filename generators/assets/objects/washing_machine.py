@@ -17,7 +17,7 @@ from generators.core.scene import Material, Texture
 
 @dataclass(frozen=True)
 class _Style:
-    """What tells one washing machine from another; sizes in metres, colours sRGB."""
+    """Parameters in which washing machines differ; sizes in metres, colours sRGB."""
 
     body: str
     panel: str
@@ -128,7 +128,7 @@ def _front_loader(style: _Style, rng: Generator) -> Design:
     if style.drawer_x is not None:
         _detergent_drawer(b, style, style.drawer_x, panel_y, gap)
     _door(b, style, rng)
-    # Before the lower edge of the door, where a drum is loudest through its gasket.
+    # In front of the lower edge of the door, where the drum is loudest through its gasket.
     return Design(b.build(), "floor", (0.0, style.port_height - radius - 0.01, face + 0.055))
 
 

@@ -1,7 +1,7 @@
-"""Loudness after ITU-R BS.1770-4 and a true-peak limiter.
+"""Loudness according to ITU-R BS.1770-4, and a true-peak limiter.
 
 K-weighting is two second-order sections. The recommendation prints their coefficients for 48 kHz only; here they are
-derived from the analogue prototypes that those coefficients come from, so that every sample rate is weighted alike.
+derived from the analogue prototypes of those coefficients, so that the weighting is the same at every sample rate.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def true_peak(signal: NDArray[np.floating]) -> float:
 
 
 def limit(signal: NDArray[np.floating], sample_rate: int, ceiling: float) -> Array:
-    """Look-ahead limiter: turns the gain down smoothly 4 ms before and after whatever would pass ``ceiling``."""
+    """Look-ahead limiter: smoothly reduces the gain from 4 ms before to 4 ms after each peak above ``ceiling``."""
     samples = np.asarray(signal, dtype=np.float64)
     envelope = true_peak_envelope(samples)
     if envelope.max(initial=0.0) <= ceiling:
@@ -106,7 +106,7 @@ def normalised(
 ) -> NDArray[np.float32]:
     """The signal at ``target_lufs`` integrated loudness with its true peak limited to ``ceiling_db`` dBTP.
 
-    Limiting takes loudness away, so that level and limiter alternate until the loudness is right within 0.05 LU.
+    Limiting reduces the loudness, so level adjustment and limiting alternate until the error is below 0.05 LU.
     """
     out = np.asarray(signal, dtype=np.float64)
     ceiling = 10 ** (ceiling_db / 20)

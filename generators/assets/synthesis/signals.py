@@ -25,7 +25,7 @@ def time_axis(count: int) -> Array:
 
 def band_noise(count: int, rng: Generator, low: float, high: float, order: int = 2) -> Array:
     """Gaussian noise of unit RMS between ``low`` and ``high`` (Butterworth of ``order`` on each side)."""
-    # The filter starts at rest, so a lead-in is made and cut off.
+    # The filter needs time to settle, so a lead-in is computed and cut off.
     lead = SAMPLE_RATE // 5
     noise = rng.standard_normal(count + lead)
     sections = butter(order, [low, min(high, 0.48 * SAMPLE_RATE)], btype="bandpass", fs=SAMPLE_RATE, output="sos")
@@ -136,7 +136,7 @@ def bubbles(count: int, rng: Generator, rate: Array | float, radii_mm: tuple[flo
 
 
 def add_at(out: Array, start: int, piece: Array) -> None:
-    """Add ``piece`` to ``out`` from sample ``start`` on; what reaches beyond its ends is cut off."""
+    """Add ``piece`` to ``out`` from sample ``start`` on; samples beyond the ends of ``out`` are dropped."""
     low, high = max(0, start), min(len(out), start + len(piece))
     if high > low:
         out[low:high] += piece[low - start : high - start]

@@ -1,11 +1,12 @@
-"""The seven categories as sounding machines.
+"""Synthesis of the sounds of the seven categories.
 
 A voice is a function (samples, Generator) → signal at `signals.SAMPLE_RATE`, of any level; its variant (speeds,
-pitches, timbre, programme) is drawn from the Generator. None is ever silent: a pump, a fan, a refill or a ringing body
-goes on in every second. Levels inside a voice are relative RMS or peak values chosen by ear and spectrogram.
+pitches, timbre, programme) is drawn from the Generator. No voice is ever silent: a pump, a fan, a refill or a ringing
+body sounds in every second. Levels inside a voice are relative RMS or peak values, chosen by listening and by the
+spectrogram.
 
-Panels of these sizes radiate little below 100 Hz, and below 700 Hz a head throws hardly a shadow, so that nothing could
-be told from interaural levels: every machine has a good part of its energy above that, as it has in reality.
+Panels of these sizes radiate little sound below 100 Hz. Below 700 Hz the head causes hardly any interaural level
+difference, so every machine has a large part of its energy above that frequency, as real machines do.
 """
 
 from __future__ import annotations
@@ -82,7 +83,7 @@ def washing_machine(count: int, rng: Generator) -> Array:
 
 
 def toilet(count: int, rng: Generator) -> Array:
-    """Flush after flush: a roar of falling water, the gulp of the siphon, the hiss of the refill."""
+    """Repeated flushes: a roar of falling water, the gulp of the siphon, the hiss of the refill."""
     out = np.zeros(count)
     body = rng.uniform(0.85, 1.25)  # bowl and pipe resonances
     now = -rng.uniform(0.0, 0.4)
@@ -197,7 +198,7 @@ def microwave(count: int, rng: Generator) -> Array:
 
 
 def coffee_machine(count: int, rng: Generator) -> Array:
-    """Espresso after espresso: vibrating pump, the coffee dripping and gurgling, steam that froths the milk."""
+    """Repeated espressos: vibrating pump, dripping and gurgling coffee, steam that froths the milk."""
     out = np.zeros(count)
     mains = float(rng.choice([50.0, 60.0]))
     body, cup = rng.uniform(300.0, 480.0), rng.uniform(1.0, 1.5)
@@ -244,7 +245,7 @@ def coffee_machine(count: int, rng: Generator) -> Array:
 
 
 def clock(count: int, rng: Generator) -> Array:
-    """Tick and tock of an escapement in its case: two or three small strokes each, wheels purring faintly beneath."""
+    """Tick and tock of an escapement in its case: two or three small strokes each, with a faint noise of the wheels."""
     beats = float(rng.choice([2.0, 2.5, 3.0, 4.0]))
     bright, wood = rng.uniform(0.8, 1.3), rng.uniform(0.8, 1.25)
     dry = np.zeros(count)
@@ -271,9 +272,9 @@ def clock(count: int, rng: Generator) -> Array:
         kind = (ticks if number % 2 == 0 else tocks)[int(rng.integers(0, 4))]
         add_at(dry, int((now + rng.normal(0, 6e-4)) * SAMPLE_RATE), rng.uniform(0.85, 1.0) * kind)
         number += 1
-        # An escapement out of beat limps a little.
+        # The intervals of an escapement that is out of beat alternate slightly.
         now += (1.0 + (0.05 if number % 2 else -0.05)) / beats
-    # The movement's plates and the case ring on: a faint, fast decaying diffuse tail.
+    # The movement's plates and the case resonate: a faint diffuse tail that decays fast.
     tail_time = time_axis(int(0.5 * SAMPLE_RATE))
     tail = band_noise(len(tail_time), rng, 350 * wood, 5200 * bright) * np.exp(-6.91 * tail_time / 0.45)
     ringing = fftconvolve(dry, unit(tail) * 0.004)[:count]
@@ -338,7 +339,7 @@ def telephone(count: int, rng: Generator) -> Array:
     return unit(out) + 0.01 * band_noise(count, rng, 200, 4000)
 
 
-#: How much brighter than its voice a category is made (dB above about 1.5 kHz): what thin sheets and openings radiate.
+#: Gain (dB) above about 1.5 kHz that is added to each voice, for the radiation of thin sheets and openings.
 _BRIGHTNESS = {
     "washing_machine": 7.0,
     "toilet": 3.0,

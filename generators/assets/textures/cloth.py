@@ -53,7 +53,7 @@ def velvet(rng: np.random.Generator, colour: Field, *, size: int = 512) -> Image
 
 
 def knit(rng: np.random.Generator, colour: Field, *, size: int = 512, stitches: int = 40) -> Image:
-    """Stocking stitch: columns of Vs."""
+    """Stocking stitch: columns of V-shaped loops."""
     x, y = grid(size, size)
     u = (x * stitches) % 1.0 - 0.5
     v = (y * stitches * 1.0 + 1.1 * np.abs(u)) % 1.0

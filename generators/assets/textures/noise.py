@@ -1,4 +1,4 @@
-"""Periodic noise and colour arithmetic: what all procedural textures are made from.
+"""Periodic noise and colour arithmetic, from which all procedural textures are made.
 
 Images are float64 (H, W) fields or (H, W, 3) sRGB colours in [0, 1], row 0 at the top; every field wraps round in both
 directions, so that a texture repeats without a seam.
@@ -39,7 +39,7 @@ def to_image(colour: Field) -> Image:
 
 
 def shift_colour(colour: Field, *, value: float = 0.0, saturation: float = 0.0, hue: float = 0.0) -> Field:
-    """A neighbour of an sRGB colour (3,): ``value`` and ``saturation`` relative, ``hue`` in degrees."""
+    """A changed sRGB colour (3,): ``value`` and ``saturation`` are factors, ``hue`` is a shift in degrees."""
     h, s, v = cv2.cvtColor(np.asarray(colour, dtype=np.float32).reshape(1, 1, 3), cv2.COLOR_RGB2HSV)[0, 0]
     hsv = np.array([(h + hue) % 360, np.clip(s * (1 + saturation), 0, 1), np.clip(v * (1 + value), 0, 1)], np.float32)
     return np.asarray(cv2.cvtColor(hsv.reshape(1, 1, 3), cv2.COLOR_HSV2RGB)[0, 0], dtype=np.float64)

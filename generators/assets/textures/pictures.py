@@ -209,7 +209,7 @@ def book_spines(rng: np.random.Generator, colours: tuple[Field, ...], *, size: i
             spine[int(0.1 * h) : int(0.34 * h)] = label * 0.9
         elif style == 2:
             spine[int(0.8 * h) :] = base * 0.7
-        # A title read from top to bottom: a row of strokes of different length, as lettering looks from afar.
+        # A title from top to bottom: a row of strokes of different length, which looks like lettering from a distance.
         at, stop = int(rng.uniform(0.14, 0.2) * h), int(rng.uniform(0.55, 0.78) * h)
         thick = int(rng.integers(w // 5, w // 3))
         while at < stop:
@@ -268,7 +268,7 @@ def oven_panel(rng: np.random.Generator, base: Field, *, size: int = 512) -> Ima
 
 
 def tv_screen(rng: np.random.Generator, *, size: int = 256) -> Image:
-    """A television that is off: nearly black with the ghost of a window in it."""
+    """A television that is off: nearly black with a faint reflection of a window."""
     x, y = grid(size, size)
     ghost = 1 - smoothstep(0.05, 0.3, np.maximum(np.abs(x - 0.7) / 1.2, np.abs(y - 0.4)))
     out = np.array([0.19, 0.20, 0.215]) * (1 + 0.25 * ghost)[..., None]

@@ -69,7 +69,7 @@ def wallpaper(rng: np.random.Generator, base: Field, ink: Field, *, motif: str =
 
 
 def brick(rng: np.random.Generator, colour: Field, mortar: Field, *, size: int = 1024) -> Image:
-    """A brick wall of 2 m: 8 × 28 stretchers in running bond, each with its own firing."""
+    """A brick wall of 2 m: 8 × 28 stretchers in running bond, each with its own tone."""
     rows, columns = 28, 8
     y, x = np.meshgrid(np.arange(size) + 0.5, np.arange(size) + 0.5, indexing="ij")
     wobble = 1.2 * spectral(rng, (size, size), 1.4, finest=8)

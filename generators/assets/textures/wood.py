@@ -24,12 +24,12 @@ from generators.assets.textures.noise import (
 
 @dataclass(frozen=True)
 class Species:
-    """What a kind of wood looks like.
+    """Appearance of a kind of wood.
 
     Attributes:
         light, dark: sRGB hex of early and late wood.
         rings: annual rings across a metre of straight grain.
-        figure: how far the rings wander (0 straight, 3 flamed).
+        figure: deviation of the rings from straight lines (0: straight, 3: strongly figured).
         contrast: weight of the rings.
         pores: weight of the dark pores (oak, walnut) or 0 (pine, maple).
         fibre: weight of the fine streaks.
@@ -62,7 +62,7 @@ def grain(rng: np.random.Generator, shape: tuple[int, int], metres: float, speci
     """Darkness (H, W) about [0, 1] of a flat-sawn board; the image is ``metres`` high and wide per ``shape``."""
     height, _ = shape
     y = (np.arange(height) + 0.5)[:, None] / height
-    # Contours of a field that is long in the direction of the grain are the cathedrals of flat-sawn wood.
+    # Contours of a field that is stretched along the grain give the arched figure of flat-sawn wood.
     bend = spectral(rng, shape, 1.9, stretch=(1.0, 9.0), finest=10)
     cycles = max(1, round(species.rings * metres * 0.45))
     phase = cycles * y + bend * species.figure * species.rings * metres * 0.10
@@ -100,13 +100,13 @@ def painted(rng: np.random.Generator, colour: Field, *, size: int = 256) -> Imag
 
 @dataclass(frozen=True, eq=False)
 class _Boards:
-    """Where the boards lie; all arrays (H, W), lengths in pixels of the result.
+    """Layout of the boards; all arrays are (H, W), lengths in pixels of the result.
 
     Attributes:
         ids: number of the board, from 0.
-        along: place on the board, lengthwise.
-        across: the same across it.
-        edge: distance to its rim.
+        along: position on the board, lengthwise.
+        across: position across the board.
+        edge: distance to the board's rim.
     """
 
     ids: np.ndarray
@@ -124,7 +124,7 @@ def _paint_boards(
     gap: float,
     tone: float,
 ) -> Image:
-    """Colour boards: each takes its own piece of one large sheet of grain, its own tone and a dark joint."""
+    """Colour boards: each gets another piece of one large sheet of grain, its own tone and a dark joint."""
     ids, along, across, edge = boards.ids, boards.along, boards.across, boards.edge
     size = ids.shape[0]
     count = int(ids.max()) + 1
@@ -163,7 +163,7 @@ def strips(
     along, end = np.zeros((size, size)), np.zeros((size, size))
     start = rng.random()
     for r in range(rows):
-        # The golden ratio keeps joints of neighbouring rows apart; the jitter hides that there is a rule.
+        # The golden ratio keeps joints of neighbouring rows apart; the jitter hides the regularity.
         start = (start + 0.618034 / per_row * 1.0 + rng.uniform(-0.06, 0.06) / per_row) % 1.0
         cuts = (start + np.arange(per_row) / per_row + rng.uniform(-0.18, 0.18, per_row) / per_row) % 1.0
         cuts = np.sort(cuts) * size
