@@ -74,7 +74,7 @@ RelativePath = Annotated[str, AfterValidator(_relative)]
 class Record(BaseModel):
     """Base of all records.
 
-    Fields named in ``left_out`` are not written where they are None: files without them keep their bytes.
+    Fields named in ``left_out`` are not written if they are None, so that files of older versions keep their bytes.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -82,26 +82,28 @@ class Record(BaseModel):
 
 
 class LicenceRecord(Record):
-    """Where an asset comes from and what may be done with it."""
+    """Licence, author and source of an asset."""
 
-    name: Text = Field(description="licence, SPDX identifier where there is one")
+    name: Text = Field(description="licence: SPDX identifier if there is one")
     author: Text
     source: Text = Field(description="URL, collection and id, or 'procedural'")
 
 
 class AttributionRecord(LicenceRecord):
-    """One asset that the dataset holds, with its licence."""
+    """One asset in the dataset, with its licence."""
 
     asset: Text
 
 
 class ProvenanceRecord(Record):
-    """The software that made a file, see `avs3d_bench.provenance`."""
+    """The software that made a file; see `avs3d_bench.provenance`."""
 
-    digest: Sha256 = Field(description="of the sources, libraries and Python that the result depends on")
+    digest: Sha256 = Field(description="digest of the sources, libraries and Python on which the result depends")
     toolkit_version: Text
     python: Text = Field(description="minor version, e.g. 3.11")
-    libraries: dict[str, Text] = Field(default_factory=dict, description="distribution → version; none: not installed")
+    libraries: dict[str, Text] = Field(
+        default_factory=dict, description="distribution → version; 'none' if not installed"
+    )
 
     @classmethod
     def of(cls, software: Provenance) -> Self:
@@ -115,7 +117,7 @@ class ProvenanceRecord(Record):
 
 
 class IntrinsicsRecord(Record):
-    """Pinhole camera without distortion, pixels; the centre of pixel (u, v) lies at (u + 0.5, v + 0.5)."""
+    """Pinhole camera without distortion, in pixels; the centre of pixel (u, v) is at (u + 0.5, v + 0.5)."""
 
     width: Annotated[int, Field(gt=0)]
     height: Annotated[int, Field(gt=0)]
@@ -136,9 +138,9 @@ class IntrinsicsRecord(Record):
 
 
 class InstanceRecord(Record):
-    """One placed object. Its id is its value in `instance_masks/`; 0 there is the scan.
+    """One placed object. Its id is its pixel value in `instance_masks/`, where 0 is the home.
 
-    Of a moving source, ``position``, ``rotation`` and ``bounds`` are those at the first frame.
+    For a moving object, ``position``, ``rotation`` and ``bounds`` are those at the first frame.
     """
 
     id: Annotated[int, Field(ge=1, le=65535)]
@@ -147,7 +149,7 @@ class InstanceRecord(Record):
     position: Vector3 = Field(description="origin of the model in the world, metres")
     rotation: Quaternion = Field(description="model-to-world (w, x, y, z)")
     bounds: tuple[Vector3, Vector3] = Field(description="lowest and highest corner in the world, metres")
-    asset: Text = Field(description="which model, e.g. 'procedural:clock/round'")
+    asset: Text = Field(description="name of the model, e.g. 'procedural:clock/round'")
     licence: LicenceRecord
 
     @model_validator(mode="after")
@@ -165,52 +167,58 @@ class SoundRecord(Record):
 
 
 class AcousticsRecord(Record):
-    """How the clips were made."""
+    """The acoustic simulation that made the clips."""
 
     backend: Text
     version: Text
     sample_rate: Annotated[int, Field(gt=0)]
-    gain: Positive = Field(description="the one factor applied to every clip of the observation")
-    settings: dict[str, Scalar] = Field(default_factory=dict, description="rays, depth, … of the backend")
+    gain: Positive = Field(description="factor applied to all clips of the observation")
+    settings: dict[str, Scalar] = Field(
+        default_factory=dict, description="settings of the backend: number of rays, depth, …"
+    )
     t30: Positive | None = Field(default=None, description="reverberation time of the room, seconds (ISO 3382-2)")
     notes: str = ""
 
 
 class VisionRecord(Record):
-    """What rendered the pictures."""
+    """The renderer of the pictures."""
 
     backend: Text
     version: Text
 
 
 class FrameRecord(Record):
-    """One frame: where the agent's sensor was, what it saw and heard.
+    """One frame: the pose of the agent's sensor, and the visibility and direction of the source.
 
-    Where the sounding object moves, ``source_position``, ``instance_position`` and ``instance_rotation`` say where it
-    is at ``time``; elsewhere all three are absent, and the observation's own hold for every frame.
+    If the sounding object moves, ``source_position``, ``instance_position`` and ``instance_rotation`` are its position
+    and rotation at ``time``; otherwise all three are absent, and those of the observation are valid for every frame.
     """
 
     left_out: ClassVar[frozenset[str]] = frozenset({"source_position", "instance_position", "instance_rotation"})
 
     name: FrameName
     time: NonNegative = Field(description="seconds from the start; the clip covers [time, time + 1)")
-    position: Vector3 = Field(description="sensor in the world, metres")
+    position: Vector3 = Field(description="position of the sensor in the world, metres")
     rotation: Quaternion = Field(description="camera-to-world (w, x, y, z); the camera looks down −Z")
     visible_pixels: Annotated[int, Field(ge=0)] = Field(description="pixels of the sounding instance in this frame")
-    azimuth: Annotated[float, Field(ge=-180, le=180)] = Field(description="of the source; 0 ahead, positive right")
-    elevation: Annotated[float, Field(ge=-90, le=90)] = Field(description="of the source; positive up")
-    distance: NonNegative = Field(description="to the source, metres")
-    line_of_sight: bool = Field(description="nothing stands between sensor and source")
+    azimuth: Annotated[float, Field(ge=-180, le=180)] = Field(
+        description="azimuth of the source, degrees; 0 ahead, positive to the right"
+    )
+    elevation: Annotated[float, Field(ge=-90, le=90)] = Field(
+        description="elevation of the source, degrees; positive up"
+    )
+    distance: NonNegative = Field(description="distance to the source, metres")
+    line_of_sight: bool = Field(description="whether nothing is between sensor and source")
     rms_left: NonNegative
     rms_right: NonNegative
     source_position: Vector3 | None = Field(
-        default=None, description="where the sound comes from at this time, world, metres; only if the source moves"
+        default=None, description="position of the source at this time in the world, metres; only if it moves"
     )
     instance_position: Vector3 | None = Field(
-        default=None, description="origin of the sounding instance at this time; only if the source moves"
+        default=None, description="origin of the sounding instance at this time in the world, metres; only if it moves"
     )
     instance_rotation: Quaternion | None = Field(
-        default=None, description="model-to-world (w, x, y, z) at this time; only if the source moves"
+        default=None, description="model-to-world (w, x, y, z) of the sounding instance at this time; only if it moves"
     )
 
     @property
@@ -220,7 +228,7 @@ class FrameRecord(Record):
 
     @property
     def instance_pose(self) -> Pose | None:
-        """The sounding instance's model-to-world pose at this time; None where it does not move."""
+        """The sounding instance's model-to-world pose at this time; None if it does not move."""
         if self.instance_position is None or self.instance_rotation is None:
             return None
         return Pose(self.instance_position, self.instance_rotation)
@@ -234,7 +242,7 @@ class FrameRecord(Record):
 
 
 class ObservationRecord(Record):
-    """`observation.json`."""
+    """`observation.json`: one observation with all its frames and files."""
 
     left_out: ClassVar[frozenset[str]] = frozenset({"variant_of", "source_motion", "sizes"})
 
@@ -244,20 +252,21 @@ class ObservationRecord(Record):
     scan: Scan
     room: Room
     index: Annotated[int, Field(ge=1)]
-    category: Category = Field(description="of the sounding instance")
+    category: Category = Field(description="category of the sounding instance")
     seed: Annotated[int, Field(ge=0)]
     plan_sha256: Sha256 | None = Field(
-        default=None, description="of everything that decided these bytes; a rerun reuses it"
+        default=None,
+        description="sha256 of all that these bytes depend on; a rerun keeps the observation if it is equal",
     )
-    notes: tuple[str, ...] = Field(default=(), description="what could not be had as asked, e.g. twins closer than 1 m")
+    notes: tuple[str, ...] = Field(default=(), description="constraints that were relaxed, e.g. twins closer than 1 m")
     variant_of: Text | None = Field(
-        default=None, description="key of the observation that differs in its acoustics alone; only of a variant"
+        default=None, description="key of the observation from which this variant differs only in its acoustics"
     )
     source_motion: Literal["path"] | None = Field(
-        default=None, description="path: the sounding object moves, see frames; absent where it stands still"
+        default=None, description="path: the sounding object moves (see frames); absent if it does not move"
     )
     source_position: Vector3 = Field(
-        description="where the sound comes from, world, metres; of a moving source, at the first frame"
+        description="position of the source in the world, metres; if it moves, at the first frame"
     )
     intrinsics: IntrinsicsRecord
     instances: Annotated[tuple[InstanceRecord, ...], Field(min_length=1)]
@@ -267,7 +276,7 @@ class ObservationRecord(Record):
     frames: Annotated[tuple[FrameRecord, ...], Field(min_length=1, max_length=layout.MAX_FRAMES)]
     files: dict[RelativePath, Sha256] = Field(description="sha256 of every file beside observation.json")
     sizes: dict[RelativePath, Annotated[int, Field(ge=0)]] | None = Field(
-        default=None, description="bytes of every file in files; absent in trees of older versions"
+        default=None, description="size in bytes of every file in `files`; absent in datasets of older versions"
     )
 
     @property
@@ -281,11 +290,11 @@ class ObservationRecord(Record):
         return self.source_motion is not None
 
     def source_at(self, frame: FrameRecord) -> Vector3:
-        """Where the sound comes from at the time of ``frame``, world, metres."""
+        """Position of the source in the world at the time of ``frame``, metres."""
         return frame.source_position or self.source_position
 
     def to_frame(self, frame: FrameRecord, points: ArrayLike) -> NDArray[np.float64]:
-        """Points of the sounding instance as `gt_3d` has them, (N, 3) at the first frame, at the time of ``frame``."""
+        """Points (N, 3) of the sounding instance at the first frame, as in `gt_3d`, moved to the time of ``frame``."""
         first, now = Pose(self.sounding.position, self.sounding.rotation), frame.instance_pose
         if now is None:
             return np.asarray(points, dtype=np.float64)
@@ -324,7 +333,7 @@ class ObservationRecord(Record):
 
 
 class CameraSplits(Record):
-    """`camera_splits.json`: names of the image frames, without extension."""
+    """`camera_splits.json`: file names, without extension, of the train and test frames."""
 
     train: tuple[FrameName, ...]
     test: tuple[FrameName, ...]
@@ -360,10 +369,10 @@ class DatasetEntry(Record):
 
 
 class DatasetRecord(Record):
-    """`dataset.json`. It holds no time stamp: the same manifest and backends give the same bytes.
+    """`dataset.json`. It has no time stamp, so the same manifest and backends give the same bytes.
 
-    ``digest`` covers all other fields, the free text too. It finds damage; it cannot find an edit by someone who
-    computes it again.
+    ``digest`` covers all other fields, with the free text. It detects damage, but not an edit after which it was
+    computed again.
     """
 
     left_out: ClassVar[frozenset[str]] = frozenset({"digest", "provenance"})
@@ -373,7 +382,7 @@ class DatasetRecord(Record):
     version: Text
     toolkit_version: Text
     created_by: str | None = None
-    manifest: str = Field(description="the manifest, verbatim")
+    manifest: str = Field(description="the text of the manifest, unchanged")
     manifest_sha256: Sha256 = Field(description="sha256 of the manifest's UTF-8 bytes")
     backends: dict[str, Text] = Field(description="backend name → version")
     licence: Text
@@ -381,13 +390,13 @@ class DatasetRecord(Record):
     provenance: ProvenanceRecord | None = Field(default=None, description="software that made the observations")
     observations: tuple[DatasetEntry, ...]
     digest: Sha256 | None = Field(
-        default=None, description="sha256 of all other fields as canonical JSON; absent in trees of older versions"
+        default=None, description="sha256 of all other fields as canonical JSON; absent in datasets of older versions"
     )
 
     def contents_digest(self) -> str:
         """The sha256 that `digest` should have.
 
-        Canonical JSON: keys sorted, no spaces, ASCII with escapes, fields that are null left out.
+        Canonical JSON: sorted keys, no spaces, ASCII with escapes, without fields that are null.
         """
         fields = self.model_dump(mode="json", exclude={"digest"}, exclude_none=True)
         text = json.dumps(fields, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
@@ -412,7 +421,7 @@ class DatasetRecord(Record):
 
 
 class SubmissionRecord(Record):
-    """`submission.json`."""
+    """`submission.json`: the method, and the dataset for which the masks were made."""
 
     left_out: ClassVar[frozenset[str]] = frozenset({"provenance", "truth"})
 
@@ -425,16 +434,16 @@ class SubmissionRecord(Record):
     runtime: float | str | dict[str, Scalar] | None = None
     truth: Text | None = Field(
         default=None,
-        description="the ground truth that the masks were made from, e.g. 'masks of test frames'; absent: none. "
-        "A submission with it is shown on leaderboards, and not ranked",
+        description="the ground truth from which the masks were made, e.g. 'masks of test frames'; absent if none. "
+        "Leaderboards show a submission with this field, but do not rank it",
     )
     provenance: ProvenanceRecord | None = Field(
-        default=None, description="software that made the masks; only of the baselines of this toolkit"
+        default=None, description="software that made the masks; only for the baselines of this toolkit"
     )
 
 
 _R = TypeVar("_R", bound=Record)
-#: Longest message on a finding (characters): a wrong value may be as long as the file.
+#: Longest message about a finding (characters); without a limit, a wrong value may be as long as the file.
 _LONGEST_LINE = 1000
 
 
@@ -455,7 +464,7 @@ def parse_record(text: str | bytes, record: type[_R], where: str | Path) -> _R:
     """Parse the JSON ``text`` of the file ``where``.
 
     Raises:
-        Avs3dError: naming the file, the first wrong field and how many more there are.
+        Avs3dError: naming the file, the first wrong field and the number of further errors.
     """
     try:
         return record.model_validate_json(text)
@@ -466,6 +475,6 @@ def parse_record(text: str | bytes, record: type[_R], where: str | Path) -> _R:
 
 
 def unique_attributions(attributions: Iterable[AttributionRecord]) -> tuple[AttributionRecord, ...]:
-    """Sorted, each asset once."""
+    """The attributions sorted by asset, without repetitions."""
     found = {(a.asset, a.name, a.author, a.source): a for a in attributions}
     return tuple(found[key] for key in sorted(found))

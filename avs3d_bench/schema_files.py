@@ -1,4 +1,4 @@
-"""JSON Schema (2020-12) of every JSON file of the contract: what `avs3d schema` writes, what `schemas/` holds."""
+"""JSON Schema (2020-12) of every JSON file of the toolkit, as written by `avs3d schema` and stored in `schemas/`."""
 
 from __future__ import annotations
 
@@ -30,5 +30,5 @@ def json_schemas() -> dict[str, dict[str, Any]]:
 
 
 def schema_texts() -> dict[str, str]:
-    """The same as the text of files."""
+    """File name → text of each schema file."""
     return {name: json.dumps(schema, indent=2, ensure_ascii=False) + "\n" for name, schema in json_schemas().items()}

@@ -41,15 +41,15 @@ PartName = Literal["part_1", "part_2"]
 
 @dataclass(frozen=True)
 class Metric:
-    """How a figure is shown.
+    """Name, unit and direction of a figure, for tables and pages.
 
     Attributes:
-        protocol: which one it belongs to.
+        protocol: its protocol.
         name: its key in the file of scores.
-        title: its name for people.
-        higher_is_better: which way is up.
+        title: its name in tables and pages.
+        higher_is_better: whether larger values are better.
         unit: ``""`` for shares, ``"m"`` for metres.
-        meaning: one line.
+        meaning: its definition in one line.
     """
 
     protocol: Protocol
@@ -62,29 +62,47 @@ class Metric:
 
 #: Every figure, in the order in which tables show it.
 METRICS: tuple[Metric, ...] = (
-    Metric("official", "mIoU", "mIoU", True, "", "IoU as released: an empty truth scores the share left unmarked"),
-    Metric("official", "F", "F", True, "", "F (β² = 0.3) as released: never below that of an all-white mask"),
-    Metric("strict", "IoU", "IoU", True, "", "over frames where the object is visible"),
-    Metric("strict", "F", "F", True, "", "F (β² = 0.3) of the mask as given, over frames where the object is visible"),
-    Metric("strict", "boundary_F", "boundary F", True, "", "F of the outlines within 0.8 % of the image diagonal"),
-    Metric("strict", "FP_rate", "FP rate", False, "", "share of the frames without the object that have a mark"),
-    Metric("strict", "FP_area", "FP area", False, "", "marked share of the image in frames without the object"),
+    Metric(
+        "official",
+        "mIoU",
+        "mIoU",
+        True,
+        "",
+        "IoU as in the released code: without an object, the share of unmarked pixels",
+    ),
+    Metric(
+        "official", "F", "F", True, "", "F (β² = 0.3) as in the released code: never below that of an all-white mask"
+    ),
+    Metric("strict", "IoU", "IoU", True, "", "IoU of the mask over frames in which the object is visible"),
+    Metric("strict", "F", "F", True, "", "F (β² = 0.3) of the mask over frames in which the object is visible"),
+    Metric(
+        "strict",
+        "boundary_F",
+        "boundary F",
+        True,
+        "",
+        "F of the outlines, with a tolerance of 0.8 % of the image diagonal",
+    ),
+    Metric(
+        "strict", "FP_rate", "FP rate", False, "", "share of the frames without the object in which any pixel is marked"
+    ),
+    Metric("strict", "FP_area", "FP area", False, "", "share of marked pixels in frames without the object"),
     Metric(
         "strict",
         "wrong_instance_rate",
         "wrong instance",
         False,
         "",
-        "share of the frames showing a silent twin in which one is marked",
+        "share of the frames with a silent twin in which a twin is marked",
     ),
-    Metric("strict", "IoU_3D", "3D IoU", True, "", "of 5 cm voxels against the object's mesh"),
+    Metric("strict", "IoU_3D", "3D IoU", True, "", "IoU of 5 cm voxels with those of the object's mesh"),
     Metric(
         "strict",
         "centroid_error",
         "centroid error",
         False,
         "m",
-        "between the centroids of the predicted and the true voxels",
+        "distance between the centroids of the predicted and the true voxels",
     ),
 )
 
@@ -95,14 +113,14 @@ def metrics_of(protocol: str) -> tuple[Metric, ...]:
 
 
 class OfficialScore(Record):
-    """What the released scoring computes (protocol ``official``)."""
+    """Figures of the released scoring (protocol ``official``)."""
 
     mIoU: Share  # noqa: N815 - the key is pinned
     F: Share
 
 
 class StrictScore(Record):
-    """What the numbers should mean (protocol ``strict``)."""
+    """Figures without the quirks of the released scoring (protocol ``strict``)."""
 
     IoU: Share | None
     F: Share | None
@@ -111,7 +129,7 @@ class StrictScore(Record):
     FP_area: Share | None
     wrong_instance_rate: Share | None
     IoU_3D: Share | None
-    centroid_error: NonNegative | None = Field(description="metres")
+    centroid_error: NonNegative | None = Field(description="distance of the centroids, metres")
 
 
 class OfficialObservation(OfficialScore):
@@ -121,10 +139,10 @@ class OfficialObservation(OfficialScore):
 class StrictObservation(StrictScore):
     """One observation under ``strict``."""
 
-    visible_frames: Count = Field(description="test frames where the sounding object is visible")
-    absent_frames: Count = Field(description="test frames where it is not")
-    twin_frames: Count | None = Field(description="test frames that show a silent twin; null where that is unknown")
-    unavailable: dict[str, str] = Field(default_factory=dict, description="figure that is null → why")
+    visible_frames: Count = Field(description="test frames in which the sounding object is visible")
+    absent_frames: Count = Field(description="test frames in which it is not visible")
+    twin_frames: Count | None = Field(description="test frames with a silent twin; null if unknown")
+    unavailable: dict[str, str] = Field(default_factory=dict, description="figure that is null → reason")
 
 
 class ObservationScores(Record):
@@ -134,7 +152,7 @@ class ObservationScores(Record):
     part: PartName
     scan: Scan
     room: Room
-    category: str | None = Field(description="null in the official release, which does not say it")
+    category: str | None = Field(description="null in the official release, which does not contain it")
     frames: Count = Field(description="test frames scored")
     official: OfficialObservation | None = None
     strict: StrictObservation | None = None
@@ -144,7 +162,7 @@ Interval = tuple[float, float]
 
 
 class OfficialSummary(OfficialScore):
-    """Plain means over observations."""
+    """Unweighted means over observations."""
 
     intervals: dict[str, Interval] = Field(
         default_factory=dict, description="95 % bootstrap interval, from six observations on"
@@ -152,13 +170,13 @@ class OfficialSummary(OfficialScore):
 
 
 class StrictSummary(StrictScore):
-    """Plain means over the observations that have the figure."""
+    """Unweighted means over the observations for which the figure is not null."""
 
     intervals: dict[str, Interval] = Field(
         default_factory=dict, description="95 % bootstrap interval, from six observations on"
     )
-    counts: dict[str, Count] = Field(description="figure → over how many observations its mean goes")
-    unavailable: dict[str, str] = Field(default_factory=dict, description="figure that is null → why")
+    counts: dict[str, Count] = Field(description="figure → number of observations in its mean")
+    unavailable: dict[str, str] = Field(default_factory=dict, description="figure that is null → reason")
 
 
 class GroupScores(Record):
@@ -171,12 +189,12 @@ class GroupScores(Record):
 
 
 class Evaluator(Record):
-    """What computed the figures."""
+    """The software and settings that computed the figures."""
 
     left_out: ClassVar[frozenset[str]] = frozenset({"provenance"})
 
     version: Text
-    protocols: dict[Protocol, ProtocolVersion] = Field(description="the protocols asked for → their version")
+    protocols: dict[Protocol, ProtocolVersion] = Field(description="each requested protocol → its version")
     bootstrap_resamples: Count
     bootstrap_seed: Count
     voxel_size: NonNegative = Field(description="edge of the voxels of the 3D figures, metres")
@@ -184,36 +202,34 @@ class Evaluator(Record):
 
 
 class ScoredSubmission(SubmissionRecord):
-    """What submission.json says, and how the folder was read."""
+    """The contents of submission.json, and the layout of the submission's folder."""
 
-    layout: Literal["avs3d", "official"] = Field(description="which folder layout it has")
-    masks: Text | None = Field(
-        default=None, description="folder below an observation's folder that its masks were read from"
-    )
-    points: bool = Field(description="whether it holds a 3D prediction")
+    layout: Literal["avs3d", "official"] = Field(description="layout of the folder")
+    masks: Text | None = Field(default=None, description="folder of the masks, below the observation's folder")
+    points: bool = Field(description="whether it has a 3D prediction")
 
 
 class ScoredDataset(Record):
-    """What the submission was held against."""
+    """The dataset with which the submission was compared."""
 
     left_out: ClassVar[frozenset[str]] = frozenset({"provenance"})
 
     name: Text
     version: str | None = Field(description="null in the official release")
-    sha256: Sha256 | None = Field(description="of dataset.json; null in the official release")
-    observations: Count = Field(description="in the dataset")
-    scored: Count = Field(description="of these, how many were scored; fewer only with --only")
-    provenance: ProvenanceRecord | None = Field(default=None, description="as dataset.json has it")
+    sha256: Sha256 | None = Field(description="sha256 of dataset.json; null in the official release")
+    observations: Count = Field(description="number of observations in the dataset")
+    scored: Count = Field(description="number of observations that were scored; fewer only with --only")
+    provenance: ProvenanceRecord | None = Field(default=None, description="that of dataset.json")
 
 
 class Scores(Record):
-    """`avs3d-eval --json`."""
+    """The file of scores that `avs3d-eval --json` writes."""
 
     avs3d_eval: Evaluator
     submission: ScoredSubmission
     dataset: ScoredDataset
     report: RelativePath | None = Field(
-        default=None, description="the HTML report, where it lies at or below this file"
+        default=None, description="path of the HTML report, if it is in the folder of this file or below"
     )
     observations: tuple[ObservationScores, ...]
     overall: GroupScores
@@ -221,9 +237,9 @@ class Scores(Record):
     categories: dict[str, GroupScores]
     rooms: dict[str, GroupScores]
     references: dict[str, dict[str, GroupScores]] = Field(
-        description="all_black, all_white, centre_box and, where the instances are known, deaf_category and "
+        description="all_black, all_white, centre_box and, if the instances are known, deaf_category and "
         "deaf_most_seen → part_1, part_2, overall"
     )
     references_unavailable: dict[str, str] = Field(
-        default_factory=dict, description="reference of protocol strict that is missing → why"
+        default_factory=dict, description="reference of protocol strict that is missing → reason"
     )

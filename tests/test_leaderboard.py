@@ -70,8 +70,8 @@ def test_an_oracle_is_marked_and_takes_no_rank(tmp_path: Path) -> None:
     page = (tmp_path / "board/index.html").read_text(encoding="utf-8")
     rows = [row for row in re.findall(r"<tr class.*?</tr>", page, re.S) if ">oracle<" in row]
     assert rows
-    assert all("reads the truth" in row and "data-ranked" not in row for row in rows)
-    assert "reads the truth" not in "".join(set(re.findall(r"<tr class.*?</tr>", page, re.S)) - set(rows))
+    assert all("uses the truth" in row and "data-ranked" not in row for row in rows)
+    assert "uses the truth" not in "".join(set(re.findall(r"<tr class.*?</tr>", page, re.S)) - set(rows))
 
 
 @pytest.mark.parametrize(("observations", "shown"), [(5, False), (6, True)])
@@ -140,7 +140,7 @@ def test_files_of_another_truth_are_ranked_apart(tmp_path: Path) -> None:
     assert sorted(tables(files)) == [[(1, "one")], [(1, "two")]]
     assert len(tables(files, protocol="official")) == 1
     write_leaderboard(tmp_path / "board", files)
-    assert "Another truth." in (tmp_path / "board" / "index.html").read_text()
+    assert "Different ground truth." in (tmp_path / "board" / "index.html").read_text()
 
 
 def test_files_without_deaf_rows_rank_with_files_that_have_them(tmp_path: Path) -> None:

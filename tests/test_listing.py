@@ -98,7 +98,7 @@ def test_what_others_write_stays_text(store: Store, tmp_path: Path) -> None:
 
 
 def test_an_empty_lock_gives_a_page_and_a_file_in_the_way_is_refused(store: Store, tmp_path: Path) -> None:
-    assert "names no asset" in write_listing([], store, tmp_path / "out").read_text()
+    assert "has no assets" in write_listing([], store, tmp_path / "out").read_text()
     (tmp_path / "file").write_text("x")
     with pytest.raises(Avs3dError, match="is a file; expected a folder"):
         write_listing([], store, tmp_path / "file")

@@ -1,5 +1,5 @@
 "use strict";
-// Filters of the gallery. Their state is the address's hash, so that a view can be shared and "back" undoes a choice.
+// Filters of the gallery. Their state is in the URL's hash, so that a view can be shared and "back" undoes a choice.
 (() => {
   const form = document.getElementById("filters");
   const cards = [...document.querySelectorAll("#gallery > li")];
@@ -15,7 +15,7 @@
   ]));
   const wanted = () => text.value.toLowerCase().split(/\s+/).filter(Boolean);
 
-  // Whether a card passes all filters, but for one facet that is left out.
+  // Whether a card passes all filters, except that of the facet `except`.
   const passes = (at, picks, terms, except) =>
     facets.every((facet) => facet === except || !picks[facet].size || picks[facet].has(cards[at].dataset[facet]))
     && terms.every((term) => words[at].includes(term));
@@ -45,7 +45,7 @@
     return query.toString().replaceAll("%2C", ",");
   };
   const read = () => {
-    if (location.hash === "#main") return; // the link past the head of the page
+    if (location.hash === "#main") return; // the link "Skip to the content"
     const query = new URLSearchParams(location.hash.slice(1));
     for (const box of boxes) box.checked = (query.get(box.name) ?? "\u0000").split(",").includes(box.value);
     text.value = query.get("q") ?? "";

@@ -1,5 +1,5 @@
 "use strict";
-// The map: floor plan, objects, the path in the colours of time, and the camera's wedge at the moment shown.
+// The map: floor plan, objects, the path with time as colour, and the camera's field of view at the current frame.
 window.AVS3D = window.AVS3D ?? {};
 (() => {
   const NS = "http://www.w3.org/2000/svg";
@@ -10,7 +10,7 @@ window.AVS3D = window.AVS3D ?? {};
     parent?.append(element);
     return element;
   };
-  // Dark violet, magenta, amber: told apart on light and on dark.
+  // Dark violet, magenta, amber: distinguishable on light and on dark backgrounds.
   const RAMP = [[76, 52, 168], [196, 58, 124], [242, 160, 61]];
   const ramp = (share) => {
     const at = Math.min(0.9999, Math.max(0, share)) * (RAMP.length - 1), low = Math.floor(at), rest = at - low;

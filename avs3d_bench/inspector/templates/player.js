@@ -1,12 +1,12 @@
 "use strict";
-// The player. The sound's clock leads: frame k is shown while second k is heard. Without sound a clock of its own runs.
+// The player. The audio element is the clock: frame k is shown while second k plays. Without sound, a timer is used.
 (() => {
   const data = JSON.parse(document.getElementById("data").textContent);
   const by = (id) => document.getElementById(id);
   const stage = by("stage"), screen = by("screen"), pen = screen.getContext("2d");
   const sound = by("sound"), scrub = by("scrub"), say = by("say"), strip = by("strip");
   const count = data.frames.length;
-  // Okabe & Ito: told apart with any colour vision; what was missed is hatched as well.
+  // Okabe & Ito: colours that are distinguishable with any colour vision; missed pixels are also hatched.
   const HIT = "rgb(86,180,233)", MISSED = "rgb(240,228,66)", FALSE = "rgb(213,94,0)", TRUTH = "rgb(255,122,69)", MARKED = "rgb(64,190,255)";
   const AHEAD = 4, KEPT = 48;
   const state = { index: -1, playing: false, mask: false, instances: false, errors: false, submission: 0, wanted: 0, drawn: 0, floor: 0 };
@@ -41,7 +41,7 @@
       this.rate = rate;
       if (sound) sound.playbackRate = rate;
     },
-    // Sound that cannot be played must not stop the pictures.
+    // If the sound cannot be played, the pictures go on with the timer.
     mute() {
       if (this.silent) return;
       const at = Math.min(count, sound.currentTime || 0);
@@ -52,20 +52,20 @@
     },
   };
 
-  // ---- pictures: the few that are shown soon ------------------------------------------------------------------
+  // ---- cache of the pictures that are needed soon -------------------------------------------------------------
   const cache = new Map();
   const load = (address) => {
     let entry = cache.get(address);
     if (entry) { cache.delete(address); cache.set(address, entry); return entry; }
     const image = new Image();
     image.src = address;
-    // Decoded ahead as well: drawing must not wait for it.
+    // Decode in advance, too, so that drawing does not wait for it.
     entry = { image, done: image.decode().then(() => image, () => null) };
     cache.set(address, entry);
     while (cache.size > KEPT) cache.delete(cache.keys().next().value);
     return entry;
   };
-  // After a jump nobody waits for the pictures of where it came from: what has not arrived is given up.
+  // After a jump, cancel the unfinished downloads of pictures that are no longer needed.
   const forget = (index) => {
     const keep = new Set(Object.values(needed(index)));
     for (const [address, entry] of cache) {
@@ -111,7 +111,7 @@
   const wipe = (context) => { context.globalCompositeOperation = "source-over"; context.clearRect(0, 0, W, H); };
   const paint = (context, operation, image) => { context.globalCompositeOperation = operation; context.drawImage(image, 0, 0, W, H); };
   const fill = (context, colour) => { context.globalCompositeOperation = "source-in"; context.fillStyle = colour; context.fillRect(0, 0, W, H); };
-  // The part of one mask that lies in (or out of) another, in a colour.
+  // The part of one mask inside (or outside) another, in one colour.
   const area = (mask, colour, other = null, inside = true) => {
     wipe(first);
     paint(first, "source-over", mask);
@@ -150,8 +150,8 @@
     const index = state.index, ticket = ++state.wanted, addresses = needed(index);
     const names = Object.keys(addresses);
     const images = await Promise.all(names.map((name) => (addresses[name] ? load(addresses[name]).done : null)));
-    // A picture that comes late is better than an older one: with slow pictures every one is late. None of before a
-    // jump or a change of layers is drawn after it.
+    // Pictures may arrive late and out of order. A late one is drawn unless a newer one is already shown, or a jump or
+    // a change of layers came after its request.
     if (ticket < state.drawn || ticket < state.floor) return;
     state.drawn = ticket;
     const got = Object.fromEntries(names.map((name, i) => [name, images[i]]));
@@ -173,16 +173,16 @@
     }
     const failed = names.filter((name) => addresses[name] && !got[name]);
     tell(failed.length ? `${failed.map((name) => addresses[name]).join(", ")} cannot be shown`
-      : state.submission && !predicted(index) ? (data.frames[index].split === "test" ? "no mask of this frame" : "train frame: submissions mark test frames only (T: next test frame)")
-      : clock.silent && sound ? "The sound cannot be played here; the pictures run without it." : "");
+      : state.submission && !predicted(index) ? (data.frames[index].split === "test" ? "the submission has no mask for this frame" : "train frame: submissions mark test frames only (T: next test frame)")
+      : clock.silent && sound ? "The sound cannot be played in this browser; the pictures are shown without it." : "");
     screen.dataset.frame = data.frames[index].name;
     screen.dataset.layers = names.filter((name) => got[name]).join(" ");
-    // Only now, so that what is shown comes first.
+    // Preload only after the current frame is drawn.
     const ahead = state.playing ? AHEAD : 1;
     for (let i = 1; i <= ahead && index + i < count; i += 1) Object.values(needed(index + i)).filter(Boolean).forEach(load);
   };
 
-  // ---- what is said beside the picture ------------------------------------------------------------------------
+  // ---- values beside the picture ------------------------------------------------------------------------------
   const tell = (line) => { say.textContent = line; say.hidden = !line; };
   const clockText = (time) => `${Math.floor(time / 60)}:${String(Math.floor(time % 60)).padStart(2, "0")}`;
   const signed = (value, digits) => `${value > 0 ? "+" : value < 0 ? "−" : ""}${Math.abs(value).toFixed(digits)}`;
@@ -209,7 +209,7 @@
     return (frame) => { const found = value(frame); cell.hidden = !found; if (found) [big.textContent, more.textContent] = found; };
   });
 
-  // ---- moving in time -----------------------------------------------------------------------------------------
+  // ---- play and seek ------------------------------------------------------------------------------------------
   const seekFrame = (index) => { clock.set(Math.min(count - 1, Math.max(0, index)) + 0.001); sync(); };
   const floorMap = new window.AVS3D.FloorMap(by("map"), data, seekFrame);
   const plots = window.AVS3D.plots(by("plots"), data, seekFrame);
@@ -258,7 +258,7 @@
     if (clock.silent && clock.now() >= count) { pause(); return; }
     next();
   };
-  // One loop, however quickly it was stopped and started again.
+  // Only one loop runs, even after a quick stop and start.
   const next = () => { cancelAnimationFrame(state.loop); state.loop = requestAnimationFrame(tick); };
   const face = () => {
     stage.classList.toggle("playing", state.playing);
@@ -284,7 +284,7 @@
     for (const button of buttons) button.setAttribute("aria-pressed", String(Number(button.dataset.number) === state.submission));
     const rows = [];
     if (state.instances && data.has.instances) for (const thing of data.instances) rows.push([thing.colour, `${thing.name}${thing.sounding ? ", sounds" : thing.twin ? ", silent twin" : ""}`]);
-    if (state.errors && state.submission) rows.push([HIT, "hit"], [MISSED, "missed (hatched)"], [FALSE, "false"]);
+    if (state.errors && state.submission) rows.push([HIT, "hit"], [MISSED, "missed (hatched)"], [FALSE, "false positive"]);
     else {
       if (state.mask && data.has.masks) rows.push([TRUTH, "truth, white outline"]);
       if (state.submission) rows.push([MARKED, submission().name]);
@@ -302,7 +302,7 @@
   const flip = (name) => {
     if (by(name)?.disabled ?? true) return;
     state[name] = !state[name];
-    // Errors are those of somebody.
+    // Errors are shown for a submission, so one must be selected.
     if (name === "errors" && state.errors && !state.submission) choose(1);
     else press();
   };
@@ -310,7 +310,7 @@
     if (number && !data.submissions.some((entry) => entry.number === number)) return;
     state.submission = state.submission === number ? 0 : number;
     if (!state.submission) state.errors = false;
-    // Submissions mark test frames only: go to the nearest one rather than show nothing.
+    // Submissions have masks for test frames only: go to the nearest one.
     if (state.submission && !state.playing && !predicted(state.index)) {
       const found = data.frames.map((_, i) => i).filter(predicted).sort((a, b) => Math.abs(a - state.index) - Math.abs(b - state.index));
       if (found.length) seekFrame(found[0]);
@@ -321,7 +321,7 @@
     for (let i = state.index + step; i >= 0 && i < count; i += step) if (data.frames[i].split === "test") { seekFrame(i); return; }
   };
 
-  // ---- the timeline's strip: where the object is in view, and the test frames ---------------------------------
+  // ---- strip below the picture: frames with the object in view, and test frames -------------------------------
   const drawStrip = () => {
     const style = getComputedStyle(document.documentElement), ratio = window.devicePixelRatio || 1;
     const width = strip.clientWidth, height = strip.clientHeight;
@@ -341,7 +341,7 @@
     });
   };
 
-  // ---- hands --------------------------------------------------------------------------------------------------
+  // ---- mouse and keyboard -------------------------------------------------------------------------------------
   by("duration").textContent = clockText(count);
   by("play").addEventListener("click", toggle);
   screen.addEventListener("click", toggle);
@@ -355,7 +355,7 @@
     sound.addEventListener("ended", pause);
     sound.addEventListener("error", () => clock.mute());
     sound.addEventListener("seeked", sync);
-    // Another hand (a media key) may have stopped it.
+    // Something else, such as a media key, may have stopped it.
     sound.addEventListener("pause", () => { if (state.playing && sound.paused && !clock.silent && !sound.ended) pause(); });
   }
   window.addEventListener("keydown", (event) => {
@@ -381,7 +381,7 @@
   new ResizeObserver(drawStrip).observe(strip);
   window.addEventListener("avs3d:theme", drawStrip);
 
-  // The address may name a frame: …#frame_007.
+  // The URL may name a frame: …#frame_007.
   const linked = () => { const at = data.frames.findIndex((frame) => `#${frame.name}` === location.hash); if (at >= 0) seekFrame(at); };
   window.addEventListener("hashchange", linked);
   sync();

@@ -1,5 +1,5 @@
 "use strict";
-// Plots over time (azimuth over ILD, distance over level) and against each other; a click goes to that moment.
+// Plots over time (azimuth above ILD, distance above level) and scatter plots; a click jumps to that time.
 (() => {
   const { make, ramp } = window.AVS3D;
   const PAD = { left: 46, right: 14, top: 22, bottom: 30 };
@@ -19,7 +19,7 @@
   const text = (value) => String(value).replace("-", "−");
   const mean = (values) => values.reduce((a, b) => a + b, 0) / values.length;
 
-  // Two panels over one axis of time.
+  // Two panels with a common time axis.
   class Series {
     constructor(host, data, seek, { title, note, upper, lower }) {
       Object.assign(this, { data, seek, upper, lower, index: 0, time: 0 });
@@ -72,7 +72,7 @@
             make("rect", { x: this.x(i) + 0.5, width: Math.max(1, inner / count - 1), y: Math.min(base, y(value)), height: Math.max(0.5, Math.abs(base - y(value))), class: "bar-mark" }, this.svg);
             return;
           }
-          // A line breaks where an angle jumps round the back.
+          // No line where the azimuth wraps from −180° to 180°.
           const next = values[i + 1];
           if (next !== undefined && Math.abs(next - value) < 180) make("line", { x1: this.x(i + 0.5), x2: this.x(i + 1.5), y1: y(value), y2: y(next), class: "line-mark" }, this.svg);
           make("circle", { cx: this.x(i + 0.5), cy: y(value), r: 2, class: this.data.frames[i].sight === false ? "dot-mark hollow" : "dot-mark" }, this.svg);
@@ -94,7 +94,7 @@
     }
   }
 
-  // One quantity against another, a point for each frame in the colours of time.
+  // One quantity against another: one point per frame, with time as colour.
   class Scatter {
     constructor(host, data, seek, { title, note, across, up, law }) {
       Object.assign(this, { data, seek, across, up, law, index: 0 });
@@ -147,7 +147,7 @@
       make("text", { x: 4, y: 12, class: "axis name" }, this.svg, this.up.label);
       make("text", { x: width - PAD.right, y: height - 3, class: "axis name end" }, this.svg, this.across.label);
       if (this.law) {
-        // 1/r: 6 dB a doubling, through the middle of what was measured.
+        // The 1/r law: 6 dB per doubling of the distance, through the mean of the points.
         const offset = mean(both.map(([a, b]) => b + 20 * Math.log10(a)));
         const clip = make("clipPath", { id: `clip-${this.across.value}` }, this.svg);
         make("rect", { x: PAD.left, y: PAD.top, width: width - PAD.left - PAD.right, height: base - PAD.top }, clip);
@@ -191,6 +191,6 @@
     new Series(host, data, seek, { title: "Azimuth and level difference", note: "over time", upper: AZIMUTH, lower: { ...ILD, bars: true } }),
     new Scatter(host, data, seek, { title: "Level difference against azimuth", note: "hollow: no line of sight", across: { ...AZIMUTH, label: "azimuth, °" }, up: ILD }),
     new Series(host, data, seek, { title: "Distance and level", note: "over time", upper: DISTANCE, lower: LEVEL }),
-    new Scatter(host, data, seek, { title: "Level against distance", note: "dashed: 6 dB a doubling", across: { ...DISTANCE, log: true, least: 1, label: "distance, m" }, up: LEVEL, law: true }),
+    new Scatter(host, data, seek, { title: "Level against distance", note: "dashed: −6 dB per doubling", across: { ...DISTANCE, log: true, least: 1, label: "distance, m" }, up: LEVEL, law: true }),
   ];
 })();

@@ -1,5 +1,5 @@
 "use strict";
-// The theme of the system until a reader chooses another; the choice is kept where the browser allows it.
+// The theme of the system, until the reader chooses another; the choice is stored if the browser allows it.
 (() => {
   const root = document.documentElement;
   const system = window.matchMedia("(prefers-color-scheme: dark)");
@@ -20,7 +20,7 @@
     };
     button.addEventListener("click", () => {
       const theme = dark() ? "light" : "dark";
-      try { localStorage.setItem("avs3d-theme", theme); } catch { /* for this page only, then */ }
+      try { localStorage.setItem("avs3d-theme", theme); } catch { /* not stored: valid for this page only */ }
       apply(theme);
       show();
     });

@@ -1,5 +1,5 @@
 "use strict";
-// Theme, sorting, filtering, switching. The page reads well without any of it.
+// Theme, sorting, filtering and switches. The page can be read without any of them.
 (() => {
   const root = document.documentElement;
   root.classList.add("script");
@@ -27,7 +27,7 @@
   const collator = new Intl.Collator("en", { numeric: true, sensitivity: "base" });
   const text = (cell) => cell.dataset.v ?? cell.textContent.trim();
 
-  /** Sort the rows of every tbody by one column; what is missing stays last, equals keep the order of the page. */
+  /** Sort the rows of every tbody by one column; missing values are last, equal values keep the order of the page. */
   function sortBy(table, heading, direction) {
     const column = [...heading.parentElement.children].indexOf(heading);
     const numeric = heading.classList.contains("number");
@@ -77,7 +77,7 @@
     }
   }
 
-  /** Show the rows that hold every word of the box. */
+  /** Show the rows that contain every word of the filter's text. */
   function filterBox(input) {
     const count = document.querySelector(`[data-count="${input.dataset.filter}"]`);
     const tables = [...document.querySelectorAll(`[data-filterable="${input.dataset.filter}"]`)];
@@ -97,7 +97,7 @@
     apply();
   }
 
-  /** Radio groups choose which of the elements with their data attributes are shown. */
+  /** Radio groups select which elements, by their data attributes, are shown. */
   function switches() {
     const radios = [...document.querySelectorAll(".switch input")];
     const names = [...new Set(radios.map((radio) => radio.name))];
