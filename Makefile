@@ -11,17 +11,17 @@ WORKERS ?= $(shell nproc 2>/dev/null || echo 2)
 # Processes that share the tests; each takes up to 3 GiB.
 JOBS ?= $(shell n=$(WORKERS); [ "$$n" -gt 8 ] && echo 8 || echo "$$n")
 PYTEST = $(BIN)/python -m pytest -n $(JOBS) --dist worksteal --durations 10
-# A pinned PyTorch: on a machine with a GPU, `make setup TORCH=torch` takes the newest build.
+# A pinned PyTorch; on a machine with a GPU, `make setup TORCH=torch` installs the newest build.
 TORCH ?= torch==2.13.0
-# Where the SoundSpaces engine could not be compiled, sound comes from the closed-form renderer.
+# Without the SoundSpaces engine (it could not be compiled), the analytic renderer makes the sound.
 AUDIO ?= $(shell $(BIN)/python -c 'import rlr_audio_propagation' 2>/dev/null && echo soundspaces || echo analytic)
 
-# The renderer; habitat needs AVS3D_HABITAT_PYTHON, scans need AVS3D_SCANS (`avs3d doctor` says what is there).
+# The renderer; habitat needs AVS3D_HABITAT_PYTHON, scans need AVS3D_SCANS (`avs3d doctor` checks them).
 VISION ?= embree
 
 .PHONY: help setup demo demo-validate demo-sheets dataset test test-slow test-all lint docs bench schemas clean
 
-help: ## print a line for each target
+help: ## print one line for each target
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
 
 setup: $(STAMP) ## build ./.venv with everything for the rest
@@ -46,7 +46,7 @@ $(STAMP): pyproject.toml
 	$(install_engine)
 	@touch $@ $(DEMO_STAMP)
 
-# What the demo runs, and no more; `make setup` adds the rest to it.
+# Only the packages that the demo needs; `make setup` adds the rest.
 $(DEMO_STAMP): pyproject.toml
 	$(make_venv)
 	@echo "installing the generator …"
@@ -67,12 +67,12 @@ demo: $(DEMO_STAMP) ## generate two observations, score six submissions, write r
 	@echo "generating data/demo, sound by $(AUDIO) …"
 	$(BIN)/avs3d generate scenes_manifest/demo.yaml -o data/demo --workers $(WORKERS) --audio $(AUDIO)
 	@mkdir -p data/demo-scores
-	@echo "checking it, drawing it, writing and scoring submissions, $(WORKERS) at a time …"
+	@echo "validating, drawing contact sheets, writing and scoring submissions, $(WORKERS) at a time …"
 	@$(MAKE) --no-print-directory --output-sync -j $(WORKERS) demo-validate demo-sheets $(DEMO_SCORES)
 	$(BIN)/avs3d leaderboard data/demo-scores/*.json -o data/demo-leaderboard
 	@echo
 	@echo "Sheets: data/demo-sheets/*.png. Scores: data/demo-scores/oracle.html, data/demo-leaderboard/index.html."
-	@echo "To see and hear the observations in a browser (Ctrl-C ends it):"
+	@echo "To see and hear the observations in a browser (stop with Ctrl-C):"
 	@echo "  $(CURDIR)/$(BIN)/avs3d view $(CURDIR)/data/demo --submission $(CURDIR)/data/demo-submissions/oracle-with-errors"
 
 demo-validate:
@@ -112,7 +112,7 @@ docs: setup ## build the documentation site
 bench: setup ## measure speed and memory; writes build/bench.json
 	$(BIN)/python -m benchmarks.run
 
-schemas: setup ## write the JSON Schemas of the contract again
+schemas: setup ## write the JSON Schemas in avs3d_bench/schemas again
 	$(BIN)/avs3d schema -o avs3d_bench/schemas
 
 clean: ## remove ./.venv, builds and caches

@@ -1,6 +1,6 @@
-"""CPU time and steadiness of an impulse response in a furnished flat, and CPU time of sources and clips.
+"""CPU time and variance of impulse responses in a furnished flat, and CPU time of source signals and clips.
 
-Run by itself, it prints the figures as JSON.
+As a script, it prints the figures as JSON.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ ROOMS = ("bathroom", "kitchen", "living_room")
 #: Source and listener as shares of the room's box (x, z); heights in metres.
 SOURCE, LISTENER = (0.5, 0.15), (0.6, 0.55)
 SOURCE_HEIGHT, EAR_HEIGHT = 1.2, 1.5
-#: Draws behind a standard deviation: fewer would not tell 0.15 from 0.2 dB.
+#: Number of draws for a standard deviation; with fewer, 0.15 dB and 0.2 dB could not be distinguished.
 DRAWS = 12
 
 
@@ -59,7 +59,7 @@ def _sessions(backend: AcousticBackend, scene: Scene) -> list[tuple[AcousticSess
 
 
 def run_all(repeats: int = 5) -> dict[str, float]:
-    """Medians over the rooms of the median of ``repeats`` runs; the slowest or unsteadiest room where it says worst."""
+    """Medians over the rooms of the median of ``repeats`` runs; ``worst``: the slowest or most variable room."""
     scene = build_apartment("bench", 1)
     figures: dict[str, float] = {"acoustic faces": float(sum(len(p.mesh.acoustic_positions) for p in scene.parts))}
 

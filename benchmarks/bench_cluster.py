@@ -1,4 +1,4 @@
-"""What the scheduling costs: two Dask worker processes over one, and this process's own work per task at 10⁴ tasks."""
+"""Cost of the scheduling: speed-up of two Dask worker processes over one, and overhead per task with 10⁴ tasks."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from generators.run.runner import RunSettings, run
 
 #: Observations that do nothing.
 COUNT = 10_000
-#: Frames of each observation whose rate is measured; small pictures, so that the rate is steady soon.
+#: Frames of each measured observation; with small pictures, so that the rate becomes steady soon.
 FRAMES, SIZE = 40, 504
 
 
 def nothing(context: Context, index: int) -> int:
-    """An observation that takes no time."""
+    """An empty task in place of an observation."""
     return index
 
 
 def overhead(scheduler: Scheduler, count: int = COUNT) -> dict[str, float]:
-    """CPU and wall time of this process per task that does nothing, milliseconds.
+    """CPU and wall time (ms) of this process per empty task.
 
-    Of a Dask cluster that this process has started, Dask's scheduler runs in it and is counted.
+    The scheduler of a Dask cluster that this process has started runs in this process and is counted.
     """
     tasks = [Task(f"part_1/scan-{n}/kitchen/1", nothing, (n,), after=f"home {n % 50}") for n in range(count)]
     tasks += [Task(f"home {n}", nothing, (n,)) for n in range(min(50, count))]
@@ -47,7 +47,7 @@ def overhead(scheduler: Scheduler, count: int = COUNT) -> dict[str, float]:
 
 
 def scaling(repeats: int) -> dict[str, float]:
-    """Frames per second (wall) of one and of two Dask worker processes while every one draws, and their ratio."""
+    """Frames per second (wall) of one and of two Dask worker processes while all are rendering, and their ratio."""
     source = read_manifest(MANIFEST)
     plans = make_plans(source, frames=FRAMES, size=SIZE)
     cache = default_cache()

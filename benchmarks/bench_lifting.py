@@ -20,7 +20,7 @@ _OBJECTS = 0.1
 
 
 def example(seed: int = 0) -> tuple[Gaussians, list[Any], list[np.ndarray], np.ndarray]:
-    """A room full of Gaussians, three objects among them; a path past them; true masks; clips."""
+    """A room of Gaussians with three objects, a path past them, true masks, and clips."""
     rng = np.random.default_rng(seed)
     room = rng.uniform((-3, -2.5, -3), (3, 0, 3), (COUNT, 3))
     centres = np.array([[-1.2, -1.0, 2.5], [0.0, -1.0, 2.6], [1.3, -1.0, 2.5]])

@@ -1,4 +1,4 @@
-"""A DataLoader with two workers against merely decoding the same files in two processes."""
+"""Speed of a DataLoader with two workers, compared with decoding the same files in two processes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from avs3d_bench.exports.samples import KINDS
 
 WORKERS = 2
 BATCH = 8
-#: Items of a measurement at most: enough that filling and draining the queue does not count for much.
+#: Largest number of items per measurement, so that filling and draining the queue takes a small part of the time.
 ITEMS = 192
 _KINDS = ("rgb", "binaural", "mask")
 
@@ -27,7 +27,7 @@ Triple = tuple[str, str, str]
 
 
 def make_example(root: Path, frames: int = 48) -> None:
-    """The demo's observations at full size, for machines that have no dataset at hand."""
+    """The demo's observations at full size, for machines without a dataset."""
     from generators.core.folders import default_cache
     from generators.plan import make_plans, read_manifest
     from generators.run.runner import RunSettings, run
@@ -48,7 +48,7 @@ def files_of(dataset: AVS3DDataset) -> list[Triple]:
 
 
 def _decode(files: list[Triple]) -> int:
-    """What nobody can do without: open and decode, with OpenCV and libsndfile, and throw it away."""
+    """The least possible work: open and decode the files with OpenCV and libsndfile, and discard the result."""
     import soundfile
 
     cv2.setNumThreads(1)
@@ -63,14 +63,14 @@ def _decode(files: list[Triple]) -> int:
 
 
 def bare_rate(files: list[Triple], pool: ProcessPoolExecutor) -> float:
-    """Items per second of decoding alone, in running processes, in portions of a batch."""
+    """Items per second of decoding only, in processes that are already running, batch by batch."""
     start = time.perf_counter()
     list(pool.map(_decode, [files[at : at + BATCH] for at in range(0, len(files), BATCH)]))
     return len(files) / (time.perf_counter() - start)
 
 
 def loader_rate(loader: Iterable[dict[str, Any]], items: int) -> float:
-    """Items per second of an epoch of a loader whose workers already run."""
+    """Items per second of one epoch of a loader whose workers are already running."""
     start = time.perf_counter()
     seen = sum(len(batch["rgb"]) for batch in loader)
     assert seen == items
@@ -78,7 +78,7 @@ def loader_rate(loader: Iterable[dict[str, Any]], items: int) -> float:
 
 
 def measure(root: Path, repeats: int) -> dict[str, float]:
-    """Alternate both, so that whatever else the machine does falls on both."""
+    """Alternate both measurements, so that other load on the machine affects both."""
     from torch.utils.data import DataLoader, Subset
 
     dataset = AVS3DDataset(root, "all")
@@ -100,7 +100,7 @@ def measure(root: Path, repeats: int) -> dict[str, float]:
 
 
 def run_all(repeats: int = 5) -> dict[str, float]:
-    """Figures for `make bench`: on the dataset that AVS3D_BENCH_DATASET names, else on frames made for it."""
+    """Figures for `make bench`, on the dataset in AVS3D_BENCH_DATASET, else on frames generated for this benchmark."""
     given = os.environ.get("AVS3D_BENCH_DATASET")
     if given:
         return measure(Path(given), repeats)

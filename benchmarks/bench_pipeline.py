@@ -1,4 +1,4 @@
-"""What the whole costs per frame, beside what its engines cost; how workers scale; how much memory one needs."""
+"""Cost per frame of the whole generation and of its engines, scaling with workers, and memory of a worker."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from generators.recording.writer import ObservationWriter
 from generators.run.runner import RunSettings, run
 
 MANIFEST = Path(__file__).parent.parent / "scenes_manifest" / "demo.yaml"
-#: Fewer frames than an observation has; the cost per frame does not depend on their number.
+#: Number of frames, fewer than in an observation: the cost per frame does not depend on it.
 FRAMES = 24
 REPEATS = 5
 
@@ -40,8 +40,8 @@ def timed_engines(spent: dict[str, float], wall: dict[str, float] | None = None)
     """Add the CPU seconds inside each engine to ``spent``: rendering, impulse responses, convolution, encoding.
 
     Args:
-        spent: gets CPU seconds of this process.
-        wall: gets wall seconds.
+        spent: CPU seconds of this process are added here, by engine.
+        wall: wall seconds are added here, by engine.
     """
 
     def timed(name: str, call: Callable[..., Any]) -> Callable[..., Any]:
@@ -101,7 +101,7 @@ class _Proxy:
 
 
 def per_frame(plan: ObservationPlan, cache: Path, repeats: int = REPEATS) -> dict[str, float]:
-    """Medians of CPU seconds per frame, of the loop over frames and of each engine inside it."""
+    """Medians of the CPU seconds per frame, for the loop over frames and for each engine in it."""
     loops: list[float] = []
     engines: dict[str, list[float]] = defaultdict(list)
     overheads: list[float] = []
@@ -135,7 +135,7 @@ def per_frame(plan: ObservationPlan, cache: Path, repeats: int = REPEATS) -> dic
 def scaling(
     source: ManifestFile, plans: tuple[ObservationPlan, ...], cache: Path, repeats: int = REPEATS
 ) -> dict[str, float]:
-    """Frames per second (wall) of one and of two workers in their steady state, and their ratio; pairs in turn."""
+    """Frames per second (wall) of one and of two workers in their steady state, alternately, and their ratio."""
     ratios, one, two = [], [], []
     for _ in range(repeats):
         rates = []
@@ -148,7 +148,7 @@ def scaling(
                         seen[event.name].append(time.perf_counter())
 
                 run(source, plans, Path(folder) / "data", RunSettings(cache, workers), listen)
-            # Only while every worker draws: beginnings and ends are not what a long run is made of.
+            # Measured only while all workers are rendering: start and end have little weight in a long run.
             if workers == 1:
                 rates.append(statistics.median((len(s) - 1) / (s[-1] - s[0]) for s in stamps.values()))
             else:
@@ -178,7 +178,7 @@ def peak_memory(frames: int = 8, repeats: int = REPEATS) -> dict[str, float]:
 
 
 def one_observation(frames: int) -> None:
-    """Make the demo's first observation, full size, and throw it away."""
+    """Make the demo's first observation at full size, and discard it."""
     plan = make_plans(read_manifest(MANIFEST), frames=frames)[0]
     with tempfile.TemporaryDirectory() as folder:
         story.generate_observation(plan, Path(folder), default_cache())

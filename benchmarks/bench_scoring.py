@@ -1,4 +1,4 @@
-"""Scoring 510 masks of 1008² against merely decoding the same files, with the same number of processes."""
+"""Time of scoring 510 masks of 1008², compared with decoding the same files in the same number of processes."""
 
 from __future__ import annotations
 
@@ -79,9 +79,9 @@ def _record(key: str, frames: int) -> ObservationRecord:
 
 
 def write_example(root: Path, submission: Path, single: int = 25, multiple: int = 9, frames: int = 120) -> list[Path]:
-    """A benchmark's truths and a plausible submission: outlines a few pixels off, twins, a third of frames empty.
+    """A benchmark's truths and a plausible submission: outlines wrong by a few pixels, twins, a third of frames empty.
 
-    Only what scoring opens is there: no pictures but their names, no sound.
+    Only the files that scoring opens are written: no sound, and empty files in place of the pictures.
 
     Returns:
         every PNG file that scoring decodes.
@@ -129,7 +129,7 @@ def _peak(_: object) -> float:
 
 
 def decode_all(files: list[Path], workers: int) -> float:
-    """Seconds to decode every file with OpenCV and throw it away."""
+    """Seconds to decode every file with OpenCV and discard the result."""
     start = time.perf_counter()
     if workers == 1:
         _decode(files)
@@ -141,14 +141,14 @@ def decode_all(files: list[Path], workers: int) -> float:
 
 
 def score_all(root: Path, submission: Path, workers: int) -> float:
-    """Seconds to score, both protocols, everything checked."""
+    """Seconds to score with both protocols and all checks."""
     start = time.perf_counter()
     evaluate(submission, root, workers=workers)
     return time.perf_counter() - start
 
 
 def peak_memory(root: Path, submission: Path) -> float:
-    """Peak resident memory of a fresh process that scores everything alone, MB."""
+    """Peak resident memory (MB) of a new process that scores everything by itself."""
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(1, mp_context=context) as pool:
         pool.submit(partial(evaluate, submission, root, workers=1)).result()

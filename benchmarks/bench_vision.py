@@ -1,4 +1,4 @@
-"""CPU time of one full-size frame (RGB, ids, depth) in a furnished, lit flat. Run by itself, it prints a table."""
+"""CPU time of one full-size frame (RGB, ids, depth) in a furnished, lit flat. As a script, it prints a table."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ def bench_vision(scene: Scene | None = None, size: int = 1008, repeats: int = 5)
     """Medians over all views of all rooms, each rendered ``repeats`` times.
 
     Args:
-        scene: what to render; an apartment with quickly baked light where missing (light maps of any fineness take
-            the same time to read).
-        size: pixels on a side.
-        repeats: of each view; its median counts.
+        scene: the scene; default: an apartment with quickly baked light (the resolution of light maps does not change
+            the time).
+        size: side of a picture, pixels.
+        repeats: number of runs per view, whose median is taken.
 
     Returns:
         ``open_cpu_s``, ``frame_cpu_s`` (median of the views), ``frame_cpu_s_worst`` (slowest view), ``faces``,

@@ -1,14 +1,13 @@
-"""The weights of the `spatial` variant's cues: chosen on some homes, measured on others.
+"""Weights of the cues of the `spatial` variant: chosen on some homes, tested on others.
 
-    python -m benchmarks.cue_weights collect ROOT… -o FILE.npz    # what is heard and the candidates, from datasets
+    python -m benchmarks.cue_weights collect ROOT… -o FILE.npz    # cues and candidates, from datasets
     python -m benchmarks.cue_weights fit FILE.npz                 # choose the weights
     python -m benchmarks.cue_weights score FILE.npz [--json OUT]  # accuracy and calibration of the weights in use
 
 Weights are judged by their cross-entropy: the mean, over observations, of −log(posterior of the instance that sounds).
-That asks for right answers and for honest posteriors at once. Of those that are within one standard error (over homes)
-of the best, the smallest are chosen. Every observation counts once, whatever the
-number of its cases; cases are `benchmarks.instance_selection`'s twins and invented twins, with all train frames and
-with a quarter of them.
+This measures both right choices and calibrated posteriors. Among the weights within one standard error (over homes) of
+the best, the smallest are chosen. Every observation has the same weight, for any number of cases; cases are the twins
+and invented twins of `benchmarks.instance_selection`, with all train frames and with a quarter of them.
 """
 
 from __future__ import annotations
@@ -35,11 +34,11 @@ GRID = {
     "ild": (0.0, 0.03, 0.1, 0.3, 1.0),
     "level": (0.0, 0.05, 0.1, 0.2, 0.4, 0.8),
 }
-#: Shares of the train frames; of the smaller one so many random subsets.
+#: Shares of the train frames, and number of random subsets of the smaller share.
 SHARES, SUBSETS = (1.0, 0.25), 4
-#: Trials that count in a choice of weights, at most, per observation, experiment and share.
+#: Largest number of trials per observation, experiment and share in the choice of weights.
 PER_KIND = 2
-#: Edges of the bins in which a posterior is compared with how often it is right.
+#: Edges of the bins in which the posterior is compared with the share of right choices.
 BINS = (0.0, 0.5, 0.7, 0.9, 0.99, 1.0 + 1e-9)
 
 
@@ -88,7 +87,7 @@ def save(trials: Sequence[Trial], path: Path) -> None:
 
 
 def load(path: Path) -> list[Trial]:
-    """Read what `save` has written."""
+    """Read a file that `save` has written."""
     with np.load(path) as stored:
         about = json.loads(str(stored["about"]))
         return [
@@ -119,7 +118,7 @@ def cross_entropy(trials: Sequence[Trial], weights: CueWeights) -> float:
 
 
 def error_over_homes(by_observation: Mapping[str, float]) -> float:
-    """Standard error of a mean of `losses`, of homes: observations of one home share its rooms."""
+    """Standard error over homes of a mean of `losses`, because observations of one home share its rooms."""
     homes: dict[str, list[float]] = defaultdict(list)
     for key, value in by_observation.items():
         homes[key.rsplit("/", 2)[0]].append(value)
@@ -147,7 +146,7 @@ def main() -> None:
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path))
 @click.option("--only", multiple=True)
 def collect(roots: tuple[Path, ...], output: Path, only: tuple[str, ...]) -> None:
-    """Write what is heard in the datasets ROOTS, and the candidates."""
+    """Write the cues and the candidates of the datasets ROOTS."""
     items = [(root, observation.key) for root in roots for observation in Dataset(root).select(*only)]
     found = dict(process_each(collect_one, items))
     save([trial for item in items for trial in found[item]], output)
@@ -156,10 +155,10 @@ def collect(roots: tuple[Path, ...], output: Path, only: tuple[str, ...]) -> Non
 @main.command()
 @click.argument("path", type=click.Path(path_type=Path, exists=True))
 def fit(path: Path) -> None:
-    """Print the weights with the least cross-entropy, and those to use: the smallest within one standard error of it.
+    """Print the weights with the least cross-entropy, and the recommended ones: the smallest within one standard error.
 
     The rule of one standard error (Breiman, Friedman, Olshen, Stone, *Classification and Regression Trees*, 1984,
-    section 3.4.3), with the phase's weight compared first: it decides how sure a posterior is.
+    section 3.4.3), with the phase's weight compared first, because it determines how peaked the posterior is.
     """
     trials = thinned(load(path), PER_KIND)
     tried = [CueWeights(*weights) for weights in itertools.product(*GRID.values())]
@@ -180,7 +179,7 @@ def fit(path: Path) -> None:
 @click.argument("path", type=click.Path(path_type=Path, exists=True))
 @click.option("--json", "output", type=click.Path(path_type=Path), default=None)
 def score(path: Path, output: Path | None) -> None:
-    """Print how often the weights in use are right, and how often they are right when they are that sure."""
+    """Print how often the current weights are right, in all and by the posterior of the choice."""
     trials, weights = load(path), CueWeights()
     rates: dict[tuple[str, float], list[tuple[str, bool]]] = defaultdict(list)
     posteriors: list[tuple[float, bool]] = []

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.dataset_report ROOT`: what a generated dataset turned out to be, per observation and in all."""
+"""`python -m benchmarks.dataset_report ROOT`: statistics of a generated dataset, per observation and in total."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from avs3d_bench.schema import ObservationRecord
 
 
 def _rms(values: Sequence[float]) -> float:
-    """RMS of a whole recording from that of its seconds."""
+    """RMS of a whole recording from those of its seconds."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 

@@ -1,22 +1,22 @@
-"""`python -m benchmarks.faults`: what `avs3d generate` survives. Linux; mounts need root.
+"""`python -m benchmarks.faults`: tests of `avs3d generate` with injected faults. For Linux; mounts need root.
 
-Every trial starts a run on a tiny manifest in a process of its own, does something terrible at a seeded moment, lets
-the run end as it will, gives the same command again until it succeeds, and then asks for the tree of an undisturbed
-run, byte for byte, for nothing else in the folder, and for a clean `validate --deep`.
+Every trial starts a run on a tiny manifest in a process of its own, injects a fault at a time drawn from the seed,
+waits for the run to end, and repeats the same command until it succeeds. The dataset must then be equal to that of an
+undisturbed run, byte for byte, without other files in the folder, and `validate --deep` must find no problem.
 
-| kind            | what happens                                                                                  |
+| kind            | fault                                                                                         |
 |-----------------|-----------------------------------------------------------------------------------------------|
 | worker          | SIGKILL of a random process below the run (local scheduler, two workers)                        |
 | client          | SIGKILL of the run itself                                                                     |
 | dask-worker     | SIGKILL of a random process below a run with a Dask cluster of its own                          |
 | dask-client     | SIGKILL of a run on a cluster that others started; the next run joins the same cluster          |
 | dask-scheduler  | SIGKILL of that cluster's scheduler; the next run has a new cluster                             |
-| hang            | SIGSTOP of a random worker: an engine that does not come back; ``--time-limit`` ends it         |
+| hang            | SIGSTOP of a random worker, like an engine that hangs; ``--time-limit`` ends it                 |
 | disk-full       | the dataset's file system (tmpfs) is full after a random number of bytes; then it is enlarged   |
 | read-only       | the file system turns read-only; then it can be written to again                              |
 | clock           | the clock jumps by up to three days, back or forth (libfaketime)                                |
 
-``healed``: the run ended well by itself; ``recovered``: the tree was right in the end.
+``healed``: the disturbed run itself succeeded; ``recovered``: the dataset was right in the end.
 """
 
 from __future__ import annotations
@@ -46,12 +46,12 @@ from avs3d_bench.validate import validate
 from tests.homes import tree_digest, write_manifest
 
 ROOT = Path(__file__).resolve().parent.parent
-#: A run has this long to end, seconds.
+#: Time limit of a run (s).
 PATIENCE = 300.0
-#: Of an observation, in runs with a worker that is stopped: this many times an undisturbed run's time, at least so many
-#: seconds. (A home has ten times as long.)
+#: Time limit of an observation in runs with a stopped worker: multiple of an undisturbed run's time, and minimum (s).
+#: (The limit of a home is ten times as long.)
 TIME_LIMIT, LEAST_LIMIT = 2.0, 5.0
-#: The same command is given this often again.
+#: Largest number of repetitions of the same command.
 RERUNS = 3
 KILLS = ("worker", "client", "dask-worker", "dask-client", "dask-scheduler")
 KINDS = (*KILLS, "hang", "disk-full", "read-only", "clock")
@@ -61,7 +61,7 @@ _REMOUNT, _READ_ONLY = 32, 1
 
 @dataclass(frozen=True)
 class Bench:
-    """What all trials share: the manifest, the tree of an undisturbed run, how long that took, where to work."""
+    """Common data of all trials: manifest, dataset and duration of an undisturbed run, working folder."""
 
     manifest: Path
     truth: dict[str, str]
@@ -72,7 +72,7 @@ class Bench:
 
 @dataclass(frozen=True)
 class Trial:
-    """One trial: its kind, seed and moment (share of an undisturbed run's time), and how it went."""
+    """One trial: its kind, seed and time (as a share of an undisturbed run's), and its outcome."""
 
     kind: str
     seed: int
@@ -106,7 +106,7 @@ def start(arguments: list[str], log: Path, **environment: str) -> subprocess.Pop
 
 
 def end(run: subprocess.Popen[bytes]) -> int:
-    """Wait for a run; one that does not end is killed, and that is -1."""
+    """Wait for a run and return its exit code; a run that does not end is killed and gives -1."""
     try:
         return run.wait(timeout=PATIENCE)
     except subprocess.TimeoutExpired:
@@ -139,9 +139,9 @@ def runs(process: int, program: bytes) -> bool:
 
 
 def victim(run: subprocess.Popen[bytes], rng: random.Random, program: bytes = b"") -> int | None:
-    """A random process below a run that runs ``program``; None if there is none any more.
+    """A random descendant of a run that executes ``program``; None if there is none any more.
 
-    Not one that only keeps count of its parent's semaphores: it has no part in the work.
+    Processes that only track their parent's semaphores are excluded, because they do no work.
     """
     while run.poll() is None:
         alive = [each for each in below(run.pid) if runs(each, program) and not runs(each, b"resource_tracker")]
@@ -222,7 +222,7 @@ def hang(bench: Bench, root: Path, log: Path, rng: random.Random, moment: float)
     limit = max(LEAST_LIMIT, TIME_LIMIT * bench.seconds)
     run = start(command(bench, root, "--time-limit", f"{limit:.0f}"), log)
     wait_until(time.monotonic() + moment * bench.seconds, run)
-    # A worker that has begun, not one that its parent has only forked and must wait for: what hangs are engines.
+    # Stop only a worker that has started its work, because the fault stands for an engine that hangs.
     process = victim(run, rng, b"scheduling.child")
     if process is not None:
         with suppress(ProcessLookupError):
@@ -269,7 +269,7 @@ def turn_read_only(bench: Bench, root: Path, log: Path, rng: random.Random, mome
     run = start(command(bench, root), log)
     wait_until(time.monotonic() + moment * bench.seconds, run)
     while run.poll() is None:
-        with suppress(OSError):  # a file is open for writing: in a moment it will not be
+        with suppress(OSError):  # a file is still open for writing: try again
             mount(root.parent, read_only=True, again=True)
             break
     code = end(run)
@@ -290,7 +290,7 @@ _DISTURB: dict[str, Callable[[Bench, Path, Path, random.Random, float], int]] = 
 
 
 def reason_against(kind: str) -> str:
-    """Why a kind cannot be tried here; empty if it can."""
+    """The reason why a kind cannot be tested on this machine; empty if it can."""
     if kind in ("disk-full", "read-only"):
         with tempfile.TemporaryDirectory() as folder:
             try:
@@ -312,7 +312,7 @@ def reason_against(kind: str) -> str:
 
 
 def try_once(bench: Bench, kind: str, seed: int) -> Trial:
-    """One trial: disturb, run again until it succeeds, compare."""
+    """One trial: inject the fault, repeat the run until it succeeds, compare."""
     rng = random.Random(f"{kind} {seed}")
     moment = rng.uniform(0.0, 1.0)
     work = Path(tempfile.mkdtemp(prefix=f"{kind}-{seed}-", dir=bench.folder))
@@ -326,7 +326,7 @@ def try_once(bench: Bench, kind: str, seed: int) -> Trial:
                 return judged(bench, kind, seed, moment, root, log, code, options)
         code = _DISTURB[kind](bench, root, log, rng, moment)
         return judged(bench, kind, seed, moment, root, log, code, [])
-    except Exception as error:  # a trial that cannot be made must not pass for one that went well
+    except Exception as error:  # a trial that fails itself must not count as a success
         return Trial(kind, seed, round(moment, 3), False, False, 0, f"{type(error).__name__}: {error}")
     finally:
         while os.path.ismount(disk):
@@ -337,7 +337,7 @@ def try_once(bench: Bench, kind: str, seed: int) -> Trial:
 def judged(
     bench: Bench, kind: str, seed: int, moment: float, root: Path, log: Path, code: int, options: list[str]
 ) -> Trial:
-    """Run again as often as it takes, then hold the tree to the undisturbed one."""
+    """Repeat the run until it succeeds, then compare the dataset with that of the undisturbed run."""
     healed, reruns = code == 0, 0
     said = log.read_text(errors="replace")
     verdict = partial(Trial, kind, seed, round(moment, 3), healed)
@@ -359,7 +359,7 @@ def judged(
 
 
 def prepare(folder: Path) -> Bench:
-    """The manifest, and an undisturbed run, timed the second time (the first one compiles)."""
+    """The manifest and an undisturbed run; its second repetition is timed, because the first one compiles."""
     bench = Bench(write_manifest(folder), {}, 0.0, 0, folder)
     for name in ("first", "second"):
         root, log = folder / name / "data", folder / f"{name}.log"
@@ -378,7 +378,7 @@ def _mark(trial: Trial) -> str:
 
 
 def print_table(trials: list[Trial], skipped: dict[str, str]) -> None:
-    """The table: kind × times tried × times recovered."""
+    """The table: kind, number of trials, number of recoveries."""
     click.echo(f"{'kind':<16}{'tried':>7}{'healed':>8}{'recovered':>11}")
     for kind in KINDS:
         mine = [trial for trial in trials if trial.kind == kind]
@@ -393,13 +393,17 @@ def print_table(trials: list[Trial], skipped: dict[str, str]) -> None:
 
 
 @click.command()
-@click.option("--moments", type=click.IntRange(1, 10_000), default=50, show_default=True, help="Trials of each kind.")
+@click.option(
+    "--moments", type=click.IntRange(1, 10_000), default=50, show_default=True, help="Number of trials of each kind."
+)
 @click.option("--kinds", default=",".join(KINDS), show_default=True, help="Comma-separated.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the first trial.")
-@click.option("--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Trials side by side.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the first trial.")
+@click.option(
+    "--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Number of trials at the same time."
+)
 @click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write every trial to this file.")
 def main(moments: int, kinds: str, seed: int, jobs: int, json_file: Path | None) -> None:
-    """Disturb `avs3d generate` in every way there is and see that it recovers. Exit status 1 if it did not."""
+    """Inject faults of all kinds into `avs3d generate`, and check that it recovers. Exit status 1 if it did not."""
     wanted = kinds.split(",")
     if unknown := sorted(set(wanted) - set(KINDS)):
         raise UsageError(f"unknown kind {unknown[0]!r}: expected some of {','.join(KINDS)}")

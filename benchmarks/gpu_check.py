@@ -1,9 +1,9 @@
-"""On a GPU machine: plain torch against gsplat, and one whole training, timed. Prints one JSON document.
+"""Compares plain torch with gsplat on a GPU, and times one whole training. Prints one JSON document.
 
     python -m benchmarks.gpu_check --dataset ROOT --key part_1/apartment_1/kitchen/1 [--iterations 30000] [--cold]
 
 Without ``--dataset`` only the rasterisers are compared. Exit code 1 if they disagree. ``--cold`` has two processes load
-gsplat at once with an empty cache of kernels, and counts the builds.
+gsplat at the same time with an empty cache of kernels, and counts the builds.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from baselines.echosegnet.train import Report, TrainingSettings, train, view_psn
 from baselines.echosegnet.views import View, load_points, load_views, test_views, train_views
 
 _NAMES = ("means", "log_scales", "rotations", "opacities", "sh")
-#: Relative to the reference's norm. Single precision, and pairs at the threshold of 1/255 that fall on either side.
+#: Tolerance relative to the reference's norm, for single precision and for pairs on either side of the 1/255 threshold.
 TOLERANCE = {"picture": 2e-3, "gradient": 1e-2}
 
 
@@ -202,7 +202,7 @@ def main() -> int:
     parser.add_argument("--cold", action="store_true", help="two processes compile gsplat's kernels at once")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--ply", type=Path, help="where to write the Gaussians (of the last key)")
-    parser.add_argument("--loud", action="store_true", help="report the course of training on stderr")
+    parser.add_argument("--loud", action="store_true", help="report the progress of the training on stderr")
     parser.add_argument("--json", type=Path, help="also write the document here")
     options = parser.parse_args()
     try:

@@ -1,17 +1,17 @@
-"""`python -m benchmarks.instance_selection ROOT`: of several identical objects, how often is the sounding one chosen?
+"""`python -m benchmarks.instance_selection ROOT`: how often is the sounding one of several identical objects chosen?
 
 Three experiments, each with `official` (the published AISRM), `centre` (the candidate nearest to the published audio
 centre: AISRM without its size rule) and `spatial` with all its cues and with each alone:
 
-- *twins*: the silent twins that stand in part_2, all of them against the sounding instance.
+- *twins*: the candidates are the sounding instance and all silent twins of an observation of part_2.
 - *invented*: in every observation, one invented twin at a time, 0.5, 1 and 2 m from the sounding instance (centre to
-  centre), in 16 directions. A twin that would stand in a wall, in another room or inside the original is no case.
-- *simulated*: box rooms with 2 to 4 candidates, at least 0.5 or 1 m apart, heard through the analytic renderer.
+  centre), in 16 directions. A twin inside a wall, in another room or inside the original is not used.
+- *simulated*: box rooms with 2 to 4 candidates, at least 0.5 or 1 m apart, with sound from the analytic renderer.
 
-`official` keeps only clusters larger than mean + ½ standard deviation: of two equal ones it keeps none, so that all
-stay, which is not a choice; that is why it scores 0 beside an invented twin, and why `centre` is shown.
+`official` keeps only clusters larger than mean + ½ standard deviation. Of two equal clusters it keeps none and
+therefore uses both, which is not a choice: it scores 0 with an invented twin. `centre` is shown for this reason.
 
-The true boxes serve to make candidates alone: points on the faces that the train cameras can see. Every case is run
+The true boxes are used only to make candidates: points on the faces that the train cameras can see. Every case is run
 with all train frames and with random subsets of them.
 """
 
@@ -59,7 +59,7 @@ CATEGORIES = ("washing_machine", "toilet", "vacuum_cleaner", "microwave", "coffe
 
 @dataclass
 class Heard:
-    """What is heard in one place: train views, their sound and cues, and points of the scene for `official`."""
+    """The inputs in one place: train views, their sound and cues, and points of the scene for `official`."""
 
     key: str
     views: list[View]
@@ -106,7 +106,9 @@ def _official(points: Array, labels: NDArray[np.int64], centre: Array) -> float:
     """Whether the published refinement keeps the right candidate and nothing else."""
     from baselines.echosegnet import aisrm
 
-    chosen = aisrm.refine(points, centre, eps=0.3).chosen  # sparser than splats: a wider reach makes the same clusters
+    chosen = aisrm.refine(
+        points, centre, eps=0.3
+    ).chosen  # the points are sparser than splats: a larger radius makes the same clusters
     kept = labels[chosen]
     return float(len(kept) > 0 and np.mean(kept == 0) > 0.99 and np.mean(chosen[labels == 0]) > 0.5)
 
@@ -145,7 +147,7 @@ def observed(observation: Observation) -> Heard:
 
 
 def cases_of(observation: Observation, heard: Heard, room: Array | None) -> list[Case]:
-    """The twins that stand there and the invented ones; ``room`` (2, 3) bounds the latter."""
+    """The real twins and the invented ones; the latter are inside ``room`` (2, 3)."""
     record = observation.record
     assert record is not None
     cameras = flip_world(heard.position)
@@ -200,7 +202,7 @@ def simulated(seed: int, spacing: float, count: int = 105) -> tuple[Heard, list[
         spot = np.array([rng.uniform(0.3, size[0] - 0.3), rng.uniform(0.3, 1.8), rng.uniform(0.3, size[2] - 0.3)])
         if all(np.linalg.norm((spot - s)[[0, 2]]) >= spacing for s in spots):
             spots.append(spot)
-    # A loop through the room; the gaze wanders.
+    # A loop through the room with a varying gaze.
     t = np.arange(count) / count * 2 * np.pi
     reach = size[[0, 2]] / 2 - 0.8
     path = size[[0, 2]] / 2 + reach * np.stack([np.cos(t), np.sin(2 * t + rng.uniform(0, 6))], axis=1) * 0.9
@@ -244,7 +246,7 @@ def main(root: Path, only: tuple[str, ...], rooms: int, subsets: int, output: Pa
         seconds.append(time.perf_counter() - start)
         for share in (1.0, 0.5, 0.25):
             for seed in range(1 if share == 1.0 else subsets):
-                # Twins a step apart change little from subset to subset: the invented ones are run with two.
+                # The results differ little between subsets, so the many invented twins are run with only two.
                 some = [c for c in cases if seed < 2 or not c.experiment.startswith("invented")]
                 for case, method, right, posterior in verdicts(heard, some, heard.subset(share, seed)):
                     key = (case.experiment, f"{share:.0%}", method)

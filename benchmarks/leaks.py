@@ -1,8 +1,9 @@
-"""`python -m benchmarks.leaks --seed N [--seed M …] --json FILE`: do the pictures tell which object sounds?
+"""`python -m benchmarks.leaks --seed N [--seed M …] --json FILE`: do the pictures reveal which object sounds?
 
-Observations in homes that no manifest uses are arranged as the generator arranges them (placement, ids, walk, points,
-then the draw of what sounds) and seen as small pictures of instance ids. Rules that cannot hear choose one of the
-candidates in each: the instances of the sounding category in part_2, all instances of the seven categories in part_1.
+Observations in homes that no manifest uses are arranged by the generator (placement, ids, walk, points, then the draw
+of the sounding object) and rendered as small pictures of instance ids. Rules without access to the sound choose one of
+the candidates in each: the instances of the sounding category in part_2, all instances of the seven categories in
+part_1.
 Each rule should be right as often as chance, the mean of 1 / (number of candidates).
 """
 
@@ -44,7 +45,7 @@ Array = NDArray[np.float64]
 LIMIT = 2.5
 #: Share of the frames in which a candidate should be in view.
 IN_VIEW = (0.20, 0.70)
-#: Rules that cannot hear: each takes the candidate with the largest value.
+#: Rules without access to the sound: each chooses the candidate with the largest value.
 RULES = (
     "share of frames in view",
     "mean area",
@@ -73,13 +74,13 @@ TRAINED = "trained (logistic regression over all)"
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """One observation as rules see it.
+    """The inputs of the rules for one observation.
 
     Attributes:
-        part, home, key: where it stands.
-        features: (K, len(RULES)) of each candidate that could sound.
-        truth: index of the one that sounds.
-        in_view: (M,) share of frames in view of every placed object.
+        part, home, key: identify the observation.
+        features: (K, len(RULES)) one row per candidate.
+        truth: index of the candidate that sounds.
+        in_view: (M,) share of frames in which each placed object is in view.
     """
 
     part: str
@@ -97,12 +98,12 @@ def site_of(home: Scene, room: str) -> Site:
 
 
 def observe(plan: ObservationPlan, size: int, *, biased: bool = False) -> Seen | None:
-    """Arrange and look at one observation; None if its room is too tight.
+    """Arrange and render one observation; None if its room is too small.
 
     Args:
         plan: of the observation.
         size: of the pictures, pixels.
-        biased: plan the walk for the sounding object alone, as it must not be: the control of this experiment.
+        biased: plan the walk only for the sounding object, as a positive control of this experiment.
     """
     home, camera = home_of(plan), plan.camera
     try:
@@ -186,11 +187,11 @@ def _features(
 
 @dataclass(frozen=True)
 class Verdict:
-    """How often a rule is right, beside chance.
+    """How often a rule is right, compared with chance.
 
     Attributes:
-        part, rule: of what.
-        observations: how many it was tried on.
+        part, rule: the part and the rule.
+        observations: number of observations.
         accuracy, chance: shares.
         error: standard error of the share that random guessing gets right.
     """
@@ -204,7 +205,7 @@ class Verdict:
 
     @property
     def deviation(self) -> float:
-        """Of the accuracy from chance, in standard errors."""
+        """Difference between accuracy and chance, in standard errors."""
         return (self.accuracy - self.chance) / self.error
 
     @property
@@ -244,7 +245,7 @@ def pool(samples: Sequence[Sequence[Verdict]]) -> list[Verdict]:
 
 
 def _credit(values: Array, truth: int) -> float:
-    """1 if the largest value is the right one's, a share where several are equal."""
+    """1 if the right candidate has the largest value; a share if several have it."""
     best = values >= values.max() - 1e-12
     return float(best[truth] / best.sum())
 
@@ -254,7 +255,7 @@ def _trained(cases: Sequence[Seen]) -> list[Array]:
     from sklearn.linear_model import LogisticRegression
     from sklearn.model_selection import GroupKFold
 
-    # Within an observation: what a rule can compare. Unit variance where the candidates differ at all.
+    # Normalised within an observation, where rules compare; unit variance if the candidates differ.
     rows = [(c.features - c.features.mean(axis=0)) / np.maximum(c.features.std(axis=0), 1e-9) for c in cases]
     homes = np.array([case.home for case in cases])
     scores: list[Array] = [np.zeros(len(row)) for row in rows]
@@ -283,7 +284,7 @@ def survey(
     parts: Sequence[str] = ("part_1", "part_2"),
     biased: bool = False,
 ) -> list[Seen]:
-    """Arrange and look at ``observations`` observations in ``homes`` homes, less those whose room is too tight."""
+    """Arrange and render ``observations`` observations in ``homes`` homes, without those whose room is too small."""
     plans = plans_of(sample_manifest(homes, observations, seed, parts=parts, frames=frames, size=size))
     tasks = [
         ([plan for plan in plans if plan.spec.scan == home], size, biased)
@@ -294,7 +295,7 @@ def survey(
 
 
 def summary(seen: Sequence[Seen], verdicts: Sequence[Verdict]) -> dict[str, Any]:
-    """What goes into the JSON file."""
+    """The contents of the JSON file."""
     share = np.concatenate([each.in_view for each in seen])
     low, high = IN_VIEW
     return {
@@ -322,9 +323,9 @@ def _verdict(verdict: Verdict) -> dict[str, Any]:
 @click.option("--homes", default=18, show_default=True, type=click.IntRange(2))
 @click.option("--seed", "seeds", multiple=True, type=int, default=(1,), help="Repeat for several samples [1].")
 @click.option("--frames", default=60, show_default=True, type=click.IntRange(2))
-@click.option("--size", default=48, show_default=True, type=click.IntRange(16), help="Of the pictures, pixels.")
+@click.option("--size", default=48, show_default=True, type=click.IntRange(16), help="Side of the pictures, pixels.")
 @click.option("--workers", default=2, show_default=True, type=click.IntRange(1))
-@click.option("--biased", is_flag=True, help="Plan each walk for the sounding object alone: every rule should find it.")
+@click.option("--biased", is_flag=True, help="Positive control: plan each walk only for the sounding object.")
 @click.option("--json", "output", type=click.Path(path_type=Path), default=None, help="Also write the figures here.")
 def main(
     observations: int,
@@ -336,7 +337,7 @@ def main(
     biased: bool,
     output: Path | None,
 ) -> None:
-    """Print how often rules that cannot hear find the sounding object, in all samples together."""
+    """Print how often rules without access to the sound find the sounding object, in all samples together."""
     samples, verdicts = [], []
     for seed in seeds:
         seen = survey(

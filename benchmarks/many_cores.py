@@ -1,12 +1,12 @@
-"""How observations slow one another down on a machine of many cores.
+"""Measures how much simultaneous observations slow one another down on a machine with many cores.
 
     python -m benchmarks.many_cores [--workers 1 --workers 8 …] [--frames 24] [--json FILE]
 
-For every number of workers, that many processes make the same observation at the same time, each pinned to no core, and
-measure CPU and wall seconds of every engine per frame. Beside the engines stand three controls that share nothing with
-this project: hashing within a core's cache (arithmetic), copying 64 MB (memory bandwidth) and touching fresh memory
-(page faults). An engine that slows down as much as the arithmetic is limited by the cores themselves (hyper-threads,
-clock); one that follows the copy is limited by memory bandwidth.
+For every number of workers, that many processes make the same observation at the same time, without pinning to cores,
+and measure CPU and wall seconds of every engine per frame. There are also three controls without code of this project:
+hashing within a core's cache (arithmetic), copying 64 MB (memory bandwidth) and touching new memory (page faults). An
+engine that slows down as much as the arithmetic is limited by the cores (hyper-threads, clock); one that slows down as
+much as the copy is limited by memory bandwidth.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ from avs3d_bench.one_thread import ONE_THREAD
 for _variable, _value in ONE_THREAD.items():
     os.environ.setdefault(_variable, _value)
 
-#: Bytes that stay in a core's own cache, and bytes that fit no cache.
+#: Number of bytes that fit into a core's own cache, and number of bytes that fit into no cache.
 _CACHED, _STREAMED = 1 << 15, 64 << 20
-#: Seconds that each control runs.
+#: Duration of each control (s).
 _CONTROL = 2.0
-#: What the slowest process is told of: virtual cores of one machine need not be equally fast.
+#: Figures that are also given for the slowest process: virtual cores of one machine may differ in speed.
 _UNEVEN = ("frame (wall s)", "control: hash 2 MB in cache", "control: copy 64 MB")
 
 
 def _rate(step: Callable[[], object]) -> float:
-    """Milliseconds (wall) of one step, in `_CONTROL` seconds of them."""
+    """Milliseconds (wall) per step, measured over `_CONTROL` seconds."""
     count, start = 0, time.perf_counter()
     while (now := time.perf_counter()) - start < _CONTROL:
         step()
@@ -100,7 +100,7 @@ def _work(plan: Any, cache: str, barrier: Any, results: Any) -> None:
 
 
 def measure(plan: Any, cache: Path, workers: int) -> dict[str, float]:
-    """Medians over ``workers`` processes at work at the same time, and the slowest where the cores may differ."""
+    """Medians over ``workers`` simultaneous processes, and the slowest process for some of the figures."""
     context = multiprocessing.get_context("spawn")
     barrier, results = context.Barrier(workers), context.Queue()
     processes = [context.Process(target=_work, args=(plan, str(cache), barrier, results)) for _ in range(workers)]

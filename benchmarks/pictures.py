@@ -1,10 +1,10 @@
-"""The pictures of the docs, made again from generated datasets.
+"""Makes the pictures of the documentation from generated datasets.
 
     python -m benchmarks.pictures --demo data/demo -o docs/images
     python -m benchmarks.pictures --moving data/moving-source --sh3d data/open-s34-o7-sh3d -o docs/images
 
-Needs Chromium, and the [inspect] and [dev] extras. `--demo` takes the folder that `make demo` writes, its submissions
-beside it.
+Needs Chromium, and the [inspect] and [dev] extras. `--demo` takes the folder that `make demo` writes, with its
+submissions beside it.
 """
 
 from __future__ import annotations
@@ -34,20 +34,24 @@ SINGLE, MULTI = "part_1/apartment_1/bathroom/1", "part_2/apartment_1/kitchen/1"
 QUALITY = 82
 #: Side of one picture of a pair (pixels).
 PAIR = 632
-#: Between the pictures of a pair (pixels).
+#: Gap between the pictures of a pair (pixels).
 GAP = 16
-#: Share of the picture that an object covers at most where it is shown as a whole.
+#: Largest share of the picture that an object covers if it is completely visible.
 MOST_COVERED = 0.25
 #: Names of browsers that draw the pages, for the tests too.
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
 
 @click.command()
-@click.option("--demo", type=click.Path(exists=True, path_type=Path), help="What `make demo` generated.")
-@click.option("--moving", type=click.Path(exists=True, path_type=Path), help="Of scenes_manifest/moving-source.yaml.")
-@click.option("--sh3d", type=click.Path(exists=True, path_type=Path), help="Of scenes_manifest/open-s34-o7-sh3d.yaml.")
-@click.option("--gallery", type=click.Path(exists=True, path_type=Path), help="A site that `avs3d view -o` wrote.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder of the pictures.")
+@click.option("--demo", type=click.Path(exists=True, path_type=Path), help="Dataset that `make demo` generated.")
+@click.option(
+    "--moving", type=click.Path(exists=True, path_type=Path), help="Dataset of scenes_manifest/moving-source.yaml."
+)
+@click.option(
+    "--sh3d", type=click.Path(exists=True, path_type=Path), help="Dataset of scenes_manifest/open-s34-o7-sh3d.yaml."
+)
+@click.option("--gallery", type=click.Path(exists=True, path_type=Path), help="Site that `avs3d view -o` wrote.")
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder to write the pictures to.")
 def main(demo: Path | None, moving: Path | None, sh3d: Path | None, gallery: Path | None, output: Path) -> None:
     """Make the pictures of the docs that the given datasets allow."""
     if demo is not None:
@@ -92,7 +96,7 @@ def _sheet(observation: Observation, columns: int) -> bytes:
 
 
 def _film_frame(dataset: Dataset, submission: Path) -> np.ndarray:
-    """The film of the first observation at the test frame that shows most of the source."""
+    """A picture of the first observation's film, at the test frame that shows most of the source."""
     import av
 
     shown = max((frame for frame in dataset[SINGLE].test if _covered(frame) <= MOST_COVERED), key=_covered)
@@ -187,7 +191,7 @@ def _player(root: Path, submissions: Path) -> np.ndarray:
 
 
 def _view_3d(root: Path, submission: Path) -> np.ndarray:
-    """The room in viser, half a minute after it was opened."""
+    """A picture of the room in viser, half a minute after it was opened."""
     arguments = ("view-3d", SINGLE, "--dataset", str(root), "--submission", str(submission), "--port", "0")
     with _served(*arguments) as url, _page(1200, 700) as page:
         page.goto(url)

@@ -1,8 +1,8 @@
-"""`python -m benchmarks.resampling A.json B.json…`: which differences between methods hold over resampled observations?
+"""`python -m benchmarks.resampling A.json B.json…`: which differences between methods are significant?
 
-Of every figure and part, the mean of each method and the difference of each pair, with 95 % intervals from resampling
-the observations (`evaluators.bootstrap`: 10,000 times, percentiles). Differences are paired: the same observations are
-drawn for both methods. A statement is made only where the interval of the difference leaves out 0 and goes over enough
+For every figure and part, it prints the mean of each method and the difference of each pair, with 95 % intervals by
+resampling the observations (`evaluators.bootstrap`: 10,000 times, percentiles). Differences are paired: the same
+observations are drawn for both methods. A difference is stated only if its interval excludes 0 and there are enough
 observations.
 
 `strict.wrong_observation` is the share of observations in which the wrong object was chosen: a silent twin is marked in
@@ -32,7 +32,7 @@ from evaluators.bootstrap import FEWEST, interval
 Verdict = Literal["higher", "lower", "equal", "undecided"]
 
 WRONG_OBSERVATION = "strict.wrong_observation"
-#: What is compared unless asked otherwise.
+#: Figures that are compared by default.
 FIGURES = ("strict.IoU", "strict.wrong_instance_rate", WRONG_OBSERVATION, "official.mIoU", "official.F")
 _KNOWN = frozenset((metric.protocol, metric.name) for metric in METRICS)
 #: IoU below which the sounding object counts as missed.
@@ -44,10 +44,10 @@ class Estimate:
     """A mean over observations.
 
     Attributes:
-        mean: of the values.
-        low: of its 95 % interval; None for fewer than six observations.
-        high: likewise.
-        observations: how many.
+        mean: mean of the values.
+        low: lower end of its 95 % interval; None for fewer than six observations.
+        high: upper end of the interval; None likewise.
+        observations: number of observations.
     """
 
     mean: float
@@ -57,12 +57,12 @@ class Estimate:
 
     @classmethod
     def of(cls, values: Sequence[float]) -> Estimate:
-        """From one value per observation, at least one."""
+        """The estimate from one value per observation; at least one value is needed."""
         low, high = interval(values) or (None, None)
         return cls(float(np.mean(values)), low, high, len(values))
 
     def text(self, sign: Literal["", "+"] = "") -> str:
-        """In one line; with ``sign`` also that of positive numbers."""
+        """The estimate in one line; ``sign``: show the sign of positive numbers, too."""
         known = self.low is not None and self.high is not None
         spread = f"{self.low:{sign}.3f} to {self.high:{sign}.3f}" if known else "no interval"
         return f"{self.mean:{sign}.3f} ({spread}; n = {self.observations})"
@@ -70,15 +70,15 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Difference:
-    """Of one figure, over the observations that both methods have it for.
+    """Difference of one figure between two methods, over the observations for which both have it.
 
     Attributes:
         figure: e.g. ``strict.IoU``.
         part: ``part_1``, ``part_2`` or ``overall``.
-        first: name of a method.
-        second: of another.
+        first: name of the first method.
+        second: name of the second method.
         estimate: first − second.
-        verdict: what may be said of the first: ``higher``, ``lower``, ``equal`` in every observation, or ``undecided``.
+        verdict: result for the first method: ``higher``, ``lower``, ``equal`` in every observation, or ``undecided``.
     """
 
     figure: str
@@ -97,7 +97,7 @@ class Difference:
 
 
 def figure_of(observation: ObservationScores, figure: str) -> float | None:
-    """A figure of an observation; None where it has none.
+    """A figure of an observation; None if it is not available.
 
     Raises:
         UsageError: if there is no such figure.
@@ -119,7 +119,7 @@ def values_of(scores: Scores, figure: str, part: str) -> dict[str, float]:
 
 
 def difference(figure: str, part: str, first: tuple[str, Scores], second: tuple[str, Scores]) -> Difference | None:
-    """First minus second over the observations that both have; None where there is none."""
+    """First minus second over the observations that both have; None without common observations."""
     (name, scores), (other, others) = first, second
     mine, theirs = values_of(scores, figure, part), values_of(others, figure, part)
     paired = [mine[key] - theirs[key] for key in sorted(mine.keys() & theirs.keys())]
@@ -148,7 +148,7 @@ def read_scores(paths: Iterable[Path]) -> dict[str, Scores]:
     first: tuple[Path, tuple[object, ...]] | None = None
     for path in paths:
         if path.stem in found:
-            raise UsageError(f"{path}: another file is called {path.stem} as well; rename one")
+            raise UsageError(f"{path}: another file has the name {path.stem}, too; rename one of them")
         scores = found[path.stem] = read_record(path, Scores)
         data = scores.dataset
         same = (data.name, data.version, data.sha256)
@@ -185,9 +185,9 @@ def _means(methods: Mapping[str, Scores], figure: str, part: str) -> dict[str, E
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SCORES.json…")
 @click.option("--part", "parts", multiple=True, type=click.Choice([*PARTS, "overall"]), help="Repeatable [every].")
 @click.option("--figure", "figures", multiple=True, default=FIGURES, show_default=True, help="Repeatable.")
-@click.option("--json", "output", type=click.Path(path_type=Path), help="Write everything to this file as well.")
+@click.option("--json", "output", type=click.Path(path_type=Path), help="Also write the figures to this file.")
 def main(files: tuple[Path, ...], parts: tuple[str, ...], figures: tuple[str, ...], output: Path | None) -> None:
-    """Means and paired differences of files of scores, with intervals over resampled observations."""
+    """Print means and paired differences of files of scores, with intervals over resampled observations."""
     try:
         methods = read_scores(files)
         wanted = parts or (*PARTS, "overall")

@@ -1,9 +1,9 @@
-"""`python -m benchmarks.results ROOT -o DIR`: EchoSegnet on a GPU, every row of docs/results.md, as files of scores.
+"""`python -m benchmarks.results ROOT -o DIR`: runs EchoSegnet on a GPU and writes the scores of docs/results.md.
 
 Trains each observation once (both variants share the training), then lifts, refines and draws with every combination
 of masks and variant, sweeps the voting threshold on one observation, scores everything, and writes `training.json`
-(PSNR of test views, minutes, sizes, memory, hardware) beside the scores. What is in ``--work`` already is not computed
-again: a run that was stopped goes on, a training from its last checkpoint.
+(PSNR of test views, minutes, sizes, memory, hardware) beside the scores. Results that are already in ``--work`` are not
+computed again: a stopped run continues, and a stopped training continues from its last checkpoint.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class TrainJob:
 
 
 def train_one(context: Context, job: TrainJob) -> dict[str, Any]:
-    """Train an observation and judge it on its test views; what it took. The record is kept beside the Gaussians."""
+    """Train an observation, evaluate it on its test views, and store the record of both beside the Gaussians."""
     import torch
 
     from baselines.echosegnet.cache import Stages
@@ -99,7 +99,7 @@ def train_one(context: Context, job: TrainJob) -> dict[str, Any]:
 def train_all(
     dataset: Dataset, work: Path, settings: TrainingSettings, devices: tuple[str, ...], only: tuple[str, ...]
 ) -> dict[str, Any]:
-    """Train every observation; the record for training.json.
+    """Train every observation and return the record for training.json.
 
     Raises:
         Avs3dError: if a training failed, after all others are done.

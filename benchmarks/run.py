@@ -1,4 +1,4 @@
-"""`make bench`: every figure this project claims about speed and memory, as a table and as JSON."""
+"""`make bench`: measures all figures of speed and memory that this project states, as a table and as JSON."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from avs3d_bench.one_thread import ONE_THREAD
 for _variable, _value in ONE_THREAD.items():
     os.environ.setdefault(_variable, _value)
 
-#: Figure → (at most, at least): what the project promises on a core of about 2.1 GHz.
+#: Figure → (at most, at least): the project's targets on a core of about 2.1 GHz.
 TARGETS: dict[str, tuple[float | None, float | None]] = {
     "RGB + ids + depth, 1008² (CPU s)": (0.5, None),
     "impulse response (CPU s)": (0.15, None),
@@ -39,7 +39,7 @@ SUITES = ("vision", "acoustics", "pipeline", "scoring", "lifting", "cluster", "l
 
 @click.command()
 @click.option("--json", "output", type=click.Path(path_type=Path), default=Path("build/bench.json"), show_default=True)
-@click.option("--repeats", type=click.IntRange(5), default=5, show_default=True, help="Runs behind each median.")
+@click.option("--repeats", type=click.IntRange(5), default=5, show_default=True, help="Number of runs for each median.")
 @click.option("--only", type=click.Choice(SUITES), default=None)
 def main(output: Path, repeats: int, only: str | None) -> None:
     """Measure, print medians, and write them as JSON."""

@@ -1,9 +1,8 @@
 """`python -m benchmarks.unseen_homes -o FILE`: a manifest of plausible observations in homes that no manifest uses.
 
-What is drawn (homes, rooms, categories, counts, silent objects) depends on the seed alone. In part_1, the category that
-sounds is drawn among those that stand in the room, each as likely as the others; in part_2 several instances of one
-model stand there. With ``--check`` (the default of the command), an observation that its room is too tight for is
-replaced by another.
+The random draws (homes, rooms, categories, counts, silent objects) depend only on the seed. In part_1, the sounding
+category is drawn uniformly among those in the room; in part_2 the room has several instances of one model. With
+``--check`` (the default of the command), an observation that does not fit into its room is replaced by another.
 """
 
 from __future__ import annotations
@@ -27,17 +26,17 @@ from generators.plan import ObservationPlan, make_plans, read_manifest
 
 MANIFESTS = Path(__file__).parent.parent / "scenes_manifest"
 PARTS = ("part_1", "part_2")
-#: What stands in which room, with the most instances in part_2.
+#: Categories of each room, with their largest number of instances in part_2.
 ROOMS: dict[str, dict[str, int]] = {
     "bathroom": {"washing_machine": 2, "toilet": 2},
     "kitchen": {"microwave": 3, "coffee_machine": 3, "clock": 4},
     "living_room": {"telephone": 3, "clock": 4, "vacuum_cleaner": 3},
 }
-#: Look-alikes, which never sound, and the probability that one stands by.
+#: Distractors, which look similar and never sound, and the probability that one is in the room.
 LOOK_ALIKES, LOOK_ALIKE_SHARE = {"kitchen": "oven"}, 0.5
-#: Probability that something silent of another category stands beside the instances of part_2.
+#: Probability of a silent object of another category in part_2.
 SILENT_SHARE = 0.4
-#: Seeds of homes are drawn from this range: those of committed manifests are small.
+#: Range of the seeds of homes; the seeds in committed manifests are smaller.
 SEEDS = (1_000, 1_000_000)
 
 
@@ -60,7 +59,7 @@ def sample_homes(homes: int, seed: int) -> dict[str, dict[str, Any]]:
 
 
 def draw_entries(home: str, parts: Sequence[str], seed: int) -> Iterator[dict[str, Any]]:
-    """Endless entries of a manifest for one home, the parts by turns; indices count up within a room."""
+    """Infinite sequence of a manifest's entries for one home, alternating the parts; indices increase within a room."""
     number = int(home.removeprefix("home_"))
     rng = np.random.default_rng([seed, 2, number])
     counts: dict[tuple[str, str], int] = {}
@@ -92,9 +91,9 @@ def sample_manifest(
     Args:
         homes: number of homes.
         observations: number of observations, spread evenly over the homes.
-        seed: of everything that is drawn, and the manifest's own.
-        parts: which parts to draw for.
-        check: replace observations that cannot be placed or walked (places every one of them: seconds each).
+        seed: seed of the random draws, and of the manifest.
+        parts: the parts to use.
+        check: replace observations for which placement or walk fails (takes seconds per observation).
         camera: fields of the manifest's ``camera`` that differ from the usual ones.
     """
     usual = {"size": 1008, "hfov": 90.0, "height": 1.5, "frames": 120}
@@ -140,7 +139,7 @@ def home_of(plan: ObservationPlan) -> Scene:
 
 
 def is_plannable(document: dict[str, Any], entry: dict[str, Any]) -> bool:
-    """Whether the room has room for an observation's objects and its walk."""
+    """Whether the room is large enough for an observation's objects and its walk."""
     (plan,) = plans_of(document | {"observations": [entry]})
     try:
         arrange(plan, home_of(plan))
@@ -155,7 +154,9 @@ def is_plannable(document: dict[str, Any], entry: dict[str, Any]) -> bool:
 @click.option("--observations", default=36, show_default=True, type=click.IntRange(1))
 @click.option("--seed", default=1, show_default=True, type=click.IntRange(0))
 @click.option("--parts", multiple=True, type=click.Choice(PARTS), default=PARTS, show_default=True)
-@click.option("--check/--no-check", default=True, show_default=True, help="Replace what its room is too tight for.")
+@click.option(
+    "--check/--no-check", default=True, show_default=True, help="Replace observations that do not fit into their room."
+)
 def main(output: Path, homes: int, observations: int, seed: int, parts: tuple[str, ...], check: bool) -> None:
     """Write a manifest of OBSERVATIONS observations in HOMES homes that no committed manifest uses."""
     document = sample_manifest(homes, observations, seed, parts=parts, check=check)

@@ -1,8 +1,8 @@
-"""`python -m benchmarks.volume_guidance ROOT`: what 3D figures a cloud of a given quality gets, for docs/metrics.md.
+"""`python -m benchmarks.volume_guidance ROOT`: 3D figures of point clouds of known quality, for docs/metrics.md.
 
-Points are drawn evenly on the true mesh, one per square centimetre, and disturbed: by noise, by a shift, by leaving out
-what no camera of a split ever sees. A point is seen where no other part of its own object hides it (a ray says) and the
-pixel that it projects into is marked in the true mask.
+Points are drawn uniformly on the true mesh, one per square centimetre, and then changed: by noise, by a shift, or by
+removing the points that no camera of a split sees. A point is seen if no other part of its own object hides it (tested
+with a ray) and the pixel into which it projects is marked in the true mask.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from evaluators.volume import TrueVolume, score_points, true_volume
 
 #: Points per square metre: one per square centimetre.
 DENSITY = 1e4
-#: How far a ray may end before its point and still count as having reached it, metres.
+#: Tolerance (m): a ray that ends at most this far before a point still reaches it.
 _SLACK = 0.005
 
 
 def sample(mesh: Ply, density: float, rng: np.random.Generator) -> np.ndarray:
-    """(N, 3) points, evenly spread over the surface at random."""
+    """(N, 3) random points with a uniform distribution over the surface."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]].astype(np.float64) for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
     face = rng.choice(len(area), size=round(density * area.sum()), p=area / area.sum())
