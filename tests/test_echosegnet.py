@@ -22,7 +22,7 @@ from avs3d_bench.scheduling.errors import UnfitError
 from avs3d_bench.scheduling.tasks import Context
 from avs3d_bench.scores import Scores
 from baselines.echosegnet import cache, pipeline, training_stage, voting_stage
-from baselines.echosegnet.cache import inputs_digest
+from baselines.echosegnet.cache import Stages, inputs_digest
 from baselines.echosegnet.densify import DensityControl
 from baselines.echosegnet.gaussians import from_points, read_audio_intensity, read_ply
 from baselines.echosegnet.pictures import load_pictures
@@ -294,6 +294,22 @@ def test_a_stage_is_kept_only_while_its_inputs_and_its_software_are_the_same(dat
     assert cache.arrays_digest(masks) == cache.arrays_digest([mask.copy() for mask in masks])
     assert cache.arrays_digest(masks) != cache.arrays_digest(masks[::-1])
     assert cache.arrays_digest(masks) != cache.arrays_digest([mask.reshape(6, 4) for mask in masks])
+
+
+def test_a_damaged_stage_is_made_again(tmp_path: Path):
+    stages, votes = Stages(tmp_path), np.arange(1000.0)
+    stages.save_arrays("votes", "key", {"inside": votes})
+    path = stages.path("votes", "key", ".npz")
+    whole = path.read_bytes()
+    flipped = bytearray(whole)
+    flipped[len(whole) // 2] ^= 1
+    for damaged in (b"", b"hello", whole[:200], whole[:-30], bytes(flipped)):
+        path.write_bytes(damaged)
+        assert stages.load_arrays("votes", "key") is None
+    path.write_bytes(whole)
+    kept = stages.load_arrays("votes", "key")
+    assert kept is not None
+    np.testing.assert_array_equal(kept["inside"], votes)
 
 
 def test_a_worker_with_other_sources_is_refused(tmp_path: Path):
