@@ -207,6 +207,20 @@ _KINDS = {
 }
 
 
+def require_regular(path: str | Path) -> None:
+    """Say what stands under a name without opening it.
+
+    Raises:
+        Avs3dError: if it is no regular file, or leads nowhere.
+    """
+    try:
+        kind = stat.S_IFMT(os.stat(path).st_mode)
+    except OSError as error:
+        raise Avs3dError(os_error_line(error, path, "read")) from error
+    if kind != stat.S_IFREG:
+        raise Avs3dError(f"{path}: {_KINDS.get(kind, 'no regular file')}; expected a regular file")
+
+
 @contextlib.contextmanager
 def open_regular(path: str | Path) -> Iterator[io.BufferedReader]:
     """Open a regular file for reading in binary.

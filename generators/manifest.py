@@ -353,7 +353,8 @@ def _finding(error: ValidationError) -> str:
     place = ".".join(step(key) for key in first["loc"]) or "manifest"
     kind, message = first["type"], first["msg"].removeprefix("Value error, ")
     if kind == "extra_forbidden":
-        near = get_close_matches(str(first["loc"][-1]), _FIELDS, n=1)
+        name = str(first["loc"][-1])
+        near = [] if name in _FIELDS else get_close_matches(name, _FIELDS, n=1)  # its own name: a field of another part
         message = "unknown field; " + (f"did you mean {near[0]!r}?" if near else "correct its name, or leave it out")
     elif kind == "missing":
         message = "is missing"

@@ -215,6 +215,7 @@ HOSTILE: dict[str, tuple[Any, list[str]]] = {
     ),
     "long file": (sound(file="a" * 300), ["too long"]),
     "seed of 5,000 digits": ("seed: 1" + "0" * 5000, ["seed, line 1", "5,001 digits"]),
+    "field of another part": (document(licence="MIT"), ["licence: unknown field; correct its name, or leave it out"]),
     "unknown field": (document(sedd=1), ["sedd: unknown field"]),
     "field of nine lines": (document(**{"a\n" * 9: 1}), ["'a\\na\\n", "unknown field"]),
     "observations as a number": (document(observations=5), ["observations: ", "found 5"]),

@@ -11,7 +11,10 @@ from pathlib import Path
 import pytest
 import tiny
 
+from avs3d_bench import media
 from avs3d_bench.dataset import Dataset
+from avs3d_bench.schema import ObservationRecord
+from avs3d_bench.validate import validate
 
 #: Seconds after which a check counts as hung; it takes one or two.
 LIMIT = 60
@@ -62,12 +65,26 @@ def test_a_fifo_in_the_place_of_any_file_is_named(tmp_path: Path, release: bool)
     found = json.loads(done.stdout)
     for name, place in expected.items():
         for deep in (False, True):
-            if release and not deep and place.endswith((".bin", ".json")):
-                continue  # of the release, shallow checks do not open these
             named = [message for path, message in found[f"{name} {deep}"] if path == place]
-            if not deep and place.endswith((".npz", ".ply", ".bin")):
-                continue  # only decoded by --deep
-            assert any("a FIFO; expected a regular file" in message for message in named), (place, deep, named)
+            fifo = [message for message in named if "a FIFO; expected a regular file" in message]
+            assert len(fifo) == 1, (place, deep, named)
+
+
+@pytest.mark.parametrize("sizes", [False, True])
+def test_shallow_checks_name_what_only_deep_ones_would_open(tmp_path: Path, sizes: bool):
+    root = tiny.write_dataset(tmp_path / "data", frames=2, size=16)
+    folder = root / tiny.SINGLE
+    if sizes:
+        record = media.read_record(folder / "observation.json", ObservationRecord)
+        held = {name: (folder / name).stat().st_size for name in record.files}
+        media.write_json(folder / "observation.json", record.model_copy(update={"sizes": held}))
+    (folder / "sparse/0/points3D.bin").unlink()
+    os.mkfifo(folder / "sparse/0/points3D.bin")
+    (folder / "gt_3d/sounding_object.ply").unlink()
+    (folder / "gt_3d/sounding_object.ply").symlink_to("nowhere.ply")
+    found = {problem.path.removeprefix(f"{tiny.SINGLE}/"): problem.message for problem in validate(root).problems}
+    assert found["sparse/0/points3D.bin"] == "a FIFO; expected a regular file"
+    assert "no such file" in found["gt_3d/sounding_object.ply"]
 
 
 def test_a_device_is_not_read(tmp_path: Path):

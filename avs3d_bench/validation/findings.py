@@ -19,11 +19,15 @@ class Findings:
         self.key = observation.key
         self.base = str(observation.path)
         self.problems: list[Problem] = []
+        self._known: set[Problem] = set()
 
     def add(self, path: str, message: str, severity: Severity = "error") -> None:
-        """Add a problem of the file or folder ``path``."""
+        """Add a problem of the file or folder ``path``; the same problem again changes nothing."""
         where = f"{self.key}/{path}" if path else self.key
-        self.problems.append(Problem(severity, where, message))
+        problem = Problem(severity, where, message)
+        if problem not in self._known:
+            self._known.add(problem)
+            self.problems.append(problem)
 
     def take(self, path: str, error: Avs3dError, severity: Severity = "error") -> None:
         """Add what a reader said; if it names a file of the observation first, that file has the problem."""

@@ -22,8 +22,10 @@ ORIGIN_MARGIN = 0.1
 TIME_TOLERANCE = 1e-6
 
 
-def check_record(observation: Observation, record: ObservationRecord, files: set[str], findings: Findings) -> None:
-    """The numbers of observation.json against each other and against the folder."""
+def check_record(
+    observation: Observation, record: ObservationRecord, files: set[str], findings: Findings, irregular: set[str]
+) -> None:
+    """The numbers of observation.json against each other and against the folder; ``irregular`` files have no size."""
     where = layout.OBSERVATION_JSON
     if record.key != observation.key:
         findings.add(where, f"key is {record.key}, but the folder is {observation.key}")
@@ -34,7 +36,7 @@ def check_record(observation: Observation, record: ObservationRecord, files: set
     for path in unlisted:
         findings.add(path, f"has no sha256 in {where}")
     for path, expected in sorted((record.sizes or {}).items()):
-        if path in on_disk and (found := (observation.path / path).stat().st_size) != expected:
+        if path in on_disk - irregular and (found := (observation.path / path).stat().st_size) != expected:
             findings.add(path, f"{found:,} bytes, expected {expected:,} ({where})")
     source = np.asarray(record.source_position)
     low, high = (np.asarray(corner) for corner in record.sounding.bounds)

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from avs3d_bench import layout, media
 from avs3d_bench.dataset import Observation, parse_splits
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.files import require_regular
 from avs3d_bench.schema import CameraSplits, ObservationRecord, describe
 from avs3d_bench.validation.findings import Findings
 from avs3d_bench.validation.records import check_record
@@ -55,6 +56,7 @@ def check_structure(observation: Observation, *, ours: bool) -> tuple[Findings, 
     """
     findings = Findings(observation)
     files = _without_byproducts(list_files(observation), findings)
+    irregular = _check_kinds(observation, files, findings)
     record = load_record(observation, findings) if ours else None
     if ours:
         frames = len(record.frames) if record else len(observation.frame_names)
@@ -65,8 +67,20 @@ def check_structure(observation: Observation, *, ours: bool) -> tuple[Findings, 
     _check_headers(observation, record, files, findings, ours=ours)
     _check_images(observation, files, findings, ours=ours)
     if record:
-        check_record(observation, record, files, findings)
+        check_record(observation, record, files, findings, irregular)
     return findings, record, files
+
+
+def _check_kinds(observation: Observation, files: set[str], findings: Findings) -> set[str]:
+    """Name what is no regular file, also where only --deep would open it; returns these."""
+    irregular = set()
+    for path in sorted(files):
+        try:
+            require_regular(observation.path / path)
+        except Avs3dError as error:
+            findings.take(path, error)
+            irregular.add(path)
+    return irregular
 
 
 def _without_byproducts(files: set[str], findings: Findings) -> set[str]:
