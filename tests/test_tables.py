@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import os
 import re
 import subprocess
@@ -440,6 +441,15 @@ def test_hostile_names_stay_in_their_cell(tmp_path: Path) -> None:
     assert "<script>" not in text
     assert "\x1b" not in text
     assert not re.search(r"(?<!\\)[<$`\[]", next(line for line in lines if "alert" in line))
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_version_of_thousands_of_digits_leaves_the_axes_their_room(tmp_path: Path) -> None:
+    (file,) = save(tmp_path, made("a", (0.5, 0.5)))
+    content = json.loads(file.read_text())
+    content["dataset"]["version"] = "9" * 5000
+    file.write_text(json.dumps(content))
+    assert write_tables(tmp_path / "out", [file])
 
 
 def call(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[Any, str, list[str]]:

@@ -47,6 +47,8 @@ _STYLE: dict[Any, Any] = {
 _DPI = 160
 #: Characters of a method's name in one line, and lines of it.
 _NAME_WIDTH, _NAME_LINES = 34, 3
+#: Lines of the title; a version of thousands of characters would leave no room for the axes.
+_TITLE_LINES = 4
 #: Characters of the title in an inch.
 _TITLE_WIDTH = 10
 #: Between the marks of the parts in one row.
@@ -107,7 +109,10 @@ def _head(axes: Axes, metric: Metric) -> None:
 
 
 def _caption(drawn: Figure, title: str, section: Section, handles: Sequence[Any], columns: int) -> None:
-    words = textwrap.wrap(f"{title}: {clean(section.heading)}", int(drawn.get_figwidth() * _TITLE_WIDTH))
+    words = textwrap.wrap(
+        f"{title}: {clean(section.heading)}", int(drawn.get_figwidth() * _TITLE_WIDTH),
+        max_lines=_TITLE_LINES, placeholder=" …",
+    )  # fmt: skip
     drawn.suptitle("\n".join(words), x=0.012, ha="left", fontsize=12.5)
     legend = drawn.legend(
         handles=list(handles), loc="outside lower left", ncols=columns, frameon=False, handlelength=2.6,
