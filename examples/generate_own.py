@@ -1,9 +1,9 @@
-"""Generate a dataset with a room, an object and a sound of one's own.
+"""Generate a dataset with your own room, object and sound.
 
     python examples/generate_own.py data/own
 
-The room is a mesh, here made with trimesh; a scan of a flat works the same way. The object takes the place of the
-procedural washing machines, the recording that of their synthesised sound. Takes about half a minute.
+The room is a mesh, here made with trimesh; a scan of a flat works the same way. The object replaces the procedural
+washing machines, and the recording replaces their synthesised sound. The run takes about half a minute.
 """
 
 import sys
@@ -42,7 +42,7 @@ def write_object(path: Path) -> None:
 
 
 def write_sound(path: Path) -> None:
-    """Six seconds of a drum that turns: noise, louder once in every turn."""
+    """Six seconds of a turning drum: noise that is louder once per turn."""
     time = np.arange(6 * 44_100) / 44_100
     noise = np.random.default_rng(3).normal(0.0, 0.1, len(time))
     soundfile.write(path, noise * (0.5 + 0.5 * np.cos(2 * np.pi * 1.5 * time) ** 4), 44_100)

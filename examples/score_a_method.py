@@ -1,4 +1,4 @@
-"""Score a submission and print what a paper's table needs.
+"""Score a submission and print the figures for a paper's table.
 
     python examples/score_a_method.py data/demo data/demo-submissions/oracle
 
@@ -29,7 +29,7 @@ def main() -> None:
             print(f"  strict IoU: {group.strict.unavailable['IoU']}")
             continue
         print(f"  strict IoU {group.strict.IoU:.3f}", end="")
-        # There is no interval where a part has too few observations for one.
+        # There is no interval if the part has too few observations.
         interval = group.strict.intervals.get("IoU")
         print(f" [{interval[0]:.3f}, {interval[1]:.3f}]" if interval else "")
     box = scores.references["centre_box"]["overall"].strict.IoU

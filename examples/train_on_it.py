@@ -2,7 +2,8 @@
 
     python examples/train_on_it.py data/demo trained --steps 20
 
-It shows the plumbing, not a good method: pictures of 64 pixels, one number for the sound, a few steps on the CPU.
+It shows how to use the data, not a good method: pictures of 64 × 64 pixels, one number for the sound, a few steps on
+the CPU.
 """
 
 import argparse
@@ -30,14 +31,14 @@ class Network(nn.Module):
         )
 
     def forward(self, rgb: torch.Tensor, difference: torch.Tensor) -> torch.Tensor:
-        """See the class."""
+        """Logits (B, 64, 64); see the class."""
         heard = (difference / 10)[:, None, None, None].expand(-1, 1, SIDE, SIDE)
         column = torch.linspace(-1, 1, SIDE).expand(len(rgb), 1, SIDE, SIDE)
         return self.layers(torch.cat([rgb, heard, column], dim=1))[:, 0]
 
 
 def small(item: dict) -> dict:
-    """What the network takes of a frame; runs in the loader's workers."""
+    """The network's inputs from one frame; runs in the loader's workers."""
     rgb = functional.interpolate(item["rgb"][None].float() / 255, (SIDE, SIDE), mode="area")[0]
     mask = functional.interpolate(item["mask"][None, None].float(), (SIDE, SIDE), mode="area")[0, 0]
     left, right = item["binaural"].square().mean(dim=1) + 1e-12
@@ -45,7 +46,7 @@ def small(item: dict) -> dict:
 
 
 def train(root: str, steps: int) -> tuple[Network, list[float]]:
-    """A network after so many steps of Adam, and the loss of each step."""
+    """The network after training with Adam, and the loss of each step."""
     torch.manual_seed(0)
     network, losses = Network(), []
     optimiser = torch.optim.Adam(network.parameters(), lr=3e-3)
@@ -54,7 +55,7 @@ def train(root: str, steps: int) -> tuple[Network, list[float]]:
     while len(losses) < steps:
         for batch in loader:
             logits = network(batch["rgb"], batch["difference"])
-            # The object covers a small share of the picture: its pixels weigh more.
+            # The object covers a small share of the picture, so its pixels have a larger weight.
             weight = torch.tensor(10.0)
             loss = functional.binary_cross_entropy_with_logits(logits, batch["mask"], pos_weight=weight)
             optimiser.zero_grad()

@@ -1,4 +1,4 @@
-"""A method in 20 lines: mark a box around the column of the picture that the sound comes from.
+"""A method in 20 lines: mark a box around the column of the picture from which the sound comes.
 
 python examples/write_a_method.py data/demo my-method
 avs3d-eval my-method --dataset data/demo
@@ -20,7 +20,7 @@ def main(root: str, path: str) -> None:
             for frame in observation.test:
                 left, right = 10 * np.log10(np.mean(frame.audio() ** 2, axis=1) + 1e-12)
                 height, width, _ = frame.rgb().shape
-                # A level difference of ±3 dB points at the picture's edge; positive is louder on the right.
+                # A level difference of ±3 dB corresponds to the picture's edge; positive means louder on the right.
                 column = width / 2 * (1 + np.clip((right - left) / 3, -1, 1))
                 mask = np.zeros((height, width), dtype=bool)
                 low, high = max(int(column - width / 4), 0), int(column + width / 4)

@@ -1,4 +1,4 @@
-"""A real headless Chromium for tests of pages: what it logs and asks the network for is written down."""
+"""A headless Chromium for tests of pages; its log messages and network requests are recorded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A small furnished apartment, lit, for tests of what renders it: the kitchen and the bathroom of a procedural flat."""
+"""A small furnished and lit apartment for tests of renderers: the kitchen and the bathroom of a procedural flat."""
 
 from __future__ import annotations
 

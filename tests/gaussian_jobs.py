@@ -1,4 +1,4 @@
-"""What the tests of EchoSegnet's scheduling have worker processes do; a module of its own, so that they find it."""
+"""Tasks for the tests of EchoSegnet's scheduling, in a module of their own so that worker processes can import them."""
 
 from __future__ import annotations
 

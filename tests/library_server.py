@@ -1,4 +1,4 @@
-"""A web server on this machine that answers as each collection does, and misbehaves when told to."""
+"""A local web server that answers like each collection, and injects errors on request."""
 
 from __future__ import annotations
 

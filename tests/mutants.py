@@ -1,4 +1,4 @@
-"""Submissions broken on purpose: every mutation says which files it broke."""
+"""Submissions broken on purpose; every mutation lists the files that it broke."""
 
 from __future__ import annotations
 

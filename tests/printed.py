@@ -1,4 +1,4 @@
-"""Runs the blocks of a page as they are printed: what a reader saves, applies and types, in the order of the page.
+"""Runs the blocks of a page (files, patches, commands) as they are printed, in the order of the page.
 
 A block with ``title="FILE"`` is written to that file, a ``diff`` applied with `git apply`; ``python`` and ``bash`` run.
 """

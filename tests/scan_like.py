@@ -1,4 +1,4 @@
-"""A home as a scanner leaves it: everything fused into one textured mesh with noise and holes, without names or labels.
+"""A home like the output of a scanner: one textured mesh with noise and holes, without names or labels.
 
 `fuse` turns any scene into such a mesh; `write_hm3d` and `write_mp3d` lay it out on disk as the two data sets do, with
 annotations made from the names that the fused mesh no longer has.

@@ -1,4 +1,4 @@
-"""Named ways to falsify a dataset whose author knows every digest and has them made again.
+"""Named falsifications of a dataset, after which all digests are computed again.
 
 `MUTATIONS` says of each whether `avs3d validate --deep` finds it, or why it cannot be seen. Run as a program it applies
 them to a copy of any dataset and prints the table of docs/validation.md:

@@ -1,4 +1,4 @@
-"""What can be seen does not depend on what sounds: the same pictures, ids, points and notes to the last byte."""
+"""The visible part does not depend on the sounding object: pictures, ids, points and notes have the same bytes."""
 
 from __future__ import annotations
 

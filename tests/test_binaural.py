@@ -1,4 +1,4 @@
-"""Binaural cues: signs, the spherical head's closed forms, what a clip's phasors and levels say."""
+"""Binaural cues: signs, closed forms of the spherical head, phasors and levels of a clip."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Intervals of means: seeded, blind to order, and about as wide as theory says."""
+"""Intervals of means: determined by the seed, independent of the order, and about as wide as the theory predicts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenes on disk: bit-exact, shared, atomic, and built anew when anything is wrong with them."""
+"""Scenes on disk: bit-exact, shared, atomic, and built again if they are damaged."""
 
 from __future__ import annotations
 

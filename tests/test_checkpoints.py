@@ -1,4 +1,4 @@
-"""Local checkpoints: what is missing or broken is one line with the file, its source, licence and size."""
+"""Local checkpoints: for a missing or broken one, one line with the file, its source, licence and size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`--scheduler dask` from end to end: the same bytes as one machine, whatever dies on the way; and job queues."""
+"""`--scheduler dask` from end to end: the same bytes as on one machine, even if processes die; and job queues."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A Dask cluster that speaks TLS only: with certificates a run works as ever, without them it ends in one line."""
+"""A Dask cluster that requires TLS: a run works with certificates, and ends with a one-line error without them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The boundary F-measure against shapes whose outlines are known, and against a witness that tries all pairs."""
+"""The boundary F-measure, compared with shapes of known outline and with a brute-force implementation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a newcomer reads and runs first names files, commands and versions that exist."""
+"""The pages and commands for newcomers name only files, commands and versions that exist."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the weights of the spatial cues are chosen: what is kept of a dataset, and what the choice minimises."""
+"""The choice of the weights of the spatial cues: the data collected from a dataset, and the minimised loss."""
 
 from __future__ import annotations
 

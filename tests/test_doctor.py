@@ -1,4 +1,4 @@
-"""`avs3d doctor`: it finds what is there, names what is not, and is brought down by neither."""
+"""`avs3d doctor`: it reports installed and missing parts, and fails for neither."""
 
 from __future__ import annotations
 

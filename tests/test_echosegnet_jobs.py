@@ -1,4 +1,4 @@
-"""EchoSegnet on several workers: kernels compiled once, failures that take nothing else along, shared devices."""
+"""EchoSegnet on several workers: kernels compiled once, failures that do not affect other jobs, shared devices."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The worked examples of docs/extending.md work as they are printed, and its tables name what exists."""
+"""The examples of docs/extending.md work as they are printed, and the entries of its tables exist."""
 
 from __future__ import annotations
 

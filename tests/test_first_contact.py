@@ -1,4 +1,4 @@
-"""Slips that newcomers make: each is told at once, in one line that says what to do."""
+"""Frequent mistakes of newcomers: each gives an immediate one-line message that says what to do."""
 
 from __future__ import annotations
 

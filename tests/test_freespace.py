@@ -1,4 +1,4 @@
-"""Free space: nothing walkable is too near to anything, nothing far enough from everything is missed."""
+"""Free space: every walkable point is far enough from all geometry, and every such point is walkable."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The exported file shows what the camera sees: the same shape, the same displayed colours, nothing from next door."""
+"""The exported file agrees with the camera's view: same shape, same displayed colours, no other rooms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""habitat-sim against the CPU renderer: ids, depth and colour of a furnished flat; and what happens when it dies.
+"""habitat-sim against the CPU renderer: ids, depth and colour of a furnished flat; and its crashes.
 
 Runs with the interpreter that ``$AVS3D_HABITAT_PYTHON`` names, or ``.habitat/bin/python`` in the repository, which CI
 builds. The agreement that was found is printed.

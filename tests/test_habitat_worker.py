@@ -1,4 +1,4 @@
-"""The worker's file and its supervision, without habitat-sim: any Python plays the other interpreter."""
+"""The worker's file and its supervision without habitat-sim: any Python replaces the other interpreter."""
 
 from __future__ import annotations
 

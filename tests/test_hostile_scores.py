@@ -1,4 +1,4 @@
-"""Files of scores from anybody: what is broken is one line, only reports of ours are copied, no CSV holds a formula."""
+"""Untrusted files of scores: one line per fault, only this toolkit's reports are copied, no CSV has a formula."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mesh hygiene: each fault that models from elsewhere have, on small meshes that have just that one."""
+"""Mesh cleaning: every fault of downloaded models, on small meshes with only that fault."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`avs3d view`: pages say what the data holds, the player keeps picture and sound in step, the server is shy."""
+"""`avs3d view`: pages agree with the data, picture and sound are synchronous, the server shares only the site."""
 
 from __future__ import annotations
 

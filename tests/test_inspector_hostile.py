@@ -1,4 +1,4 @@
-"""`avs3d view` among hostile files and requests: one page or line that names the file, bounded memory, a quick end."""
+"""`avs3d view` with malicious files and requests: a page or line that names the file, bounded memory, a quick exit."""
 
 from __future__ import annotations
 

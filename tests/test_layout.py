@@ -1,4 +1,4 @@
-"""The layout: names sort in time, keys survive a round trip, what is not a key is refused by name."""
+"""The layout: names sort by time, keys survive a round trip, invalid keys are refused by name."""
 
 from __future__ import annotations
 

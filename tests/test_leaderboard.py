@@ -1,4 +1,4 @@
-"""The leaderboard: like is ranked with like, ties share a rank, links lead somewhere, a broken file is one line."""
+"""The leaderboard: only comparable scores are ranked together, ties share a rank, links work, one line per fault."""
 
 from __future__ import annotations
 

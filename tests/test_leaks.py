@@ -1,4 +1,4 @@
-"""The pictures do not tell what sounds: rules that cannot hear stay at chance, and would be caught if they did not."""
+"""The pictures do not reveal the sounding object: rules without sound stay at chance, and a leak would be detected."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Archives from others: the hostile are refused before a byte is unpacked; bundles of ours have stable bytes."""
+"""Downloaded archives: malicious ones are refused before unpacking; our own bundles have reproducible bytes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Downloads against a server that misbehaves: each failure is one line that names the asset and says what to do."""
+"""Downloads from a faulty server: each failure gives one line that names the asset and says what to do."""
 
 from __future__ import annotations
 

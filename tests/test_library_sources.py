@@ -1,4 +1,4 @@
-"""Collections over HTTP, by the shape of their interfaces: what comes in, and one clear line for each failure."""
+"""Collections over HTTP, with imitations of their interfaces: the fetched assets, and one line for each failure."""
 
 from __future__ import annotations
 

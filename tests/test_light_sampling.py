@@ -1,4 +1,4 @@
-"""Where baking saves rays: adaptive shadow rays and probes, and light that is interpolated between blocks."""
+"""Methods that save rays in the baking: adaptive shadow rays and probes, light interpolated between blocks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The listing: what the page says of each asset, and that it stays quiet, readable and harmless."""
+"""The listing: its contents for each asset, no network requests, and no code from the assets' texts."""
 
 from __future__ import annotations
 

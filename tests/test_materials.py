@@ -1,4 +1,4 @@
-"""Palettes: every role has one material, the same for the same seed whatever is asked for first."""
+"""Palettes: every role has one material, which depends on the seed and not on the order of requests."""
 
 from __future__ import annotations
 

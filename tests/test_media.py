@@ -1,4 +1,4 @@
-"""Files: the same bytes on every run, readable by other libraries, whole or not there; what is broken is named."""
+"""Files: the same bytes on every run, readable by other libraries, never partial; broken ones are named."""
 
 from __future__ import annotations
 

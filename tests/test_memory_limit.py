@@ -1,4 +1,4 @@
-"""Limits of the address space: one line, whatever the libraries do under them."""
+"""Limits of the address space: a one-line error, for any failure of the libraries under such a limit."""
 
 from __future__ import annotations
 

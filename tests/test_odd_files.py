@@ -1,4 +1,4 @@
-"""What stands in a dataset's place without being a regular file, and roots whose names are no UTF-8."""
+"""Special files (FIFOs, devices, …) in place of a dataset's files, and roots whose names are not UTF-8."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""docs/official.md: every test that it names exists, every "same" has one, and the paper's numbers are the paper's."""
+"""docs/official.md: every named test exists, every "same" names a test, and the paper's numbers are correct."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The oracle and its errors: each error does what it says, and nothing but seed and names decides where."""
+"""The oracle and its errors: each error has its stated effect, and depends only on the seed and the names."""
 
 from __future__ import annotations
 

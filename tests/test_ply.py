@@ -1,4 +1,4 @@
-"""PLY files of others: what is announced is held against the size, text is read strictly, nothing takes much memory."""
+"""Untrusted PLY files: the header is checked against the file's size, text is read strictly, memory is bounded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Seen before anything is made: what dataset.json cannot hold, a cache that takes nothing, names and sizes of files."""
+"""Errors found before generation: values that dataset.json cannot store, an unwritable cache, file names and sizes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames to observations to means: definitions, what is null and why, and blindness to order."""
+"""From frames over observations to means: definitions, null figures with reasons, independence of the order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The digest of the software behind a result: what it covers, what it leaves out, and that nothing stale is kept."""
+"""The digest of the software behind a result: its contents, its exceptions, and no reuse of outdated results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`avs3d validate --regenerate`: the same bytes again, falsifications that `--deep` cannot see, one line otherwise."""
+"""`avs3d validate --regenerate`: the same bytes again, falsifications that `--deep` cannot find, one-line errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report: one file, the same bytes, nothing from the network, nothing run that a method's name says."""
+"""The report: one file, reproducible bytes, no network requests, no code from a method's name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Differences over resampled observations: intervals in closed form, and when a statement is made."""
+"""Differences over resampled observations: intervals in closed form, and the conditions for a statement."""
 
 from __future__ import annotations
 

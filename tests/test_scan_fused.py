@@ -1,4 +1,4 @@
-"""An apartment as a scanner leaves it (one noisy mesh with holes, no names) loaded, furnished, walked and rendered.
+"""An apartment like a scanner's output (one noisy mesh with holes): reading, placement, walk and rendering.
 
 The same mesh, laid out as HM3D and Matterport3D lay theirs out, gives its rooms and materials by annotations alone.
 """

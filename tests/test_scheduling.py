@@ -1,4 +1,4 @@
-"""Supervised processes, the local pool, the lock of a folder, failures.jsonl: whatever a task does, the run goes on."""
+"""Supervised processes, the local pool, a folder's lock, failures.jsonl: the run continues after faults of tasks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sweet Home 3D libraries: catalogue, authors and licences, orientation, and what is delivered of a model."""
+"""Sweet Home 3D libraries: catalogue, authors and licences, orientation, and the extracted files of a model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The SoundSpaces engine against closed forms, its determinism, and the border that bad numbers do not pass."""
+"""The SoundSpaces engine: closed forms, determinism, and the check that stops invalid numbers before the engine."""
 
 import hashlib
 import os

@@ -1,4 +1,4 @@
-"""`avs3d check`: what each fault is called, what passes, archives and links."""
+"""`avs3d check`: the message of each fault, valid submissions, archives and links."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Writing a submission: whole or not at all, only what belongs to it, the same bytes on every run."""
+"""Writing a submission: complete or not at all, no other files, the same bytes on every run."""
 
 from __future__ import annotations
 

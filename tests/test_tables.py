@@ -1,4 +1,4 @@
-"""The paper's tables from files of scores: exact text, the paper's figures where they belong, nothing mixed."""
+"""The paper's tables from files of scores: exact text, the paper's figures in their cells, no mixed datasets."""
 
 from __future__ import annotations
 

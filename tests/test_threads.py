@@ -1,4 +1,4 @@
-"""An observation that renders several frames at the same time: the same bytes, and nothing left behind."""
+"""An observation that renders several frames at the same time: the same bytes, and no threads left afterwards."""
 
 from __future__ import annotations
 

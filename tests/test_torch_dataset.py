@@ -1,4 +1,4 @@
-"""`AVS3DDataset`: what an item holds, on ours and on the release; workers, transforms, stacks, damaged files."""
+"""`AVS3DDataset`: contents of an item, for our datasets and the release; workers, transforms, stacks, damaged files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The trivial baselines: real submissions of masks that depend on the size of the pictures alone."""
+"""The trivial baselines: valid submissions with masks that depend only on the size of the pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`avs3d video`: what is seen and heard when the film is decoded again."""
+"""`avs3d video`: pictures and sound of the decoded film."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`avs3d view-3d`: what is gathered, where it stands, and what a recording holds."""
+"""`avs3d view-3d`: the collected geometry, its position, and the contents of a recording."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The reader of users' YAML: the same values as PyYAML, one line for what would hang or crash it."""
+"""The reader of users' YAML: the same values as PyYAML, and one line for input that would hang or crash PyYAML."""
 
 from __future__ import annotations
 
