@@ -67,7 +67,6 @@ def generate_observation(
     on_frame: Callable[[int], None] = lambda _: None,
     *,
     cores: Callable[[], int] = lambda: 1,
-    beside: bool = False,
 ) -> ObservationRecord:
     """Make one observation below ``root``; its folder gets its final name only when it is complete.
 
@@ -76,9 +75,8 @@ def generate_observation(
         root: the dataset's folder.
         cache: folder of baked homes.
         on_frame: called with the index of each finished frame.
-        cores: how many frames may be rendered at the same time, called before each frame; the bytes do not depend
-            on it.
-        beside: compute the sound in another process.
+        cores: how many cores may be used, called before each frame; the bytes do not depend on it. With more than one,
+            several frames are rendered at the same time, and the sound is computed in another process.
 
     Returns:
         The record that was written as observation.json.
@@ -92,17 +90,19 @@ def generate_observation(
     frames: list[FrameRecord] = []
     clips: list[NDArray[np.float32]] = []
     decays: list[NDArray[np.float32]] = []
+    lent = Lent(cores)
     with (
         ObservationWriter(root / plan.key, depth=plan.depth, rirs=plan.rirs) as writer,
         closing(Camera(ready.sight, stage, ready.intrinsics)) as view,
-        heard(ready.listening, beside=beside) as sounds,
+        heard(ready.listening, lambda: lent.ask() > 1) as sounds,
     ):
 
         def write_pictures(index: int, frame: Frame) -> None:
             writer.add_pictures(index, frame, frame.instance_ids == sounding)
 
-        pictures = view.frames(poses, write_pictures, cores)
-        for index, (pose, frame, (clip, response)) in enumerate(zip(poses, pictures, sounds, strict=False)):
+        pictures = view.frames(poses, write_pictures, lambda: lent.cores)
+        # The sound first: its process must start before there are threads.
+        for index, (pose, (clip, response), frame) in enumerate(zip(poses, sounds, pictures, strict=False)):
             check_clip(clip, f"{plan.key}, frame {index}")
             writer.add_sound(index, clip, response)
             points.add(frame, pose, instances=not stage.moves)
@@ -116,6 +116,26 @@ def generate_observation(
         writer.add_model(ready.intrinsics, poses, points.link(poses, stage.hidden))
         writer.add_sounding_mesh(stage.source(0).mesh)
         return writer.finish(describe_observation(plan, ready, frames, decays))
+
+
+class Lent:
+    """The number of cores that may be used, asked once for each frame.
+
+    Args:
+        ask: see ``cores`` of `generate_observation`.
+
+    Attributes:
+        cores: the last answer.
+    """
+
+    def __init__(self, ask: Callable[[], int]) -> None:
+        self._ask = ask
+        self.cores = 1
+
+    def ask(self) -> int:
+        """Ask, and remember the answer."""
+        self.cores = self._ask()
+        return self.cores
 
 
 @dataclass(frozen=True, eq=False)

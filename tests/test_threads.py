@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
+import sys
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import closing
 from itertools import chain, repeat
 from pathlib import Path
@@ -13,13 +16,15 @@ from types import SimpleNamespace
 
 import pytest
 
-from avs3d_bench.ahead import process_ahead
+from avs3d_bench.ahead import moved_beside
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.scheduling.local import LocalScheduler
+from avs3d_bench.scheduling.local import LocalScheduler, divide
 from avs3d_bench.scheduling.tasks import Context, Policy, Task
 from generators.observation import generate_observation
 from generators.paths.stage import MOST_THREADS, Camera
 from generators.plan import make_plans, read_manifest
+from generators.recording import hearing
+from generators.recording.writer import ObservationWriter
 from generators.run import worker as work
 from tests.homes import write_manifest
 
@@ -37,18 +42,17 @@ def test_threads_change_no_byte(tmp_path: Path, audio: str) -> None:
         read_manifest(write_manifest(tmp_path)), only=["part_2/*"], frames=10, size=96, audio=audio,
         depth=True, rirs=True,
     )[0]  # fmt: skip
-    seen: dict[int, list[int]] = {1: [], 3: []}
-    for threads, indices in seen.items():
-        generate_observation(
-            plan, tmp_path / str(threads), tmp_path / "cache", indices.append, cores=lambda n=threads: n,
-            beside=threads > 1,
-        )  # fmt: skip
-    growing = chain([1, 1, 1, 2, 2], repeat(32))
-    generate_observation(plan, tmp_path / "growing", tmp_path / "cache", cores=lambda: next(growing), beside=True)
-    assert seen[1] == seen[3] == list(range(10))
+    constant = {str(n): repeat(n) for n in (1, 2, 3, 4, 32)}
+    changing = {"growing": chain([1, 1, 1, 2, 2], repeat(32)), "shrinking": chain([1, 4, 4], repeat(1))}
+    for name, cores in (constant | changing).items():
+        seen: list[int] = []
+        generate_observation(plan, tmp_path / name, tmp_path / "cache", seen.append, cores=lambda c=cores: next(c))
+        assert seen == list(range(10))
+        assert multiprocessing.active_children() == []
     one = _files(tmp_path / "1")
     assert len(one) > 60
-    assert one == _files(tmp_path / "3") == _files(tmp_path / "growing")
+    for name in [*constant, *changing]:
+        assert _files(tmp_path / name) == one, name
 
 
 class _Drawing:
@@ -89,46 +93,92 @@ def test_frames_are_drawn_on_as_many_cores_as_there_are_now() -> None:
     assert max(drawn) == MOST_THREADS
 
 
+def test_frames_are_drawn_on_fewer_cores_when_they_are_needed_elsewhere() -> None:
+    drawn: list[int] = []
+    cores = [*repeat(4, 10), *repeat(2, 20), *repeat(3, 15), *repeat(1, 25)]
+    given = iter(cores)
+    still = SimpleNamespace(moves=False, scene=lambda _: None)
+    with closing(Camera(_Drawing([], drawn), still, None)) as camera:  # type: ignore[arg-type]
+        assert list(camera.frames(range(70), lambda *_: None, lambda: next(given))) == list(range(70))  # type: ignore[arg-type]
+    # Frames that were begun before the change, at most two per thread, are still drawn as before.
+    assert max(drawn[:10]) == 4
+    assert max(drawn[20:30]) == 2
+    assert max(drawn[38:45]) == 3
+    assert drawn[-15:] == [1] * 15
+
+
 @pytest.mark.slow
 def test_the_last_tasks_of_a_run_are_lent_the_cores_of_those_that_have_nothing_to_do() -> None:
     """Six tasks on four workers: while all four work each has one core; the last one alone has all four."""
-    tasks = [Task(str(n), _cores_seen, (0.1 if n < 4 else 0.5 if n == 4 else 2.0,)) for n in range(6)]
+    tasks = [Task(str(n), _cores_seen, (0.1 if n < 4 else 0.5 if n == 4 else 2.0,), most_cores=9) for n in range(6)]
     with LocalScheduler(4) as pool:
         found = {r.task.name: r.value for r in pool.run(tasks, Policy(), lambda _: None)}
-    assert [found[str(n)][1] for n in range(6)] == [False, False, True, True, True, True]
-    assert found["0"][0][0] == 1
-    assert found["5"][0][-1] == 4
-    assert found["5"][0] == sorted(found["5"][0])
+    assert [found[str(n)] for n in range(4)] == [[1]] * 4
+    assert found["4"] == [1]
+    assert found["5"][-1] == 4
+    assert found["5"] == sorted(found["5"])
+
+
+@pytest.mark.slow
+def test_nothing_is_lent_to_what_cannot_use_it_nor_while_tasks_wait() -> None:
+    """A task that others wait for is alone on three workers; their cores are kept for those that wait."""
+    wait_for = {"after": "first", "most_cores": 2}
+    tasks = [Task("first", _cores_seen, (0.5,), most_cores=9)]
+    tasks += [Task(name, _cores_seen, (seconds,), **wait_for) for name, seconds in [("a", 0.1), ("b", 1.0)]]  # type: ignore[arg-type]
+    with LocalScheduler(3) as pool:
+        found = {r.task.name: r.value for r in pool.run(tasks, Policy(), lambda _: None)}
+    assert found["first"] == [1]
+    assert found["b"][-1] == 2
+
+
+@pytest.mark.parametrize(
+    ("cores", "waiting", "most", "shares"),
+    [
+        (4, 0, [], []),
+        (4, 0, [5, 5, 5, 5], [1, 1, 1, 1]),
+        (4, 0, [5, 5, 5], [1, 1, 2]),
+        (32, 0, [5] * 30, [1] * 29 + [3]),
+        (32, 0, [5] * 26, [1] * 24 + [3, 5]),
+        (32, 0, [5, 5], [5, 5]),
+        (32, 30, [5, 5], [1, 1]),
+        (32, 29, [5, 5], [1, 2]),
+        (32, 28, [5, 5, 1], [1, 2, 1]),
+        (2, 9, [5, 5, 5], [1, 1, 1]),
+    ],
+)
+def test_idle_cores_go_to_the_tasks_that_began_last(
+    cores: int, waiting: int, most: list[int], shares: list[int]
+) -> None:
+    assert divide(cores, waiting, most) == shares
 
 
 @pytest.mark.slow
 def test_one_worker_lends_nothing() -> None:
+    tasks = [Task(n, _cores_seen, (0.0,), most_cores=9) for n in "ab"]
     with LocalScheduler(1) as pool:
-        found = [r.value for r in pool.run([Task(n, _cores_seen, (0.0,)) for n in "ab"], Policy(), lambda _: None)]
-    assert found == [([1], False)] * 2
+        found = [r.value for r in pool.run(tasks, Policy(), lambda _: None)]
+    assert found == [[1]] * 2
 
 
 def test_an_observation_asks_how_many_cores_it_has(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    handed: list[tuple[int, bool]] = []
-    monkeypatch.setattr(
-        work, "generate_observation", lambda *_, cores, beside: handed.append((cores(), beside)) or _Nothing()
-    )
+    handed: list[int] = []
+    monkeypatch.setattr(work, "generate_observation", lambda *_, cores: handed.append(cores()) or _Nothing())
     monkeypatch.setattr(work, "_warm_up", lambda *_: None)
     plan = make_plans(read_manifest(write_manifest(tmp_path)), only=["part_2/*"], audio="analytic")[0]
     place = work.Place(tmp_path, tmp_path)
     work.make_observation(Context(0, lambda *_: None), plan, place)
-    work.make_observation(Context(0, lambda *_: None, lambda: 3, True), plan, place)
-    assert handed == [(1, False), (3, True)]
+    work.make_observation(Context(0, lambda *_: None, lambda: 3), plan, place)
+    assert handed == [1, 3]
 
 
-def _cores_seen(context: Context, seconds: float) -> tuple[list[int], bool]:
+def _cores_seen(context: Context, seconds: float) -> list[int]:
     seen = [context.cores()]
     until = time.monotonic() + seconds
     while time.monotonic() < until:
         time.sleep(0.01)
         if context.cores() != seen[-1]:
             seen.append(context.cores())
-    return seen, context.last
+    return seen
 
 
 class _Nothing:
@@ -137,29 +187,93 @@ class _Nothing:
     category, instances, frames, acoustics = "clock", (), (), SimpleNamespace(t30=None)
 
 
-def _count(until: int) -> Iterator[int]:
+def _count(until: int) -> Generator[int]:
     yield from range(until)
     if until == 3:
         raise Avs3dError("three is wrong; expected another number")
     if until == 5:
         os.kill(os.getpid(), signal.SIGKILL)
+    if until == 6:
+        os._exit(7)
 
 
-def _pids(_: None) -> Iterator[int]:
+def _pids() -> Generator[int]:
     while True:
         yield os.getpid()
 
 
-@pytest.mark.slow
-def test_a_process_ahead_gives_results_in_order_and_passes_errors_on() -> None:
-    with process_ahead(_count, 100) as results:
-        assert list(results) == list(range(100))
-    with process_ahead(_count, 3) as results, pytest.raises(Avs3dError, match="three is wrong"):
-        list(results)
-    with process_ahead(_count, 5) as results, pytest.raises(RuntimeError, match="ended with exit code -9"):
-        list(results)
-    with process_ahead(_pids, None) as results:
-        pid = next(results)
-        assert pid != os.getpid()
+forked = pytest.mark.skipif(sys.platform != "linux", reason="results move to another process on Linux only")
+
+
+@forked
+@pytest.mark.parametrize("stay", [0, 1, 2, 200])
+def test_results_that_move_to_another_process_come_in_order_and_errors_with_them(stay: int) -> None:
+    def rest(until: int) -> Iterator[int]:
+        asked = chain(repeat(False, stay), repeat(True))
+        with moved_beside(_count(until), lambda: next(asked)) as results:
+            yield from results
+
+    assert list(rest(100)) == list(range(100))
+    with pytest.raises(Avs3dError, match="three is wrong"):
+        list(rest(3))
+    if stay <= 5:  # else it would be this process that dies
+        with pytest.raises(ChildProcessError, match=r"beside this one was killed by signal 9; if memory was short"):
+            list(rest(5))
+        with pytest.raises(ChildProcessError, match=r"ended with exit code 7$"):
+            list(rest(6))
+    assert multiprocessing.active_children() == []
+
+
+@forked
+def test_a_process_beside_goes_on_from_where_the_results_are_and_ends_with_the_context() -> None:
+    asked = chain([False, False], repeat(True))
+    with moved_beside(_pids(), lambda: next(asked)) as results:
+        pids = [next(results) for _ in range(4)]
+    assert pids[:2] == [os.getpid()] * 2
+    assert pids[2] == pids[3] != os.getpid()
     with pytest.raises(ProcessLookupError):
-        os.kill(pid, 0)
+        os.kill(pids[2], 0)
+
+
+def test_results_stay_where_they_are_unless_they_are_wanted_elsewhere() -> None:
+    results = _pids()
+    with moved_beside(results, lambda: False) as same:
+        assert [next(same) for _ in range(3)] == [os.getpid()] * 3
+    assert list(results) == []  # closed
+
+
+@forked
+@pytest.mark.slow
+@pytest.mark.parametrize("what", ["sound", "picture", "interrupt", "killed"])
+def test_an_observation_that_fails_on_several_cores_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
+    """One error, no process, no thread that draws, no file."""
+    plan = make_plans(read_manifest(write_manifest(tmp_path)), only=["part_2/*"], frames=10, size=64, audio="analytic")[
+        0
+    ]
+
+    def fail(*_: object) -> None:
+        raise Avs3dError("the clip is wrong")
+
+    def interrupt(index: int) -> None:
+        if what == "interrupt" and index == 3:
+            raise KeyboardInterrupt
+        if what == "killed" and index == 3:
+            (child,) = multiprocessing.active_children()
+            child.kill()
+
+    if what == "sound":
+        monkeypatch.setattr(hearing, "binaural_clip", fail)
+    if what == "picture":
+        monkeypatch.setattr(ObservationWriter, "add_pictures", fail)
+    kind, words = {
+        "interrupt": (KeyboardInterrupt, "^$"),
+        "killed": (ChildProcessError, "killed by signal 9"),
+    }.get(what, (Avs3dError, "the clip is wrong"))
+    threads = threading.active_count()
+    with pytest.raises(kind, match=words):
+        generate_observation(plan, tmp_path / "data", tmp_path / "cache", interrupt, cores=lambda: 4)
+    assert multiprocessing.active_children() == []
+    assert threading.active_count() == threads
+    assert [path for path in (tmp_path / "data").rglob("*") if path.is_file()] == []

@@ -50,12 +50,11 @@ def _attempt(connection: Connection[Any, Any], share: int, work: bytes) -> tuple
     from avs3d_bench.scheduling.tasks import Context
 
     try:
-        call, arguments, slot, last = pickle.loads(work)
+        call, arguments, slot = pickle.loads(work)
         context = Context(
             slot,
             lambda kind, text: connection.send(("event", (kind, text))),
             lambda: max(1, int.from_bytes(os.pread(share, 4, 0), "little")),
-            last,
         )
         value = call(context, *arguments)
         pickle.dumps(value)

@@ -39,9 +39,11 @@ class LocalScheduler:
             while not ledger.finished:
                 while free and (item := ledger.take()):
                     worker = _choose(free, item)
-                    worker.start(item.task, last=ledger.unstarted < self.slots > 1)
+                    worker.start(item.task)
                     busy[worker] = item
-                _lend(self.slots, list(busy))
+                most = [item.task.most_cores for item in busy.values()]
+                for worker, cores in zip(busy, divide(self.slots, ledger.unstarted, most), strict=True):
+                    worker.lend(cores)
                 limits = [left for worker in busy if (left := worker.remaining) is not None]
                 wait([worker.connection for worker in busy], min([_TICK, *limits]))
                 for worker, item in list(busy.items()):
@@ -66,10 +68,23 @@ class LocalScheduler:
                 worker.kill()
 
 
-def _lend(cores: int, busy: Sequence[Supervised]) -> None:
-    """Divide the cores among the tasks that run; those that have run longest get what does not divide evenly."""
-    for at, worker in enumerate(busy):
-        worker.lend(max(1, cores // len(busy) + (at < cores % len(busy))))
+def divide(cores: int, waiting: int, most: Sequence[int]) -> list[int]:
+    """Number of cores for each running task, in the order in which they began.
+
+    A core that a waiting task will need is not lent. The task that began last has most of its work ahead of it and
+    ends the run: it is lent as many cores as it can use, then the one before it.
+
+    Args:
+        cores: number of all cores.
+        waiting: tasks that have not begun, those included that wait for others.
+        most: how many cores each running task can use, in the order in which they began.
+    """
+    spare, shares = max(0, cores - len(most) - waiting), []
+    for useful in reversed(most):
+        lent = min(spare, useful - 1)
+        shares.append(1 + lent)
+        spare -= lent
+    return shares[::-1]
 
 
 def _choose(free: list[Supervised], item: Next) -> Supervised:

@@ -98,9 +98,9 @@ class Supervised:
         """Seconds until the running task's limit; None without one."""
         return None if self._deadline is None else max(0.0, self._deadline - time.monotonic())
 
-    def start(self, task: Task, *, last: bool = False) -> None:
-        """Give the process a task, ``last`` as in `Context`; `read` tells how it goes. Only one at a time."""
-        self._work = pickle.dumps((task.call, task.arguments, self._slot, last))
+    def start(self, task: Task) -> None:
+        """Give the process a task; `read` tells how it goes. Only one at a time."""
+        self._work = pickle.dumps((task.call, task.arguments, self._slot))
         self._limit = task.limit
         self._send()
 

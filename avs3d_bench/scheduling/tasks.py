@@ -22,14 +22,13 @@ class Context:
         report: ``report(kind, text)`` sends an event to the one who started the run. Of several of one kind in short
             order, only the last may arrive.
         cores: how many cores the task may use at this moment, at least 1. It grows while the last tasks of a run go on:
-            those that have nothing to do lend theirs. Always 1 where that is unknown.
-        last: whether ``cores`` may grow, because fewer tasks wait than there are workers.
+            workers that have nothing to do lend theirs. It shrinks when they need them again. Always 1 where that is
+            unknown.
     """
 
     slot: int
     report: Callable[[str, str], None]
     cores: Callable[[], int] = lambda: 1
-    last: bool = False
 
 
 @dataclass(frozen=True)
@@ -42,6 +41,7 @@ class Task:
         arguments: whatever can be pickled.
         after: name of the task that must be done first; if that fails, so does this one, untried.
         limit: seconds after which an attempt is ended; None: never.
+        most_cores: how many cores it can make use of (see `Context`).
     """
 
     name: str
@@ -49,6 +49,7 @@ class Task:
     arguments: tuple[Any, ...]
     after: str | None = None
     limit: float | None = None
+    most_cores: int = 1
 
 
 @dataclass(frozen=True)

@@ -6,3 +6,6 @@ FRAMES = (1, 999)
 SIZE = (16, 8192)
 #: Least and greatest number of worker processes.
 WORKERS = (1, 256)
+#: An observation makes use of so many cores: four render frames, and the sound, which only one can compute, then takes
+#: as long as they do (docs/scaling.md).
+MOST_CORES = 5

@@ -6,11 +6,13 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from queue import SimpleQueue
+from threading import Semaphore
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.geometry import Intrinsics, Pose
+from generators.core.limits import MOST_CORES
 from generators.core.rays import RayCaster
 from generators.core.scene import Scene
 from generators.lighting.bake import insert
@@ -22,8 +24,8 @@ from generators.vision.base import Frame, VisionBackend, VisionSession
 Array = NDArray[np.float64]
 
 #: Largest number of frames that an observation renders at the same time. With more, its sound, which one process
-#: computes, would take longer than its frames.
-MOST_THREADS = 4
+#: computes, would take longer than its frames (docs/scaling.md).
+MOST_THREADS = MOST_CORES - 1
 #: Frames in flight per thread: enough to keep all threads busy, few enough for the memory.
 _AHEAD = 2
 
@@ -110,11 +112,12 @@ class Camera:
         Args:
             poses: of the camera at the beginning of each second.
             then: called on each frame in the thread that has rendered it.
-            cores: how many frames may be rendered at the same time, called before each frame. There are never more
-                than `MOST_THREADS`, and only one if the renderer needs it or an object moves. The frames do not depend
-                on it.
+            cores: how many frames may be rendered at the same time, called before each frame; it may grow and shrink.
+                There are never more than `MOST_THREADS`, and only one if the renderer needs it or an object moves. The
+                frames do not depend on it.
         """
         sessions: SimpleQueue[VisionSession] = SimpleQueue()
+        retired = Semaphore(0)  # how many sessions are to be given up when their frame is drawn
         shared, begun = 0, 0
 
         def draw(second: int) -> Frame:
@@ -122,7 +125,8 @@ class Camera:
             try:
                 frame = session.render(poses[second])
             finally:
-                sessions.put(session)
+                if not retired.acquire(blocking=False):
+                    sessions.put(session)
             then(second, frame)
             return frame
 
@@ -131,10 +135,17 @@ class Camera:
             try:
                 for second, pose in enumerate(poses):
                     wanted = 1 if self._stage.moves else min(cores(), MOST_THREADS)
-                    while shared < wanted > 1 and (session := self._open(0).share()) is not None:
-                        sessions.put(session)
+                    while shared < wanted > 1:
+                        # A session that was to be retired, but is not yet, stays.
+                        if not retired.acquire(blocking=False):
+                            if (session := self._open(0).share()) is None:
+                                break
+                            sessions.put(session)
                         shared += 1
-                    while shared > 1 and begun < min(len(poses), second + _AHEAD * shared):
+                    while shared > wanted:
+                        retired.release()
+                        shared -= 1
+                    while shared > 0 and begun < min(len(poses), second + _AHEAD * shared):
                         ahead.append(pool.submit(draw, begun))
                         begun += 1
                     if ahead:

@@ -1,17 +1,17 @@
-"""What is heard from each pose of an observation: in this process, or in another one beside it."""
+"""What is heard from each pose of an observation: in this process, or in one beside it once a core is free."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Generator, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench import layout
-from avs3d_bench.ahead import process_ahead
+from avs3d_bench.ahead import moved_beside
 from avs3d_bench.geometry import Pose
 from generators.acoustics.base import AcousticSession
 from generators.acoustics.clips import binaural_clip, moving_clip
@@ -61,18 +61,13 @@ def hear(listening: Listening) -> Generator[Heard]:
         session.close()
 
 
-@contextmanager
-def heard(listening: Listening, *, beside: bool) -> Iterator[Iterator[Heard]]:
-    """`hear`, in a process of its own if ``beside``.
+def heard(listening: Listening, beside: Callable[[], bool]) -> AbstractContextManager[Iterator[Heard]]:
+    """`hear`, in a process of its own from the second on for which ``beside`` says yes (see `moved_beside`).
 
-    The SoundSpaces engine holds Python's global lock while it works: in this process no other thread would get on.
+    The SoundSpaces engine holds Python's global lock while it works: in this process no other thread would get on. Its
+    responses depend on all that came before them, so that no second process could share the work.
     """
-    if beside:
-        with process_ahead(hear, listening) as results:
-            yield results
-    else:
-        with closing(hear(listening)) as results:
-            yield results
+    return moved_beside(hear(listening), beside)
 
 
 def _hear_second(session: AcousticSession, listening: Listening, index: int) -> Heard:

@@ -22,6 +22,7 @@ from avs3d_bench.scheduling.lock import held
 from avs3d_bench.scheduling.tasks import Event, Failure, Listener, Policy, Scheduler, Task
 from avs3d_bench.taxonomy import PARTS
 from generators.backends import observation_provenance
+from generators.core.limits import MOST_CORES
 from generators.homes.cache import check_writable, is_stored
 from generators.manifest import CameraSpec, ManifestFile
 from generators.plan import ObservationPlan, check_scans
@@ -206,7 +207,10 @@ def _tasks(todo: Sequence[ObservationPlan], place: Place, *, threads: int, limit
     for digest, group in homes.items():
         home = Task(f"home {digest[:16]}", prepare, (group[0], place, each), limit=home_limit)
         tasks.append(home)
-        tasks += [Task(plan.key, make_observation, (plan, place), after=home.name, limit=limit) for plan in group]
+        tasks += [
+            Task(plan.key, make_observation, (plan, place), after=home.name, limit=limit, most_cores=MOST_CORES)
+            for plan in group
+        ]
     return tasks
 
 

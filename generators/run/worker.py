@@ -63,7 +63,6 @@ def make_observation(context: Context, plan: ObservationPlan, place: Place) -> s
             place.cache,
             lambda index: context.report("frame", str(index)),
             cores=context.cores,
-            beside=context.last,
         )
     visible = sum(frame.visible_pixels > 0 for frame in record.frames)
     return (
