@@ -131,6 +131,36 @@ def test_nothing_is_lent_to_what_cannot_use_it_nor_while_tasks_wait() -> None:
     assert found["b"][-1] == 2
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("end", ["well", "wrong", "dead"])
+def test_workers_that_wait_for_a_first_task_load_meanwhile_and_do_their_work_however_that_ends(
+    tmp_path: Path, end: str
+) -> None:
+    tasks = [Task("first", _pid, (3.0,)), *(Task(str(n), _pid, (1.0,), after="first") for n in range(2))]
+    policy = Policy(warm_up=Task("load", _loaded, (tmp_path, end)))
+    with LocalScheduler(2) as pool:
+        found = {r.task.name: r.value for r in pool.run(tasks, policy, lambda _: None)}
+    (loaded,) = [int(path.name) for path in tmp_path.iterdir()]
+    assert loaded != found["first"]
+    assert found.keys() == {"first", "0", "1"}
+    assert found["0"] != found["1"]
+    assert (loaded in {found["0"], found["1"]}) == (end != "dead")
+
+
+def _pid(_: Context, seconds: float) -> int:
+    time.sleep(seconds)
+    return os.getpid()
+
+
+def _loaded(context: Context, folder: Path, end: str) -> None:
+    context.report("frame", "0")
+    (folder / str(os.getpid())).touch()
+    if end == "wrong":
+        raise Avs3dError("wrong")
+    if end == "dead":
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
 @pytest.mark.parametrize(
     ("cores", "waiting", "most", "shares"),
     [

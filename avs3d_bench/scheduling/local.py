@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Collection, Generator, Sequence
 from multiprocessing.connection import wait
 from typing import Self
 
@@ -35,6 +35,7 @@ class LocalScheduler:
         ledger = Ledger(tasks, retries=policy.retries, ahead=2 * slots)
         everyone = [Supervised(dict(policy.environment), slot=slot, name=f"worker {slot}") for slot in range(slots)]
         free, busy = list(reversed(everyone)), dict[Supervised, Next]()
+        loading, warm_up = set[Supervised](), policy.warm_up
         try:
             while not ledger.finished:
                 while free and (item := ledger.take()):
@@ -44,8 +45,16 @@ class LocalScheduler:
                 most = [item.task.most_cores for item in busy.values()]
                 for worker, cores in zip(busy, divide(self.slots, ledger.unstarted, most), strict=True):
                     worker.lend(cores)
-                limits = [left for worker in busy if (left := worker.remaining) is not None]
-                wait([worker.connection for worker in busy], min([_TICK, *limits]))
+                while warm_up and free:
+                    worker = free.pop()
+                    worker.start(warm_up)
+                    loading.add(worker)
+                warm_up = None  # at the start only
+                limits = [left for worker in (*busy, *loading) if (left := worker.remaining) is not None]
+                wait([worker.connection for worker in (*busy, *loading)], min([_TICK, *limits]))
+                for worker in _that_ended(loading):
+                    loading.remove(worker)
+                    free.append(worker)
                 for worker, item in list(busy.items()):
                     while (found := worker.read()) is not None:
                         name = item.task.name
@@ -66,6 +75,17 @@ class LocalScheduler:
         finally:
             for worker in everyone:
                 worker.kill()
+
+
+def _that_ended(loading: Collection[Supervised]) -> list[Supervised]:
+    """Those that have nothing more to load; what they say is of no interest."""
+    ended = []
+    for worker in loading:
+        while (found := worker.read()) is not None:
+            if not isinstance(found, Report):
+                ended.append(worker)
+                break
+    return ended
 
 
 def divide(cores: int, waiting: int, most: Sequence[int]) -> list[int]:

@@ -29,7 +29,7 @@ from generators.plan import ObservationPlan, check_scans
 from generators.recording.writer import sweep
 from generators.run.dataset_record import check, seal
 from generators.run.finished import discard, find_damage, find_finished
-from generators.run.worker import Place, make_observation, prepare
+from generators.run.worker import Place, load, make_observation, prepare
 
 #: A home is built and lit once for all its observations and has this many times their time limit, but at most so many
 #: seconds.
@@ -151,7 +151,8 @@ def _make(
     stopped = False
     with (settings.scheduler or (lambda: LocalScheduler(settings.workers)))() as pool:
         tasks = _tasks(todo, place, threads=1 if settings.shared else settings.workers, limit=settings.limit)
-        with closing(pool.run(tasks, settings.policy, lambda event: listen(_named(event)))) as results:
+        policy = replace(settings.policy, warm_up=Task("load", load, (todo[0].vision, todo[0].audio)))
+        with closing(pool.run(tasks, policy, lambda event: listen(_named(event)))) as results:
             for result in results:
                 key = result.task.name
                 if result.task.after is None:

@@ -15,7 +15,7 @@ from avs3d_bench.scheduling.errors import UnfitError
 from avs3d_bench.scheduling.lock import holder_of
 from avs3d_bench.scheduling.software import check_software
 from avs3d_bench.scheduling.tasks import Context
-from generators.backends import backend_versions, vision_backend
+from generators.backends import acoustic_backend, backend_versions, vision_backend
 from generators.homes.store import prepare_home
 from generators.observation import generate_observation
 from generators.plan import ObservationPlan
@@ -45,6 +45,12 @@ def prepare(context: Context, plan: ObservationPlan, place: Place, threads: int)
         context.report("home", plan.spec.scan)
         prepare_home(plan, place.cache, workers=threads)
         _warm_up(plan.vision)
+
+
+def load(_: Context, vision: str, audio: str) -> None:
+    """Import and compile what observations need, while their homes are built elsewhere."""
+    acoustic_backend(audio)
+    _warm_up(vision)
 
 
 def make_observation(context: Context, plan: ObservationPlan, place: Place) -> str:
