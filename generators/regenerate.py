@@ -142,7 +142,7 @@ def _compare(
     with (
         ObservationWriter(scratch / plan.key, depth=plan.depth, rirs=plan.rirs) as writer,
         closing(Camera(ready.sight, stage, ready.intrinsics)) as view,
-        heard(ready.listening, beside=False) as sounds,
+        heard(ready.listening) as sounds,
     ):
         for index, (clip, response) in zip(range(max(needed) + 1), sounds, strict=False):
             clips[index] = clip

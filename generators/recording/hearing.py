@@ -61,7 +61,7 @@ def hear(listening: Listening) -> Generator[Heard]:
         session.close()
 
 
-def heard(listening: Listening, beside: Callable[[], bool]) -> AbstractContextManager[Iterator[Heard]]:
+def heard(listening: Listening, beside: Callable[[], bool] = lambda: False) -> AbstractContextManager[Iterator[Heard]]:
     """`hear`, in a process of its own from the second on for which ``beside`` says yes (see `moved_beside`).
 
     The SoundSpaces engine holds Python's global lock while it works: in this process no other thread would get on. Its
