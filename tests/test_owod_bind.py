@@ -15,6 +15,7 @@ from hypothesis.extra.numpy import arrays
 from avs3d_bench import layout, media
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.provenance import Provenance
 from baselines.networks import pixels
 from baselines.networks.sound import check_clip, resample
 from baselines.owod_bind import select
@@ -556,7 +557,9 @@ def test_the_submission_is_whole_and_comes_from_pictures_and_mono_clips_alone(
 
 
 @pytest.mark.slow
-def test_a_folder_of_train_masks_is_written_and_taken_up_again(root: Path, tmp_path: Path, model: run.OwodBind) -> None:
+def test_a_folder_of_train_masks_is_written_and_taken_up_again(
+    root: Path, tmp_path: Path, model: run.OwodBind, monkeypatch: pytest.MonkeyPatch
+) -> None:
     dataset, out = Dataset(root), tmp_path / "masks"
     assert run.write_mask_folder(dataset, out, model, only=[tiny.SINGLE]) == 8
     files = sorted(p.relative_to(out).as_posix() for p in out.rglob("*.png"))
@@ -570,6 +573,13 @@ def test_a_folder_of_train_masks_is_written_and_taken_up_again(root: Path, tmp_p
     other = run.OwodBind(model.boxes, model.masks, model.similarity, CPU, threshold=0.3)
     with pytest.raises(UsageError, match="holds masks made with other settings"):
         run.write_mask_folder(dataset, out, other)
+    clone = tiny.clone(root, tmp_path / "clone")
+    tiny.replace(clone / "dataset.json", (clone / "dataset.json").read_bytes() + b"\n")
+    with pytest.raises(UsageError, match="other settings, software or data"):
+        run.write_mask_folder(Dataset(clone), out, model)
+    monkeypatch.setattr(run, "provenance", lambda *_: Provenance({}, {}, "0"))
+    with pytest.raises(UsageError, match="other settings, software or data"):
+        run.write_mask_folder(dataset, out, model)
 
 
 def test_a_folder_that_holds_something_else_is_left_alone(root: Path, tmp_path: Path, model: run.OwodBind) -> None:

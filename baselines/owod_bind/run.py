@@ -13,10 +13,11 @@ import numpy as np
 from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.files import dump_json, read_json, write_json
+from avs3d_bench.files import dump_json, read_json, sha256_file, write_json
 from avs3d_bench.media import write_png_mask
 from avs3d_bench.method import Method, write_submission
 from avs3d_bench.parallel import process_each
+from avs3d_bench.provenance import provenance
 from avs3d_bench.submission import SubmissionWriter
 from baselines.networks.checkpoints import find_checkpoint, has_package, require_packages
 from baselines.networks.device import enough_memory, inference, pick_device
@@ -226,7 +227,7 @@ def write_mask_folder(
 ) -> int:
     """Write masks as ``<key>/<frame>.png``, the folder that ``baseline echosegnet --masks DIR`` reads.
 
-    A second run with the same networks and settings continues where the first one stopped.
+    A second run with the same networks, settings, software and dataset continues where the first one stopped.
 
     Args:
         dataset: what to look at; only pictures and mono clips are read.
@@ -247,7 +248,17 @@ def write_mask_folder(
     observations = dataset.select(*only)
     if not observations:
         raise UsageError(f"{dataset.root}: no observation matches {' '.join(only)}; expected e.g. {dataset.keys[:1]}")
-    _claim(folder, {"dataset": dataset.name, "method": model.method, "notes": model.notes, "split": split})
+    record = dataset.root / layout.DATASET_JSON
+    made_from = {
+        "dataset": dataset.name,
+        # It covers every picture and clip. The official release has none: its name must do.
+        "dataset_sha256": sha256_file(record) if record.exists() else "",
+        "method": model.method,
+        "notes": model.notes,
+        "software": provenance("baselines.owod_bind.run:write_mask_folder").digest,
+        "split": split,
+    }
+    _claim(folder, made_from)
     frames = [f for o in observations for f in _split(o, split) if not _mask_path(folder, f).exists()]
     job = partial(_write_files, folder, model)
     batches = _batches(frames)
@@ -279,7 +290,9 @@ def _claim(folder: Path, record: dict[str, str]) -> None:
     path = folder / MASKS_JSON
     if path.is_file():
         if dump_json(read_json(path)) != dump_json(record):
-            raise UsageError(f"{folder}: holds masks made with other settings ({path.name}); choose another folder")
+            raise UsageError(
+                f"{folder}: holds masks made with other settings, software or data ({path.name}); choose another folder"
+            )
         return
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise UsageError(f"{folder}: not empty and no folder of masks (no {path.name}); choose another folder")
