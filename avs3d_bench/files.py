@@ -73,7 +73,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
 
     Raises:
         Avs3dError: if the system refuses (full disk, read-only folder, …), ``path`` is a folder, socket or block
-            device, or it is a FIFO that nobody reads.
+            device, or it is a FIFO without a reader.
     """
     final = Path(path)
     with contextlib.ExitStack() as cleanup:
@@ -153,7 +153,7 @@ def _write_through(path: Path, source: Path) -> None:
     """Copy a file's bytes to a device, a FIFO or an open descriptor.
 
     Raises:
-        Avs3dError: if nobody reads from the FIFO.
+        Avs3dError: if no process reads from the FIFO.
         OSError: if the system refuses.
     """
     number = _descriptor(path)

@@ -96,7 +96,7 @@ class _Item:
             self._share = share
 
 
-#: The present item of this process; None: nobody watches.
+#: The current item of this process; None: its progress is not reported.
 _item: _Item | None = None
 #: The counter of a worker process, which its parent reads.
 _shared: Any = None

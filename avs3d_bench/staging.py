@@ -1,8 +1,8 @@
-"""A folder that appears under its name only when it is whole.
+"""Writes a folder under a temporary name and renames it when it is complete.
 
-Beside the target ``NAME`` lies ``.NAME.partial/`` while somebody writes: the new folder, a lock that ends with its
-process, and, for the moment of the exchange, the folder whose place is taken. Whoever comes next and finds the lock
-free clears the rest away (and puts the old folder back, should the exchange itself have been cut short).
+While a process writes the target ``NAME``, ``.NAME.partial/`` is beside it. It has the new folder, a lock that ends
+with its process, and, during the exchange, the old folder. The next process that finds the lock free deletes these
+remains, and restores the old folder if the exchange was interrupted.
 """
 
 from __future__ import annotations

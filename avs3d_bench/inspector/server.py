@@ -33,7 +33,7 @@ POLICY = (
     "default-src 'self'; img-src 'self' data:; object-src 'none'; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'"
 )
-#: Of every answer, whatever its status.
+#: Headers of every answer, for any status.
 HEADERS = (
     # The next server on this port may show another dataset, or a new version of the same submission.
     ("Cache-Control", "no-cache"),

@@ -86,7 +86,7 @@ class Agreement:
 
 
 def open_submissions(dataset: Dataset, folders: Sequence[Path]) -> tuple[ShownSubmission, ...]:
-    """The submissions in these folders, in this order; two of one name are told apart by their folders' names.
+    """The submissions in these folders, in this order; two with one name are distinguished by their folders' names.
 
     Raises:
         UsageError: if there are more than nine, one is no folder, or none of its folders is one of the dataset's.

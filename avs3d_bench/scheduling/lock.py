@@ -82,7 +82,7 @@ def held(root: Path, what: str = "avs3d generate") -> Iterator[Holder]:
             raise Avs3dError(os_error_line(error, root, "write")) from error
         yield me
     finally:
-        with suppress(OSError):  # while we still hold the lock: nobody else's file is removed
+        with suppress(OSError):  # while the lock is still held, so that no file of another process is removed
             path.unlink()
         os.close(handle)
 

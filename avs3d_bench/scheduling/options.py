@@ -135,7 +135,7 @@ def scheduler_of(options: Options, workers: int, *, gpus: bool = False) -> Sched
 
     Args:
         options: of the command line.
-        workers: how many processes; of a cluster that runs already, whatever it has.
+        workers: number of processes; for a running cluster, all of its workers are used.
         gpus: each task takes a GPU.
 
     Raises:

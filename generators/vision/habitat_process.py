@@ -76,7 +76,7 @@ def find_interpreter(named: str | None = None) -> str:
 
 
 def graphics_device() -> int:
-    """The CUDA device that habitat-sim is to render on; −1: the first EGL device, whatever it is.
+    """The CUDA device on which habitat-sim must render; −1: the first EGL device.
 
     Raises:
         Avs3dError: if the environment names something else than a number ≥ −1.

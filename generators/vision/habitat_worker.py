@@ -284,7 +284,7 @@ def serve(channel: Channel, service: Service) -> None:
             try:
                 answer, results = service.answer(request, arrays)
                 answer["ok"] = True
-            except Exception as error:  # whatever it is, the other side is to hear of it
+            except Exception as error:  # any error must be reported to the parent process
                 traceback.print_exc()
                 answer, results = {"ok": False, "error": f"{type(error).__name__}: {error}"}, []
             channel.send(answer, results)
