@@ -127,6 +127,7 @@ def test_the_same_scene_gives_the_same_bytes(tmp_path: Path) -> None:
     assert (tmp_path / "one.glb").read_bytes() == (tmp_path / "two.glb").read_bytes()
 
 
+@pytest.mark.slow
 def test_the_document_is_gltf_with_unlit_materials_seen_from_both_sides(tmp_path: Path) -> None:
     path = tmp_path / "flat.glb"
     write_glb(small_flat(), path, texel=0.05)
