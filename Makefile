@@ -32,7 +32,8 @@ define make_venv
 endef
 define install_engine
 	@echo "installing the SoundSpaces engine (a C++ compiler makes it) …"
-	$(PIP) -e '.[soundspaces]' || \
+	@mkdir -p $(VENV)/wheels
+	$(PIP) --find-links $(VENV)/wheels -e '.[soundspaces]' || \
 	  echo "The SoundSpaces engine did not compile (a C++ compiler is needed): make uses --audio analytic instead."
 endef
 PIP = @$(BIN)/python -m pip install --quiet --disable-pip-version-check
@@ -46,11 +47,14 @@ $(STAMP): pyproject.toml
 	$(install_engine)
 	@touch $@ $(DEMO_STAMP)
 
-# Only the packages that the demo needs; `make setup` adds the rest.
+# Only the packages that the demo needs; `make setup` adds the rest. The compiler of the engine and pip take one core
+# each, so they work side by side; if the engine does not compile, the step after it prints that.
+ENGINE := $(shell sed -n 's/^soundspaces = \["\(.*\)"\]$$/\1/p' pyproject.toml)
 $(DEMO_STAMP): pyproject.toml
 	$(make_venv)
 	@echo "installing the generator …"
-	$(PIP) -e '.[generate]'
+	@$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps -w $(VENV)/wheels '$(ENGINE)' >/dev/null 2>&1 & \
+	  $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[generate]'; code=$$?; wait; exit $$code
 	$(install_engine)
 	@touch $@
 
