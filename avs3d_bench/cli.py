@@ -21,7 +21,7 @@ from click.exceptions import NoArgsIsHelpError
 
 from avs3d_bench import __version__
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.groups import HELP, PATH, Group, only_option
+from avs3d_bench.groups import PATH, WORKERS, Group, only_option
 from avs3d_bench.memory_limit import check_address_space, out_of_memory
 from avs3d_bench.one_thread import ONE_THREAD
 from avs3d_bench.text import printable
@@ -119,7 +119,7 @@ class LazyGroup(Group):
         return [*items, *click.Command.shell_complete(self, ctx, incomplete)]
 
 
-@click.group(cls=LazyGroup, context_settings=HELP)
+@click.group(cls=LazyGroup)
 @click.version_option(__version__, prog_name="avs3d")
 def avs3d() -> None:
     """The benchmark toolkit for 3D audio-visual segmentation."""
@@ -129,7 +129,7 @@ def avs3d() -> None:
 @click.argument("root", type=PATH)
 @click.option("--deep", is_flag=True, help="Decode every file: contents, hashes, sound against geometry.")
 @click.option("--json", "json_file", type=PATH, metavar="FILE", help="Write the findings to this file as well.")
-@click.option("--workers", type=click.IntRange(1, 256), default=None, help="Processes of --deep [one per core].")
+@click.option("--workers", type=WORKERS, default=None, help="Processes of --deep [one per core].")
 @click.option("--regenerate", type=click.IntRange(1, 100_000), metavar="N", help="Make N random frames again, compare.")
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=None, help="Which frames --regenerate takes.")
 @click.option("--manifest", type=PATH, metavar="FILE", help="Of --regenerate, if the manifest names files.")

@@ -11,6 +11,8 @@ from avs3d_bench.errors import UsageError, did_you_mean
 
 #: Settings of every command.
 HELP: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
+#: Type of the option of the number of processes.
+WORKERS = click.IntRange(1, 256)
 #: Type of an option or argument that names a file or folder.
 PATH: Any = click.Path(path_type=Path)
 #: ``--only KEY_GLOB``, repeatable; the command gets ``only``.
@@ -33,8 +35,14 @@ class Group(click.Group):
     """
 
     def __init__(self, *args: Any, noun: str = "command", **options: Any) -> None:
-        super().__init__(*args, **options)
+        # click keeps the help option that a command first had: one that is called on its own has to know `-h` itself.
+        super().__init__(*args, **{"context_settings": HELP, **options})
         self.noun = noun
+
+    def add_command(self, cmd: click.Command, name: str | None = None) -> None:
+        """As click does it, with `HELP`."""
+        cmd.context_settings = HELP | cmd.context_settings
+        super().add_command(cmd, name)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]

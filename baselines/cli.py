@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from avs3d_bench.groups import HELP, PATH, Group, dataset_option, only_option
+from avs3d_bench.groups import PATH, WORKERS, Group, dataset_option, only_option
 from avs3d_bench.scheduling.options import Options, scheduling_options
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ _NETWORKS: dict[str, Callable[[Any], Any]] = {
 }
 
 
-@click.group(cls=Group, noun="baseline", context_settings=HELP)
+@click.group(cls=Group, noun="baseline")
 def baseline() -> None:
     """Run a baseline on a dataset and write its submission.
 
@@ -69,28 +69,28 @@ def _trivial(name: str, root: Path, path: Path, only: tuple[str, ...], overwrite
     _done(write_trivial(name, Dataset(root), path, only=only, overwrite=overwrite, progress=progress))
 
 
-@baseline.command("all-black", context_settings=HELP, short_help="Nothing sounds: every mask is black.")
+@baseline.command("all-black", short_help="Nothing sounds: every mask is black.")
 @_common
 def all_black(**options: Any) -> None:
     """Write black masks, of the size of the input pictures. No truth is read."""
     _trivial("all-black", **options)
 
 
-@baseline.command("all-white", context_settings=HELP, short_help="Everything sounds: every mask is white.")
+@baseline.command("all-white", short_help="Everything sounds: every mask is white.")
 @_common
 def all_white(**options: Any) -> None:
     """Write white masks, of the size of the input pictures. No truth is read."""
     _trivial("all-white", **options)
 
 
-@baseline.command("centre-box", context_settings=HELP, short_help="The central quarter of every picture.")
+@baseline.command("centre-box", short_help="The central quarter of every picture.")
 @_common
 def centre_box(**options: Any) -> None:
     """Write masks whose middle half of rows and columns is white. No truth is read."""
     _trivial("centre-box", **options)
 
 
-@baseline.command(context_settings=HELP, short_help="The ground truth of test frames, perfect or with errors.")
+@baseline.command(short_help="The ground truth of test frames, perfect or with errors.")
 @_common
 @click.option(
     "--instance",
@@ -114,7 +114,7 @@ def centre_box(**options: Any) -> None:
 )  # fmt: skip
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of every random decision.")
 @click.option("--points", is_flag=True, help="Write points on the true mesh as well (with --instance sounding).")
-@click.option("--workers", type=click.IntRange(1, 256), default=None, help="Processes [one per core].")
+@click.option("--workers", type=WORKERS, default=None, help="Processes [one per core].")
 def oracle(
     root: Path,
     path: Path,
@@ -163,7 +163,7 @@ def _owod_bind_options(command: _F) -> _F:
     return decorated  # type: ignore[no-any-return]
 
 
-@baseline.command("owod-bind", context_settings=HELP, short_help="Boxes, masks, and similarity to the sound.")
+@baseline.command("owod-bind", short_help="Boxes, masks, and similarity to the sound.")
 @_common
 @_owod_bind_options
 @click.option("--threshold", type=_RATE, default=0.2, show_default=True, help="Of the softmax over proposals.")
@@ -198,7 +198,7 @@ def owod_bind(
         _done(write_owod_bind(Dataset(root), path, model, only=only, overwrite=overwrite, progress=progress))
 
 
-@baseline.command(context_settings=HELP, short_help="Where self-supervised features of picture and sound agree.")
+@baseline.command(short_help="Where self-supervised features of picture and sound agree.")
 @_common
 @click.option("--checkpoint", type=PATH, help="Folder of DenseAV.")
 @click.option("--threshold", type=_RATE, default=0.5, show_default=True, help="Of the normalised similarity.")
@@ -225,7 +225,7 @@ def denseav(
     _done(write_denseav(Dataset(root), path, model, only=only, overwrite=overwrite, progress=sys.stderr.isatty()))
 
 
-@baseline.command(context_settings=HELP, short_help="3D Gaussian splatting, lifted masks, refined by sound.")
+@baseline.command(short_help="3D Gaussian splatting, lifted masks, refined by sound.")
 @_common
 @click.option("--masks", required=True, metavar="oracle|owod-bind|DIR", help="2D masks of the train frames.")
 @click.option(

@@ -13,7 +13,7 @@ import click
 from avs3d_bench import __version__, layout
 from avs3d_bench.cli import run
 from avs3d_bench.errors import UsageError
-from avs3d_bench.groups import HELP, PATH, dataset_option, only_option
+from avs3d_bench.groups import HELP, PATH, WORKERS, dataset_option, only_option
 from avs3d_bench.taxonomy import PARTS
 
 #: Problems that `check` prints before it only counts.
@@ -24,7 +24,7 @@ _official_folder = click.option(
     type=click.Choice(["True", "False"], case_sensitive=False),
     help="Of the released pipeline's output: 3d_segmentation_use_aisrm_True or …_False [True where it is there].",
 )
-_workers = click.option("--workers", type=click.IntRange(1, 256), default=None, help="Processes [one per core].")
+_workers = click.option("--workers", type=WORKERS, default=None, help="Processes [one per core].")
 
 
 @click.command(context_settings=HELP)

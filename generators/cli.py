@@ -8,14 +8,14 @@ from typing import Any, get_args
 
 import click
 
-from avs3d_bench.groups import PATH, only_option
+from avs3d_bench.groups import HELP, PATH, only_option
 from avs3d_bench.one_thread import ONE_THREAD
 from avs3d_bench.scheduling.options import Options, scheduling_options
 from generators.core.limits import FRAMES, SIZE, WORKERS
 from generators.run.options import Audio, Extra, GenerateOptions, Vision
 
 
-@click.command()
+@click.command(context_settings=HELP)
 @click.argument("manifest", type=click.Path(path_type=Path))
 @click.option("-o", "--output", "root", required=True, type=PATH, metavar="ROOT", help="The dataset's folder.")
 @click.option(

@@ -94,6 +94,12 @@ def test_options_of_the_same_kind_have_the_same_form(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_called_alone_knows_h(name: str) -> None:
+    """click keeps the help option of the first call, so that a command must not rely on the group's."""
+    assert COMMANDS[name].context_settings.get("help_option_names") == ["-h", "--help"]
+
+
+@pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_answers_h_and_help(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     pages = []
     for flag in ("-h", "--help"):

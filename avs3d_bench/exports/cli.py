@@ -11,13 +11,13 @@ import click
 
 from avs3d_bench.exports.samples import EXTRA_KINDS, SPLIT_CHOICES
 from avs3d_bench.exports.shards import ShardIndex
-from avs3d_bench.groups import HELP, PATH, Group, only_option
+from avs3d_bench.groups import PATH, WORKERS, Group, only_option
 
 _C = TypeVar("_C", bound=Callable[..., Any])
 _ROOT = click.argument("root", type=PATH)
 
 
-@click.group(cls=Group, noun="form", context_settings=HELP)
+@click.group(cls=Group, noun="form")
 def export() -> None:
     """Export a dataset in forms that other tools read."""
 
@@ -25,7 +25,7 @@ def export() -> None:
 def _shard_options(command: _C) -> _C:
     size = "A shard's size in megabytes (10⁶ bytes)."
     for option in (
-        click.option("--workers", type=click.IntRange(1, 256), default=None, help="Processes [one per core]."),
+        click.option("--workers", type=WORKERS, default=None, help="Processes [one per core]."),
         click.option("--with", "extras", type=click.Choice(list(EXTRA_KINDS)), multiple=True, help="More files."),
         only_option,
         click.option("--shard-size", "shard_mb", type=float, default=256.0, show_default=True, metavar="MB", help=size),

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from avs3d_bench.groups import only_option
+from avs3d_bench.groups import HELP, WORKERS, only_option
 
 if TYPE_CHECKING:
     from avs3d_bench.dataset import Dataset
@@ -23,9 +23,7 @@ _PATH = click.Path(path_type=Path)
 GRACE_SECONDS = 0.7
 
 
-@click.command(
-    context_settings={"help_option_names": ["-h", "--help"]}, short_help="Look at a dataset and listen to it."
-)
+@click.command(context_settings=HELP, short_help="Look at a dataset and listen to it.")
 @click.argument("root", type=_PATH)
 @click.option(
     "-o",
@@ -39,7 +37,7 @@ GRACE_SECONDS = 0.7
 @click.option("--port", type=click.IntRange(0, 65535), help="Port on 127.0.0.1 [8737, or any that is free].")
 @click.option("--no-browser", is_flag=True, help="Do not open a browser.")
 @only_option
-@click.option("--workers", type=click.IntRange(1, 256), default=None, help="Processes of -o [one per core].")
+@click.option("--workers", type=WORKERS, default=None, help="Processes of -o [one per core].")
 def view(
     root: Path,
     folder: Path | None,

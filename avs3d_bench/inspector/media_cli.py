@@ -9,10 +9,10 @@ from typing import Literal
 import click
 
 from avs3d_bench.errors import UsageError
-from avs3d_bench.groups import PATH, dataset_option, only_option
+from avs3d_bench.groups import HELP, PATH, dataset_option, only_option
 
 
-@click.command(short_help="Write an observation as a film with its binaural sound.")
+@click.command(context_settings=HELP, short_help="Write an observation as a film with its binaural sound.")
 @click.argument("key")
 @dataset_option
 @click.option("-o", "--output", "path", type=PATH, metavar="FILE", required=True, help="The film: FILE.mp4.")
@@ -61,7 +61,11 @@ def video(
     click.echo(describe_film(film))
 
 
-@click.command("view-3d", short_help="Show an observation in 3D in the browser, or save it as one HTML file.")
+@click.command(
+    "view-3d",
+    context_settings=HELP,
+    short_help="Show an observation in 3D in the browser, or save it as one HTML file.",
+)
 @click.argument("key")
 @dataset_option
 @click.option(
@@ -97,7 +101,7 @@ def view_3d(key: str, root: Path, submissions: tuple[Path, ...], port: int, path
         click.echo("", err=True)
 
 
-@click.command("contact-sheet")
+@click.command("contact-sheet", context_settings=HELP)
 @click.argument("root", type=click.Path(path_type=Path))
 @click.option("-o", "--output", type=PATH, metavar="DIR", required=True, help="Folder for one PNG each.")
 @only_option
