@@ -41,7 +41,7 @@ class Group(click.Group):
 
     def add_command(self, cmd: click.Command, name: str | None = None) -> None:
         """As click does it, with `HELP`."""
-        cmd.context_settings = HELP | cmd.context_settings
+        cmd.context_settings = {**HELP, **cmd.context_settings}
         super().add_command(cmd, name)
 
     def resolve_command(
