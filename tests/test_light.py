@@ -369,6 +369,28 @@ def test_unwrapped_faces_have_the_texel_size_asked_for_and_do_not_overlap() -> N
     assert hits.max() == 1
 
 
+def test_charts_end_where_the_shading_normals_of_two_faces_differ() -> None:
+    # A level square and a slope of 50°, which meet in an edge along x.
+    turn = np.radians(50.0)
+    up, lean = np.array([0, 1, 0]), np.array([0, np.cos(turn), np.sin(turn)])
+    slope = np.array([0, -np.sin(turn), np.cos(turn)])
+    a, b = np.array([0.0, 0.0, 0.0]), np.array([0.5, 0.0, 0.0])
+    back = np.array([0.0, 0.0, -0.4])
+    faces = [(a, b, b + back), (a, b + back, a + back), (b, a, a + 0.4 * slope), (b, a + 0.4 * slope, b + 0.4 * slope)]
+    positions = np.array(faces, dtype=np.float32)
+    sharp = np.array([[up] * 3] * 2 + [[lean] * 3] * 2, dtype=np.float32)
+    soft = np.tile((up + lean) / np.linalg.norm(up + lean), (4, 3, 1)).astype(np.float32)
+
+    def side_by_side(normals: np.ndarray) -> bool:
+        chart = unwrap(positions, 0.02, normals=normals).chart
+        assert chart[0] == chart[1]
+        assert chart[2] == chart[3]
+        return bool(chart[0] == chart[2])
+
+    assert side_by_side(soft)
+    assert not side_by_side(sharp)
+
+
 def test_presets_are_ordered() -> None:
     coarse, middle, fine = (QUALITIES[name] for name in ("preview", "standard", "high"))
     assert coarse.texel > middle.texel > fine.texel

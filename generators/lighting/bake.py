@@ -139,7 +139,7 @@ def _layout(part: Part, rooms: tuple[Room, ...], preset: Quality) -> Layout:
     level = positions.mean(axis=1)[:, 1]
     is_floor = (cross[:, 1] > 0.99 * length) & np.any([np.abs(level - room.low[1]) < 0.02 for room in rooms], axis=0)
     finer = np.where(is_floor & (texel >= preset.texel), preset.floor, 1.0).astype(np.float32)
-    return unwrap(part.mesh.positions, texel, finer)
+    return unwrap(part.mesh.positions, texel, finer, part.mesh.normals)
 
 
 def _sunlight(texels: Texels, blocks: Blocks, beam: Sun | None, tracer: Tracer, preset: Quality, workers: int) -> F32:

@@ -95,7 +95,7 @@ def _prepare(parts: tuple[Part, ...]) -> tuple[Objects, list[Layout]]:
     surfaces = Surfaces.of(parts)
     corners = surfaces.triangles.astype(np.float64)
     texel = texel_size(corners[:, 1:] - corners[:, :1], _TEXELS)
-    layouts = [unwrap(part.mesh.positions, texel) for part in parts]
+    layouts = [unwrap(part.mesh.positions, texel, normals=part.mesh.normals) for part in parts]
     return Objects.of(surfaces, Sheet.of(layouts)), layouts
 
 

@@ -52,4 +52,4 @@ def _layout(mesh: Mesh) -> Layout:
     """The light map of a mesh in its own frame: the same wherever it stands."""
     corners: F32 = mesh.positions
     sides = (corners[:, 1:] - corners[:, :1]).astype(np.float64)
-    return unwrap(corners, texel_size(sides, _TEXELS))
+    return unwrap(corners, texel_size(sides, _TEXELS), normals=mesh.normals)

@@ -17,7 +17,11 @@ from generators.core.scene import F32, I32
 
 #: Empty texels between charts: bilinear look-up reaches one texel beyond a chart on either side.
 PADDING = 1
-_WELD = 1e5
+#: Corners are welded if their coordinates are equal when multiplied by this (1/m) and rounded, and their shading normals
+#: when multiplied by the other.
+_WELD, _NORMAL_WELD = 1e5, 50.0
+#: From this weight on xatlas cuts at every edge where the shading normals of the two faces differ.
+_CUT_ALL = 1000.0
 _TASKS = "/proc/self/task"
 
 
@@ -68,13 +72,17 @@ class Layout:
     height: int
 
 
-def unwrap(positions: F32, texel: float, finer: NDArray[np.float32] | None = None) -> Layout:
+def unwrap(
+    positions: F32, texel: float, finer: NDArray[np.float32] | None = None, normals: F32 | None = None
+) -> Layout:
     """Cut a mesh into charts and pack them (xatlas).
 
     Args:
         positions: (F, 3, 3) face corners, metres; equal corners are welded.
         texel: side of a texel on the surface, metres.
         finer: (F,) factor ≥ 1 by which a face gets smaller texels; faces of different factors never share a chart.
+        normals: (F, 3, 3) shading normals: charts end at edges where they differ. Light jumps there, and within a chart
+            the texels would show the jump as a saw-toothed line.
 
     Returns:
         The layout, at least 4 × 4 texels.
@@ -89,9 +97,14 @@ def unwrap(positions: F32, texel: float, finer: NDArray[np.float32] | None = Non
         factor = np.float32(factors[group[0]])
         corners = positions[group].reshape(-1, 3)
         keys = np.round(corners.astype(np.float64) * _WELD).astype(np.int64)
+        leaning = None if normals is None else normals[group].reshape(-1, 3)
+        if leaning is not None:
+            keys = np.hstack([keys, np.round(leaning.astype(np.float64) * _NORMAL_WELD).astype(np.int64)])
         _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-        atlas.add_mesh(corners[first] * factor, inverse.reshape(-1, 3).astype(np.uint32))
+        of_vertices = None if leaning is None else leaning[first]
+        atlas.add_mesh(corners[first] * factor, inverse.reshape(-1, 3).astype(np.uint32), of_vertices)
     charts = xatlas.ChartOptions()
+    charts.normal_seam_weight = _CUT_ALL
     charts.max_iterations = 1
     packing = xatlas.PackOptions()
     packing.texels_per_unit = 1.0 / texel
