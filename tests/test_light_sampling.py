@@ -15,6 +15,7 @@ from generators.lighting.emitters import Emitters, bright_patches, find_emitters
 from generators.lighting.form_factors import unoccluded_light
 from generators.lighting.gather import open_texels
 from generators.lighting.interpolation import BlockLight, Slow
+from generators.lighting.radiosity import LinkTracer
 from generators.lighting.sun import Sun, sun_light
 from generators.lighting.surfaces import Surfaces
 from generators.lighting.texels import Sheet, Texels, rasterise
@@ -187,6 +188,65 @@ def test_a_block_close_to_something_is_not_interpolated() -> None:
     ones = np.ones((len(blocks), 3), dtype=np.float32)
     slow.interpolate(texels, BlockLight(ones, ones), out)
     assert ((out[:, 0] < 0) == (blocks.of == 7)).all()
+
+
+def test_every_other_texel_takes_the_mean_of_its_neighbours_where_something_is_rather_near() -> None:
+    floor = MeshBuilder().quad([(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)], GREY).build()
+    surfaces, sheet, texels = plain(floor, 0.04)
+    blocks = make_blocks(surfaces, sheet, texels)
+    # Two sides of a block of 4 × 0.04 m: neither far nor at a contact.
+    slow = Slow.of(sheet, surfaces.part[texels.face], texels, blocks, np.full(len(blocks), 0.32, dtype=np.float32))
+    assert not slow.is_slow.any()
+    measured = slow.measured_apart()
+    assert 0.45 < measured.mean() < 0.55
+    field = (2.0 + 0.01 * slow.place[:, :1] - 0.02 * slow.place[:, 1:]).astype(np.float32).repeat(3, axis=1)
+    light, noise = np.where(measured[:, None], field, -9.0).astype(np.float32), np.where(measured, 4.0, -9.0)
+    slow.fill_between(light, noise)
+    inner = np.all((slow.place > 0) & (slow.place < slow.place.max(axis=0)), axis=1)
+    assert np.abs(light - field)[inner].max() < 1e-5
+    assert np.abs(light - field).max() < 0.03
+    assert (noise == 4.0).all()
+
+
+def test_an_enclosed_block_is_interpolated() -> None:
+    floor = MeshBuilder().quad([(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)], GREY).build()
+    lid = MeshBuilder().quad([(-1, 0.02, -1), (0, 0.02, -1), (0, 0.02, 1), (-1, 0.02, 1)], GREY).build()
+    surfaces = Surfaces.of([Part("floor", floor), Part("lid", lid)])
+    sheet = Sheet.of([unwrap(floor.positions, 0.04), unwrap(lid.positions, 0.04)])
+    texels = rasterise(surfaces, sheet, surfaces.part == 0)
+    blocks = make_blocks(surfaces, sheet, texels)
+    links = LinkTracer(surfaces, sheet, texels, blocks, Tracer(surfaces.triangles), 1).trace(128)
+    x, _, z = blocks.mean(texels.position).T
+    assert links.is_enclosed[(x > -0.7) & (x < -0.3) & (np.abs(z) < 0.7)].all()
+    assert not links.is_enclosed[x > 0.1].any()
+    # Only the first half of the rays is shot at this stage.
+    assert (links.block[:, 64:] == -2).all()
+    slow = Slow.of(sheet, surfaces.part[texels.face], texels, blocks, links.distance, links.is_enclosed)
+    assert slow.is_slow[links.is_enclosed].all()
+
+
+@pytest.mark.parametrize("gloss", [0.0, 0.4])
+def test_light_of_an_emitter_does_not_depend_on_what_is_computed_together(gloss: float) -> None:
+    rng = np.random.default_rng(3)
+    position = rng.uniform(-2, 2, (200, 3)).astype(np.float32)
+    normal = rng.normal(size=(200, 3)).astype(np.float32)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    glosses = np.full(200, gloss, dtype=np.float32)
+    pair = np.arange(200)
+    whole = unoccluded_light(lamp(), pair, pair * 0, position, normal, glosses)
+    single = [
+        unoccluded_light(
+            lamp(),
+            np.zeros(1, np.int64),
+            np.zeros(1, np.int64),
+            position[k : k + 1],
+            normal[k : k + 1],
+            glosses[k : k + 1],
+        )
+        for k in range(200)
+    ]
+    assert (whole > 0).any()
+    assert (whole == np.concatenate(single)).all()
 
 
 def test_a_patch_has_the_same_power_near_and_far() -> None:

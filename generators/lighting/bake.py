@@ -17,13 +17,14 @@ from avs3d_bench.errors import Avs3dError
 from generators.core.rays import Tracer
 from generators.core.scene import F32, LightMap, Part, Room, Scene
 from generators.lighting.blocks import Blocks, make_blocks
-from generators.lighting.direct import direct_light, shadow_rays
+from generators.lighting.direct import direct_light, emitter_pairs, shadow_rays
 from generators.lighting.emitters import BRIGHT, Emitters, bright_patches, find_emitters
 from generators.lighting.exposure import expose
 from generators.lighting.gather import BLOCK_CHUNK, CHUNK, open_texels
 from generators.lighting.insertion import insert
 from generators.lighting.interpolation import BlockLight, Slow
-from generators.lighting.radiosity import final_gather, solve, trace_links
+from generators.lighting.lit_scene import LitScene
+from generators.lighting.radiosity import LinkTracer, final_gather, solve
 from generators.lighting.smoothing import fill, smooth, spread
 from generators.lighting.sun import Sun, find_sun, sun_light
 from generators.lighting.surfaces import Surfaces, in_chunks
@@ -61,6 +62,10 @@ QUALITIES = {
     "standard": Quality(0.04, 0.015, 2.0, 16, 32, 128, 32),
     "high": Quality(0.025, 0.01, 2.0, 32, 32, 256, 128),
 }
+#: An emitter that could give less than this part of a texel's direct light gets fewer shadow rays.
+_FAINT = 0.08
+#: The same of a patch of sunlight, which is large and soft.
+_FAINT_PATCH = 0.16
 #: Differences of this many standard deviations count as noise.
 _REACH = 3.0
 #: A part gets about this many texels before its texels grow to the preset's size.
@@ -100,8 +105,10 @@ def bake(scene: Scene, *, quality: str = "standard", workers: int = 2) -> Scene:
     bare, variance = _direct(texels, blocks, emitters, tracer, workers)
     bare += _sunlight(texels, blocks, beam, tracer, preset, workers)
     patches, sampled = _patches(texels, blocks, bare, preset)
-    links = trace_links(surfaces, sheet, texels, blocks, tracer, rays=preset.block_rays, workers=workers)
-    slow = Slow.of(sheet, surfaces.part[texels.face], texels, blocks, links.distance)
+    link_tracer = LinkTracer(surfaces, sheet, texels, blocks, tracer, workers)
+    links = link_tracer.trace(preset.block_rays)
+    slow = Slow.of(sheet, surfaces.part[texels.face], texels, blocks, links.distance, links.is_enclosed)
+    link_tracer.complete(links, np.flatnonzero(slow.is_slow & ~links.is_enclosed))
     again, more = _direct(texels, blocks, patches, tracer, workers, (bare, slow))
     direct = _smoothed(surfaces, sheet, texels, blocks, (bare + again, variance + more))
     bounced = solve(texels, blocks, links, direct, sampled)
@@ -110,7 +117,11 @@ def bake(scene: Scene, *, quality: str = "standard", workers: int = 2) -> Scene:
     )
     light = direct + _smoothed(surfaces, sheet, texels, blocks, gathered)
     cells = spread(sheet, texels, fill(surfaces, sheet, texels, light, is_open))
-    return expose(replace(scene, parts=with_light(scene.parts, layouts, sheet, cells)))
+    for number, part in enumerate(scene.parts):
+        if part.light is not None:
+            sheet.image(number, cells)[:] = part.light.texels
+    lit = replace(scene, parts=with_light(scene.parts, layouts, sheet, cells))
+    return expose(lit, LitScene(surfaces, sheet, cells, tracer))
 
 
 def with_light(parts: tuple[Part, ...], layouts: list[Layout], sheet: Sheet, cells: F32) -> tuple[Part, ...]:
@@ -209,6 +220,7 @@ def _direct(
             None if besides is None else besides[0][texel],
             block=blocks.of[texel],
             sparing=sparing,
+            faint=_FAINT if besides is None else _FAINT_PATCH,
         )
 
     def everywhere(first: int, last: int) -> None:
@@ -218,15 +230,15 @@ def _direct(
         in_chunks(everywhere, len(blocks), BLOCK_CHUNK, workers)
         return light, variance
     slow = besides[1]
-    sites = slow.sites(texels)
+    sites, apart = slow.sites(texels), slow.measured_apart()
 
-    def apart(first: int, last: int) -> None:
+    def partly(first: int, last: int) -> None:
         own = blocks.members[blocks.start[first] : blocks.start[last]]
-        is_slow = slow.is_slow[blocks.of[own]]
-        shade(own[~is_slow], sparing=True)
-        shade(own[is_slow & sites[own]], sparing=False)
+        shade(own[apart[own]], sparing=True)
+        shade(own[sites[own]], sparing=False)
 
-    in_chunks(apart, len(blocks), BLOCK_CHUNK, workers)
+    in_chunks(partly, len(blocks), BLOCK_CHUNK, workers)
+    slow.fill_between(light, variance)
     measured = sites | ~slow.is_slow[blocks.of]
     mean = blocks.mean(light, measured)
     slow.interpolate(texels, BlockLight(mean, mean), light, measured)
@@ -247,7 +259,7 @@ def _reach(texels: Texels, blocks: Blocks, emitters: Emitters, tracer: Tracer, w
         for turn in range(2):
             # Blocks beside one another look from texels of different patterns, hence at different targets.
             texel = blocks.members[blocks.start[own] + (7 * own + (turn * size[own]) // 2) % size[own]]
-            here |= _sees(emitters, texels, texel, tracer, turn, turn + 1)
+            here |= _sees(emitters, texels, texel, ~here, tracer, turn)
 
     in_chunks(work, len(blocks), CHUNK, workers)
     # Blocks at the rim of a shadow may just miss the emitter: they inherit from blocks near by.
@@ -264,18 +276,24 @@ def _reach(texels: Texels, blocks: Blocks, emitters: Emitters, tracer: Tracer, w
 
 
 def _sees(
-    emitters: Emitters, texels: Texels, texel: NDArray[np.int64], tracer: Tracer, first: int, last: int
+    emitters: Emitters,
+    texels: Texels,
+    texel: NDArray[np.int64],
+    wanted: NDArray[np.bool_],
+    tracer: Tracer,
+    target: int,
 ) -> NDArray[np.bool_]:
-    """(n, L) whether a texel sees at least one of the emitter's targets ``first`` to ``last``."""
-    lights = len(emitters)
-    pair, light = np.repeat(np.arange(len(texel)), lights), np.tile(np.arange(lights), len(texel))
+    """(n, L) whether a texel sees the emitter's target number ``target``; False where it is not ``wanted`` (n, L)."""
+    position, normal = texels.position[texel], texels.normal[texel]
+    pair, light = emitter_pairs(emitters, wanted, position, normal)
     origins, directions, far, weight = shadow_rays(
-        emitters, pair, light, texels.pattern[texel], texels.position[texel], texels.normal[texel], first, last
+        emitters, pair, light, texels.pattern[texel], position, normal, target, target + 1
     )
     use = np.flatnonzero(weight > 0)
-    free = np.zeros(len(weight), dtype=bool)
-    free[use] = ~tracer.occluded(origins[use], directions[use], far[use])
-    return np.asarray(free.reshape(len(texel), lights, last - first).any(axis=2))
+    use = use[~tracer.occluded(origins[use], directions[use], far[use])]
+    free = np.zeros(wanted.shape, dtype=bool)
+    free[pair[use], light[use]] = True
+    return free
 
 
 def _smoothed(surfaces: Surfaces, sheet: Sheet, texels: Texels, blocks: Blocks, baked: tuple[F32, F32]) -> F32:

@@ -18,8 +18,63 @@ from generators.core.scene import F32, I32
 from generators.lighting.emitters import Emitters
 from generators.lighting.form_factors import unoccluded_light
 
-#: An emitter that could give less than this part of a texel's direct light gets fewer shadow rays.
-_FAINT = 0.08
+
+@njit
+def _pairs(reach: Any, position: Any, normal: Any, centre: Any, radius: Any) -> Any:
+    """Pairs (texel, emitter), ordered by emitter, of those in ``reach`` whose emitter is not all below the horizon."""
+    texels, lights = reach.shape
+    most = 0
+    for t in range(texels):
+        for e in range(lights):
+            most += reach[t, e]
+    texel, light = np.empty(most, dtype=np.int64), np.empty(most, dtype=np.int64)
+    count = 0
+    for e in range(lights):
+        for t in range(texels):
+            if not reach[t, e]:
+                continue
+            height = 0.0
+            for c in range(3):
+                height += (centre[e, c] - position[t, c]) * normal[t, c]
+            if height > -1.001 * radius[e] - 1e-4:
+                texel[count], light[count] = t, e
+                count += 1
+    return texel[:count], light[:count]
+
+
+def emitter_pairs(
+    emitters: Emitters, reach: NDArray[np.bool_], position: F32, normal: F32
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The pairs (texel, emitter) in ``reach`` (N, L), without emitters that are all below a texel's horizon.
+
+    They are ordered by emitter, then by texel.
+    """
+    pairs: tuple[NDArray[np.int64], NDArray[np.int64]] = _pairs(
+        reach, position, normal, emitters.centre, emitters.radius
+    )
+    return pairs
+
+
+@njit
+def _sorted_by_share(texel: Any, factor: Any, total: Any, faint: Any) -> Any:
+    """Which of the pairs give at least the part ``faint`` of their texel's light, and which less, but something.
+
+    ``total`` (N,) is the light from elsewhere; that of the pairs is added.
+    """
+    strength = np.empty(len(texel), dtype=np.float32)
+    for i in range(len(texel)):
+        strength[i] = max(factor[i, 0], factor[i, 1], factor[i, 2])
+        total[texel[i]] += strength[i]
+    more, less = np.empty(len(texel), dtype=np.int64), np.empty(len(texel), dtype=np.int64)
+    many = few = 0
+    for i in range(len(texel)):
+        if strength[i] >= faint * max(total[texel[i]], 1e-20):
+            more[many] = i
+            many += 1
+        elif strength[i] > 0.0:
+            less[few] = i
+            few += 1
+    return more[:many], less[:few]
 
 
 @njit
@@ -158,6 +213,7 @@ def direct_light(
     rays: int | None = None,
     block: NDArray[np.integer[Any]] | None = None,
     sparing: bool = True,
+    faint: float = 0.08,
 ) -> tuple[F32, F32]:
     """Light of all emitters on some texels.
 
@@ -174,21 +230,20 @@ def direct_light(
         block: (N,) ascending numbers of groups of neighbouring texels.
         sparing: shoot a quarter of the shadow rays first, and the rest only in blocks where some of these were free and
             others not. Without blocks all rays are shot.
+        faint: an emitter that could give less than this part of a texel's light gets a quarter of the rays.
 
     Returns:
         (N, 3) light and (N,) the variance of its luminance.
     """
-    texel, light = np.nonzero(reach)
+    texel, light = emitter_pairs(emitters, reach, position, normal)
     arrived = np.zeros((len(position), 3), dtype=np.float64)
     variance = np.zeros(len(position), dtype=np.float64)
     if not len(texel):
         return arrived.astype(np.float32), variance.astype(np.float32)
     factor = unoccluded_light(emitters, texel, light, position, normal, gloss)
-    strength = factor.max(axis=1)
-    total = np.bincount(texel, strength, minlength=len(position))
-    if besides is not None:
-        total += besides.max(axis=1)
-    share = strength / np.maximum(total, 1e-20)[texel]
+    total = np.zeros(len(position)) if besides is None else besides.max(axis=1).astype(np.float64)
+    # What adds little is worth few rays; the first quarter of the targets is stratified in itself.
+    strong, weak = _sorted_by_share(texel, factor, total, faint)
     samples = emitters.points.shape[2] if rays is None else rays
     # Of all rays of a pair (texel, emitter): their weights, the weights of those that met nothing, squared weights.
     sums = np.zeros((len(texel), 3))
@@ -204,9 +259,7 @@ def direct_light(
     else:
         group = (block - block[0]).astype(np.int64)[texel] * len(emitters) + light
         number_of_groups = int(block[-1] - block[0] + 1) * len(emitters)
-    # What adds little is worth few rays; the first quarter of the targets is stratified in itself.
-    strong, faint = np.flatnonzero(share >= _FAINT), np.flatnonzero((share < _FAINT) & (share > 0))
-    for pairs, number in ((strong, samples), (faint, max(samples // 4, 1))):
+    for pairs, number in ((strong, samples), (weak, max(samples // 4, 1))):
         if block is None or not sparing or number < 4:
             shoot(pairs, 0, number)
             continue

@@ -21,8 +21,8 @@ _TURNS = 8
 _SIDE = 24
 
 
-def expose(scene: Scene) -> Scene:
-    """The scene whose rooms have the exposure that suits their light.
+def expose(scene: Scene, lit: LitScene | None = None) -> Scene:
+    """The scene whose rooms have the exposure that suits their light; ``lit`` is the same scene, if it is loaded.
 
     Pictures of 90° are taken from a grid of places in each room, at eye height, all round. Their log-average (the key
     of the scene: Reinhard et al. 2002) is shown at `MEAN_TONE`, darker if too much of the room would burn out. Rooms
@@ -30,8 +30,8 @@ def expose(scene: Scene) -> Scene:
     """
     if not scene.rooms:
         return scene
-    lit = LitScene.of(scene.parts)
-    return replace(scene, rooms=tuple(replace(room, exposure=_exposure(lit, room)) for room in scene.rooms))
+    loaded = lit or LitScene.of(scene.parts)
+    return replace(scene, rooms=tuple(replace(room, exposure=_exposure(loaded, room)) for room in scene.rooms))
 
 
 def _exposure(lit: LitScene, room: Room) -> float:

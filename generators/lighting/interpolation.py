@@ -21,6 +21,8 @@ from generators.lighting.texels import Sheet, Texels
 
 #: A block is far from everything if the harmonic mean distance is at least this many times its side.
 _FAR = 3.0
+#: From this ratio on every other texel is gathered, like the black squares of a chessboard.
+_NEAR = 0.5
 #: Least length of the mean of a block's unit normals: a block on a curve tighter than this is gathered per texel.
 _FLAT = 0.97
 #: Blocks this many rows and columns away take part in the interpolation.
@@ -127,6 +129,44 @@ def _fit(
         out[t, 0], out[t, 1], out[t, 2] = max(red, 0.0), max(green, 0.0), max(blue, 0.0)
 
 
+@njit
+def _beside(chosen: Any, chart: Any, place: Any, cell: Any, width: Any, index: Any, of: Any, beside: Any) -> Any:
+    """The texels (4 of each of ``chosen``) left, right, above and below that are of the same chart and in a block."""
+    for i in range(len(chosen)):
+        t = chosen[i]
+        for k in range(4):
+            dx, dy = (k - 1 if k % 2 == 0 else 0), (k - 2 if k % 2 == 1 else 0)
+            beside[i, k] = -1
+            x = int(place[t, 0]) + dx
+            if x < 0 or x >= width[t]:
+                continue
+            at = cell[t] + dy * width[t] + dx
+            if at < 0 or at >= len(index):
+                continue
+            other = index[at]
+            if other >= 0 and chart[other] == chart[t] and of[other] >= 0:
+                beside[i, k] = other
+
+
+@njit
+def _average(chosen: Any, beside: Any, light: Any, variance: Any) -> Any:
+    for i in range(len(chosen)):
+        t = chosen[i]
+        count = 0
+        red = green = blue = noise = 0.0
+        for k in range(4):
+            other = beside[i, k]
+            if other < 0:
+                continue
+            red += light[other, 0]
+            green += light[other, 1]
+            blue += light[other, 2]
+            noise += variance[other]
+            count += 1
+        light[t, 0], light[t, 1], light[t, 2] = red / count, green / count, blue / count
+        variance[t] = noise / count
+
+
 @dataclass(frozen=True, eq=False)
 class Slow:
     """Where light varies slowly.
@@ -138,6 +178,8 @@ class Slow:
         facing: (B, 3) float32 mean direction of a block's normals.
         place: (N, 2) float32 column and row of each texel.
         around: (B, 25) int32 see `_around`.
+        between: (K,) int64 texels of other blocks whose light is the mean of that of their neighbours.
+        beside: (K, 4) int32 these neighbours, -1 where there is none.
     """
 
     blocks: Blocks
@@ -146,9 +188,18 @@ class Slow:
     facing: F32
     place: F32
     around: I32
+    between: NDArray[np.int64]
+    beside: I32
 
     @staticmethod
-    def of(sheet: Sheet, part: I32, texels: Texels, blocks: Blocks, distance: F32) -> Slow:
+    def of(
+        sheet: Sheet,
+        part: I32,
+        texels: Texels,
+        blocks: Blocks,
+        distance: F32,
+        is_enclosed: NDArray[np.bool_] | None = None,
+    ) -> Slow:
         """Judge all blocks.
 
         Args:
@@ -157,6 +208,8 @@ class Slow:
             texels: the texels.
             blocks: their groups.
             distance: (B,) harmonic mean of the distances to what a block sees, metres.
+            is_enclosed: (B,) whether a block lies in a narrow gap, where no camera sees it: its light is
+                interpolated. None is if missing.
         """
         local = texels.cell - sheet.offset[part]
         place = np.stack([local % sheet.width[part], local // sheet.width[part]], axis=1).astype(np.float32)
@@ -168,7 +221,38 @@ class Slow:
         facing /= np.maximum(length, 1e-9)[:, None]
         trust = np.clip(ratio / _FAR, 0.05, 1.0) ** 2
         is_slow = (ratio >= _FAR) & (length >= _FLAT)
-        return Slow(blocks, is_slow, trust.astype(np.float32), facing, place, _around(blocks))
+        if is_enclosed is not None:
+            is_slow |= is_enclosed
+        some = (ratio >= _NEAR) & (length >= _FLAT) & ~is_slow
+        members = blocks.members
+        white = place.sum(axis=1).astype(np.int64)[members] % 2 == 1
+        between = members[some[blocks.of[members]] & white]
+        beside = np.empty((len(between), 4), dtype=np.int32)
+        chart = sheet.chart[texels.face]
+        _beside(between, chart, place, texels.cell, sheet.width[part], texels.index, blocks.of, beside)
+        enough = (beside >= 0).sum(axis=1) >= 2
+        trusted = trust.astype(np.float32)
+        return Slow(
+            blocks,
+            is_slow,
+            trusted,
+            facing,
+            place,
+            _around(blocks),
+            between[enough],
+            np.ascontiguousarray(beside[enough]),
+        )
+
+    def measured_apart(self) -> NDArray[np.bool_]:
+        """(N,) the texels of blocks that are not slow whose light is to be measured."""
+        of = self.blocks.of
+        apart = (of >= 0) & ~self.is_slow[of]
+        apart[self.between] = False
+        return np.asarray(apart)
+
+    def fill_between(self, light: F32, variance: F32) -> None:
+        """Give ``light`` (N, 3) and ``variance`` (N,) at the texels `between` the mean of their neighbours."""
+        _average(self.between, self.beside, light, variance)
 
     def sites(self, texels: Texels) -> NDArray[np.bool_]:
         """(N,) a quarter of the texels of each slow block, of patterns that make one stratified set; all of small ones.

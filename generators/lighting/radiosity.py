@@ -20,7 +20,6 @@ from generators.core.low_discrepancy import PATTERNS, cosine_directions, pattern
 from generators.core.rays import Tracer
 from generators.core.scene import F32, I32
 from generators.lighting.blocks import Blocks
-from generators.lighting.form_factors import LOBE
 from generators.lighting.gather import CHUNK, cells_at, hemisphere_rays
 from generators.lighting.interpolation import BlockLight, Slow
 from generators.lighting.surfaces import Surfaces, in_chunks
@@ -30,6 +29,8 @@ from generators.lighting.texels import Sheet, Texels
 _LINK_CHUNK = 512
 #: Distances of less than this count as this (metres).
 _NEAREST = 1e-3
+#: A block is enclosed if all of its first rays but one meet something nearer than this (metres).
+_ENCLOSED = 0.25
 _MOST_BOUNCES = 64
 #: The bounces end when no block changes by more than this part of the brightest one.
 _TOLERANCE = 2e-4
@@ -60,46 +61,107 @@ class Links:
     """Bundles of rays that blocks shoot.
 
     Attributes:
-        block: (B, n) int32 block that each ray meets, -1 for nothing or black, -2 where nobody knows the light.
+        block: (B, n) int32 block that each ray meets, -1 for nothing or black, -2 where nobody knows the light or the
+            ray was not shot.
         colour: (B,) int32 which of the sets of directions a block uses.
         table: (16, n, 3) float32 sets of directions about the normal.
-        distance: (B,) float32 harmonic mean of the distances to what the block sees, metres.
+        distance: (B,) float32 harmonic mean of the distances to what the first half of the rays meets, metres.
+        is_enclosed: (B,) bool, whether the block lies in a gap or a closed box (see `_ENCLOSED`).
     """
 
     block: I32
     colour: I32
     table: F32
     distance: F32
+    is_enclosed: NDArray[np.bool_]
 
 
-def trace_links(
-    surfaces: Surfaces, sheet: Sheet, texels: Texels, blocks: Blocks, tracer: Tracer, *, rays: int, workers: int
-) -> Links:
-    """Shoot ``rays`` rays from every block, spread over its texels."""
-    closeness = np.zeros(len(blocks), dtype=np.float32)
-    colour = pattern_of(blocks.place[:, 2].astype(np.int32), blocks.place[:, 1].astype(np.int32))
-    links = np.empty((len(blocks), rays), dtype=np.int32)
-    table = cosine_directions(rays, (0x51633E2D, 0x68BC21EB))
-    singles = table.reshape(PATTERNS * rays, 1, 3)
-    size = np.diff(blocks.start)
+@njit
+def _block_rays(
+    chosen: Any,
+    rays: Any,
+    first: Any,
+    start: Any,
+    members: Any,
+    colour: Any,
+    whole: Any,
+    texel: Any,
+    pattern: Any,
+) -> Any:
+    """Which texel each of ``rays`` rays of the blocks ``chosen`` starts from, and its direction's number.
 
-    def work(first: int, last: int) -> None:
-        block = np.repeat(np.arange(first, last), rays)
-        ray = np.tile(np.arange(rays), last - first)
-        # Neighbouring blocks use different parts of the sequence; the rays start all over the block.
-        pattern = (colour[block] * rays + ray).astype(np.int32)
-        texel = blocks.members[blocks.start[block] + (ray * 7 + block) % size[block]]
-        under = surfaces.face_normal[texels.face[texel]]
-        origins, directions = hemisphere_rays(texels.position[texel], texels.normal[texel], under, pattern, singles)
-        hits = tracer.intersect(origins, directions)
-        cells = cells_at(surfaces, sheet, hits["primID"], hits["u"], hits["v"])
-        links[first:last] = _block_at(cells, texels, blocks).reshape(-1, rays)
-        near = (1.0 / np.maximum(hits["tfar"], _NEAREST)).reshape(-1, rays)
-        closeness[first:last] = near.mean(axis=1, dtype=np.float64)
+    Neighbouring blocks use different parts of the sequence of ``whole`` directions; the rays start all over the block.
+    """
+    row = 0
+    for b in chosen:
+        size = start[b + 1] - start[b]
+        for ray in range(first, first + rays):
+            texel[row] = members[start[b] + (ray * 7 + b) % size]
+            pattern[row] = colour[b] * whole + ray
+            row += 1
 
-    in_chunks(work, len(blocks), _LINK_CHUNK, workers)
-    distance = (1.0 / np.maximum(closeness, 1e-30)).astype(np.float32)
-    return Links(links, colour, table, distance)
+
+@dataclass(frozen=True, eq=False)
+class LinkTracer:
+    """Shoots the bundles of rays of blocks.
+
+    Attributes:
+        surfaces: the faces.
+        sheet: their light maps.
+        texels: the texels.
+        blocks: their groups.
+        tracer: over all faces.
+        workers: threads.
+    """
+
+    surfaces: Surfaces
+    sheet: Sheet
+    texels: Texels
+    blocks: Blocks
+    tracer: Tracer
+    workers: int
+
+    def trace(self, rays: int) -> Links:
+        """Links of bundles of ``rays`` rays, of which every block shoots the first half here."""
+        place = self.blocks.place
+        colour = pattern_of(place[:, 2].astype(np.int32), place[:, 1].astype(np.int32))
+        links = Links(
+            np.full((len(self.blocks), rays), -2, dtype=np.int32),
+            colour,
+            cosine_directions(rays, (0x51633E2D, 0x68BC21EB)),
+            np.empty(len(self.blocks), dtype=np.float32),
+            np.zeros(len(self.blocks), dtype=bool),
+        )
+        self._shoot(links, np.arange(len(self.blocks)), 0, rays // 2)
+        return links
+
+    def complete(self, links: Links, chosen: NDArray[np.int64]) -> None:
+        """Shoot the other half of the rays of the blocks ``chosen``, and write what they meet into ``links``."""
+        rays = links.block.shape[1]
+        self._shoot(links, chosen, rays // 2, rays)
+
+    def _shoot(self, links: Links, chosen: NDArray[np.int64], first: int, last: int) -> None:
+        count, rays = last - first, links.block.shape[1]
+        blocks, texels = self.blocks, self.texels
+        singles = links.table.reshape(PATTERNS * rays, 1, 3)
+
+        def work(begin: int, end: int) -> None:
+            own = chosen[begin:end]
+            texel = np.empty(len(own) * count, dtype=np.int64)
+            pattern = np.empty(len(own) * count, dtype=np.int32)
+            _block_rays(own, count, first, blocks.start, blocks.members, links.colour, rays, texel, pattern)
+            under = self.surfaces.face_normal[texels.face[texel]]
+            origins, directions = hemisphere_rays(texels.position[texel], texels.normal[texel], under, pattern, singles)
+            hits = self.tracer.intersect(origins, directions)
+            met = _blocks_met(self.surfaces, self.sheet, texels, blocks, hits)
+            links.block[own, first:last] = met.reshape(-1, count)
+            if first == 0:
+                far = hits["tfar"].reshape(-1, count)
+                links.is_enclosed[own] = (far > _ENCLOSED).sum(axis=1) <= 1
+                near = 1.0 / np.maximum(far, _NEAREST)
+                links.distance[own] = 1.0 / np.maximum(near.mean(axis=1, dtype=np.float64), 1e-30)
+
+        in_chunks(work, len(chosen), _LINK_CHUNK, self.workers)
 
 
 def solve(texels: Texels, blocks: Blocks, links: Links, direct: F32, sampled: F32) -> tuple[F32, BlockLight]:
@@ -119,7 +181,7 @@ def solve(texels: Texels, blocks: Blocks, links: Links, direct: F32, sampled: F3
     own = blocks.mean(direct)
     known = albedo * blocks.mean(sampled)
     radiance = albedo * own - known
-    # Half of the rays are enough here: what a block reflects is seen together with many others.
+    # The half of the rays that all blocks shot: what a block reflects is seen together with many others.
     few = np.ascontiguousarray(links.block[:, : links.block.shape[1] // 2])
     for _ in range(_MOST_BOUNCES):
         after = np.empty_like(radiance)
@@ -138,11 +200,22 @@ def solve(texels: Texels, blocks: Blocks, links: Links, direct: F32, sampled: F3
     return radiance, BlockLight(*lights)
 
 
-def _block_at(cells: NDArray[np.int64], texels: Texels, blocks: Blocks) -> I32:
-    """Block of each cell; -1 where there is nothing or nothing is baked (black), -2 where nobody knows the light."""
-    texel = np.where(cells >= 0, texels.index[cells], -1)
-    block = np.where(texel >= 0, blocks.of[texel], -1)
-    return np.where((texel >= 0) & (block < 0), -2, block).astype(np.int32)
+@njit
+def _block_at(cells: Any, index: Any, of: Any, out: Any) -> Any:
+    for i in range(len(cells)):
+        texel = index[cells[i]] if cells[i] >= 0 else -1
+        if texel < 0:
+            out[i] = -1
+        else:
+            out[i] = of[texel] if of[texel] >= 0 else -2
+
+
+def _blocks_met(surfaces: Surfaces, sheet: Sheet, texels: Texels, blocks: Blocks, hits: dict[str, Any]) -> I32:
+    """Block that each ray met; -1 where there is nothing or nothing is baked (black), -2 where its light is unknown."""
+    cells = cells_at(surfaces, sheet, hits["primID"], hits["u"], hits["v"])
+    out = np.empty(len(cells), dtype=np.int32)
+    _block_at(cells, texels.index, blocks.of, out)
+    return out
 
 
 @njit
@@ -158,7 +231,8 @@ def _collect(block: Any, radiance: Any, pattern: Any, table: Any, gloss: Any, li
             if b < -1:
                 continue
             seen += 1
-            narrow = table[pattern[i], k, 2] ** (LOBE - 1.0) if gloss[i] > 0.0 else 0.0
+            up = table[pattern[i], k, 2]
+            narrow = up * up * up * up * up if gloss[i] > 0.0 else 0.0  # to the power LOBE - 1
             weight += narrow
             if b < 0:
                 continue
@@ -207,20 +281,18 @@ def final_gather(
     variance = np.zeros(len(texels), dtype=np.float32)
     table = cosine_directions(rays, (0x0, 0x0))
     slow.interpolate(texels, known, light)
-    is_slow = slow.is_slow[blocks.of[blocks.members]]
-    chosen = blocks.members[~is_slow]
+    chosen = blocks.members[slow.measured_apart()[blocks.members]]
 
     def work(first: int, last: int) -> None:
         texel = chosen[first:last]
         pattern = texels.pattern[texel]
         under = surfaces.face_normal[texels.face[texel]]
         origins, directions = hemisphere_rays(texels.position[texel], texels.normal[texel], under, pattern, table)
-        hits = tracer.intersect(origins, directions)
-        cells = cells_at(surfaces, sheet, hits["primID"], hits["u"], hits["v"])
-        block = _block_at(cells, texels, blocks)
+        block = _blocks_met(surfaces, sheet, texels, blocks, tracer.intersect(origins, directions))
         here, spread = np.zeros((len(texel), 3), dtype=np.float32), np.zeros(len(texel), dtype=np.float32)
         _collect(block, radiance, pattern, table, texels.gloss[texel], here, spread)
         light[texel], variance[texel] = here, spread
 
     in_chunks(work, len(chosen), CHUNK, workers)
+    slow.fill_between(light, variance)
     return light, variance

@@ -17,9 +17,10 @@ from generators.core.scene import F32, I32
 
 #: Empty texels between charts: bilinear look-up reaches one texel beyond a chart on either side.
 PADDING = 1
-#: Corners are welded if their coordinates are equal when multiplied by this (1/m) and rounded, and their shading normals
-#: when multiplied by the other.
-_WELD, _NORMAL_WELD = 1e5, 50.0
+#: Corners are welded if their coordinates, multiplied by this (1/m), round to the same integers.
+_WELD = 1e5
+#: The same of their shading normals.
+_NORMAL_WELD = 50.0
 #: From this weight on xatlas cuts at every edge where the shading normals of the two faces differ.
 _CUT_ALL = 1000.0
 _TASKS = "/proc/self/task"
