@@ -102,7 +102,7 @@ class ScanSpec(_Model):
     """
 
     source: Literal["apartment", "scan"] = "apartment"
-    seed: int | None = Field(None, ge=0)
+    seed: int | None = Field(None, ge=0, strict=True)
     file: Line | None = None
     up: Axis | None = None
     front: Axis | None = None
@@ -184,9 +184,9 @@ class ObservationSpec(_Model):
     part: Part
     scan: Slug
     room: Annotated[Room, BeforeValidator(_room)]
-    index: int = Field(ge=1, le=99)
+    index: int = Field(ge=1, le=99, strict=True)
     category: Annotated[Category, BeforeValidator(_category)]
-    instances: int | None = Field(None, ge=1, le=4)
+    instances: int | None = Field(None, ge=1, le=4, strict=True)
     silent: tuple[InstanceName, ...] = Field((), max_length=MOST_SILENT)
     variant: Line | None = None
     acoustics: AcousticsSpec = AcousticsSpec()
@@ -229,7 +229,7 @@ class Manifest(_Model):
 
     name: Slug
     version: Line = "1.0.0"
-    seed: int = Field(ge=0)
+    seed: int = Field(ge=0, strict=True)
     camera: CameraSpec = CameraSpec()
     light: Literal["preview", "standard", "high"] = "standard"
     scans: dict[Slug, ScanSpec]

@@ -214,6 +214,8 @@ HOSTILE: dict[str, tuple[Any, list[str]]] = {
         ["~nobody-here/x.wav: no home folder", "write the whole path"],
     ),
     "long file": (sound(file="a" * 300), ["too long"]),
+    "seed that is a truth value": (document(seed=True), ["seed", "integer", "True"]),
+    "index that is a truth value": (observation(index=True), ["index", "integer", "True"]),
     "seed of 5,000 digits": ("seed: 1" + "0" * 5000, ["seed, line 1", "5,001 digits"]),
     "field of another part": (document(licence="MIT"), ["licence: unknown field; correct its name, or leave it out"]),
     "unknown field": (document(sedd=1), ["sedd: unknown field"]),

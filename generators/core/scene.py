@@ -123,9 +123,10 @@ class Mesh:
             bad = int((~np.isfinite(getattr(self, field_name))).sum())
             if bad:
                 raise Avs3dError(f"{name}: {field_name} has {bad} values that are NaN or infinite; repair the mesh")
-        if self.face_material.min() < 0 or self.face_material.max() >= len(self.materials):
-            largest = int(self.face_material.max())
-            raise Avs3dError(f"{name}: a face has material index {largest}; expected 0 to {len(self.materials) - 1}")
+        wrong = (self.face_material < 0) | (self.face_material >= len(self.materials))
+        if wrong.any():
+            found = int(self.face_material[wrong][0])
+            raise Avs3dError(f"{name}: a face has material index {found}; expected 0 to {len(self.materials) - 1}")
 
 
 @dataclass(frozen=True, eq=False)
