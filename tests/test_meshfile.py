@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import struct
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
+from acoustic_rooms import box_scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
@@ -309,3 +311,12 @@ def test_bad_orders(tmp_path: Path) -> None:
         load_model(tmp_path / "a.glb", "klock", licence=LICENCE)
     with pytest.raises(Avs3dError, match="height nan is not between"):
         load_model(tmp_path / "a.glb", "clock", licence=LICENCE, height=float("nan"))
+
+
+@pytest.mark.parametrize("wrong", [-1, 1, 7])
+def test_a_face_without_a_material_is_told_by_its_index(wrong: int) -> None:
+    mesh = box_scene((4.0, 2.5, 3.0)).parts[0].mesh
+    materials = mesh.face_material.copy()
+    materials[3] = wrong
+    with pytest.raises(Avs3dError, match=f"wall: a face has material index {wrong}; expected 0 to 0"):
+        replace(mesh, face_material=materials).check("wall")
