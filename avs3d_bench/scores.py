@@ -62,49 +62,19 @@ class Metric:
 
 #: Every figure, in the order in which tables show it.
 METRICS: tuple[Metric, ...] = (
-    Metric(
-        "official",
-        "mIoU",
-        "mIoU",
-        True,
-        "",
-        "IoU as in the released code: without an object, the share of unmarked pixels",
-    ),
-    Metric(
-        "official", "F", "F", True, "", "F (β² = 0.3) as in the released code: never below that of an all-white mask"
-    ),
+    Metric("official", "mIoU", "mIoU", True, "", "IoU as released; without an object, the share of unmarked pixels"),
+    Metric("official", "F", "F", True, "", "F (β² = 0.3) as released; never below that of an all-white mask"),
     Metric("strict", "IoU", "IoU", True, "", "IoU of the mask over frames in which the object is visible"),
     Metric("strict", "F", "F", True, "", "F (β² = 0.3) of the mask over frames in which the object is visible"),
-    Metric(
-        "strict",
-        "boundary_F",
-        "boundary F",
-        True,
-        "",
-        "F of the outlines, with a tolerance of 0.8 % of the image diagonal",
-    ),
-    Metric(
-        "strict", "FP_rate", "FP rate", False, "", "share of the frames without the object in which any pixel is marked"
-    ),
+    Metric("strict", "boundary_F", "boundary F", True, "", "F of the outlines within 0.8 % of the image diagonal"),
+    Metric("strict", "FP_rate", "FP rate", False, "", "share of frames without the object that have a marked pixel"),
     Metric("strict", "FP_area", "FP area", False, "", "share of marked pixels in frames without the object"),
-    Metric(
-        "strict",
-        "wrong_instance_rate",
-        "wrong instance",
-        False,
-        "",
-        "share of the frames with a silent twin in which a twin is marked",
-    ),
+    Metric("strict", "wrong_instance_rate", "wrong instance", False, "",
+           "share of the frames with a silent twin in which a twin is marked"),
     Metric("strict", "IoU_3D", "3D IoU", True, "", "IoU of 5 cm voxels with those of the object's mesh"),
-    Metric(
-        "strict",
-        "centroid_error",
-        "centroid error",
-        False,
-        "m",
-        "distance between the centroids of the predicted and the true voxels",
-    ),
-)
+    Metric("strict", "centroid_error", "centroid error", False, "m",
+           "distance between the centroids of the predicted and the true voxels"),
+)  # fmt: skip
 
 
 def metrics_of(protocol: str) -> tuple[Metric, ...]:
