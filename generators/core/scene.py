@@ -125,8 +125,8 @@ class Mesh:
                 raise Avs3dError(f"{name}: {field_name} has {bad} values that are NaN or infinite; repair the mesh")
         wrong = (self.face_material < 0) | (self.face_material >= len(self.materials))
         if wrong.any():
-            found = int(self.face_material[wrong][0])
-            raise Avs3dError(f"{name}: a face has material index {found}; expected 0 to {len(self.materials) - 1}")
+            index = int(self.face_material[wrong][0])
+            raise Avs3dError(f"{name}: a face has material index {index}; expected 0 to {len(self.materials) - 1}")
 
 
 @dataclass(frozen=True, eq=False)
