@@ -742,6 +742,29 @@ def test_a_scrub_moves_sound_picture_map_and_plots_together(site: Path, browser:
         assert not said
 
 
+def test_names_on_the_map_do_not_overlap(root: Path, browser: Any, tmp_path: Path) -> None:
+    copy = tiny.clone(root, tmp_path / "copy")
+
+    def side_by_side(record: dict[str, Any]) -> None:
+        for number, instance in enumerate(record["instances"]):
+            # So far apart that the names of both just overlap in one line.
+            low, high = [1.35 * number - 1.0, 0.8, -1.0], [1.35 * number - 0.8, 1.0, -0.8]
+            instance |= {"category": record["category"], "bounds": [low, high], "position": low}
+
+    tiny.edit_record(copy, tiny.MULTI, side_by_side, rehash=False)
+    built = build_site(Dataset(copy), [tiny.MULTI], (), tmp_path / "site", workers=1)
+    with player(browser, (built.folder / tiny.MULTI / "index.html").as_uri()) as (page, said, _):
+        boxes = page.evaluate(
+            "[...document.querySelectorAll('.map .label')].map(e => e.getBoundingClientRect())"
+            ".map(b => [b.left, b.right, (b.top + b.bottom) / 2])"
+        )
+        assert len(boxes) == 2
+        for number, (left, right, middle) in enumerate(boxes):
+            for other_left, other_right, other_middle in boxes[:number]:
+                assert right <= other_left or other_right <= left or abs(middle - other_middle) > 10
+        assert not said
+
+
 def test_an_address_may_name_a_frame(site: Path, browser: Any) -> None:
     with player(browser, (site / KEY / "index.html").as_uri() + "#frame_004") as (page, said, _):
         drawn(page, 4)

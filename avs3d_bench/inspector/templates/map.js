@@ -76,12 +76,16 @@ window.AVS3D = window.AVS3D ?? {};
       for (const thing of this.data.instances) {
         const [x0] = this.place(thing.box[0], thing.box[1]), [x1, y1] = this.place(thing.box[2], thing.box[3]);
         const label = thing.sounding ? `${thing.name}, sounds` : thing.twin ? `${thing.name}, silent twin` : thing.name;
-        const half = label.length * 3.1;
+        const kind = thing.sounding ? "sounds" : thing.twin ? "twin" : "other";
+        const text = make("text", { class: `label ${kind}` }, this.svg, label);
+        // Half the width of the text, which is measured as 0 while the page is hidden.
+        const half = Math.max(text.getComputedTextLength() / 2 + 2, label.length * 3.1);
         const x = Math.min(w - half - 4, Math.max(half + 4, (x0 + x1) / 2));
         let y = Math.min(h - 6, y1 + 15);
         while (taken.some(([a, b, c]) => Math.abs(b - y) < 13 && Math.abs(a - x) < half + c)) y += 13;
         taken.push([x, y, half]);
-        make("text", { x, y, class: `label ${thing.sounding ? "sounds" : thing.twin ? "twin" : "other"}` }, this.svg, label);
+        text.setAttribute("x", x);
+        text.setAttribute("y", y);
       }
       const bar = make("g", { class: "scale" }, this.svg);
       make("path", { d: `M12,${h - 17}v5h${this.scale}v-5` }, bar);
