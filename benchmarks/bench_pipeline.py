@@ -167,14 +167,16 @@ def scaling(
 def peak_memory(frames: int = 8, repeats: int = REPEATS) -> dict[str, float]:
     """Peak resident memory of a process that makes one full-size observation, with ``frames`` frames."""
     code = (
-        "from benchmarks.bench_pipeline import one_observation; import resource;"
-        f"one_observation({frames}); print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+        "from benchmarks.bench_pipeline import one_observation; from benchmarks.bench_scoring import peak_mb;"
+        f"one_observation({frames}); print(peak_mb())"
     )
     peaks = [
-        int(subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.split()[-1])
+        float(
+            subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.split()[-1]
+        )
         for _ in range(repeats)
     ]
-    return {"peak memory of a worker (MB)": statistics.median(peaks) / 1024}
+    return {"peak memory of a worker (MB)": statistics.median(peaks)}
 
 
 def one_observation(frames: int) -> None:
