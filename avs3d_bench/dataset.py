@@ -137,8 +137,15 @@ class Frame:
         return media.read_png_rgb(self.path(layout.IMAGES))
 
     def mask(self) -> NDArray[np.bool_]:
-        """(H, W) bool: where the sounding instance is visible."""
+        """(H, W) bool: where the sounding instance is visible; in part_3 every instance that this frame's clip tells."""
         return media.read_png_mask(self.path(layout.SEMANTIC_MASKS))
+
+    def category_mask(self) -> NDArray[np.uint8]:
+        """(H, W) uint8: 0 nothing, else the class id of the audible instance (`ObservationRecord.class_ids`).
+
+        Only in part_3; the same pixels as `mask`.
+        """
+        return media.read_png_categories(self.path(layout.CATEGORY_MASKS))
 
     def instance_ids(self) -> NDArray[np.uint16]:
         """(H, W) instance ids, 0 = scan; not in the official release."""
@@ -163,12 +170,22 @@ class Frame:
             return mesh
         return replace(mesh, vertices=record.to_frame(self.record, mesh.vertices).astype(np.float32))
 
-    def impulse_response(self) -> NDArray[np.float32]:
-        """(2, n) binaural room impulse response; only in trees made `--with rirs`."""
-        return media.read_rir(self.observation.path / layout.rir_path(self.index)).samples
+    def impulse_response(self, source: str | None = None) -> NDArray[np.float32]:
+        """(2, n) binaural room impulse response; only in trees made `--with rirs`.
+
+        Args:
+            source: id of the source, e.g. ``source_1``; in part_3 only.
+        """
+        return media.read_rir(self.observation.path / layout.rir_path(self.index, source)).samples
+
+    def stem(self, name: str) -> NDArray[np.float32]:
+        """(2, 44100) the clip of one source (``source_1``) or the ``background``; part_3 made `--with stems` only."""
+        return self._read_clip(self.observation.path / layout.stem_path(name, self.index))
 
     def _clip(self, folder: str) -> NDArray[np.float32]:
-        path = self.observation.path / layout.audio_path(folder, self.index)
+        return self._read_clip(self.observation.path / layout.audio_path(folder, self.index))
+
+    def _read_clip(self, path: Path) -> NDArray[np.float32]:
         clip = media.read_wav(path)
         if clip.rate != layout.SAMPLE_RATE:
             raise Avs3dError(f"{path}: {clip.rate} Hz, expected {layout.SAMPLE_RATE} Hz")
@@ -313,11 +330,19 @@ class Observation:
 
     @property
     def category(self) -> str | None:
-        """Category of the sounding object; None in the official release, which does not have it."""
+        """Category of the sounding object; None in the official release and where nothing sounds."""
         return self.record.category if self.record else None
 
+    @property
+    def group(self) -> str | None:
+        """Key of the observation of part_3 whose pictures this one has; None in the other parts."""
+        return self.record.group if self.record else None
+
     def mesh(self) -> Ply:
-        """The sounding instance's mesh in the world, at the first frame if it moves; not in the official release."""
+        """The sounding instance's mesh in the world, at the first frame if it moves; not in the official release.
+
+        In part_3 the meshes of all sounding instances of the room together; not where there is none.
+        """
         return media.read_ply(self.path / layout.SOUNDING_OBJECT)
 
 

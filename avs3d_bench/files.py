@@ -299,7 +299,7 @@ def _plain(value: Any) -> Any:
     """``value`` as JSON types: records in the order of their fields, mappings by key, floats rounded."""
     if isinstance(value, BaseModel):
         fields = {name: getattr(value, name) for name in type(value).model_fields}
-        optional = value.left_out if isinstance(value, Record) else ()
+        optional = value.omitted() if isinstance(value, Record) else ()
         return {name: _plain(item) for name, item in fields.items() if item is not None or name not in optional}
     if isinstance(value, Mapping):
         return {str(key): _plain(value[key]) for key in sorted(value, key=str)}

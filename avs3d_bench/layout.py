@@ -1,7 +1,7 @@
 """Where everything lies in a dataset and in a submission: every folder and file name of the contract, in one place.
 
     <root>/dataset.json
-    <root>/part_1|part_2/<scan>/<room>/<index>/   one observation; its path is its key
+    <root>/part_1|part_2|part_3/<scan>/<room>/<index>/   one observation; its path is its key
         input/frame_000.png …  audio_clips_binaural/frame_0.wav …                 (`expected_files` lists all)
 
 Image folders pad the frame number to three digits, audio folders do not pad it: the official tools look them up so.
@@ -32,6 +32,10 @@ BINAURAL = "audio_clips_binaural"
 MONO = "audio_clips_mono"
 SEMANTIC_MASKS = "semantic_masks"
 INSTANCE_MASKS = "instance_masks"
+#: Of part_3 only; stems are optional.
+CATEGORY_MASKS = "category_masks"
+STEMS = "stems"
+BACKGROUND = "background"
 DEPTH = "depth"
 RIRS = "rirs"
 GT_3D = "gt_3d"
@@ -41,6 +45,7 @@ COLMAP_FILES = tuple(f"{COLMAP}/{name}.bin" for name in ("cameras", "images", "p
 
 #: Folders of a submission's observation.
 SUBMISSION_MASKS = "masks"
+SUBMISSION_CATEGORIES = "categories"
 SUBMISSION_POINTS = "points.ply"
 #: Where the released pipeline leaves its masks, with and without its refinement, below an observation's folder.
 RELEASED_MASKS = ("3d_segmentation_use_aisrm_True/masks/test", "3d_segmentation_use_aisrm_False/masks/test")
@@ -117,7 +122,7 @@ def parse_key(key: str) -> ObservationKey:
     """
     pieces = key.split("/")
     if len(pieces) != 4 or not _INDEX.fullmatch(pieces[3]):
-        raise UsageError(f"observation key {key!r}: expected part_1|part_2/<scan>/<room>/<index>")
+        raise UsageError(f"observation key {key!r}: expected {'|'.join(PARTS)}/<scan>/<room>/<index>")
     part, scan, room, index = pieces[0], pieces[1], pieces[2], int(pieces[3])
     observation_key(part, scan, room, index)
     return ObservationKey(part, scan, room, index)
@@ -175,9 +180,36 @@ def audio_path(folder: str, index: int) -> str:
     return f"{folder}/{audio_name(index)}.wav"
 
 
-def rir_path(index: int) -> str:
-    """``rirs/frame_0.npz`` relative to the observation."""
-    return f"{RIRS}/{audio_name(index)}.npz"
+def rir_path(index: int, source: str | None = None) -> str:
+    """``rirs/frame_0.npz`` relative to the observation; in part_3 ``rirs/source_1/frame_0.npz``."""
+    return f"{RIRS if source is None else f'{RIRS}/{source}'}/{audio_name(index)}.npz"
+
+
+def stem_path(name: str, index: int) -> str:
+    """``stems/source_1/frame_0.wav`` relative to the observation; ``name`` is a source's id or `BACKGROUND`."""
+    return f"{STEMS}/{name}/{audio_name(index)}.wav"
+
+
+@dataclass(frozen=True)
+class SoundScene:
+    """What decides which files an observation of part_3 has, beside its number of frames.
+
+    Attributes:
+        sources: ids of all sources.
+        in_room: whether one of them is an instance of the room, whose mesh `gt_3d/` then holds.
+        stems: whether the clips of each source (and of the background) are kept.
+        background: whether there is a background.
+    """
+
+    sources: tuple[str, ...] = ()
+    in_room: bool = False
+    stems: bool = False
+    background: bool = False
+
+    @property
+    def stem_names(self) -> tuple[str, ...]:
+        """Folders below `stems/`; none if the stems are not kept."""
+        return (*self.sources, *((BACKGROUND,) if self.background else ())) if self.stems else ()
 
 
 def released_byproduct(path: str) -> str | None:
@@ -201,15 +233,29 @@ def released_byproduct(path: str) -> str | None:
     return None
 
 
-def expected_files(frames: int, *, depth: bool = False, rirs: bool = False) -> tuple[str, ...]:
-    """Every file of an observation with ``frames`` frames, relative, sorted; ``observation.json`` excluded."""
-    files = [SPLITS_JSON, SOUNDING_OBJECT, *COLMAP_FILES]
+def expected_files(
+    frames: int, *, depth: bool = False, rirs: bool = False, sound_scene: SoundScene | None = None
+) -> tuple[str, ...]:
+    """Every file of an observation with ``frames`` frames, relative, sorted; ``observation.json`` excluded.
+
+    Args:
+        frames: number of frames.
+        depth: whether depth pictures are kept.
+        rirs: whether impulse responses are kept.
+        sound_scene: of an observation of part_3; None for the other parts.
+    """
+    files = [SPLITS_JSON, *COLMAP_FILES]
+    if sound_scene is None or sound_scene.in_room:
+        files.append(SOUNDING_OBJECT)
     folders = [INPUT, IMAGES, SEMANTIC_MASKS, INSTANCE_MASKS] + ([DEPTH] if depth else [])
+    if sound_scene is not None:
+        folders.append(CATEGORY_MASKS)
+    responses: tuple[str | None, ...] = () if not rirs else (None,) if sound_scene is None else sound_scene.sources
     for index in range(frames):
         files += [image_path(folder, index) for folder in folders]
         files += [audio_path(folder, index) for folder in (BINAURAL, MONO)]
-        if rirs:
-            files.append(rir_path(index))
+        files += [rir_path(index, source) for source in responses]
+        files += [stem_path(name, index) for name in (sound_scene.stem_names if sound_scene else ())]
     return tuple(sorted(files))
 
 

@@ -176,6 +176,18 @@ def write_png_ids(path: str | Path, ids: ArrayLike) -> None:
     _encode(path, array.astype(np.uint8 if array.max() < 256 else np.uint16), _LABEL_FLAGS)
 
 
+def write_png_categories(path: str | Path, categories: ArrayLike) -> None:
+    """Write (H, W) class ids (see `avs3d_bench.taxonomy.class_ids`) in 8 bit, 0 where there is nothing.
+
+    Raises:
+        Avs3dError: if they are no integers in [0, 255] or the system refuses.
+    """
+    array = _image(path, categories, 2, "the class ids")
+    if not np.issubdtype(array.dtype, np.integer) or array.min() < 0 or array.max() > 255:
+        raise Avs3dError(f"{path}: class ids are {array.dtype}, expected integers from 0 to 255")
+    _encode(path, array.astype(np.uint8), _LABEL_FLAGS)
+
+
 def write_png_depth_mm(path: str | Path, depth: ArrayLike) -> None:
     """Write (H, W) depth in metres as 16-bit millimetres; not finite, not positive or beyond 65.5 m becomes 0."""
     metres = _image(path, np.asarray(depth, dtype=np.float64), 2, "the depth")
@@ -358,6 +370,18 @@ def read_png_ids(path: str | Path) -> NDArray[np.uint16]:
     if header.colour_type != 0 or header.bits not in (8, 16):
         raise Avs3dError(f"{path}: {header.mode}, expected instance ids: grey, 8 or 16 bit")
     return np.asarray(pixels, dtype=np.uint16)
+
+
+def read_png_categories(path: str | Path) -> NDArray[np.uint8]:
+    """Read class ids (grey, 8 bit) as (H, W) uint8.
+
+    Raises:
+        Avs3dError: if the file is missing, truncated or has another pixel format.
+    """
+    pixels, header = _decode(path, cv2.IMREAD_UNCHANGED)
+    if header.colour_type != 0 or header.bits != 8:
+        raise Avs3dError(f"{path}: {header.mode}, expected class ids: grey, 8 bit")
+    return np.asarray(pixels, dtype=np.uint8)
 
 
 def read_png_depth(path: str | Path) -> F32:

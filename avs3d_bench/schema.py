@@ -28,20 +28,22 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from avs3d_bench import __version__, layout
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
+from avs3d_bench.taxonomy import CATEGORIES, CATEGORY_PATTERN, DISTRACTORS, class_ids
 from avs3d_bench.text import printable
 
 if TYPE_CHECKING:
     from avs3d_bench.provenance import Provenance
 
-#: Version of the file formats; it changes when a key changes its name or its meaning.
-SCHEMA_VERSION = "1.0"
+#: Versions of the file formats: 1.1 adds part_3 and categories of one's own; files without either are still 1.0.
+SCHEMA_VERSION, SOUND_SCENES_VERSION = "1.0", "1.1"
 
-Part = Literal["part_1", "part_2"]
+Part = Literal["part_1", "part_2", "part_3"]
 Room = Literal["bathroom", "kitchen", "living_room"]
-Category = Literal["washing_machine", "toilet", "vacuum_cleaner", "microwave", "coffee_machine", "clock", "telephone"]
-InstanceCategory = Literal[
-    "washing_machine", "toilet", "vacuum_cleaner", "microwave", "coffee_machine", "clock", "telephone", "oven"
-]
+#: A category of the taxonomy, or one that the manifest adds (`ObservationRecord.categories`).
+Category = Annotated[str, Field(pattern=CATEGORY_PATTERN)]
+#: The same, or a category that is always silent.
+InstanceCategory = Category
+SourceId = Annotated[str, Field(pattern=r"^source_[1-9][0-9]*$")]
 Scalar = bool | int | float | str | None
 Text = Annotated[str, Field(min_length=1)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
@@ -79,6 +81,10 @@ class Record(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
     left_out: ClassVar[frozenset[str]] = frozenset()
+
+    def omitted(self) -> frozenset[str]:
+        """The fields that are not written if they are None."""
+        return self.left_out
 
 
 class LicenceRecord(Record):
@@ -166,6 +172,66 @@ class SoundRecord(Record):
     licence: LicenceRecord
 
 
+class SourceRecord(Record):
+    """One source of sound of an observation of part_3.
+
+    ``programme`` lists the intervals in which it sounds, in seconds from the first frame. A source that always sounds
+    has sounded before the first frame as well: its only interval starts at a negative time, the beginning of what is
+    simulated.
+    """
+
+    id: SourceId
+    instance: Annotated[int, Field(ge=1, le=65535)] | None = Field(
+        description="id of the instance that sounds, as in instance_masks; null if the source is off-screen"
+    )
+    category: Category
+    room: Room = Field(description="room of the source; another one than the observation's if it is off-screen")
+    position: Vector3 = Field(description="position of the source in the world, metres")
+    programme: Annotated[tuple[tuple[float, float], ...], Field(min_length=1)] = Field(
+        description="[start, end) in seconds, increasing, without overlaps"
+    )
+    gain_db: float = Field(description="level re the common loudness of all sources, dB")
+    asset: Text = Field(description="the recording or synthesis that it plays")
+    licence: LicenceRecord
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        last = -math.inf
+        for start, end in self.programme:
+            if not last <= start < end:
+                raise ValueError(f"{self.id}: programme {self.programme}: expected increasing intervals, none empty")
+            last = end
+        return self
+
+
+class BackgroundRecord(Record):
+    """Diffuse sound without a source."""
+
+    kind: Literal["room_tone", "noise"]
+    snr_db: float = Field(description="mean level of all sources above the background, dB")
+    level_db: float = Field(description="RMS of the background over both ears and all frames, dB re full scale")
+
+
+class AudibleRecord(Record):
+    """One audible source in one frame, from its own clip (stem): everything it is heard with, reverberation included.
+
+    Levels are RMS over both ears and the second of the clip, in dB re full scale.
+    """
+
+    source: SourceId
+    level_db: float = Field(description="level of the stem")
+    drr_db: float | None = Field(
+        description="direct sound over reverberation of the stem; null where no direct sound arrives"
+    )
+    snr_db: float | None = Field(description="level above the rest of the clip; null if the rest is silent")
+
+
+#: A source is audible if its stem is at least this loud (dB re full scale) …
+AUDIBLE_LEVEL_DB = -60.0
+#: … and at most this far below the rest of the clip (dB).
+AUDIBLE_SNR_DB = -20.0
+
+
 class AcousticsRecord(Record):
     """The acoustic simulation that made the clips."""
 
@@ -192,23 +258,27 @@ class FrameRecord(Record):
 
     If the sounding object moves, ``source_position``, ``instance_position`` and ``instance_rotation`` are its position
     and rotation at ``time``; otherwise all three are absent, and those of the observation are valid for every frame.
+
+    In part_3, ``audible`` lists the audible sources; ``azimuth``, ``elevation``, ``distance`` and ``line_of_sight`` are
+    those of the first source of the observation, and null where it has none.
     """
 
-    left_out: ClassVar[frozenset[str]] = frozenset({"source_position", "instance_position", "instance_rotation"})
+    moving: ClassVar[frozenset[str]] = frozenset({"source_position", "instance_position", "instance_rotation"})
+    left_out: ClassVar[frozenset[str]] = moving | {"audible"}
 
     name: FrameName
     time: NonNegative = Field(description="seconds from the start; the clip covers [time, time + 1)")
     position: Vector3 = Field(description="position of the sensor in the world, metres")
     rotation: Quaternion = Field(description="camera-to-world (w, x, y, z); the camera looks down −Z")
-    visible_pixels: Annotated[int, Field(ge=0)] = Field(description="pixels of the sounding instance in this frame")
-    azimuth: Annotated[float, Field(ge=-180, le=180)] = Field(
+    visible_pixels: Annotated[int, Field(ge=0)] = Field(description="pixels that the mask of this frame marks")
+    azimuth: Annotated[float, Field(ge=-180, le=180)] | None = Field(
         description="azimuth of the source, degrees; 0 ahead, positive to the right"
     )
-    elevation: Annotated[float, Field(ge=-90, le=90)] = Field(
+    elevation: Annotated[float, Field(ge=-90, le=90)] | None = Field(
         description="elevation of the source, degrees; positive up"
     )
-    distance: NonNegative = Field(description="distance to the source, metres")
-    line_of_sight: bool = Field(description="whether nothing is between sensor and source")
+    distance: NonNegative | None = Field(description="distance to the source, metres")
+    line_of_sight: bool | None = Field(description="whether nothing is between sensor and source")
     rms_left: NonNegative
     rms_right: NonNegative
     source_position: Vector3 | None = Field(
@@ -220,6 +290,11 @@ class FrameRecord(Record):
     instance_rotation: Quaternion | None = Field(
         default=None, description="model-to-world (w, x, y, z) of the sounding instance at this time; only if it moves"
     )
+    audible: tuple[AudibleRecord, ...] | None = Field(
+        default=None, description="the audible sources in the order of their ids; only in part_3"
+    )
+
+    _of_first_source: ClassVar[tuple[str, ...]] = ("azimuth", "elevation", "distance", "line_of_sight")
 
     @property
     def pose(self) -> Pose:
@@ -235,24 +310,39 @@ class FrameRecord(Record):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        moving = [getattr(self, name) is not None for name in sorted(self.left_out)]
+        moving = [getattr(self, name) is not None for name in sorted(self.moving)]
         if any(moving) and not all(moving):
-            raise ValueError(f"{', '.join(sorted(self.left_out))} belong together: expected all three or none")
+            raise ValueError(f"{', '.join(sorted(self.moving))} belong together: expected all three or none")
+        first = [getattr(self, name) is not None for name in self._of_first_source]
+        if any(first) and not all(first):
+            raise ValueError(f"{', '.join(self._of_first_source)} belong together: expected all or none of them")
         return self
 
 
 class ObservationRecord(Record):
     """`observation.json`: one observation with all its frames and files."""
 
-    left_out: ClassVar[frozenset[str]] = frozenset({"variant_of", "source_motion", "sizes"})
+    sound_scene_fields: ClassVar[tuple[str, ...]] = ("sources", "background", "group")
+    left_out: ClassVar[frozenset[str]] = frozenset(
+        {"variant_of", "source_motion", "sizes", "categories", *sound_scene_fields}
+    )
 
-    schema_version: Literal["1.0"] = "1.0"
+    schema_version: Literal["1.0", "1.1"] = Field(
+        default="1.0", description="1.1 in part_3 and with categories of the manifest's own, else 1.0"
+    )
     key: Text
     part: Part
     scan: Scan
     room: Room
     index: Annotated[int, Field(ge=1)]
-    category: Category = Field(description="category of the sounding instance")
+    categories: tuple[Category, ...] | None = Field(
+        default=None,
+        description="categories that the manifest adds, in the order of their class ids, which follow the seven of "
+        "the paper; absent if there are none",
+    )
+    category: Category | None = Field(
+        description="category of the sounding instance; in part_3 that of the first source, null if there is none"
+    )
     seed: Annotated[int, Field(ge=0)]
     plan_sha256: Sha256 | None = Field(
         default=None,
@@ -265,8 +355,15 @@ class ObservationRecord(Record):
     source_motion: Literal["path"] | None = Field(
         default=None, description="path: the sounding object moves (see frames); absent if it does not move"
     )
-    source_position: Vector3 = Field(
-        description="position of the source in the world, metres; if it moves, at the first frame"
+    source_position: Vector3 | None = Field(
+        description="position of the source in the world, metres; if it moves, at the first frame; in part_3 that of "
+        "the first source, null if there is none"
+    )
+    sources: tuple[SourceRecord, ...] | None = Field(default=None, description="the sources; only in part_3")
+    background: BackgroundRecord | None = Field(default=None, description="only in part_3; null if there is none")
+    group: Text | None = Field(
+        default=None,
+        description="only in part_3: key of the observation whose pictures this one has; its own if it is the first",
     )
     intrinsics: IntrinsicsRecord
     instances: Annotated[tuple[InstanceRecord, ...], Field(min_length=1)]
@@ -279,10 +376,57 @@ class ObservationRecord(Record):
         default=None, description="size in bytes of every file in `files`; absent in datasets of older versions"
     )
 
+    def omitted(self) -> frozenset[str]:
+        """The fields that are not written if they are None; a sound scene says that it has no background."""
+        return self.left_out - {"background"} if self.is_sound_scene else self.left_out
+
+    @property
+    def is_sound_scene(self) -> bool:
+        """Whether this is an observation of part_3."""
+        return self.part == "part_3"
+
     @property
     def sounding(self) -> InstanceRecord:
-        """The instance that sounds."""
-        return next(instance for instance in self.instances if instance.sounding)
+        """The instance that sounds, of an observation in which exactly one does.
+
+        Raises:
+            Avs3dError: if none or several do, as in part_3 (see `sounding_instances`).
+        """
+        found = self.sounding_instances
+        if len(found) != 1:
+            raise Avs3dError(f"{self.key}: {len(found)} instances sound; expected exactly one")
+        return found[0]
+
+    @property
+    def sounding_instances(self) -> tuple[InstanceRecord, ...]:
+        """The instances that sound at some time, in the order of the file."""
+        return tuple(instance for instance in self.instances if instance.sounding)
+
+    @property
+    def class_ids(self) -> dict[str, int]:
+        """Category → its value in category_masks; see `avs3d_bench.taxonomy.class_ids`."""
+        return class_ids(self.categories or ())
+
+    def source(self, name: str) -> SourceRecord:
+        """The source of that id.
+
+        Raises:
+            Avs3dError: if there is none.
+        """
+        for source in self.sources or ():
+            if source.id == name:
+                return source
+        raise Avs3dError(f"{self.key}: no source {name!r}; it has {len(self.sources or ())}")
+
+    def audible_instances(self, frame: FrameRecord) -> tuple[int, ...]:
+        """Ids of the instances that are audible in ``frame``, sorted; the mask marks their visible pixels.
+
+        In part_1 and part_2 that is the sounding instance, in every frame.
+        """
+        if frame.audible is None:
+            return (self.sounding.id,)
+        heard = (self.source(entry.source).instance for entry in frame.audible)
+        return tuple(sorted({number for number in heard if number is not None}))
 
     @property
     def moves(self) -> bool:
@@ -290,8 +434,15 @@ class ObservationRecord(Record):
         return self.source_motion is not None
 
     def source_at(self, frame: FrameRecord) -> Vector3:
-        """Position of the source in the world at the time of ``frame``, metres."""
-        return frame.source_position or self.source_position
+        """Position of the source in the world at the time of ``frame``, metres; in part_3 of the first source.
+
+        Raises:
+            Avs3dError: if there is no source.
+        """
+        position = frame.source_position or self.source_position
+        if position is None:
+            raise Avs3dError(f"{self.key}: there is no source, so that it has no position")
+        return position
 
     def to_frame(self, frame: FrameRecord, points: ArrayLike) -> NDArray[np.float64]:
         """Points (N, 3) of the sounding instance at the first frame, as in `gt_3d`, moved to the time of ``frame``."""
@@ -306,18 +457,14 @@ class ObservationRecord(Record):
         place = layout.ObservationKey(self.part, self.scan, self.room, self.index)
         if self.key != str(place):
             raise ValueError(f"key {self.key!r} does not fit part, scan, room and index: expected {place}")
-        sounding = [instance for instance in self.instances if instance.sounding]
-        if len(sounding) != 1:
-            raise ValueError(f"{len(sounding)} instances are sounding, expected exactly one")
-        if sounding[0].category != self.category:
-            raise ValueError(f"the sounding instance is a {sounding[0].category}, but category is {self.category}")
         ids = [instance.id for instance in self.instances]
         if len(set(ids)) != len(ids):
             raise ValueError(f"instance ids {ids} are not unique")
-        twins = sum(instance.category == self.category for instance in self.instances)
-        if (twins == 1) != (self.part == "part_1"):
-            expected = "exactly one (single-instance)" if self.part == "part_1" else "several (multi-instance)"
-            raise ValueError(f"{twins} instances of {self.category} in {self.part}, expected {expected}")
+        self._check_categories()
+        if self.is_sound_scene:
+            self._check_sound_scene()
+        else:
+            self._check_one_source()
         for position, frame in enumerate(self.frames):
             if frame.name != layout.frame_name(position):
                 raise ValueError(f"frames[{position}].name is {frame.name}, expected {layout.frame_name(position)}")
@@ -330,6 +477,78 @@ class ObservationRecord(Record):
                 found = "missing, but source_motion is path" if self.moves else "given, but source_motion is not"
                 raise ValueError(f"{frame.name}: source_position is {found}")
         return self
+
+    def _check_categories(self) -> None:
+        own = self.categories or ()
+        sound, silent = {*CATEGORIES, *own}, {*CATEGORIES, *own, *DISTRACTORS}
+        if len(sound) != len(CATEGORIES) + len(own) or not {*own}.isdisjoint(DISTRACTORS):
+            raise ValueError(f"categories {own}: expected new names, each once")
+        unknown = {instance.category for instance in self.instances} - silent
+        unknown |= {source.category for source in self.sources or ()} - sound
+        unknown |= set() if self.category is None else {self.category} - sound
+        if unknown:
+            raise ValueError(f"unknown category {min(unknown)!r}; expected one of {', '.join(sorted(silent))}")
+        version = SOUND_SCENES_VERSION if self.is_sound_scene or own else SCHEMA_VERSION
+        if self.schema_version != version:
+            raise ValueError(f"schema_version is {self.schema_version}, expected {version}")
+
+    def _check_one_source(self) -> None:
+        """Check the rules of part_1 and part_2: one source, an instance of the room, that sounds all the time."""
+        given = [name for name in self.sound_scene_fields if getattr(self, name) is not None]
+        if given:
+            raise ValueError(f"{given[0]} belongs to part_3, but part is {self.part}")
+        if self.category is None or self.source_position is None:
+            raise ValueError(f"category and source_position are missing; {self.part} has one source")
+        sounding = self.sounding_instances
+        if len(sounding) != 1:
+            raise ValueError(f"{len(sounding)} instances are sounding, expected exactly one")
+        if sounding[0].category != self.category:
+            raise ValueError(f"the sounding instance is a {sounding[0].category}, but category is {self.category}")
+        twins = sum(instance.category == self.category for instance in self.instances)
+        if (twins == 1) != (self.part == "part_1"):
+            expected = "exactly one (single-instance)" if self.part == "part_1" else "several (multi-instance)"
+            raise ValueError(f"{twins} instances of {self.category} in {self.part}, expected {expected}")
+        for frame in self.frames:
+            if frame.azimuth is None or frame.audible is not None:
+                raise ValueError(f"{frame.name}: expected azimuth, elevation, distance and line_of_sight, no audible")
+
+    def _check_sound_scene(self) -> None:
+        """Check the rules of part_3."""
+        if self.sources is None or self.group is None:
+            raise ValueError("sources or group is missing; an observation of part_3 has both")
+        names = [source.id for source in self.sources]
+        if names != [f"source_{number}" for number in range(1, len(names) + 1)]:
+            raise ValueError(f"ids of the sources are {names}, expected source_1, source_2, …")
+        place = layout.parse_key(self.group)
+        if (place.part, place.scan, place.room) != (self.part, self.scan, self.room):
+            raise ValueError(f"group {self.group} is not in the same part, scan and room")
+        first = self.sources[0] if self.sources else None
+        if self.category != (first and first.category) or self.source_position != (first and first.position):
+            raise ValueError("category and source_position are not those of the first source")
+        if self.moves or self.sound is not None:
+            raise ValueError("source_motion and sound belong to part_1 and part_2")
+        known = {instance.id: instance.category for instance in self.instances}
+        for source in self.sources:
+            if source.instance is None:
+                if source.room == self.room:
+                    raise ValueError(f"{source.id} is off-screen, but in the observation's own room {self.room}")
+            elif known.get(source.instance) != source.category or source.room != self.room:
+                raise ValueError(
+                    f"{source.id}: instance {source.instance} is no {source.category} of the {self.room}; "
+                    f"instances: {known}"
+                )
+        heard = {source.instance for source in self.sources}
+        for instance in self.instances:
+            if instance.sounding != (instance.id in heard):
+                raise ValueError(f"instance {instance.id}: sounding is {instance.sounding}, but sources say otherwise")
+        for frame in self.frames:
+            if frame.audible is None or (frame.azimuth is None) != (first is None):
+                raise ValueError(
+                    f"{frame.name}: expected audible, and the direction of the first source if there is one"
+                )
+            order = [entry.source for entry in frame.audible]
+            if order != [name for name in names if name in order]:
+                raise ValueError(f"{frame.name}: audible names {order}; expected some of {names}, in this order")
 
 
 class CameraSplits(Record):
@@ -349,7 +568,7 @@ class DatasetEntry(Record):
     """One observation in `dataset.json`."""
 
     key: Text
-    category: Category
+    category: Category | None = Field(description="null in an observation of part_3 without a source")
     part: Part
     scan: Scan
     room: Room
@@ -375,9 +594,11 @@ class DatasetRecord(Record):
     computed again.
     """
 
-    left_out: ClassVar[frozenset[str]] = frozenset({"digest", "provenance"})
+    left_out: ClassVar[frozenset[str]] = frozenset({"digest", "provenance", "categories"})
 
-    schema_version: Literal["1.0"] = "1.0"
+    schema_version: Literal["1.0", "1.1"] = Field(
+        default="1.0", description="1.1 with observations of part_3 or categories of the manifest's own, else 1.0"
+    )
     name: Text
     version: Text
     toolkit_version: Text
@@ -388,6 +609,11 @@ class DatasetRecord(Record):
     licence: Text
     attributions: tuple[AttributionRecord, ...] = ()
     provenance: ProvenanceRecord | None = Field(default=None, description="software that made the observations")
+    categories: tuple[Category, ...] | None = Field(
+        default=None,
+        description="categories that the manifest adds, in the order of their class ids, which follow the seven of "
+        "the paper; absent if there are none",
+    )
     observations: tuple[DatasetEntry, ...]
     digest: Sha256 | None = Field(
         default=None, description="sha256 of all other fields as canonical JSON; absent in datasets of older versions"
@@ -417,6 +643,12 @@ class DatasetRecord(Record):
             head = f"{entry.part}/{entry.scan}/{entry.room}/"
             if not (entry.key.startswith(head) and entry.key[len(head) :].isdigit()):
                 raise ValueError(f"key {entry.key!r} does not fit its part, scan and room: expected {head}<index>")
+            if entry.category is None and entry.part != "part_3":
+                raise ValueError(f"{entry.key}: category is missing; only an observation of part_3 may have none")
+        newer = bool(self.categories) or any(entry.part == "part_3" for entry in self.observations)
+        expected = SOUND_SCENES_VERSION if newer else SCHEMA_VERSION
+        if self.schema_version != expected:
+            raise ValueError(f"schema_version is {self.schema_version}, expected {expected}")
         return self
 
 

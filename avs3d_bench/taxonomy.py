@@ -5,6 +5,8 @@ Source: "3D Audio-Visual Segmentation" (Sokolov, Bhosale, Zhu, 2024), benchmark 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from avs3d_bench.errors import UsageError, did_you_mean, excerpt
 
 #: The seven sounding categories.
@@ -20,7 +22,13 @@ CATEGORIES = (
 #: Categories that are always silent (the paper's hard case: an oven beside a sounding microwave).
 DISTRACTORS = ("oven",)
 ROOMS = ("bathroom", "kitchen", "living_room")
-PARTS = ("part_1", "part_2")
+#: part_1: one instance of the category that sounds; part_2: several, one sounds; part_3: sound scenes (any number of
+#: sources, programmes, off-screen sound, silence).
+PARTS = ("part_1", "part_2", "part_3")
+#: What a category is called: a name of its own must fit this, too.
+CATEGORY_PATTERN = r"^[a-z][a-z0-9_]{0,63}$"
+#: Largest number of categories that a manifest adds: category masks have 8 bits, and 0 means nothing.
+MOST_OWN_CATEGORIES = 255 - len(CATEGORIES)
 
 
 def _known(value: str, allowed: tuple[str, ...], what: str) -> str:
@@ -38,3 +46,16 @@ def check_category(value: str, *, silent: bool = False) -> str:
 def check_room(value: str) -> str:
     """Return ``value`` if it is a room type, else raise ``UsageError``."""
     return _known(value, ROOMS, "room")
+
+
+def class_ids(own: Sequence[str] = ()) -> dict[str, int]:
+    """Category → its value in `category_masks/` and in `categories/` of a submission; 0 means nothing.
+
+    Args:
+        own: the categories that the dataset's manifest adds, in its order; they come after the seven of the paper.
+
+    Examples:
+        >>> class_ids(("hair_dryer",))["washing_machine"], class_ids(("hair_dryer",))["hair_dryer"]
+        (1, 8)
+    """
+    return {name: number for number, name in enumerate((*CATEGORIES, *own), start=1)}

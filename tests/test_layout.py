@@ -59,7 +59,7 @@ def test_a_key_survives_a_round_trip(part: str, scan: str, room: str, index: int
 @pytest.mark.parametrize(
     ("key", "names"),
     [
-        ("part_3/a/kitchen/1", "part_3"),
+        ("part_4/a/kitchen/1", "part_4"),
         ("part_1/a/ktchen/1", "did you mean 'kitchen'"),
         ("part_1/../kitchen/1", "scan id"),
         ("part_1/a/kitchen/0", "part_1\\|part_2"),
