@@ -137,7 +137,7 @@ class Frame:
         return media.read_png_rgb(self.path(layout.IMAGES))
 
     def mask(self) -> NDArray[np.bool_]:
-        """(H, W) bool: where the sounding instance is visible; in part_3 every instance that this frame's clip tells."""
+        """(H, W) bool: where the sounding instance is visible; in part_3 every audible instance."""
         return media.read_png_mask(self.path(layout.SEMANTIC_MASKS))
 
     def category_mask(self) -> NDArray[np.uint8]:
