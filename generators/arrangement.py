@@ -110,18 +110,21 @@ def place_objects(plan: ObservationPlan, site: Site) -> tuple[tuple[Placement, .
 
 
 def choose_models(plan: ObservationPlan) -> tuple[Model, ...]:
-    """One model per object, sorted by category; the identical copies of the sounding category share one model.
+    """One model per object, sorted by category; identical copies share one model.
+
+    Of the silent categories of part_1 and part_2, each object is a model of its own; in part_3 all copies of
+    one category are identical.
 
     Each category has its own random stream, so its model is the same whether it sounds or not.
     """
     spec = plan.spec
     models: list[Model] = []
-    for category in sorted({spec.category, *spec.silent}):
+    for category, count in spec.objects.items():
         rng = plan.rng(f"models/{category}")
-        if category == spec.category:
-            models += [_choose_model(plan, category, rng, spec.variant)] * spec.copies
+        if spec.is_sound_scene or category == spec.category:
+            models += [_choose_model(plan, category, rng, spec.variant)] * count
         else:
-            models += [_choose_model(plan, category, rng) for _ in range(spec.silent.count(category))]
+            models += [_choose_model(plan, category, rng) for _ in range(count)]
     return tuple(models)
 
 

@@ -26,6 +26,10 @@ from generators.core.limits import FRAMES, SIZE
 FARTHEST = 10_000.0
 #: Largest number of silent objects in a room; no room has places for more.
 MOST_SILENT = 16
+#: Largest number of identical objects, and of sources of a sound scene.
+MOST_COPIES, MOST_SOURCES = 4, 8
+#: Shortest time for which a source sounds or pauses (s): far longer than the ramps at both ends.
+SHORTEST_SOUND = 0.05
 
 
 def _one_line(value: str) -> str:
@@ -172,22 +176,136 @@ class AcousticsSpec(_Model):
 
 
 SourceMotion = Literal["static", "path"]
+Seconds = Annotated[Finite, Field(ge=0.0, le=float(FRAMES[1]))]
+Count = Annotated[int, Field(ge=1, le=MOST_COPIES, strict=True)]
+
+
+class BurstsSpec(_Model):
+    """Random bursts: pause and sound take turns; each lasts as long as is drawn uniformly from its range (s)."""
+
+    sound: tuple[Seconds, Seconds]
+    pause: tuple[Seconds, Seconds]
+    seed: int = Field(0, ge=0, strict=True)
+
+    @model_validator(mode="after")
+    def _ranges(self) -> Self:
+        for name, (low, high) in (("sound", self.sound), ("pause", self.pause)):
+            if not SHORTEST_SOUND <= low <= high:
+                raise ValueError(f"{name} is [{low:g}, {high:g}]; expected [least, most] from {SHORTEST_SOUND} s on")
+        return self
+
+
+class TurnSpec(_Model):
+    """Turn ``number`` of ``of`` sources that sound one after the other, ``seconds`` each, with a ``pause`` between."""
+
+    number: int = Field(ge=1, strict=True)
+    of: int = Field(ge=2, le=MOST_SOURCES, strict=True)
+    seconds: Annotated[Seconds, Field(ge=SHORTEST_SOUND)]
+    pause: Seconds = 0.0
+
+    @model_validator(mode="after")
+    def _one_of_them(self) -> Self:
+        if self.number > self.of:
+            raise ValueError(f"turn {self.number} of {self.of} does not exist; expected 1 to {self.of}")
+        return self
+
+
+def _intervals(value: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    last = 0.0
+    for start, end in value:
+        if end - start < SHORTEST_SOUND:
+            raise ValueError(f"interval [{start:g}, {end:g}] is empty; expected at least {SHORTEST_SOUND} s")
+        if start < last:
+            raise ValueError(f"interval [{start:g}, {end:g}] begins before {last:g} s, where the one before ends")
+        last = end
+    return value
+
+
+Intervals = Annotated[tuple[tuple[Seconds, Seconds], ...], Field(min_length=1), AfterValidator(_intervals)]
+
+
+class ProgrammeSpec(_Model):
+    """When a source sounds: exactly one of intervals [start, end) in seconds, random bursts, a turn."""
+
+    intervals: (
+        Annotated[tuple[tuple[Seconds, Seconds], ...], Field(min_length=1), AfterValidator(_intervals)] | None
+    ) = None
+    bursts: BurstsSpec | None = None
+    turn: TurnSpec | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        kinds = [name for name, value in self if value is not None]
+        if len(kinds) != 1:
+            raise ValueError(
+                f"found {' and '.join(kinds) or 'nothing'}; expected exactly one of intervals, bursts, turn"
+            )
+        return self
+
+
+def _programme(value: Any) -> Any:
+    """``always`` stands for None, a list for its intervals."""
+    if value == "always":
+        return None
+    if isinstance(value, list | tuple):
+        return {"intervals": value}
+    if not isinstance(value, dict | ProgrammeSpec):
+        raise ValueError(f"found {excerpt(value)}; expected always, [[start, end], …], {{bursts: …}} or {{turn: …}}")
+    return value
+
+
+class SourceSpec(_Model):
+    """A source of a sound scene.
+
+    ``instance``: which of the observation's objects of that category, from 1; drawn if it is left out. ``room``:
+    another room, in which the source stands unseen; it has no instance then. ``programme``: ``always``,
+    ``[[start, end], …]`` (s), ``{bursts: …}`` or ``{turn: …}``. ``gain_db``: level re the common loudness (dB).
+    """
+
+    category: Annotated[Category, BeforeValidator(_category)]
+    instance: int | None = Field(None, ge=1, strict=True)
+    room: RoomName | None = None
+    programme: Annotated[ProgrammeSpec | None, BeforeValidator(_programme)] = None
+    gain_db: Annotated[Finite, Field(ge=-40.0, le=20.0)] = 0.0
+
+    @model_validator(mode="after")
+    def _seen_or_not(self) -> Self:
+        if self.room is not None and self.instance is not None:
+            raise ValueError(f"instance {self.instance} is an object of the observation's room; leave out it or room")
+        return self
+
+
+class BackgroundSpec(_Model):
+    """Diffuse background ``snr_db`` below the mean level of all sources (see docs/manifest.md)."""
+
+    kind: Literal["room_tone", "noise"]
+    snr_db: Annotated[Finite, Field(ge=-30.0, le=80.0)]
+
+
+#: Fields of an entry of part_3, and of the other parts.
+_SCENE_FIELDS, _ONE_SOURCE_FIELDS = ("sources", "background"), ("category", "silent", "variant")
 
 
 class ObservationSpec(_Model):
-    """One observation: its place in the tree, the sounding category, its number of instances, the silent objects.
+    """One observation: its place in the tree, its objects, what sounds.
 
-    ``acoustics`` and ``source_motion`` default to those of the manifest. ``like`` is the
-    key of the observation that this one is an acoustic variant of (see `Manifest`).
+    In part_1 and part_2, ``category`` is that of the sounding object, ``instances`` the number of its kind, and
+    ``silent`` lists the categories of the other objects. In part_3, ``instances`` is a mapping of categories to numbers
+    of identical objects, and ``sources`` says which of them sound, with a diffuse ``background`` if there is one.
+
+    ``acoustics`` and ``source_motion`` default to those of the manifest. ``like`` is the key of the observation that
+    this one is an acoustic variant or a sibling of (see `Manifest`).
     """
 
     part: Part
     scan: Slug
     room: Annotated[Room, BeforeValidator(_room)]
     index: int = Field(ge=1, le=99, strict=True)
-    category: Annotated[Category, BeforeValidator(_category)]
-    instances: int | None = Field(None, ge=1, le=4, strict=True)
+    category: Annotated[Category, BeforeValidator(_category)] | None = None
+    instances: Count | dict[InstanceName, Count] | None = None
     silent: tuple[InstanceName, ...] = Field((), max_length=MOST_SILENT)
+    sources: tuple[SourceSpec, ...] | None = Field(None, max_length=MOST_SOURCES)
+    background: BackgroundSpec | None = None
     variant: Line | None = None
     acoustics: AcousticsSpec = AcousticsSpec()
     source_motion: SourceMotion = "static"
@@ -195,6 +313,19 @@ class ObservationSpec(_Model):
 
     @model_validator(mode="after")
     def _counts(self) -> ObservationSpec:
+        foreign = _ONE_SOURCE_FIELDS if self.is_sound_scene else _SCENE_FIELDS
+        surplus = [name for name in foreign if getattr(self, name) not in (None, ())]
+        if surplus:
+            raise ValueError(f"{surplus[0]} does not belong to {self.part}; leave it out, or write another part")
+        if self.is_sound_scene:
+            self._check_sources()
+            return self
+        if self.category is None:
+            raise ValueError(f"category is missing; {self.part} has one source")
+        if isinstance(self.instances, dict):
+            raise ValueError(
+                f"instances is a mapping; in {self.part} expected the number of objects of {self.category}"
+            )
         if self.part == "part_1" and self.instances not in (None, 1):
             raise ValueError(f"part_1 is single-instance, found instances: {self.instances}; use part_2 or drop it")
         if self.part == "part_2" and (self.instances or 2) < 2:
@@ -203,6 +334,62 @@ class ObservationSpec(_Model):
             raise ValueError(f"{self.category} is both category and silent; for silent twins use part_2 and instances")
         return self
 
+    def _check_sources(self) -> None:
+        """Check what a sound scene says.
+
+        Raises:
+            ValueError: naming the source.
+        """
+        if not isinstance(self.instances, dict) or not self.instances:
+            raise ValueError("instances: expected the objects of the room, e.g. {microwave: 2, telephone: 1}")
+        if sum(self.instances.values()) > MOST_SILENT:
+            raise ValueError(f"instances: {sum(self.instances.values())} objects; expected at most {MOST_SILENT}")
+        if self.sources is None:
+            raise ValueError("sources is missing; expected a list, [] for silence")
+        if self.source_motion != "static":
+            raise ValueError("source_motion belongs to part_1 and part_2; in part_3 nothing moves")
+        taken: dict[str, list[int | None]] = {}
+        for number, source in enumerate(self.sources):
+            where = f"sources.{number}"
+            if source.room is not None:
+                if source.room == self.room:
+                    raise ValueError(
+                        f"{where}: room {source.room} is the observation's own; name another, or leave it out"
+                    )
+                continue
+            there, among = self.instances.get(source.category, 0), taken.setdefault(source.category, [])
+            if not there:
+                found = _listed(tuple(self.instances))
+                raise ValueError(f"{where}: no {source.category} stands in this {self.room}; instances has {found}")
+            if source.instance is not None and source.instance > there:
+                raise ValueError(
+                    f"{where}: instance {source.instance} of {source.category} does not exist; expected 1 to {there}"
+                )
+            if source.instance is not None and source.instance in among:
+                raise ValueError(f"{where}: instance {source.instance} of {source.category} sounds already")
+            among.append(source.instance)
+            if len(among) > there:
+                raise ValueError(f"{where}: {len(among)} sources, but there is only {there} × {source.category}")
+
+    @property
+    def is_sound_scene(self) -> bool:
+        """Whether it belongs to part_3."""
+        return self.part == "part_3"
+
+    @property
+    def objects(self) -> dict[str, int]:
+        """Category → number of objects in the room, sorted by category."""
+        if isinstance(self.instances, dict):
+            return dict(sorted(self.instances.items()))
+        counts = {name: self.silent.count(name) for name in self.silent}
+        return dict(sorted((counts | ({self.category: self.copies} if self.category else {})).items()))
+
+    @property
+    def heard(self) -> tuple[str, ...]:
+        """Categories of all sources, sorted."""
+        sources = {source.category for source in self.sources or ()}
+        return tuple(sorted(sources | ({self.category} if self.category else set())))
+
     @property
     def key(self) -> str:
         """``part/scan/room/index``."""
@@ -210,12 +397,14 @@ class ObservationSpec(_Model):
 
     @property
     def copies(self) -> int:
-        """Number of instances of the category that sounds."""
+        """Number of instances of the category that sounds, in part_1 and part_2."""
+        assert not isinstance(self.instances, dict)
         return self.instances or (1 if self.part == "part_1" else 2)
 
     def identity(self) -> dict[str, Any]:
         """What goes into digests: options that later versions added count only where they are set."""
-        usual = {"acoustics": AcousticsSpec().model_dump(), "source_motion": "static", "like": None}
+        usual: dict[str, Any] = {"acoustics": AcousticsSpec().model_dump(), "source_motion": "static"}
+        usual |= dict.fromkeys(("like", "sources", "background"))
         return {name: value for name, value in self.model_dump().items() if name not in usual or value != usual[name]}
 
 
@@ -225,6 +414,9 @@ class Manifest(_Model):
     An entry ``{like: KEY, index: 2, acoustics: {…}}`` is an acoustic variant of the observation KEY of the same
     manifest: it takes everything except index and acoustics from that entry, and all its random draws are those of
     KEY, so that both have the same pictures and the same source signal.
+
+    In part_3 such an entry is a sibling of KEY: it may have its own ``sources`` and ``background``, too. The n-th
+    source of a category plays the same signal in all siblings.
     """
 
     name: Slug
@@ -252,6 +444,8 @@ class Manifest(_Model):
         for number, entry in enumerate(document["observations"]):
             if isinstance(entry, dict) and "like" in entry:
                 entries[number] = _original(entry, number, originals) | entry
+            if isinstance(entry, dict) and entries[number].get("part") == "part_3" and "source_motion" not in entry:
+                entries[number] = {name: value for name, value in entries[number].items() if name != "source_motion"}
         return document | {"observations": entries}
 
     @model_validator(mode="after")
@@ -263,11 +457,20 @@ class Manifest(_Model):
             if entry.key in seen:
                 raise ValueError(f"{entry.key} is listed twice")
             seen.add(entry.key)
+            for number, source in enumerate(entry.sources or ()):
+                if source.programme is None or source.programme.intervals is None:
+                    continue
+                start, end = source.programme.intervals[-1]
+                if end > self.camera.frames:
+                    raise ValueError(
+                        f"{entry.key}: sources.{number}: interval [{start:g}, {end:g}] ends after the last frame; "
+                        f"expected at most {self.camera.frames} s"
+                    )
         return self
 
 
-#: The fields that an entry with ``like`` may have.
-_VARIANT_FIELDS = ("like", "index", "acoustics")
+#: The fields that an entry with ``like`` may have, and those that it may have in part_3 only.
+_VARIANT_FIELDS, _SIBLING_FIELDS = ("like", "index", "acoustics"), ("sources", "background")
 
 
 def _listed(names: Sequence[str], most: int = 8) -> str:
@@ -284,11 +487,14 @@ def _original(entry: dict[str, Any], number: int, originals: dict[str, dict[str,
     Raises:
         ValueError: if there is none, or ``entry`` has fields that a variant may not have.
     """
-    surplus = sorted(step(name) for name in set(entry) - set(_VARIANT_FIELDS))
+    scene = str(entry["like"]).startswith("part_3/")
+    own = (*_VARIANT_FIELDS, *_SIBLING_FIELDS) if scene else _VARIANT_FIELDS
+    surplus = sorted(step(name) for name in set(entry) - set(own))
     if surplus:
+        what = "index, acoustics, sources and background" if scene else "index and acoustics"
         raise ValueError(
             f"observations.{number}: an entry with like cannot have {_listed(surplus)}; a variant takes "
-            "everything except index and acoustics from its original; leave them out"
+            f"everything except {what} from its original; leave them out"
         )
     original = originals.get(str(entry["like"]))
     if original is None:
@@ -296,7 +502,8 @@ def _original(entry: dict[str, Any], number: int, originals: dict[str, dict[str,
             f"observations.{number}: like {excerpt(entry['like'])} names no observation of this manifest that is not a "
             f"variant itself; expected a key like {excerpt(next(iter(originals), 'part_1/scan/kitchen/1'))}"
         )
-    return {name: value for name, value in original.items() if name != "index"}
+    left = {"index", "background"} if "sources" in entry else {"index"}
+    return {name: value for name, value in original.items() if name not in left}
 
 
 @dataclass(frozen=True)

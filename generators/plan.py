@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -51,6 +51,9 @@ class ObservationPlan:
         vision, audio: names of the backends.
         depth, rirs: whether the optional folders are written.
         backends: name → version of all software that the bytes depend on.
+        stems: whether the stems are written, in part_3.
+        first: the plan of the observation whose pictures this one has, if it has those of another. Its bytes do not
+            depend on it: where the pictures are not there, they are rendered again.
     """
 
     spec: ObservationSpec
@@ -66,6 +69,8 @@ class ObservationPlan:
     depth: bool
     rirs: bool
     backends: dict[str, str]
+    stems: bool = False
+    first: ObservationPlan | None = None
 
     @property
     def key(self) -> str:
@@ -84,6 +89,15 @@ class ObservationPlan:
         """
         return derive_rng(self.seed, self.spec.like or self.key, purpose)
 
+    def own_rng(self, purpose: str) -> np.random.Generator:
+        """As `rng`, but a sibling or an acoustic variant has generators of its own."""
+        return derive_rng(self.seed, self.key, purpose)
+
+    @property
+    def keeps_stems(self) -> bool:
+        """Whether it writes stems; only sound scenes have some."""
+        return self.stems and self.spec.is_sound_scene
+
     @cached_property
     def digest(self) -> str:
         """sha256 of all that the bytes depend on; a finished observation with another digest is not reused."""
@@ -97,7 +111,7 @@ class ObservationPlan:
             "sounds": {name: [s.identity() for s in items] for name, items in self.sounds.items()},
             "vision": self.vision,
             "audio": self.audio,
-            "with": [self.depth, self.rirs],
+            "with": [self.depth, self.rirs, *(("stems",) if self.keeps_stems else ())],
             "backends": self.backends,
             "files": self._file_digests(),
         }
@@ -106,8 +120,8 @@ class ObservationPlan:
     def _file_digests(self) -> dict[str, str]:
         """sha256 of every file that this observation may read; a missing file is reported when it is opened."""
         spec = self.spec
-        items: list[AssetSpec] = list(self.sounds.get(spec.category, ()))
-        for category in (spec.category, *spec.silent):
+        items: list[AssetSpec] = [item for category in spec.heard for item in self.sounds.get(category, ())]
+        for category in spec.objects:
             items += self.objects.get(category, ())
         named = {item.file: locate(self.base, item.file) for item in items if item.file is not None}
         found = {name: files.sha256_file(path) for name, path in named.items() if path.is_file()}
@@ -172,7 +186,7 @@ def derive_rng(seed: int, key: str, purpose: str) -> np.random.Generator:
 
 
 def _check_variant(spec: ObservationSpec, manifest: Manifest) -> None:
-    if spec.variant is None or spec.category in manifest.objects:
+    if spec.variant is None or spec.category is None or spec.category in manifest.objects:
         return
     from generators.assets.catalogue import variants
 
@@ -194,6 +208,7 @@ def make_plans(
     size: int | None = None,
     depth: bool = False,
     rirs: bool = False,
+    stems: bool = False,
 ) -> tuple[ObservationPlan, ...]:
     """One plan per selected observation; ``frames`` and ``size`` override the manifest's camera.
 
@@ -215,10 +230,11 @@ def make_plans(
         source.base / LOCK_NAME,
         manifest.objects,
         manifest.sounds,
-        {category for spec in selected for category in (spec.category, *spec.silent)},
+        {category for spec in selected for category in (*spec.heard, *spec.objects)},
     )
-    return tuple(
-        ObservationPlan(
+
+    def planned(spec: ObservationSpec) -> ObservationPlan:
+        return ObservationPlan(
             spec=spec,
             scan=manifest.scans[spec.scan],
             camera=camera,
@@ -232,9 +248,11 @@ def make_plans(
             depth=depth,
             rirs=rirs,
             backends=backends,
+            stems=stems,
         )
-        for spec in selected
-    )
+
+    firsts = {spec.key: planned(spec) for spec in manifest.observations if spec.is_sound_scene and spec.like is None}
+    return tuple(replace(planned(spec), first=firsts.get(spec.like or "")) for spec in selected)
 
 
 def scans_root(base: Path) -> Path:

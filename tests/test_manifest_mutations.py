@@ -189,7 +189,7 @@ HOSTILE: dict[str, tuple[Any, list[str]]] = {
         ["observations.0.category: unknown category 5", "expected one of"],
     ),
     "category as a list": (observation(category=["clock"]), ["observations.0.category: unknown category ['clock']"]),
-    "category as null": (observation(category=None), ["observations.0.category: unknown category None"]),
+    "category as null": (observation(category=None), ["observations.0: category is missing"]),
     "category as a mapping": (observation(category={"a": 1}), ["observations.0.category: unknown category {'a': 1}"]),
     "room as a number": (observation(room=5), ["observations.0.room: unknown room 5"]),
     "room as a list": (observation(room=[]), ["observations.0.room: unknown room []"]),
