@@ -187,8 +187,8 @@ class SourceRecord(Record):
     category: Category
     room: Room = Field(description="room of the source; another one than the observation's if it is off-screen")
     position: Vector3 = Field(description="position of the source in the world, metres")
-    programme: Annotated[tuple[tuple[float, float], ...], Field(min_length=1)] = Field(
-        description="[start, end) in seconds, increasing, without overlaps"
+    programme: tuple[tuple[float, float], ...] = Field(
+        description="[start, end) in seconds, increasing, without overlaps; empty if the frames end before it sounds"
     )
     gain_db: float = Field(description="level re the common loudness of all sources, dB")
     asset: Text = Field(description="the recording or synthesis that it plays")

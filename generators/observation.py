@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,6 @@ from avs3d_bench.geometry import Intrinsics, Pose, direction_to
 from avs3d_bench.schema import (
     AcousticsRecord,
     FrameRecord,
-    InstanceCategory,
     InstanceRecord,
     IntrinsicsRecord,
     LicenceRecord,
@@ -182,7 +180,8 @@ def prepare_observation(plan: ObservationPlan, cache: Path) -> PreparedObservati
     stage = Stage(home, seen.placements, sounding, seen.motion)
     intrinsics = Intrinsics.from_fov(plan.camera.size, plan.camera.hfov)
     engine = acoustic_backend(plan.audio, absorption_scale=plan.spec.acoustics.absorption_scale)
-    sound = choose_sound(plan)
+    assert plan.spec.category is not None
+    sound = choose_sound(plan, plan.spec.category, plan.rng("sound"))
     seconds = range(len(seen.poses) + 1 if stage.moves else 1)
     listening = Listening(
         backend=plan.audio,
@@ -241,11 +240,10 @@ def describe_observation(
     )
 
 
-def choose_sound(plan: ObservationPlan) -> Sound:
-    """The source signal: as long as the observation, plus the pre-roll whose reverberation is in the first clip."""
-    rng = plan.rng("sound")
+def choose_sound(plan: ObservationPlan, category: str, rng: np.random.Generator) -> Sound:
+    """The signal of a source, as long as the observation and the pre-roll before its first frame."""
     seconds = plan.camera.frames + PRE_ROLL
-    files = plan.sounds.get(plan.spec.category, ())
+    files = plan.sounds.get(category, ())
     if files:
         chosen = files[int(rng.integers(len(files)))]
         if chosen.asset is not None:
@@ -253,11 +251,9 @@ def choose_sound(plan: ObservationPlan) -> Sound:
             return Sound(
                 load_sound(path, seconds), entry.id, Licence(entry.licence, entry.author, entry.url or entry.ref)
             )
-        path = resolve_file(plan.base, str(chosen.file), f"sound for {plan.spec.category}")
+        path = resolve_file(plan.base, str(chosen.file), f"sound for {category}")
         return Sound(load_sound(path, seconds), str(chosen.file), file_licence(chosen))
-    return Sound(
-        synthesise(plan.spec.category, seconds, rng), f"procedural:{plan.spec.category}", Licence(source="synthesised")
-    )
+    return Sound(synthesise(category, seconds, rng), f"procedural:{category}", Licence(source="synthesised"))
 
 
 def describe_frame(
@@ -296,7 +292,7 @@ def describe_instance(number: int, placement: Placement, sounding: bool) -> Inst
     pose = Pose.from_yaw(placement.position, placement.yaw)
     return InstanceRecord(
         id=number,
-        category=cast(InstanceCategory, placement.model.category),
+        category=placement.model.category,
         sounding=sounding,
         position=pose.position,
         rotation=pose.rotation,

@@ -59,7 +59,7 @@ def test_the_louder_ear_is_on_the_sources_side(manifest: str, key: str, share: f
     placed, poses = seen.placements, seen.poses
     source = placed[draw_sounding(plan, placed) - 1]
     scene = flat.with_parts(tuple(p.part(number) for number, p in enumerate(placed, start=1)))
-    caster, sound = RayCaster(scene), choose_sound(plan).samples
+    caster, sound = RayCaster(scene), choose_sound(plan, plan.spec.category, plan.rng("sound")).samples
     session = SoundSpacesBackend().open(scene, source.source_position, room=plan.spec.room)
     right = direct_right = judged = 0
     responses = []

@@ -20,8 +20,9 @@ class Next:
 class Ledger:
     """Hands out tasks.
 
-    Tasks that others wait for come first, but only while fewer than ``ahead`` other tasks are ready: so every worker
-    has something to do, and a run of many thousands does not prepare everything before it shows a first result.
+    Tasks that others wait for (and that wait for nothing themselves) come first, but only while fewer than ``ahead``
+    other tasks are ready: so every worker has something to do, and a run of many thousands does not prepare everything
+    before it shows a first result.
 
     Args:
         tasks: all of the run; one that names another in ``after`` follows it in this sequence or precedes it.
@@ -36,10 +37,13 @@ class Ledger:
         for task in tasks:
             if task.after is not None:
                 self._waiting.setdefault(task.after, []).append(task)
-        names = {task.name for task in tasks if task.after is None}
-        if not names >= self._waiting.keys():
-            raise ValueError(f"tasks wait for what is no task, or waits itself: {sorted(self._waiting.keys() - names)}")
-        self._leaders = deque(task for task in tasks if task.name in self._waiting)
+        reached = [task.name for task in tasks if task.after is None]
+        for name in reached:  # grows while it is walked through
+            reached += [follower.name for follower in self._waiting.get(name, ())]
+        stuck = {task.name for task in tasks} - set(reached)
+        if stuck:
+            raise ValueError(f"tasks wait for what is no task, or for one another: {sorted(stuck)}")
+        self._leaders = deque(task for task in tasks if task.name in self._waiting and task.after is None)
         self._ready = deque(Next(task) for task in tasks if task.name not in self._waiting and task.after is None)
         self._open = self._unstarted = len(tasks)
 
@@ -75,9 +79,11 @@ class Ledger:
         self._unstarted += 1
 
     def done(self, task: Task) -> None:
-        """Note that ``task`` is done; what waited for it is ready."""
+        """Note that ``task`` is done; what waited for it is ready, and comes first if others wait for it in turn."""
         self._open -= 1
-        self._ready.extend(Next(follower) for follower in self._waiting.pop(task.name, ()))
+        followers = [Next(follower) for follower in self._waiting.pop(task.name, ())]
+        self._ready.extendleft(reversed([item for item in followers if item.task.name in self._waiting]))
+        self._ready.extend(item for item in followers if item.task.name not in self._waiting)
 
     def failed(self, item: Next, attempt: Attempt) -> Iterator[Failure]:
         """Note a failed attempt: the task is put at the head of the queue, or given up with all that wait for it."""
@@ -87,7 +93,9 @@ class Ledger:
             return
         self._open -= 1
         yield Failure(item.task, attempts)
-        for follower in self._waiting.pop(item.task.name, ()):
+        doomed = list(self._waiting.pop(item.task.name, ()))
+        for follower in doomed:  # grows while it is walked through
+            doomed += self._waiting.pop(follower.name, ())
             self._open -= 1
             self._unstarted -= 1
             yield Failure(follower, attempts)

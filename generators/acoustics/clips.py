@@ -197,8 +197,8 @@ def rms(clip: NDArray[np.floating]) -> NDArray[np.float64]:
     return np.asarray(np.sqrt(np.mean(np.square(np.asarray(clip, dtype=np.float64)), axis=-1)))
 
 
-def check_clip(clip: NDArray[np.floating], where: str) -> None:
-    """Refuse a clip that is not finite, clips, or is silent.
+def check_clip(clip: NDArray[np.floating], where: str, *, silence: bool = False) -> None:
+    """Refuse a clip that is not finite, clips, or, unless ``silence`` is allowed, is silent.
 
     Raises:
         Avs3dError: naming ``where``, what was found and what to do.
@@ -209,5 +209,5 @@ def check_clip(clip: NDArray[np.floating], where: str) -> None:
     peak = float(np.abs(samples).max(initial=0.0))
     if peak >= 1.0:
         raise Avs3dError(f"{where}: the clip reaches {peak:.2f} of full scale; lower the gain or move the source away")
-    if peak == 0.0:
+    if peak == 0.0 and not silence:
         raise Avs3dError(f"{where}: the clip is silent; check the source and the line from it to the listener")

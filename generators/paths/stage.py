@@ -36,7 +36,7 @@ class Stage:
     Args:
         home: lit, without the objects.
         placements: the objects, at time 0; instance ids count from 1.
-        sounding_id: instance id of the sounding one. Nothing visible depends on it.
+        sounding_id: instance id of the sounding one, in observations with one source. Nothing visible depends on it.
         motion: of the sounding one, if it moves.
 
     Attributes:
@@ -47,7 +47,7 @@ class Stage:
     """
 
     def __init__(
-        self, home: Scene, placements: Sequence[Placement], sounding_id: int, motion: Motion | None = None
+        self, home: Scene, placements: Sequence[Placement], sounding_id: int = 0, motion: Motion | None = None
     ) -> None:
         self.placements = tuple(placements)
         self._motion = motion

@@ -207,6 +207,15 @@ def line_of_sight(caster: RayCaster, pose: Pose, source: Placement) -> bool:
     return bool(source.box.distance(start + direction * distance) < 0.01)
 
 
+def point_in_sight(caster: RayCaster, pose: Pose, point: ArrayLike) -> bool:
+    """Whether nothing is between the sensor and a ``point`` (3,); hits within 5 cm of it do not count."""
+    start, end = np.asarray(pose.position), np.asarray(point, dtype=np.float64)
+    length = float(np.linalg.norm(end - start))
+    if length < 0.05:
+        return True
+    return float(caster.closest(start[None], (end - start)[None] / length)[0][0]) >= length - 0.05
+
+
 def visible_fraction(caster: RayCaster, pose: Pose, points: ArrayLike) -> float:
     """Share of ``points`` (N, 3) with a free line to the sensor; points should lie a little off their surface."""
     ends = np.asarray(points, dtype=np.float64)

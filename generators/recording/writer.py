@@ -83,22 +83,27 @@ class ObservationWriter:
     ) -> None:
         shutil.rmtree(self._partial, ignore_errors=True)
 
-    def add_pictures(self, index: int, frame: Frame, mask: NDArray[np.bool_]) -> None:
-        """Write the pictures of frame ``index``; several threads may write different frames."""
+    def add_pictures(self, index: int, frame: Frame, mask: NDArray[np.bool_] | None = None) -> None:
+        """Write the pictures of frame ``index``, and its mask (H, W); several threads may write different frames."""
         here = self._partial
         picture = here / layout.image_path(layout.INPUT, index)
         media.write_png_rgb(picture, frame.rgb)
         files.link_or_copy(picture, here / layout.image_path(layout.IMAGES, index))
-        media.write_png_mask(here / layout.image_path(layout.SEMANTIC_MASKS, index), mask)
+        if mask is not None:
+            media.write_png_mask(here / layout.image_path(layout.SEMANTIC_MASKS, index), mask)
         media.write_png_ids(here / layout.image_path(layout.INSTANCE_MASKS, index), frame.instance_ids)
         if self._depth:
             media.write_png_depth_mm(here / layout.image_path(layout.DEPTH, index), frame.depth)
 
     def add_sound(self, index: int, clip: NDArray[np.float32], response: NDArray[np.float32]) -> None:
         """Write the binaural clip (2, 44100) of frame ``index``, and its impulse response (2, n) if it is kept."""
-        media.write_wav(self._partial / layout.audio_path(layout.BINAURAL, index), clip)
+        self.add_clip(index, clip)
         if self._rirs:
             media.write_rir(self._partial / layout.rir_path(index), response)
+
+    def add_clip(self, index: int, clip: NDArray[np.float32]) -> None:
+        """Write the binaural clip (2, 44100) of frame ``index``."""
+        media.write_wav(self._partial / layout.audio_path(layout.BINAURAL, index), clip)
         self._frames = max(self._frames, index + 1)
 
     def add_mono(self, index: int, clip: NDArray[np.float32]) -> None:
@@ -122,21 +127,21 @@ class ObservationWriter:
             ),
         )
 
-    def add_sounding_mesh(self, mesh: Mesh) -> None:
-        """Write ``gt_3d/sounding_object.ply``: the instance's mesh in world coordinates, equal corners welded."""
-        corners = mesh.positions.reshape(-1, 3)
+    def add_sounding_mesh(self, *meshes: Mesh) -> None:
+        """Write ``gt_3d/sounding_object.ply``: the instances' meshes in world coordinates, equal corners welded."""
+        corners = np.concatenate([mesh.positions.reshape(-1, 3) for mesh in meshes])
         vertices, index = np.unique(corners, axis=0, return_inverse=True)
         ply.write_ply_mesh(self._partial / layout.SOUNDING_OBJECT, vertices, index.reshape(-1, 3).astype(np.int32))
 
     def finish(self, record: ObservationRecord) -> ObservationRecord:
         """Write the split and observation.json with sha256 and size of every file, and give the folder its name."""
         files.write_json(self._partial / layout.SPLITS_JSON, CameraSplits.of(self._frames))
-        digests: dict[str, str] = {}
+        digests = self._known_digests()
         sizes: dict[str, int] = {}
-        paths = layout.expected_files(self._frames, depth=self._depth, rirs=self._rirs)
+        paths = self._paths()
         for path in paths:
             sizes[path] = (self._partial / path).stat().st_size
-            if not path.startswith(f"{layout.IMAGES}/"):
+            if path not in digests and not path.startswith(f"{layout.IMAGES}/"):
                 digests[path] = files.sha256_file(self._partial / path)
         for path in set(paths) - set(digests):
             # images/ holds the pictures of input/ under a second name.
@@ -149,6 +154,14 @@ class ObservationWriter:
             if not self._is_there(whole):
                 raise Avs3dError(files.os_error_line(error, self._final, "write")) from error
         return whole
+
+    def _paths(self) -> tuple[str, ...]:
+        """Every file that the observation must have, relative to its folder."""
+        return layout.expected_files(self._frames, depth=self._depth, rirs=self._rirs)
+
+    def _known_digests(self) -> dict[str, str]:
+        """Path → sha256 of the files whose contents need not be read again."""
+        return {}
 
     def _is_there(self, record: ObservationRecord) -> bool:
         """Whether another attempt at the same plan has come first."""

@@ -89,6 +89,7 @@ def seal(source: ManifestFile, root: Path, software: Provenance) -> None:
         used = [(instance.asset, instance.licence) for instance in record.instances]
         if record.sound is not None:
             used.append((record.sound.asset, record.sound.licence))
+        used += [(source.asset, source.licence) for source in record.sources or ()]
         attributions += [AttributionRecord(asset=asset, **licence.model_dump()) for asset, licence in used]
     if entries:
         record_of_all = _record(source, entries, [*attributions, *_of_scans(source)], backends, software)
@@ -123,7 +124,9 @@ def _record(
         # What is not made here keeps its own terms; those that only ask for attribution find it beside.
         *conditions(attribution.name for attribution in attributions),
     ]
+    entries = tuple(entries)
     return DatasetRecord(
+        schema_version="1.1" if any(entry.part == "part_3" for entry in entries) else "1.0",
         name=source.manifest.name,
         version=source.manifest.version,
         toolkit_version=__version__,
@@ -133,7 +136,7 @@ def _record(
         licence="; ".join(terms),
         attributions=unique_attributions(attributions),
         provenance=None if software is None else ProvenanceRecord.of(software),
-        observations=tuple(entries),
+        observations=entries,
     ).sealed()
 
 

@@ -48,7 +48,7 @@ def generate(
         audio: acoustic engine; soundspaces needs rlr-audio-propagation (CC-BY-NC 4.0).
         frames: frames per observation; None: the manifest's.
         size: side of the pictures (pixels); None: the manifest's.
-        extras: optional folders: depth pictures, impulse responses.
+        extras: optional folders: depth pictures, impulse responses, stems (of part_3).
         progress: show a bar on stderr, and a line per finished observation.
 
     Returns:
@@ -85,6 +85,7 @@ def plans_of(source: ManifestFile, options: GenerateOptions) -> tuple[Observatio
         size=options.size,
         depth="depth" in options.extras,
         rirs="rirs" in options.extras,
+        stems="stems" in options.extras,
     )
 
 

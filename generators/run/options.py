@@ -13,7 +13,7 @@ from generators.core.limits import FRAMES, SIZE, WORKERS
 #: Renderers, acoustic engines, and optional folders of an observation.
 Vision = Literal["embree", "habitat"]
 Audio = Literal["soundspaces", "analytic"]
-Extra = Literal["depth", "rirs"]
+Extra = Literal["depth", "rirs", "stems"]
 
 
 @dataclass(frozen=True)

@@ -198,20 +198,23 @@ def _check_cache(cache: Path, todo: Sequence[ObservationPlan]) -> None:
 
 
 def _tasks(todo: Sequence[ObservationPlan], place: Place, *, threads: int, limit: float | None) -> list[Task]:
-    """A task for each home, and one for each observation, which waits for its home."""
+    """A task for each home, and one for each observation, which waits for its home or for its first sibling."""
     homes: dict[str, list[ObservationPlan]] = {}
     for plan in todo:
         homes.setdefault(plan.home_digest, []).append(plan)
+    keys = {plan.key for plan in todo}
     each = math.ceil(threads / len(homes))
     home_limit = None if limit is None else min(HOME_FACTOR * limit, HOME_LIMIT)
     tasks = []
     for digest, group in homes.items():
         home = Task(f"home {digest[:16]}", prepare, (group[0], place, each), limit=home_limit)
         tasks.append(home)
-        tasks += [
-            Task(plan.key, make_observation, (plan, place), after=home.name, limit=limit, most_cores=MOST_CORES)
-            for plan in group
-        ]
+        for plan in group:
+            # A sibling links the pictures of the first of its group.
+            after = plan.first.key if plan.first and plan.first.key in keys else home.name
+            tasks.append(
+                Task(plan.key, make_observation, (plan, place), after=after, limit=limit, most_cores=MOST_CORES)
+            )
     return tasks
 
 

@@ -11,6 +11,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from avs3d_bench.cli import missing_extra
+from avs3d_bench.errors import Avs3dError
 from avs3d_bench.scheduling.errors import UnfitError
 from avs3d_bench.scheduling.lock import holder_of
 from avs3d_bench.scheduling.software import check_software
@@ -19,6 +20,8 @@ from generators.backends import acoustic_backend, backend_versions, vision_backe
 from generators.homes.store import prepare_home
 from generators.observation import generate_observation
 from generators.plan import ObservationPlan
+from generators.run.finished import find_damage, find_finished
+from generators.sound_scene import generate_sound_scene
 
 #: How often a worker looks for the run's folder before it says that it cannot see it, and seconds in between.
 _LOOKS, _PAUSE = 5, 1.0
@@ -63,18 +66,37 @@ def make_observation(context: Context, plan: ObservationPlan, place: Place) -> s
         _warm_up(plan.vision)
         started = time.perf_counter()
         context.report("start", str(plan.camera.frames))
-        record = generate_observation(
-            plan,
-            place.root,
-            place.cache,
-            lambda index: context.report("frame", str(index)),
-            cores=context.cores,
-        )
+
+        def on_frame(index: int) -> None:
+            context.report("frame", str(index))
+
+        if plan.spec.is_sound_scene:
+            pictures = _pictures(plan, place.root)
+            record = generate_sound_scene(
+                plan, place.root, place.cache, on_frame, cores=context.cores, pictures=pictures
+            )
+        else:
+            record = generate_observation(plan, place.root, place.cache, on_frame, cores=context.cores)
+    what = record.category or "no source"
+    if len(record.sources or ()) > 1:
+        what = f"{len(record.sources or ())} sources"
     visible = sum(frame.visible_pixels > 0 for frame in record.frames)
     return (
-        f"{record.category}, {len(record.instances)} objects, visible in {visible} of {len(record.frames)} frames, "
+        f"{what}, {len(record.instances)} objects, visible in {visible} of {len(record.frames)} frames, "
         f"T30 {record.acoustics.t30 or float('nan'):.2f} s, {time.perf_counter() - started:.0f} s"
     )
+
+
+def _pictures(plan: ObservationPlan, root: Path) -> Path | None:
+    """Folder of the sibling whose pictures ``plan`` can have; None if it is not there, or not whole."""
+    if plan.first is None:
+        return None
+    try:
+        record = find_finished(root, plan.first)
+    except Avs3dError:
+        return None
+    folder = root / plan.first.key
+    return folder if record is not None and not find_damage(folder, record) else None
 
 
 @lru_cache(maxsize=4)

@@ -1,0 +1,75 @@
+"""Writes one observation of part_3: pictures of its own or those of a sibling, and what its sound adds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench import files, layout, media
+from avs3d_bench.schema import ObservationRecord
+from generators.recording.writer import ObservationWriter
+
+
+class SceneWriter(ObservationWriter):
+    """See `ObservationWriter`.
+
+    Args:
+        folder: the observation's final folder.
+        contents: what decides which files it has.
+        depth: write ``depth/``.
+        rirs: write ``rirs/``.
+    """
+
+    def __init__(self, folder: Path, contents: layout.SoundScene, *, depth: bool = False, rirs: bool = False) -> None:
+        super().__init__(folder, depth=depth, rirs=rirs)
+        self._contents = contents
+        self._linked: dict[str, str] = {}
+
+    def link_pictures(self, sibling: Path, record: ObservationRecord) -> None:
+        """Take over all that siblings share, as hard links (copies where the file system has none).
+
+        Args:
+            sibling: folder of the finished observation.
+            record: its observation.json.
+        """
+        folders = {layout.INPUT, layout.IMAGES, layout.INSTANCE_MASKS, layout.COLMAP.partition("/")[0]}
+        folders |= {layout.DEPTH} if self._depth else set()
+        self._linked = {path: digest for path, digest in record.files.items() if path.partition("/")[0] in folders}
+        for path in self._linked:
+            files.link_or_copy(sibling / path, self.folder / path)
+
+    def add_response(self, index: int, source: str, response: NDArray[np.float32]) -> None:
+        """Write the impulse response (2, n) from a source to frame ``index``, if responses are kept."""
+        if self._rirs:
+            media.write_rir(self.folder / layout.rir_path(index, source), response)
+
+    def add_stems(self, index: int, stems: Mapping[str, NDArray[np.float32]]) -> None:
+        """Write the stems (2, 44100) of frame ``index``, by their name, if stems are kept."""
+        for name in self._contents.stem_names:
+            media.write_wav(self.folder / layout.stem_path(name, index), stems[name])
+
+    def add_masks(self, index: int, table: NDArray[np.uint8]) -> int:
+        """Write the masks of frame ``index``, whose instance mask is there already.
+
+        Args:
+            index: of the frame.
+            table: (instances + 1,) instance id → class id if the instance is audible in this frame, else 0.
+
+        Returns:
+            The number of marked pixels.
+        """
+        ids = media.read_png_ids(self.folder / layout.image_path(layout.INSTANCE_MASKS, index))
+        kinds = table[ids]
+        mask = kinds > 0
+        media.write_png_mask(self.folder / layout.image_path(layout.SEMANTIC_MASKS, index), mask)
+        media.write_png_categories(self.folder / layout.image_path(layout.CATEGORY_MASKS, index), kinds)
+        return int(np.count_nonzero(mask))
+
+    def _paths(self) -> tuple[str, ...]:
+        return layout.expected_files(self._frames, depth=self._depth, rirs=self._rirs, sound_scene=self._contents)
+
+    def _known_digests(self) -> dict[str, str]:
+        return dict(self._linked)
