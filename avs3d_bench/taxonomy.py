@@ -5,6 +5,7 @@ Source: "3D Audio-Visual Segmentation" (Sokolov, Bhosale, Zhu, 2024), benchmark 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 from avs3d_bench.errors import UsageError, did_you_mean, excerpt
@@ -27,6 +28,8 @@ ROOMS = ("bathroom", "kitchen", "living_room")
 PARTS = ("part_1", "part_2", "part_3")
 #: What a category is called: a name of its own must fit this, too.
 CATEGORY_PATTERN = r"^[a-z][a-z0-9_]{0,63}$"
+#: Largest number of names that a message lists.
+_MOST_NAMED = 12
 #: Largest number of categories that a manifest adds: category masks have 8 bits, and 0 means nothing.
 MOST_OWN_CATEGORIES = 255 - len(CATEGORIES)
 
@@ -35,12 +38,31 @@ def _known(value: str, allowed: tuple[str, ...], what: str) -> str:
     if value in allowed:
         return value
     hint = did_you_mean(value, allowed)
-    raise UsageError(f"unknown {what} {excerpt(value)}: expected one of {', '.join(allowed)}{hint}")
+    more = f" and {len(allowed) - _MOST_NAMED} more" if len(allowed) > _MOST_NAMED else ""
+    raise UsageError(f"unknown {what} {excerpt(value)}: expected one of {', '.join(allowed[:_MOST_NAMED])}{more}{hint}")
 
 
-def check_category(value: str, *, silent: bool = False) -> str:
-    """Return ``value`` if it is a category (with ``silent``, a distractor passes too), else raise ``UsageError``."""
-    return _known(value, CATEGORIES + DISTRACTORS if silent else CATEGORIES, "category")
+def check_category(value: str, *, silent: bool = False, own: Sequence[str] = ()) -> str:
+    """Return ``value`` if it is a category (with ``silent``, a distractor passes too), else raise ``UsageError``.
+
+    ``own`` are the categories that a manifest adds.
+    """
+    return _known(value, (*CATEGORIES, *own, *(DISTRACTORS if silent else ())), "category")
+
+
+def check_category_name(value: str) -> str:
+    """Return ``value`` if it can be the name of a category, known or new, else raise ``UsageError``.
+
+    Examples:
+        >>> check_category_name("hair_dryer")
+        'hair_dryer'
+    """
+    if isinstance(value, str) and re.fullmatch(CATEGORY_PATTERN, value):
+        return value
+    raise UsageError(
+        f"category {excerpt(value)}: expected lower-case letters, digits and underscores, a letter first, at most 64 "
+        "characters, e.g. hair_dryer"
+    )
 
 
 def check_room(value: str) -> str:

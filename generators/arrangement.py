@@ -15,7 +15,7 @@ from numpy.random import Generator
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
 from generators.assets.catalogue import build_model, variants
-from generators.assets.meshfile import load_model
+from generators.assets.meshfile import Usual, load_model
 from generators.assets.model import Model
 from generators.core.freespace import Navigable
 from generators.core.scene import Licence, Scene
@@ -23,7 +23,7 @@ from generators.library import open_asset
 from generators.manifest import ObjectSpec, SoundSpec
 from generators.paths.motion import Motion, movable, plan_motion
 from generators.paths.trajectory import WalkTask, plan_walk
-from generators.placement.placement import Placement, place
+from generators.placement.placement import RULES, Placement, Rule, place
 from generators.placement.site import Site
 from generators.plan import ObservationPlan, resolve_file
 
@@ -87,16 +87,16 @@ def draw_sounding(plan: ObservationPlan, placements: tuple[Placement, ...]) -> i
 def place_objects(plan: ObservationPlan, site: Site) -> tuple[tuple[Placement, ...], Motion | None]:
     """The objects at time 0 in the order of their ids, and the motion of the sounding one if it is to move."""
     rng = plan.rng("placement")
-    models = choose_models(plan)
+    models, rules = choose_models(plan), placement_rules(plan)
     # The ids must reveal neither the order of placement nor that of the manifest.
     order = plan.rng("ids").permutation(len(models)).tolist()
     models = tuple(models[index] for index in order)
     if not plan.moves:
-        return place(site, models, rng=rng), None
+        return place(site, models, rng=rng, rules=rules), None
     standing = {id(model): movable(model) for model in models}
     models = tuple(standing[id(model)] for model in models)
     for attempt in range(PLACES_TO_MOVE):
-        placements = place(site, models, rng=rng)
+        placements = place(site, models, rng=rng, rules=rules)
         index = draw_sounding(plan, placements) - 1
         try:
             motion = plan_motion(site, placements, index, seconds=plan.camera.frames, rng=plan.rng("motion"))
@@ -128,18 +128,37 @@ def choose_models(plan: ObservationPlan) -> tuple[Model, ...]:
     return tuple(models)
 
 
+def placement_rules(plan: ObservationPlan) -> dict[str, Rule]:
+    """The usual places of the categories, those that the manifest adds included."""
+    own = {
+        name: Rule(
+            stands_on=spec.stands_on,
+            gap=spec.wall_gap,
+            free=spec.free,
+            jitter=spec.turn,
+            wall_heights=spec.wall_height,
+        )
+        for name, spec in plan.categories.items()
+    }
+    return RULES | own
+
+
 def _choose_model(plan: ObservationPlan, category: str, rng: Generator, variant: str | None = None) -> Model:
     """A model of a category, from the manifest's files or the procedural catalogue."""
     files = plan.objects.get(category, ())
     if files:
         chosen = files[int(rng.integers(len(files)))]
+        own = plan.categories.get(category)
+        usual = None if own is None else Usual(float(rng.uniform(*own.height)), own.mount, own.source_height)
         if chosen.asset is not None:
             path, entry = open_asset(plan.lock, chosen.asset)
             licence = Licence(entry.licence, entry.author, entry.url or entry.ref)
-            model = load_model(path, category, licence=licence, height=entry.height, mount=entry.mount)
+            height = entry.height or (usual and usual.height)
+            model = load_model(path, category, licence=licence, height=height, mount=entry.mount, usual=usual)
             return replace(model, name=entry.id)
         path = resolve_file(plan.base, str(chosen.file), f"mesh for {category}")
-        return load_model(path, category, licence=file_licence(chosen), height=chosen.height)
+        height = chosen.height or (usual and usual.height)
+        return load_model(path, category, licence=file_licence(chosen), height=height, usual=usual)
     known = variants(category)
     return build_model(category, variant or known[int(rng.integers(len(known)))], rng)
 

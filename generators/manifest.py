@@ -13,13 +13,23 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ModelWrapValidatorHandler,
+    ValidationError,
+    model_validator,
+)
 
 from avs3d_bench.errors import Avs3dError, UsageError, excerpt
 from avs3d_bench.layout import observation_key
 from avs3d_bench.schema import Category, Part, Room
-from avs3d_bench.taxonomy import check_category, check_room
+from avs3d_bench.taxonomy import MOST_OWN_CATEGORIES, check_room
 from avs3d_bench.yamlfile import read_yaml, step
+from generators.categories import CategoryName, CategorySpec, check_name, declared, missing_files
 from generators.core.limits import FRAMES, SIZE
 
 #: Largest coordinate of a room's box (m): far beyond any home, and small enough for millimetres in single precision.
@@ -45,11 +55,11 @@ def _one_line_if_any(value: str) -> str:
 
 
 def _category(value: Any) -> Any:
-    return _named(check_category, value)
+    return check_name(value)
 
 
 def _silent(value: Any) -> Any:
-    return _named(lambda name: check_category(name, silent=True), value)
+    return check_name(value, silent=True)
 
 
 def _room(value: Any) -> Any:
@@ -417,6 +427,9 @@ class Manifest(_Model):
 
     In part_3 such an entry is a sibling of KEY: it may have its own ``sources`` and ``background``, too. The n-th
     source of a category plays the same signal in all siblings.
+
+    ``categories`` adds categories to the seven of the paper; each that is used needs ``objects``, and ``sounds`` if it
+    sounds.
     """
 
     name: Slug
@@ -425,12 +438,21 @@ class Manifest(_Model):
     camera: CameraSpec = CameraSpec()
     light: Literal["preview", "standard", "high"] = "standard"
     scans: dict[Slug, ScanSpec]
+    categories: dict[CategoryName, CategorySpec] = Field({}, max_length=MOST_OWN_CATEGORIES)
     objects: dict[InstanceName, tuple[ObjectSpec, ...]] = {}
     sounds: dict[InstanceName, tuple[SoundSpec, ...]] = {}
     notes: str = ""
     acoustics: AcousticsSpec = AcousticsSpec()
     source_motion: SourceMotion = "static"
     observations: tuple[ObservationSpec, ...] = Field(min_length=1)
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _declare(cls, document: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """Validate the rest with the categories that the manifest adds."""
+        own = document.get("categories") if isinstance(document, dict) else None
+        with declared(name for name in (own if isinstance(own, dict) else ()) if isinstance(name, str)):
+            return handler(document)
 
     @model_validator(mode="before")
     @classmethod
@@ -466,6 +488,19 @@ class Manifest(_Model):
                         f"{entry.key}: sources.{number}: interval [{start:g}, {end:g}] ends after the last frame; "
                         f"expected at most {self.camera.frames} s"
                     )
+        return self
+
+    @model_validator(mode="after")
+    def _own_categories(self) -> Manifest:
+        """Refuse a category of the manifest's own that is used without the files that it needs."""
+        for entry in self.observations:
+            for field, names, table in (
+                ("objects", entry.objects, self.objects),
+                ("sounds", entry.heard, self.sounds),
+            ):
+                for name in names:
+                    if name in self.categories and not table.get(name):
+                        raise ValueError(f"{entry.key}: {missing_files(name, field)}")
         return self
 
 
@@ -557,7 +592,7 @@ _FIELDS = _fields()
 def _finding(error: ValidationError) -> str:
     """Describe pydantic's first error in one line, and the number of further errors."""
     first, *rest = error.errors(include_url=False)
-    place = ".".join(step(key) for key in first["loc"]) or "manifest"
+    place = ".".join(step(key) for key in first["loc"] if key != "[key]") or "manifest"
     kind, message = first["type"], first["msg"].removeprefix("Value error, ")
     if kind == "extra_forbidden":
         name = str(first["loc"][-1])

@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ import numpy as np
 from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.user_path import user_path
+from generators.categories import CategorySpec
 from generators.library.lock import LOCK_NAME
 from generators.manifest import (
     AssetSpec,
@@ -48,6 +49,7 @@ class ObservationPlan:
         seed: the manifest's seed.
         base: folder that relative file names refer to.
         objects, sounds: files that replace the procedural assets.
+        categories: the categories that the manifest adds, in its order.
         vision, audio: names of the backends.
         depth, rirs: whether the optional folders are written.
         backends: name → version of all software that the bytes depend on.
@@ -71,6 +73,7 @@ class ObservationPlan:
     backends: dict[str, str]
     stems: bool = False
     first: ObservationPlan | None = None
+    categories: dict[str, CategorySpec] = field(default_factory=dict)
 
     @property
     def key(self) -> str:
@@ -115,6 +118,10 @@ class ObservationPlan:
             "backends": self.backends,
             "files": self._file_digests(),
         }
+        if self.categories:
+            # The names decide the class ids; where the objects stand matters for those of this observation only.
+            used = {*self.spec.objects, *self.spec.heard} & self.categories.keys()
+            document["categories"] = [list(self.categories), {n: self.categories[n].identity() for n in used}]
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
     def _file_digests(self) -> dict[str, str]:
@@ -249,6 +256,7 @@ def make_plans(
             rirs=rirs,
             backends=backends,
             stems=stems,
+            categories=manifest.categories,
         )
 
     firsts = {spec.key: planned(spec) for spec in manifest.observations if spec.is_sound_scene and spec.like is None}

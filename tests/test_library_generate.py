@@ -204,6 +204,14 @@ def test_esc50_is_entered_under_the_stricter_licence_with_each_author(tmp_path: 
     assert "ESC-50 has no sound of 'microwave'" in text_of(run("import", "esc50", folder, "--category", "microwave"))
 
 
+def test_a_class_of_esc50_that_is_no_category_of_the_benchmark_keeps_its_name(tmp_path: Path) -> None:
+    lock, folder = tmp_path / LOCK_NAME, clone(tmp_path / "ESC-50")
+    done = run("import", "esc50", folder, "--category", "dog", "--lock", lock)
+    assert done.exit_code == 0, text_of(done)
+    (entry,) = read_lock(lock).assets
+    assert (entry.id, entry.category) == ("esc50/1-400-A-0", "dog")
+
+
 def test_a_clip_is_fetched_again_from_the_repository(
     tmp_path: Path, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:

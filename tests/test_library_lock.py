@@ -77,7 +77,10 @@ def test_any_text_and_number_comes_back(title: str, height: float) -> None:
     [
         ({"licence_url": "x"}, "assets.0 (freesound/1234).licence_url: unknown field"),
         ({"sha256": "abc"}, "assets.0 (freesound/1234).sha256: "),
-        ({"category": "dog"}, "assets.0 (freesound/1234).category: unknown category 'dog'"),
+        (
+            {"category": "Small dog"},
+            "assets.0 (freesound/1234).category: category 'Small dog': expected lower-case letters",
+        ),
         ({"id": "freesound/../../etc"}, "assets.0 (freesound/../../etc).id: "),
         ({"id": "freesound"}, ".id: "),
         ({"file": "../x.ogg"}, ".file: "),

@@ -10,7 +10,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import trimesh
@@ -34,16 +34,26 @@ Array = NDArray[np.float64]
 PLAUSIBLE = (0.02, 5.0)
 #: Largest coordinate (the file's own units); products of larger ones exceed the range of single precision.
 FARTHEST = 1e12
-#: Per category: height (m) if the file's units are wrong, mount, and height of the sound source as a share of its own.
-_DEFAULTS: dict[str, tuple[float, Mount, float]] = {
-    "washing_machine": (0.85, "floor", 0.5),
-    "toilet": (0.78, "floor", 0.45),
-    "vacuum_cleaner": (0.90, "floor", 0.25),
-    "microwave": (0.29, "surface", 0.5),
-    "coffee_machine": (0.35, "surface", 0.7),
-    "clock": (0.34, "wall", 0.5),
-    "telephone": (0.14, "surface", 0.5),
-    "oven": (0.29, "surface", 0.5),
+
+
+class Usual(NamedTuple):
+    """What is usual for a category: height (m), mount, and height of the sound source as a share of the object's."""
+
+    height: float
+    mount: Mount
+    source_height: float
+
+
+#: The height is for files whose units are wrong.
+_DEFAULTS = {
+    "washing_machine": Usual(0.85, "floor", 0.5),
+    "toilet": Usual(0.78, "floor", 0.45),
+    "vacuum_cleaner": Usual(0.90, "floor", 0.25),
+    "microwave": Usual(0.29, "surface", 0.5),
+    "coffee_machine": Usual(0.35, "surface", 0.7),
+    "clock": Usual(0.34, "wall", 0.5),
+    "telephone": Usual(0.14, "surface", 0.5),
+    "oven": Usual(0.29, "surface", 0.5),
 }
 #: Words in a material's name that determine its acoustic label.
 _WORDS = {
@@ -179,12 +189,13 @@ def load_model(
     front: str = "+z",
     mount: Mount | None = None,
     source_point: Point | None = None,
+    usual: Usual | None = None,
 ) -> Model:
     """Read a mesh as a model of ``category``, in the model frame of `generators.assets.catalogue`.
 
     Args:
         path: see `load_mesh`.
-        category: one of the categories or a distractor.
+        category: one of the categories or a distractor; with ``usual``, any name.
         licence: licence of the file.
         height: metres; without it the file's units are taken as metres, unless its longest side is then above 5 m or
             below 2 cm: in this case it gets the category's usual height.
@@ -193,25 +204,27 @@ def load_model(
         mount: kind of surface on which it stands or hangs; default: the category's usual one.
         source_point: position of the sound source in the model frame; default: 3 cm in front of the front surface, at
             a height typical of the category.
+        usual: what is usual for the category; default: the values for the categories of the benchmark.
 
     Raises:
         UsageError: for an unknown category, or axes that are not valid or not perpendicular.
         Avs3dError: see `load_mesh`; or if the height is not a plausible number.
     """
-    usual_height, usual_mount, level = _DEFAULTS[check_category(category, silent=True)]
+    if usual is None:
+        usual = _DEFAULTS[check_category(category, silent=True)]
     turn = upright(up, front)
     mesh = load_mesh(path).transformed(turn, np.zeros(3))
     extent = np.diff(mesh.bounds.astype(np.float64), axis=0)[0]
     if height is None and not PLAUSIBLE[0] <= extent.max() <= PLAUSIBLE[1]:
-        height = usual_height
+        height = usual.height
     if height is not None:
         if not (np.isfinite(height) and 0.01 <= height <= PLAUSIBLE[1]):
             raise Avs3dError(f"{path}: height {height} is not between 0.01 and {PLAUSIBLE[1]} m")
         if extent[1] <= 0:
             raise Avs3dError(f"{path}: is flat along its up axis {up!r}; name another axis, or leave out the height")
         mesh = mesh.transformed(np.eye(3), np.zeros(3), height / float(extent[1]))
-    design = framed(Design(mesh, mount or usual_mount, (0.0, 0.0, 0.0)))
-    point = source_point if source_point is not None else before_front(design.mesh, level)
+    design = framed(Design(mesh, mount or usual.mount, (0.0, 0.0, 0.0)))
+    point = source_point if source_point is not None else before_front(design.mesh, usual.source_height)
     clear = clear_of_twin(design.mesh, point)
     return Model(Path(path).name, category, clear, design.mount, licence, point)
 

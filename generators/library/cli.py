@@ -43,7 +43,7 @@ def assets() -> None:
 @lock_option
 @click.option("--html", type=PATH, default=None, metavar="DIR", help="Write a page with a picture of every asset.")
 @click.option("--kind", type=click.Choice(["object", "sound"]), default=None, help="Only these.")
-@click.option("--category", type=CATEGORY, default=None, help="Only these.")
+@click.option("--category", type=CATEGORY, metavar="NAME", default=None, help="Only these.")
 def list_assets(lock: Path | None, html: Path | None, kind: str | None, category: str | None) -> None:
     """List the assets of the lock file, and whether their files are in the store."""
     from generators.library.lock import read_lock
@@ -79,7 +79,7 @@ def list_assets(lock: Path | None, html: Path | None, kind: str | None, category
 @assets.command()
 @click.argument("source", required=False, type=click.Choice(["sketchfab", "freesound", "bbc"]), metavar="[SOURCE]")
 @click.argument("refs", nargs=-1, metavar="[ID]...")
-@click.option("--category", type=CATEGORY, default=None, help="Category of the new assets.")
+@click.option("--category", type=CATEGORY, metavar="NAME", default=None, help="Category of the new assets.")
 @click.option("--format", "form", default=None, metavar="NAME", help="glb, gltf | preview, original | wav, mp3")
 @click.option("--manifest", type=PATH, default=None, metavar="FILE", help="Fetch the assets that this manifest names.")
 @click.option("--id", "ids", multiple=True, metavar="ID", help="Fetch only this asset of the lock file; repeatable.")

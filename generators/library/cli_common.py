@@ -9,21 +9,44 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.shell_completion import CompletionItem
 
-from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.errors import Avs3dError, UsageError, did_you_mean
 from avs3d_bench.files import os_error_line
-from avs3d_bench.taxonomy import CATEGORIES, DISTRACTORS
+from avs3d_bench.taxonomy import CATEGORIES, DISTRACTORS, check_category_name
 
 if TYPE_CHECKING:
     from generators.library.lock import AssetEntry
     from generators.library.session import Session, Stance
 
 AXES = click.Choice(["x", "y", "z", "+x", "+y", "+z", "-x", "-y", "-z"])
-CATEGORY = click.Choice([*CATEGORIES, *DISTRACTORS])
 MOUNTS = click.Choice(["floor", "surface", "wall", "wall_or_surface"])
 PATH = click.Path(path_type=Path)
 
 Command = Callable[..., Any]
+
+
+class _Category(click.ParamType):
+    """A category of the benchmark, or any name that a manifest may add; a note says so where it looks like a slip."""
+
+    name = "category"
+    known = (*CATEGORIES, *DISTRACTORS)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        try:
+            check_category_name(value)
+        except UsageError as error:
+            self.fail(str(error), param, ctx)
+        hint = "" if value in self.known else did_you_mean(value, self.known)
+        if hint:
+            tell(f"note: {value} is no category of the benchmark, so manifests must declare it in categories{hint}")
+        return str(value)
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        return [CompletionItem(name) for name in self.known if name.startswith(incomplete)]
+
+
+CATEGORY = _Category()
 
 
 def _options(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:

@@ -33,7 +33,13 @@ def import_() -> None:
 @import_.command()
 @click.argument("path", type=PATH, metavar="FILE_OR_FOLDER")
 @click.option("--id", "ids", multiple=True, metavar="ID", help="These models only (phone, Scopia#phone); repeatable.")
-@click.option("--category", type=CATEGORY, default=None, help="Category of the models (default: from their names).")
+@click.option(
+    "--category",
+    type=CATEGORY,
+    metavar="NAME",
+    default=None,
+    help="Category of the models (default: from their names).",
+)
 @lock_option
 @licence_option
 @stance_options
@@ -61,7 +67,7 @@ def sh3f(
     "--licence", required=True, metavar="NAME", help="Licence of all files: an SPDX identifier or its address."
 )
 @click.option("--author", required=True, metavar="NAME", help="Author of the files.")
-@click.option("--category", type=CATEGORY, required=True, help="Category of the files.")
+@click.option("--category", type=CATEGORY, metavar="NAME", required=True, help="Category of the files.")
 @click.option("--kind", type=click.Choice(["object", "sound"]), default=None, help="Only meshes, or only sounds.")
 @click.option("--url", default="", metavar="ADDRESS", help="Address of their source.")
 @click.option("--name", default=None, metavar="NAME", help="Name used in their ids (default: the folder's name).")
@@ -93,7 +99,10 @@ def folder(
 @import_.command()
 @click.argument("path", type=PATH, metavar="CLONE")
 @click.option(
-    "--category", default=None, metavar="NAME", help="A category of the benchmark or of ESC-50 (clock_tick, …)."
+    "--category",
+    default=None,
+    metavar="NAME",
+    help="A category of the benchmark, or a class of ESC-50 (clock_tick, crying_baby, …).",
 )
 @click.option("--limit", type=click.IntRange(1, 2000), default=2000, help="At most this many clips of each category.")
 @lock_option

@@ -26,7 +26,7 @@ from generators.library.lock import AssetEntry
 from generators.library.session import Offer, Session, address, keep
 
 REPOSITORY = "https://github.com/karolpiczak/ESC-50"
-#: ESC-50's category → the benchmark's; the other categories of ESC-50 are not used.
+#: ESC-50's class → the benchmark's category; sounds of the other classes get their class as a category of their own.
 CATEGORIES = {
     "washing_machine": "washing_machine",
     "vacuum_cleaner": "vacuum_cleaner",
@@ -51,19 +51,23 @@ class Credit:
 def offers(clone: Path, category: str | None = None) -> tuple[tuple[Offer, Path], ...]:
     """Every clip of the benchmark's categories with its file, sorted by name.
 
-    ``category`` restricts them to one category, in the benchmark's or ESC-50's name.
+    ``category`` restricts them to one category of the benchmark, or to one class of ESC-50. Clips of a class that is
+    none of the benchmark's categories get the name of the class as their category, which manifests must declare.
 
     Raises:
-        UsageError: if ``category`` is in neither list.
+        UsageError: if ``category`` is neither.
         Avs3dError: if ``clone`` is not a clone of ESC-50.
     """
-    known = {*CATEGORIES, *CATEGORIES.values()}
+    rows = list(_rows(clone))
+    classes = {row["category"] for row in rows}
+    known = {*CATEGORIES, *CATEGORIES.values(), *classes}
     if category is not None and category not in known:
         raise UsageError(f"ESC-50 has no sound of {category!r}; expected one of {', '.join(sorted(known))}")
+    table = CATEGORIES if category is None or category not in classes else {category: category} | CATEGORIES
     credits = _credits(clone)
     found = []
-    for row in _rows(clone):
-        ours = CATEGORIES.get(row["category"])
+    for row in rows:
+        ours = table.get(row["category"])
         if ours is None or category not in (None, ours, row["category"]):
             continue
         name = Path(row["filename"]).name

@@ -80,7 +80,8 @@ def write_listing(entries: Sequence[AssetEntry], store: Store, folder: Path) -> 
     if folder.exists() and not folder.is_dir():
         raise Avs3dError(f"{folder}: is a file; expected a folder for the listing")
     cards = [_card(entry, store, folder) for entry in sorted(entries, key=lambda entry: entry.id)]
-    order = (*CATEGORIES, *DISTRACTORS)
+    own = sorted({card.entry.category for card in cards} - {*CATEGORIES, *DISTRACTORS})
+    order = (*CATEGORIES, *DISTRACTORS, *own)
     sections = [
         (category, [card for card in cards if card.entry.category == category])
         for category in order

@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError, excerpt
 from avs3d_bench.file_lock import lock_now
-from avs3d_bench.taxonomy import check_category
+from avs3d_bench.taxonomy import check_category_name
 from avs3d_bench.yamlfile import parse_yaml, read_data, step
 
 LOCK_NAME = "assets.lock.yaml"
@@ -48,7 +48,7 @@ class AssetEntry(BaseModel):
     Attributes:
         id: ``source/…/name``; its name in manifests and its folder in the store.
         kind: an object (mesh) or a sound.
-        category: its category; see `avs3d_bench.taxonomy`.
+        category: its category: one of `avs3d_bench.taxonomy`, or one that manifests add.
         source: the collection from which it comes.
         ref: the collection's own id.
         url: its web page.
@@ -86,7 +86,7 @@ class AssetEntry(BaseModel):
     @classmethod
     def _category(cls, value: str) -> str:
         try:
-            return check_category(value, silent=True)
+            return check_category_name(value)
         except Avs3dError as error:
             raise ValueError(str(error)) from None
 

@@ -13,7 +13,7 @@ import soundfile
 
 from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.taxonomy import check_category
+from avs3d_bench.taxonomy import check_category_name
 from generators.library.download import Delivered
 from generators.library.http import Limits, Say
 from generators.library.licences import check_licence
@@ -80,7 +80,7 @@ class Offer:
             Avs3dError: if a field is not valid (a title of a thousand characters, a height of 80 m, …).
         """
         fields: dict[str, Any] = {
-            "id": self.id, "kind": self.kind, "category": check_category(self.category, silent=True),
+            "id": self.id, "kind": self.kind, "category": check_category_name(self.category),
             "source": self.source, "ref": self.ref, "url": self.url, "title": _line(self.title) or self.ref,
             "author": _line(self.author) or "unknown", "licence": _line(self.licence) or "unknown",
             "file": self.file, "sha256": sha256, "bytes": size,
@@ -144,7 +144,7 @@ def keep(offer: Offer, session: Session, data: bytes, stance: Stance = Stance())
 
 def admit(offer: Offer, session: Session) -> None:
     """Refuse an offer whose licence forbids the use; report the conditions of the licence."""
-    check_category(offer.category, silent=True)
+    check_category_name(offer.category)
     note = check_licence(offer.id, offer.licence, session.allowed)
     if note:
         session.say(note)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -30,6 +30,7 @@ from generators.placement.spots import Spot, against_wall, on_top, on_wall, open
 
 if TYPE_CHECKING:
     from generators.assets.model import Model
+    from generators.assets.objects.design import Mount
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -47,6 +48,20 @@ _BRANCHES, _SETS = 20_000, 24
 _ATTEMPTS = 6
 
 
+#: Middle of a wall clock above the floor, metres.
+WALL_HEIGHTS = (1.5, 1.9)
+
+
+#: Kinds of support on which a model of each mount can stand or hang. Models for the floor and for surfaces have the
+#: same frame; "surface" means "any level one" here, because an object may prefer a table and make do with the floor.
+_KINDS: dict[Mount, tuple[SupportKind, ...]] = {
+    "floor": ("floor",),
+    "surface": ("floor", "worktop", "shelf", "side_table"),
+    "wall": ("wall",),
+    "wall_or_surface": ("floor", "worktop", "shelf", "side_table", "wall"),
+}
+
+
 @dataclass(frozen=True)
 class Rule:
     """The usual places of a category.
@@ -57,6 +72,9 @@ class Rule:
         free: whether the object stands on open floor instead.
         jitter: largest deviation of the yaw, degrees.
         rear: how strongly the back of a worktop is preferred (0–1).
+        stands_on: kinds of support, floor and wall included, in the order of preference; they take the place of what
+            the model's mount and ``surfaces`` say. Kinds on which its mount does not let it stand are left out.
+        wall_heights: range of the middle of an object on a wall above the floor, metres.
     """
 
     surfaces: tuple[tuple[SupportKind, ...], ...] = (("worktop", "side_table", "shelf"),)
@@ -64,6 +82,12 @@ class Rule:
     free: bool = False
     jitter: float = 5.0
     rear: float = 0.3
+    stands_on: tuple[SupportKind, ...] = ()
+    wall_heights: tuple[float, float] = WALL_HEIGHTS
+
+    def kinds(self, mount: Mount) -> tuple[SupportKind, ...]:
+        """The kinds of ``stands_on`` that suit the mount of a model."""
+        return tuple(kind for kind in self.stands_on if kind in _KINDS[mount])
 
 
 _KITCHEN_TOP: tuple[tuple[SupportKind, ...], ...] = (("worktop",), ("side_table", "shelf"))
@@ -77,8 +101,6 @@ RULES = {
     "clock": Rule((("shelf", "side_table"), ("worktop",)), jitter=12.0, rear=0.4),
     "telephone": Rule((("side_table",), ("shelf", "worktop")), jitter=15.0),
 }
-#: Middle of a wall clock above the floor, metres.
-WALL_HEIGHTS = (1.5, 1.9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +154,9 @@ class Placement:
         return Part(name, self.mesh, instance_id=instance_id, category=model.category, licence=model.licence)
 
 
-def place(site: Site, models: Sequence[Model], *, rng: Generator) -> tuple[Placement, ...]:
+def place(
+    site: Site, models: Sequence[Model], *, rng: Generator, rules: Mapping[str, Rule] = RULES
+) -> tuple[Placement, ...]:
     """Find places for all objects of an observation.
 
     The order of ``models`` does not influence the places: copies of one model are placed first, the others in a random
@@ -142,6 +166,7 @@ def place(site: Site, models: Sequence[Model], *, rng: Generator) -> tuple[Place
         site: the room, measured without the objects.
         models: one per object; a model that is listed several times is placed in as many identical copies.
         rng: the only source of randomness.
+        rules: category → its usual places; categories without an entry have those of `Rule`.
 
     Returns:
         The places, in the order of ``models``.
@@ -152,7 +177,7 @@ def place(site: Site, models: Sequence[Model], *, rng: Generator) -> tuple[Place
     if not models:
         raise Avs3dError(f"{site.name}: no objects to place; expected at least one")
     groups = _groups(models)
-    placer = Placer(site)
+    placer = Placer(site, rules)
     found: dict[int, list[Placement]] = {}
     for attempt in range(_ATTEMPTS):
         last = attempt == _ATTEMPTS - 1
@@ -186,8 +211,9 @@ def _groups(models: Sequence[Model]) -> list[list[int]]:
 class Placer:
     """The search for places in one room."""
 
-    def __init__(self, site: Site) -> None:
+    def __init__(self, site: Site, rules: Mapping[str, Rule] = RULES) -> None:
         self.site = site
+        self.rules = rules
         self.fitting = Fitting(site)
         self.refused: Counter[str] = Counter()
 
@@ -237,24 +263,32 @@ class Placer:
 
     def spots(self, model: Model, rng: Generator) -> list[list[Spot]]:
         """Candidate spots in tiers of preference; each tier is in the order of the attempts."""
-        rule = RULES.get(model.category, Rule())
-        site, mesh, jitter = self.site, model.mesh, math.radians(rule.jitter)
+        rule = self.rules.get(model.category, Rule())
         tiers: list[list[Spot]] = []
+        if rule.stands_on:
+            tiers += [self._on(kind, model, rule, rng) for kind in rule.kinds(model.mount)]
+            return _sorted(tiers)
         if model.mount == "floor":
-            for floor in site.supports("floor")[:1]:
-                if rule.free:
-                    tiers.append(open_floor(site, mesh, floor, rng, jitter=jitter))
-                else:
-                    tiers.append(against_wall(site, mesh, floor, rng, gap=rule.gap))
+            tiers.append(self._on("floor", model, rule, rng))
         if model.mount in ("surface", "wall_or_surface"):
             for kinds in rule.surfaces:
-                supports = [support for kind in kinds for support in site.supports(kind)]
-                tiers.append([s for p in supports for s in on_top(site, mesh, p, rng, jitter=jitter, rear=rule.rear)])
+                tiers.append([spot for kind in kinds for spot in self._on(kind, model, rule, rng)])
         if model.mount in ("wall", "wall_or_surface"):
-            walls = site.supports("wall")
-            hung = [s for wall in walls for s in on_wall(site, mesh, wall, rng, heights=WALL_HEIGHTS)]
+            hung = self._on("wall", model, rule, rng)
             tiers.insert(int(rng.integers(2)) if tiers else 0, hung)
-        return [sorted(tier, key=lambda spot: spot.rank) for tier in tiers if tier]
+        return _sorted(tiers)
+
+    def _on(self, kind: SupportKind, model: Model, rule: Rule, rng: Generator) -> list[Spot]:
+        """Candidate spots on the supports of one kind, not sorted."""
+        site, mesh, jitter = self.site, model.mesh, math.radians(rule.jitter)
+        supports = site.supports(kind)
+        if kind == "wall":
+            return [s for wall in supports for s in on_wall(site, mesh, wall, rng, heights=rule.wall_heights)]
+        if kind != "floor":
+            return [s for top in supports for s in on_top(site, mesh, top, rng, jitter=jitter, rear=rule.rear)]
+        if rule.free:
+            return [s for floor in supports[:1] for s in open_floor(site, mesh, floor, rng, jitter=jitter)]
+        return [s for floor in supports[:1] for s in against_wall(site, mesh, floor, rng, gap=rule.gap)]
 
     def _apart(self, fits: Sequence[Fit], count: int, distance: float, bodies: Sequence[Body]) -> list[Fit]:
         """The first ``count`` of ``fits`` that are ``distance`` metres apart and fit together with ``bodies``, or none.
@@ -290,7 +324,12 @@ class Placer:
             why = "it has no free floor"
         elif not spots:
             kinds = {"floor": "level floor (most categories need it along a wall)", "wall": "free wall"}
-            why = f"it has no {kinds.get(model.mount, 'worktop, table or shelf')} large enough for {_size(model)}"
+            rule = self.rules.get(model.category, Rule())
+            usual = kinds.get(model.mount, "worktop, table or shelf")
+            wanted = " or ".join(rule.kinds(model.mount)).replace("_", " ") or usual
+            why = f"it has no {wanted} large enough for {_size(model)}"
+            if rule.stands_on and not rule.kinds(model.mount):
+                why = f"its mount is {model.mount}, but its category stands on {' or '.join(rule.stands_on)}"
         else:
             counts = sorted(self.refused.items(), key=lambda item: (-item[1], item[0]))
             why = f"of {spots} spots " + ", ".join(f"{number} {reason}" for reason, number in counts)
@@ -342,6 +381,11 @@ class _Pool:
                 body = self._judge(index)
                 if body is not None:
                     yield spot, body
+
+
+def _sorted(tiers: Sequence[Sequence[Spot]]) -> list[list[Spot]]:
+    """Tiers that have spots, each in the order of the attempts."""
+    return [sorted(tier, key=lambda spot: spot.rank) for tier in tiers if tier]
 
 
 def _is_apart(position: Array, others: Array) -> bool:
