@@ -106,6 +106,37 @@ def test_a_folder_becomes_entries_that_say_everything(tmp_path: Path, store: Sto
     assert high - low == pytest.approx((0.4, 0.3, 0.24), abs=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("hair_dryer", ""),
+        ("microwave", ""),
+        ("mircowave", "mircowave is no category of the benchmark, so manifests must declare it in categories; did you "
+                      "mean 'microwave'?"),
+    ],
+)  # fmt: skip
+def test_a_category_of_ones_own_is_taken_and_a_likely_slip_is_noted(tmp_path: Path, name: str, hint: str) -> None:
+    lock = tmp_path / LOCK_NAME
+    done = import_folder(microwaves(tmp_path / "waves"), lock, "--category", name)
+    assert done.exit_code == 0, text_of(done)
+    assert {entry.category for entry in read_lock(lock).assets} == {name}
+    assert (f"note: {hint}" in done.output) if hint else ("note: " not in done.output)
+    listed = run("list", "--lock", lock, "--category", name)
+    assert listed.output.count(name) >= 3
+    run("list", "--lock", lock, "--html", tmp_path / "page")
+    page = (tmp_path / "page" / "index.html").read_text()
+    assert name.replace("_", " ") in page
+    assert page.count("folder/waves/hum") >= 1
+
+
+@pytest.mark.parametrize("name", ["Hair dryer", "hair-dryer", "9", "a" * 65])
+def test_a_category_that_is_no_name_is_refused(tmp_path: Path, name: str) -> None:
+    done = import_folder(microwaves(tmp_path / "waves"), tmp_path / LOCK_NAME, "--category", name)
+    assert done.exit_code == 2
+    assert "expected lower-case letters, digits and underscores" in " ".join(text_of(done).split())
+    assert not (tmp_path / LOCK_NAME).exists()
+
+
 def test_the_same_folder_gives_the_same_bytes_wherever_it_lies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     locks, trees = [], []
     for name in ("one", "two"):

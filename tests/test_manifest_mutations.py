@@ -25,6 +25,30 @@ SEEDS = sorted(path.name for path in MANIFESTS.glob("*.yaml"))
 #: Mutants of each committed file, and the seconds that one may take.
 EACH, LIMIT = 100, 5
 
+#: A manifest with categories of its own, which none of the committed files has.
+OWN_CATEGORIES = """\
+name: own
+seed: 7
+scans: {flat: {source: apartment, seed: 3}}
+categories:
+  hair_dryer: {stands_on: [table, worktop], height: [0.15, 0.3], turn: 10}
+  kettle: {stands_on: [worktop], height: [0.2, 0.25], source_height: 0.9}
+  fan: {stands_on: [floor, wall], height: [0.4, 1.2], wall_gap: [0.1, 0.3], wall_height: [1.2, 1.8]}
+objects:
+  hair_dryer: [{file: dryer.glb, licence: {name: CC0-1.0, author: Jane Doe}}]
+  kettle: [{file: kettle.glb, height: 0.24, licence: {name: CC0-1.0, author: Jane Doe}}]
+  fan: [{file: fan.glb, licence: {name: CC0-1.0, author: Jane Doe}}]
+sounds:
+  hair_dryer: [{file: dryer.wav, licence: {name: CC0-1.0, author: Jane Doe}}]
+  fan: [{file: fan.flac, licence: {name: CC0-1.0, author: Jane Doe}}]
+observations:
+  - {part: part_1, scan: flat, room: kitchen, index: 1, category: hair_dryer, silent: [kettle]}
+  - {part: part_2, scan: flat, room: kitchen, index: 1, category: fan, instances: 2}
+  - {part: part_3, scan: flat, room: kitchen, index: 1, instances: {hair_dryer: 2, clock: 1},
+     sources: [{category: hair_dryer, instance: 1}, {category: fan, room: living_room}]}
+  - {like: part_3/flat/kitchen/1, index: 2, sources: [{category: clock}]}
+"""
+
 #: What stands where something else should.
 VALUES: tuple[Any, ...] = (
     None, True, 0, -1, 7, 10**39, 1e300, -1e300, float("nan"), float("inf"), "", " ", "\n", "a\nb", "\t", "\x07",
@@ -138,11 +162,11 @@ def outcome(path: Path) -> str:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mutate", [of_document, of_text])
-@pytest.mark.parametrize("name", SEEDS)
+@pytest.mark.parametrize("name", [*SEEDS, "own.yaml"])
 def test_a_damaged_file_reads_or_is_refused_in_one_line(
     name: str, mutate: Callable[[str, random.Random], bytes], tmp_path: Path
 ) -> None:
-    text = (MANIFESTS / name).read_text()
+    text = OWN_CATEGORIES if name == "own.yaml" else (MANIFESTS / name).read_text()
     refused = 0
     for number in range(EACH // 2):
         rng = random.Random(f"{name} {mutate.__name__} {number}")
@@ -171,6 +195,10 @@ def sound(**changes: Any) -> dict[str, Any]:
 
 def scan(**changes: Any) -> dict[str, Any]:
     return document(scans={"flat": {"source": "scan", "file": "flat.glb"} | changes})
+
+
+def own(name: Any = "hair_dryer", **changes: Any) -> dict[str, Any]:
+    return document(categories={name: {"stands_on": ["table"], "height": [0.1, 0.3]} | changes})
 
 
 HOSTILE: dict[str, tuple[Any, list[str]]] = {
@@ -231,6 +259,22 @@ HOSTILE: dict[str, tuple[Any, list[str]]] = {
         "k0: &k0 [x, x]\n" + "".join(f"k{n}: &k{n} [*k{n - 1}, *k{n - 1}]\n" for n in range(1, 60)),
         ["aliases counted in full"],
     ),
+    "categories as a list": (document(categories=["hair_dryer"]), ["categories: ", "found ['hair_dryer']"]),
+    "categories of null": (document(categories=None), ["categories: ", "found None"]),
+    "category that is a number": (own(5), ["categories.5: category 5: expected lower-case letters"]),
+    "category that is nothing": (own(None), ["categories.", "category None: expected lower-case letters"]),
+    "category of two lines": (own("a\nb"), ["category 'a\\nb': expected lower-case letters"]),
+    "category of the benchmark": (own("clock"), ["categories.clock: clock is a category of the benchmark already"]),
+    "category without anything": (document(categories={"dog": None}), ["categories.dog: ", "found None"]),
+    "a table that is a mapping": (own(stands_on={"table": 1}), ["stands_on: expected a list of supports", "{'table'"]),
+    "a support of null": (own(stands_on=[None]), ["stands_on.0: unknown support None"]),
+    "a height of nan": (own(height=[float("nan"), 0.3]), ["height.0: ", "finite", "nan"]),
+    "a height of 1e300 m": (own(height=[0.1, 1e300]), ["height.1: ", "less than 5"]),
+    "free as a number": (own(free=1), ["free: ", "found 1"]),
+    "declared and without objects": (
+        own() | {"observations": observation(category="hair_dryer")["observations"]},
+        ["part_1/flat/kitchen/1: category hair_dryer has no objects", "add objects: {hair_dryer: "],
+    ),
     "a list": ([1, 2], ["expected a mapping", "[1, 2]"]),
     "nothing": ("", ["expected a mapping", "None"]),
 }
@@ -253,3 +297,10 @@ def test_the_folder_of_the_manifest_and_a_pipe_are_refused(tmp_path: Path) -> No
     for path, words in ((tmp_path, "folder"), (tmp_path / "pipe.yaml", "FIFO"), (tmp_path / "none.yaml", "missing")):
         with pytest.raises(UsageError, match=rf"cannot read the manifest: .*{words}"), at_most(LIMIT):
             read_manifest(path)
+
+
+def test_the_manifest_with_categories_of_its_own_is_valid(tmp_path: Path) -> None:
+    """Before it is damaged."""
+    path = tmp_path / "own.yaml"
+    path.write_text(OWN_CATEGORIES)
+    assert outcome(path) == "valid"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -20,8 +21,8 @@ from avs3d_bench.taxonomy import CATEGORIES
 from generators.assets.catalogue import Model, build_model, variants
 from generators.core.boxes import UprightBox, yaw_matrix
 from generators.core.freespace import FreeSpace
-from generators.core.scene import Mesh, Part, Room, Scene
-from generators.placement.placement import RULES, TWIN_DISTANCES, WALL_HEIGHTS, Placement, place
+from generators.core.scene import Mesh, Part, Room, Scene, SupportKind
+from generators.placement.placement import RULES, TWIN_DISTANCES, WALL_HEIGHTS, Placement, Rule, place
 from generators.placement.site import Site
 
 ROOMS: dict[str, Callable[[], Toy]] = {"kitchen": kitchen, "bathroom": bathroom, "living_room": living_room}
@@ -367,6 +368,92 @@ def test_a_segment_is_blocked_where_a_sample_lies_inside(ends: list[tuple[float,
 @given(st.floats(-3.2, 3.2))
 def test_yaw_turns_the_front_as_documented(yaw: float) -> None:
     np.testing.assert_allclose(yaw_matrix(yaw) @ (0, 0, 1), (math.sin(yaw), 0, math.cos(yaw)), atol=1e-12)
+
+
+def own(mount: str, size: tuple[float, float, float] = (0.10, 0.2, 0.10)) -> Model:
+    """A box of a category that a manifest adds."""
+    return replace(box_model("telephone", mount, size), category="hair_dryer", name="dryer.glb")
+
+
+@pytest.mark.parametrize(
+    ("stands_on", "mount", "expected"),
+    [
+        (("side_table", "worktop"), "surface", "side_table"),
+        (("worktop", "side_table"), "surface", "worktop"),
+        (("shelf", "floor"), "surface", "shelf"),
+        (("floor", "shelf"), "surface", "floor"),
+        (("floor",), "floor", "floor"),
+        (("wall",), "wall", "wall"),
+        (("wall", "shelf"), "wall_or_surface", "wall"),
+        (("shelf", "wall"), "wall_or_surface", "shelf"),
+        (("wall", "shelf"), "surface", "shelf"),  # one that moves does not hang
+    ],
+)
+def test_a_declared_category_prefers_its_first_support(
+    stands_on: tuple[SupportKind, ...], mount: str, expected: str
+) -> None:
+    toy = kitchen()
+    for seed in range(3):
+        (placed,) = place(
+            Site.of(toy.scene, "kitchen"), [own(mount)], rng=rng(seed), rules={"hair_dryer": Rule(stands_on=stands_on)}
+        )
+        assert placed.support.kind == expected
+        assert not overlaps(toy, placed)
+        low = placed.bounds[0]
+        if expected != "wall":
+            level = {"floor": 0.0, "worktop": 0.9, "side_table": 0.5, "shelf": 0.8}[expected]
+            assert low[1] == pytest.approx(level, abs=0.001)
+
+
+def test_a_declared_category_takes_the_next_support_where_the_first_is_full() -> None:
+    """The table of 0.5 × 0.4 m takes one object of 0.3 m; its twin stands on the worktop."""
+    rule = Rule(stands_on=("side_table", "worktop"))
+    model = own("surface", (0.3, 0.2, 0.3))
+    placed = place(Site.of(kitchen().scene, "kitchen"), [model] * 2, rng=rng(4), rules={"hair_dryer": rule})
+    assert sorted(p.support.kind for p in placed) == ["side_table", "worktop"]
+
+
+@pytest.mark.parametrize("heights", [(0.6, 0.7), (1.9, 2.1)])
+def test_a_declared_category_hangs_as_high_as_it_says(heights: tuple[float, float]) -> None:
+    """The walls of the toy kitchen are measured, as in a scan: they reach down to the floor."""
+    rule = Rule(stands_on=("wall",), wall_heights=heights)
+    toy = kitchen()
+    (placed,) = place(Site.of(toy.scan, "kitchen"), [own("wall")], rng=rng(1), rules={"hair_dryer": rule})
+    assert heights[0] - 1e-3 <= placed.bounds[:, 1].mean() <= heights[1] + 1e-3
+
+
+@pytest.mark.parametrize(("gap", "free"), [((0.2, 0.3), False), ((0.0, 0.0), False), ((0.01, 0.03), True)])
+def test_a_declared_category_stands_at_its_distance_from_the_wall(gap: tuple[float, float], free: bool) -> None:
+    rule = Rule(stands_on=("floor",), gap=gap, free=free, jitter=30.0)
+    toy = bathroom()
+    (placed,) = place(Site.of(toy.scene, "bathroom"), [own("floor")], rng=rng(2), rules={"hair_dryer": rule})
+    inside = Polygon([(0, 0), (toy.size[0], 0), (toy.size[0], toy.size[2]), (0, toy.size[2])])
+    back = [inside.exterior.distance(Point(corner)) for corner in placed.box.footprint[:2]]
+    turned = abs(math.remainder(placed.yaw, math.pi / 2)) > 1e-6
+    assert turned == free
+    if not free:
+        # Behind it is a wall, or the side of the bath (0.4 m from the wall at z = 0, 2.1 m along the other).
+        faces = [
+            *back,
+            *(
+                Polygon([(1.5, 0.4), (2.2, 0.4), (2.2, 2.1), (1.5, 2.1)]).distance(Point(c))
+                for c in placed.box.footprint[:2]
+            ),
+        ]
+        assert any(gap[0] - 0.001 <= distance <= gap[1] + 0.015 for distance in faces)
+
+
+def test_a_mount_that_does_not_suit_the_declared_supports_is_one_clear_line() -> None:
+    site = Site.of(kitchen().scene, "kitchen")
+    with pytest.raises(Avs3dError, match=r"its mount is wall, but its category stands on side_table or worktop"):
+        place(site, [own("wall")], rng=rng(), rules={"hair_dryer": Rule(stands_on=("side_table", "worktop"))})
+    with pytest.raises(Avs3dError, match=r"no place for hair_dryer \(dryer.glb\): it has no side table or shelf large"):
+        place(
+            Site.of(bathroom().scene, "bathroom"),
+            [own("surface")],
+            rng=rng(),
+            rules={"hair_dryer": Rule(stands_on=("side_table", "shelf"))},
+        )
 
 
 def test_the_toy_models_cover_the_taxonomy() -> None:

@@ -26,7 +26,7 @@ PATH = click.Path(path_type=Path)
 Command = Callable[..., Any]
 
 
-class _Category(click.ParamType):
+class _Category(click.types.StringParamType):
     """A category of the benchmark, or any name that a manifest may add; a note says so where it looks like a slip."""
 
     name = "category"
