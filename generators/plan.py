@@ -102,6 +102,24 @@ class ObservationPlan:
         return self.stems and self.spec.is_sound_scene
 
     @cached_property
+    def pictures_digest(self) -> str:
+        """sha256 of all that the pictures depend on; observations with the same value have the same pictures."""
+        spec = self.spec
+        document = {
+            "key": spec.like or self.key,
+            "room": spec.room,
+            "objects": [spec.objects, spec.variant, spec.source_motion],
+            "home": self.home_digest,
+            "camera": self.camera.model_dump(),
+            "seed": self.seed,
+            "models": {name: [o.identity() for o in items] for name, items in self.objects.items()},
+            "vision": self.vision,
+            "backends": self.backends,
+            "files": self._file_digests(),
+        }
+        return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
+
+    @cached_property
     def digest(self) -> str:
         """sha256 of all that the bytes depend on; a finished observation with another digest is not reused."""
         document = {

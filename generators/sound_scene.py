@@ -61,7 +61,7 @@ Vector = tuple[float, float, float]
 OFF_SCREEN_HEIGHT = 1.2
 #: Without sources, a background's SNR refers to this level (dB re full scale): about the mean level of one source in a
 #: room of the open benchmark (docs/manifest.md).
-REFERENCE_LEVEL_DB = -42.0
+REFERENCE_LEVEL_DB = -35.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +172,11 @@ def generate_sound_scene(
     """Make one observation of part_3 below ``root``.
 
     Args:
-        plan, root, cache, on_frame, cores: as for `generators.observation.generate_observation`.
+        plan: all that its bytes depend on.
+        root: the dataset's folder.
+        cache: folder of baked homes.
+        on_frame: called with the index of each finished frame.
+        cores: see `generators.observation.generate_observation`.
         pictures: folder of a finished sibling, whose pictures are linked; None: they are rendered.
 
     Raises:
@@ -214,9 +218,8 @@ def prepare_scene(plan: ObservationPlan, cache: Path) -> PreparedScene:
     Raises:
         Avs3dError: if a room does not exist, is too small for the objects or the walk, or a file is missing or broken.
     """
-    home = open_home(plan, cache).for_room(plan.spec.room)
     sight = vision_backend(plan.vision)
-    seen = arrange(plan, home, sight.navigable(home))
+    home, seen = _arranged(plan, cache, sight)
     return PreparedScene(
         home=home,
         seen=seen,
@@ -226,6 +229,20 @@ def prepare_scene(plan: ObservationPlan, cache: Path) -> PreparedScene:
         engine=acoustic_backend(plan.audio, absorption_scale=plan.spec.acoustics.absorption_scale),
         scene=home.with_parts(tuple(p.part(number) for number, p in enumerate(seen.placements, start=1))),
     )
+
+
+#: The last home with its arrangement, by the digest of the pictures: siblings often follow one another in a process.
+_LAST: dict[str, tuple[Scene, Arrangement]] = {}
+
+
+def _arranged(plan: ObservationPlan, cache: Path, sight: VisionBackend) -> tuple[Scene, Arrangement]:
+    """The lit home of a plan, and what is visible in it."""
+    if plan.pictures_digest not in _LAST:
+        home = open_home(plan, cache).for_room(plan.spec.room)
+        found = home, arrange(plan, home, sight.navigable(home))
+        _LAST.clear()
+        _LAST[plan.pictures_digest] = found
+    return _LAST[plan.pictures_digest]
 
 
 def choose_sources(plan: ObservationPlan, home: Scene, placements: Sequence[Placement]) -> tuple[SceneSource, ...]:

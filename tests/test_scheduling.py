@@ -291,6 +291,35 @@ def test_waiting_for_what_is_no_task_is_a_mistake() -> None:
         Ledger([Task("a", work.nothing, (), after="home 7")], retries=0, ahead=1)
 
 
+def test_a_chain_is_handed_out_link_by_link() -> None:
+    first, second = Task("first", work.nothing, (), after="home"), Task("second", work.nothing, (), after="first")
+    home, other = Task("home", work.nothing, ()), Task("other", work.nothing, (), after="home")
+    ledger = Ledger([second, other, first, home], retries=0, ahead=4)
+    order = []
+    while (item := ledger.take()) is not None:
+        order.append(item.task.name)
+        ledger.done(item.task)
+    # What others wait for comes before what nobody waits for.
+    assert order == ["home", "first", "other", "second"]
+    assert ledger.finished
+
+
+def test_all_that_follows_a_failed_task_fails_untried() -> None:
+    chain = [Task("home", work.nothing, ()), *(Task(str(n), work.nothing, (), after=str(n - 1)) for n in range(1, 4))]
+    chain[1] = Task("1", work.nothing, (), after="home")
+    ledger = Ledger(chain, retries=0, ahead=4)
+    item = ledger.take()
+    assert item is not None
+    failures = list(ledger.failed(item, Attempt("here", "refused", "no")))
+    assert [failure.task.name for failure in failures] == ["home", "1", "2", "3"]
+    assert (ledger.left, ledger.unstarted) == (0, 0)
+
+
+def test_tasks_that_wait_for_one_another_are_a_mistake() -> None:
+    with pytest.raises(ValueError, match="one another"):
+        Ledger([Task("a", work.nothing, (), after="b"), Task("b", work.nothing, (), after="a")], retries=0, ahead=1)
+
+
 # The local pool
 
 

@@ -40,9 +40,9 @@ class Ledger:
         reached = [task.name for task in tasks if task.after is None]
         for name in reached:  # grows while it is walked through
             reached += [follower.name for follower in self._waiting.get(name, ())]
-        stuck = {task.name for task in tasks} - set(reached)
+        stuck = {task.name: task.after for task in tasks if task.name not in set(reached)}
         if stuck:
-            raise ValueError(f"tasks wait for what is no task, or for one another: {sorted(stuck)}")
+            raise ValueError(f"tasks wait for what is no task, or for one another (task: waits for): {stuck}")
         self._leaders = deque(task for task in tasks if task.name in self._waiting and task.after is None)
         self._ready = deque(Next(task) for task in tasks if task.name not in self._waiting and task.after is None)
         self._open = self._unstarted = len(tasks)
