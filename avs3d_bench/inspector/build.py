@@ -12,9 +12,10 @@ from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import write_bytes, write_json
 from avs3d_bench.inspector.facts import few
-from avs3d_bench.inspector.pages import gallery_page, observation_page, problem_page
+from avs3d_bench.inspector.pages import PageOf, gallery_page, observation_page, problem_page, sibling_script
 from avs3d_bench.inspector.site import (
     PAGE,
+    SCENE,
     SCRIPTS,
     SOUND,
     STYLES,
@@ -31,7 +32,8 @@ from avs3d_bench.staging import staged_folder
 MARKER = "avs3d-view.json"
 _OWN = re.compile(
     rf"{re.escape(MARKER)}|index\.html|assets/[a-z]+\.(js|css)|"
-    r"part_[12]/[^/]+/[^/]+/[0-9]+/(index\.html|thumbnail\.webp|floor\.png|sound\.flac|"
+    r"part_[123]/[^/]+/[^/]+/[0-9]+/(index\.html|thumbnail\.webp|floor\.png|sound\.flac|scene\.js|"
+    r"stems/(source_[0-9]+|background)\.js|"
     r"(frames|masks|instances|predictions/[1-9])/frame_[0-9]+\.(webp|png))"
 )
 
@@ -59,6 +61,7 @@ class _Task:
     key: str
     before: str | None
     after: str | None
+    keys: tuple[str, ...]
     submissions: tuple[ShownSubmission, ...]
     folder: Path
 
@@ -83,7 +86,10 @@ def build_site(
     sources = [dataset.root, *(submission.root for submission in submissions)]
     with staged_folder(folder, lambda final: _check_target(final, Path(folder), sources)) as fresh:
         neighbours = zip([None, *keys[:-1]], keys, [*keys[1:], None], strict=True)
-        tasks = [_Task(dataset.root, key, before, after, submissions, fresh) for before, key, after in neighbours]
+        tasks = [
+            _Task(dataset.root, key, before, after, tuple(keys), submissions, fresh)
+            for before, key, after in neighbours
+        ]
         sizes = [len(dataset[key]) for key in keys]
         made = process_each(_build_observation, tasks, workers=workers, label="frames", progress=progress, sizes=sizes)
         done = dict(made)
@@ -103,7 +109,7 @@ def build_site(
 
 def _build_observation(task: _Task) -> tuple[Card, tuple[str, ...]]:
     """Write one observation's files and page (in a worker process)."""
-    site = ObservationSite(Dataset(task.root), task.key, task.submissions)
+    site = ObservationSite(Dataset(task.root), task.key, task.submissions, task.keys)
     card = site.card()
     if card.problem is None:
         try:
@@ -111,8 +117,11 @@ def _build_observation(task: _Task) -> tuple[Card, tuple[str, ...]]:
                 names = list(site.names())
             problems = _write_files(site, names, task.folder / task.key)
             with site.reading():
-                page = observation_page(site, before=task.before, after=task.after, linked=False, problems=problems)
-                problems = few(site.observation, [*problems, *site.mask_problems])
+                shown = PageOf(site, task.before, task.after, linked=False, problems=tuple(problems))
+                page = observation_page(shown)
+                if site.facts.scene is not None:
+                    write_bytes(task.folder / task.key / SCENE, sibling_script(shown))
+                problems = few(site.observation, [*problems, *site.mask_problems, *site.stem_problems])
         except DamagedError as error:
             card = Card(site.observation.place, problem=site.without_paths(str(error)))
     if card.problem is not None:

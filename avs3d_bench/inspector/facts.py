@@ -19,6 +19,7 @@ from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.inspector.sound import read_clip
+from avs3d_bench.inspector.sound_scenes import ShownScene, read_sound_scene
 from avs3d_bench.levels import ild_db, level_db
 from avs3d_bench.schema import AttributionRecord, InstanceRecord, LicenceRecord, unique_attributions
 
@@ -39,13 +40,13 @@ class Moment:
         split: ``train``, ``test`` or None.
         position: (x, y, z) of the sensor; None without a pose.
         heading: (x, z) unit vector in the floor plane, where the camera looks; None without a pose.
-        source: (x, y, z) where the sound comes from at this time; None if unknown.
-        azimuth: of the source, 0 ahead, positive right.
-        distance: to the source, metres.
-        line_of_sight: nothing is between sensor and source.
+        source: (x, y, z) where the sound comes from at this time; None if unknown, and in a sound scene.
+        azimuth: of the source (in a sound scene of its only source), 0 ahead, positive right; None if unknown.
+        distance: to the same source, metres.
+        line_of_sight: nothing is between sensor and that source.
         ild: level(right) − level(left) of the clip, dB; None without a clip.
         level: RMS over both channels, dB re full scale.
-        visible: pixels of the sounding object in the frame.
+        visible: pixels of the sounding object (in a sound scene of all that are audible) in the frame.
     """
 
     name: str
@@ -83,6 +84,7 @@ class Facts:
         has_instances: there are instance masks.
         has_sound: there are binaural clips.
         has_map: there is a sparse model or a path to draw.
+        scene: the sources of an observation of part_3; None in the other parts.
     """
 
     key: str
@@ -102,11 +104,11 @@ class Facts:
     has_instances: bool
     has_sound: bool
     has_map: bool
+    scene: ShownScene | None = None
 
-    @property
-    def twins(self) -> int:
-        """How many silent instances have the category of the sounding one."""
-        return sum(i.category == self.category and not i.sounding for i in self.instances)
+    def is_twin(self, instance: InstanceRecord) -> bool:
+        """Whether an instance is silent and has the category of one that sounds."""
+        return not instance.sounding and any(i.sounding and i.category == instance.category for i in self.instances)
 
 
 def read_facts(dataset: Dataset, observation: Observation) -> Facts:
@@ -128,6 +130,7 @@ def read_facts(dataset: Dataset, observation: Observation) -> Facts:
     has_sound = _has(folder / layout.BINAURAL, "*.wav", "No audio_clips_binaural/: the player is silent.", missing)
     hfov = _field_of_view(observation, missing, problems)
     moments = tuple(_measured(observation, hfov is not None, has_sound, has_masks, problems))
+    scene = read_sound_scene(observation)
     return Facts(
         key=observation.key,
         place=observation.place,
@@ -136,7 +139,7 @@ def read_facts(dataset: Dataset, observation: Observation) -> Facts:
         instances=tuple(sorted(record.instances, key=lambda i: i.id)) if record else (),
         moves=bool(record and record.moves),
         t30=record.acoustics.t30 if record else None,
-        details=_details(dataset, observation, moments, hfov),
+        details=_details(dataset, observation, moments, hfov, scene),
         notes=tuple(n for n in (*record.notes, record.acoustics.notes) if n) if record else (),
         licences=_licences(dataset, observation),
         missing=tuple(missing),
@@ -146,6 +149,7 @@ def read_facts(dataset: Dataset, observation: Observation) -> Facts:
         has_instances=has_instances,
         has_sound=has_sound,
         has_map=any(moment.position for moment in moments),
+        scene=scene,
     )
 
 
@@ -185,11 +189,18 @@ def without_path(observation: Observation, line: str) -> str:
 def _measured(
     observation: Observation, poses: bool, has_sound: bool, has_masks: bool, problems: list[str]
 ) -> Iterable[Moment]:
+    whole = observation.record
+    scene = whole is not None and whole.is_sound_scene
+    # Direction and distance are those of the first source, which says little where there are several.
+    alone = whole is not None and (whole.sources is None or len(whole.sources) == 1)
     for frame in observation.frames:
         record = frame.record
+        first = record if alone else None
         sound, visible = None, None
         if record is not None:
             sound, visible = (record.rms_left, record.rms_right), record.visible_pixels
+            if scene and not any(sound):
+                sound = None  # silence has no level
         else:
             try:
                 sound = _rms(read_clip(frame)) if has_sound else None
@@ -206,10 +217,10 @@ def _measured(
             split=frame.split,
             position=pose.position if pose else None,
             heading=_flat(ahead) if ahead is not None else None,
-            source=observation.record.source_at(record) if observation.record and record else None,
-            azimuth=record.azimuth if record else None,
-            distance=record.distance if record else None,
-            line_of_sight=record.line_of_sight if record else None,
+            source=whole.source_at(record) if whole and record and not scene else None,
+            azimuth=first.azimuth if first else None,
+            distance=first.distance if first else None,
+            line_of_sight=first.line_of_sight if first else None,
             ild=ild_db(*sound) if sound else None,
             level=level_db(*sound) if sound else None,
             visible=visible,
@@ -228,7 +239,11 @@ def _flat(ahead: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def _details(
-    dataset: Dataset, observation: Observation, moments: tuple[Moment, ...], hfov: float | None
+    dataset: Dataset,
+    observation: Observation,
+    moments: tuple[Moment, ...],
+    hfov: float | None,
+    scene: ShownScene | None,
 ) -> tuple[tuple[str, str], ...]:
     record = observation.record
     test = sum(moment.split == "test" for moment in moments)
@@ -239,6 +254,11 @@ def _details(
     sight = [moment.line_of_sight for moment in moments if moment.line_of_sight is not None]
     if sight:
         rows.append(("Line of sight", f"in {sum(sight)} of {len(sight)} frames"))
+    if scene is not None and scene.background is not None:
+        background = scene.background
+        over = f", {background.snr_db:g} dB below the sources" if scene.sources else ""
+        level = f"{background.level_db:.0f} dB".replace("-", "−")
+        rows.append(("Background", f"{background.kind.replace('_', ' ')}, {level}{over}"))
     away = [moment.distance for moment in moments if moment.distance is not None]
     if away:
         rows.append(("Distance", f"{min(away):.1f} to {max(away):.1f} m"))
@@ -255,6 +275,8 @@ def _details(
         rows.append(("Seed", str(record.seed)))
         if record.variant_of:
             rows.append(("Acoustic variant of", record.variant_of))
+        if record.group:
+            rows.append(("Group", record.group))
     if dataset.record is not None:
         rows.append(("Dataset", f"{dataset.record.name} {dataset.record.version}"))
         rows.append(("Licence of the dataset", dataset.record.licence))
@@ -268,6 +290,7 @@ def _licences(dataset: Dataset, observation: Observation) -> tuple[AttributionRe
     if record is not None:
         assets: list[tuple[str, LicenceRecord]] = [(i.asset, i.licence) for i in record.instances]
         assets += [(record.sound.asset, record.sound.licence)] if record.sound else []
+        assets += [(source.asset, source.licence) for source in record.sources or ()]
         for asset, licence in assets:
             found.append(AttributionRecord(asset=asset, **licence.model_dump()))
     if dataset.record is not None:
@@ -292,7 +315,7 @@ def best_frames(observation: Observation) -> list[Frame]:
         camera = observation.record.intrinsics
         limit = _BEST_SHARE * camera.width * camera.height
         sizes = {frame.name: frame.visible_pixels for frame in observation.record.frames}
-        aside = {frame.name for frame in observation.record.frames if abs(frame.azimuth) > _AHEAD}
+        aside = {f.name for f in observation.record.frames if f.azimuth is not None and abs(f.azimuth) > _AHEAD}
     elif (observation.path / layout.SEMANTIC_MASKS).is_dir():
         for frame in observation.test or frames:
             with suppress(Avs3dError):

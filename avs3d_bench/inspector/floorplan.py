@@ -34,7 +34,10 @@ class Bounds:
 
 
 def map_bounds(facts: Facts) -> Bounds | None:
-    """The part of the floor that the map shows; None without a path."""
+    """The part of the floor that the map shows; None without a path.
+
+    Sources of other rooms are left out, so that the siblings of a group have the same map.
+    """
     spots = [(m.position[0], m.position[2]) for m in facts.moments if m.position]
     if not spots:
         return None

@@ -44,8 +44,8 @@ def check_links(observation: Path, root: Path) -> None:
     """
     for name in _FILES:
         check_link(observation / name, root)
-    for name in _FOLDERS:
-        folder = observation / name
+    check_link(observation / layout.STEMS, root)
+    for folder in (*(observation / name for name in _FOLDERS), *sorted((observation / layout.STEMS).glob("*"))):
         check_link(folder, root)
         try:
             with os.scandir(folder) as entries:

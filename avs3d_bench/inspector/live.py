@@ -11,10 +11,11 @@ from typing import IO
 
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.inspector.pages import gallery_page, observation_page, problem_page
+from avs3d_bench.inspector.pages import PageOf, gallery_page, observation_page, problem_page, sibling_script
 from avs3d_bench.inspector.site import (
     FLOOR,
     PAGE,
+    SCENE,
     SOUND,
     THUMBNAIL,
     Card,
@@ -27,7 +28,7 @@ from avs3d_bench.inspector.submissions import ShownSubmission
 from avs3d_bench.layout import parse_key
 
 #: Slow to make, or asked for all at once.
-_KEPT = (THUMBNAIL, FLOOR, SOUND)
+_KEPT, _STEMS = (THUMBNAIL, FLOOR, SOUND), "stems/"
 
 
 class KeptFiles:
@@ -115,10 +116,11 @@ class LiveSite:
             raise self._damaged(key, name, site.without_paths(str(error))) from error
 
     def _read(self, key: str, site: ObservationSite, name: str) -> bytes:
-        if name == PAGE:
+        if name == PAGE or (name == SCENE and site.facts.scene is not None):
             with self._one_at_a_time(key):
-                return self._page(key, site)
-        if name in _KEPT:
+                shown = self._page_of(key, site)
+                return observation_page(shown) if name == PAGE else sibling_script(shown)
+        if name in _KEPT or (name.startswith(_STEMS) and name in site.stem_files):
             with self._one_at_a_time(f"{key}/{name}"):
                 return self._kept(key, site, name)
         return site.make(name)
@@ -135,7 +137,7 @@ class LiveSite:
     def _site(self, key: str) -> ObservationSite:
         with self._lock:
             if key not in self._sites:
-                self._sites[key] = ObservationSite(self._dataset, key, self._submissions)
+                self._sites[key] = ObservationSite(self._dataset, key, self._submissions, self._keys)
             return self._sites[key]
 
     def _read_gallery(self) -> bytes:
@@ -166,7 +168,7 @@ class LiveSite:
         before, after = self._neighbours(key)
         return DamagedError(problem, problem_page(key, problem, before=before, after=after) if name == PAGE else None)
 
-    def _page(self, key: str, site: ObservationSite) -> bytes:
+    def _page_of(self, key: str, site: ObservationSite) -> PageOf:
         before, after = self._neighbours(key)
         _ = site.poster  # no page without a picture, as in the gallery
         problems = site.facts.problems
@@ -174,7 +176,7 @@ class LiveSite:
             # The page names the gain of the track, so it has been read: the player's request finds it made.
             self._kept(key, site, SOUND)
             problems += site.track.problems
-        return observation_page(site, before=before, after=after, linked=True, problems=problems)
+        return PageOf(site, before, after, linked=True, problems=problems)
 
     def _kept(self, key: str, site: ObservationSite, name: str) -> bytes:
         data = self._files.get(f"{key}/{name}")

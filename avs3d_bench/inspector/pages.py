@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -16,13 +17,41 @@ from avs3d_bench.dataset import Dataset
 from avs3d_bench.inspector.facts import Moment, few
 from avs3d_bench.inspector.floorplan import map_bounds
 from avs3d_bench.inspector.site import Card, ObservationSite
+from avs3d_bench.inspector.sound_scenes import SCENE_KINDS, ShownSource
+from avs3d_bench.layout import BACKGROUND
 from avs3d_bench.taxonomy import PARTS, ROOMS
 from avs3d_bench.templates import MISSING, template_environment, words
 
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-PART_TITLES = {"part_1": "Part 1, single-instance", "part_2": "Part 2, multi-instance"}
+PART_TITLES = {
+    "part_1": "Part 1, single-instance",
+    "part_2": "Part 2, multi-instance",
+    "part_3": "Part 3, sound scenes",
+}
+MINUS = "\N{MINUS SIGN}"
+#: Value of the facet "Sounding object" for what has none; no category may start with "_".
+_NOTHING = "_nothing"
+
+
+@dataclass(frozen=True)
+class PageOf:
+    """An observation's page.
+
+    Attributes:
+        site: its files.
+        before: key of the observation before it in the gallery.
+        after: key of the one after it.
+        linked: whether the dataset's own pictures are served at ``full/``.
+        problems: one line for each file that could not be read or made.
+    """
+
+    site: ObservationSite
+    before: str | None
+    after: str | None
+    linked: bool
+    problems: tuple[str, ...]
 
 
 def title(name: str | None) -> str:
@@ -34,7 +63,7 @@ def title(name: str | None) -> str:
 @lru_cache(maxsize=1)
 def _environment() -> Environment:
     environment = template_environment("avs3d_bench.inspector")
-    environment.filters |= {"words": words, "title_case": title}
+    environment.filters |= {"words": words, "title_case": title, "minus": lambda text: text.replace("-", MINUS)}
     environment.globals |= {"PART_TITLES": PART_TITLES, "MISSING": MISSING}
     return environment
 
@@ -48,11 +77,15 @@ def gallery_page(dataset: Dataset, cards: Sequence[Card], submissions: Sequence[
         submissions: names of the submissions that the players hold.
     """
     shown = [card for card in cards if card.problem is None]
+    titles = {"": "not known", _NOTHING: "none"}
     facets = [
-        ("part", "Part", _facet([card.place.part for card in shown], PARTS, PART_TITLES)),
-        ("room", "Room", _facet([card.place.room for card in shown], ROOMS, {})),
-        ("category", "Sounding object", _facet([card.category or "" for card in shown], (), {"": "not known"})),
+        ("part", "Part", _facet((card.place.part for card in shown), PARTS, PART_TITLES)),
+        ("room", "Room", _facet((card.place.room for card in shown), ROOMS, {})),
+        ("category", "Sounding object", _facet((c for card in shown for c in _categories(card)), (), titles)),
     ]
+    kinds = _facet((kind for card in shown for kind in card.kinds), tuple(SCENE_KINDS), SCENE_KINDS)
+    if kinds:
+        facets.append(("scene", "Sound scene", kinds))
     record = dataset.record
     return _render(
         "gallery.html.j2",
@@ -64,50 +97,67 @@ def gallery_page(dataset: Dataset, cards: Sequence[Card], submissions: Sequence[
         facets=facets,
         submissions=submissions,
         frames=sum(card.frames for card in shown),
+        categories_of=_categories,
+        group_sizes=Counter(card.group for card in shown if card.group),
     )
 
 
-def _facet(values: list[str], order: Sequence[str], titles: dict[str, str]) -> list[tuple[str, str, int]]:
+def _categories(card: Card) -> tuple[str, ...]:
+    """Values of the facet "Sounding object" that a card has."""
+    if card.scene is None:
+        return (card.category or "",)
+    return card.categories or (_NOTHING,)
+
+
+def _facet(values: Iterable[str], order: Sequence[str], titles: dict[str, str]) -> list[tuple[str, str, int]]:
     """(value, label, count) of the values that occur, in ``order`` where given, else by name."""
     counts = Counter(values)
     ordered = [value for value in order if value in counts] or sorted(counts)
     return [(value, titles.get(value, words(value)), counts[value]) for value in ordered]
 
 
-def observation_page(
-    site: ObservationSite,
-    *,
-    before: str | None,
-    after: str | None,
-    linked: bool,
-    problems: Sequence[str],
-) -> bytes:
-    """The page of an observation.
-
-    Args:
-        site: its files.
-        before: key of the observation before it in the gallery.
-        after: key of the one after it.
-        linked: whether the dataset's own pictures are served at ``full/``.
-        problems: one line for each file that could not be read or made.
-    """
-    facts = site.facts
-    hidden = [site.without_paths(line) for line in few(site.observation, [*problems, *site.mask_problems])]
+def observation_page(page: PageOf) -> bytes:
+    """The page of an observation."""
+    site = page.site
     return _render(
         "observation.html.j2",
-        root="../../../../",
-        facts=facts,
-        before=before,
-        after=after,
-        linked=linked,
-        missing=[*facts.missing, *hidden],
+        **_common(page),
         submissions=site.submissions,
-        dataset_name=site.dataset.name,
-        swatches={number: hexadecimal(colour) for number, colour in site.colours.items()},
-        data=_script_json(_player_data(site, linked)),
-        track=site.track if facts.has_sound else None,
-        heading=title(facts.category) if facts.category else facts.key,
+        siblings=site.siblings,
+        data=_script_json(_player_data(site, page.linked)),
     )
+
+
+def sibling_script(page: PageOf) -> bytes:
+    """The script by which the page of a sibling shows this observation in its place."""
+    values = _common(page)
+    payload = {
+        "data": _player_data(page.site, page.linked),
+        "heading": values["heading"],
+        "facts": _render("facts.html.j2", **values).decode(),
+        "nav": _render("neighbours.html.j2", **values).decode(),
+    }
+    return f"window.AVS3D.sibling({_script_json(payload)});\n".encode()
+
+
+def _common(page: PageOf) -> dict[str, Any]:
+    """What changes from sibling to sibling, for the templates."""
+    site, facts = page.site, page.site.facts
+    lines = [*page.problems, *site.mask_problems, *site.stem_problems]
+    hidden = [site.without_paths(line) for line in few(site.observation, lines)]
+    scene = facts.scene.title if facts.scene else None
+    return {
+        "root": "../../../../",
+        "facts": facts,
+        "before": page.before,
+        "after": page.after,
+        "linked": page.linked,
+        "missing": [*facts.missing, *hidden],
+        "swatches": {number: hexadecimal(colour) for number, colour in site.colours.items()},
+        "colour_of": hexadecimal,
+        "track": site.track if facts.has_sound else None,
+        "heading": title(scene or facts.category) if scene or facts.category else facts.key,
+    }
 
 
 def problem_page(key: str, problem: str, *, before: str | None, after: str | None) -> bytes:
@@ -129,16 +179,17 @@ def _player_data(site: ObservationSite, linked: bool) -> dict[str, Any]:
     """What the scripts need; the names are short because every frame has them."""
     facts, bounds = site.facts, map_bounds(site.facts)
     width, height = site.size
-    return {
+    scene = {} if facts.scene is None else {"scene": _scene_data(site)}
+    return scene | {
         "key": facts.key,
         "size": [width, height],
         "frames": [_frame_data(moment) for moment in facts.moments],
         "instances": [
             {
                 "id": i.id,
-                "name": words(i.category),
+                "name": facts.scene.names[i.id] if facts.scene else words(i.category),
                 "sounding": i.sounding,
-                "twin": not i.sounding and i.category == facts.category,
+                "twin": facts.is_twin(i),
                 "colour": hexadecimal(site.colours[i.id]),
                 "box": [_round(v, 3) for v in (i.bounds[0][0], i.bounds[0][2], i.bounds[1][0], i.bounds[1][2])],
             }
@@ -161,6 +212,55 @@ def _player_data(site: ObservationSite, linked: bool) -> dict[str, Any]:
         "has": {"masks": facts.has_masks, "instances": facts.has_instances and bool(site.colours),
                 "sound": facts.has_sound, "full": linked},
     }  # fmt: skip
+
+
+def _scene_data(site: ObservationSite) -> dict[str, Any]:
+    """What the lanes, the map and the plots show of a sound scene; one value for each frame in every list."""
+    scene = site.facts.scene
+    assert scene is not None
+    background = None
+    if scene.background is not None:
+        background = {
+            "id": BACKGROUND,
+            "name": words(scene.background.kind),
+            "snr": _round(scene.background.snr_db, 1),
+            "level": _round(scene.background.level_db, 1),
+            "levels": _rounded(site.stem_levels.get(BACKGROUND, ()), 1),
+        }
+    return {
+        "sources": [_source_data(source, site.stem_levels.get(source.record.id)) for source in scene.sources],
+        "background": background,
+        "stems": scene.stems,
+        "gain": _round(site.track.gain, 3) if site.facts.has_sound else 0.0,
+        "siblings": [{"key": sibling.key, "folder": f"../{sibling.index}/"} for sibling in site.siblings],
+    }
+
+
+def _source_data(source: ShownSource, levels: Sequence[float | None] | None) -> dict[str, Any]:
+    record = source.record
+    heard = [entry.level_db if entry else None for entry in source.heard]
+    return {
+        "id": record.id,
+        "name": source.name,
+        "room": words(record.room) if source.off_screen else None,
+        "colour": hexadecimal(source.colour),
+        "instance": record.instance,
+        "at": [_round(record.position[0], 3), _round(record.position[2], 3)],
+        "spans": [[_round(start, 3), _round(end, 3)] for start, end in source.spans],
+        "programme": source.programme,
+        "gain": _round(record.gain_db, 1),
+        # Without stems, the level of a frame in which the source is not audible is not known.
+        "levels": _rounded(heard if levels is None else levels, 1),
+        "audible": [int(entry is not None) for entry in source.heard],
+        "snr": _rounded([entry.snr_db if entry else None for entry in source.heard], 1),
+        "drr": _rounded([entry.drr_db if entry else None for entry in source.heard], 1),
+        "azimuth": _rounded(source.azimuth, 1),
+        "distance": _rounded(source.distance, 2),
+    }
+
+
+def _rounded(values: Iterable[float | None], digits: int) -> list[float | None]:
+    return [_round(value, digits) for value in values]
 
 
 def _frame_data(moment: Moment) -> dict[str, Any]:

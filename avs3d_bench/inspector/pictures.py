@@ -57,6 +57,26 @@ def instances_png(ids: NDArray[np.uint16], colours: dict[int, tuple[int, int, in
     return _palette_png(lookup[ids], ids.shape[1], 8, ((0, 0, 0), *(colours[number] for number in known)))
 
 
+def audible_png(mask: Mask, ids: NDArray[np.uint16], colours: dict[int, tuple[int, int, int]]) -> bytes:
+    """A mask (H, W) of several instances: each in its colour, transparent where it is not set.
+
+    Args:
+        mask: what is audible and visible.
+        ids: instance ids (H, W).
+        colours: instance id → RGB; other pixels of the mask (there are none in a valid dataset) are white.
+
+    Raises:
+        Avs3dError: if the two are not of one size.
+    """
+    if mask.shape != ids.shape:
+        raise Avs3dError(f"a semantic mask of {mask.shape} beside an instance mask of {ids.shape}; regenerate them")
+    known = sorted(colours)[:254]
+    lookup = np.ones(65536, dtype=np.uint8)
+    lookup[known] = np.arange(2, len(known) + 2)
+    rows = np.where(mask, lookup[ids], 0).astype(np.uint8)
+    return _palette_png(rows, ids.shape[1], 8, ((0, 0, 0), (255, 255, 255), *(colours[number] for number in known)))
+
+
 def instance_colours(ids: list[int], sounding: int | None) -> dict[int, tuple[int, int, int]]:
     """The colour of each instance id."""
     silent = [number for number in sorted(ids) if number != sounding]

@@ -5,9 +5,12 @@
     <key>/index.html                 the page of an observation
     <key>/thumbnail.webp  floor.png  sound.flac
     <key>/frames/frame_000.webp      what the player shows
-    <key>/masks/frame_000.png        the truth, transparent where it is not set
+    <key>/masks/frame_000.png        the truth, transparent where it is not set; in part_3 in the sources' colours
     <key>/instances/frame_000.png    instance ids in colours
     <key>/predictions/1/frame_000.png   masks of the first submission
+    <key>/scene.js                   part_3: what the player of a sibling needs to show this observation instead
+    <key>/stems/source_1.js          part_3 with stems: one source's track, as a script (pages opened from disk may load
+                                     scripts, but may not read other files)
     <key>/full/frame_000.png         the dataset's own picture; served only, a site on disk does not hold it
 
 No address is a path on disk: names are looked up among those that exist, so that none leads anywhere else.
@@ -16,7 +19,7 @@ No address is a path on disk: names are looked up among those that exist, so tha
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -31,11 +34,13 @@ from avs3d_bench.inspector import pictures
 from avs3d_bench.inspector.facts import Facts, best_frames, read_facts, without_path
 from avs3d_bench.inspector.floorplan import draw_floorplan
 from avs3d_bench.inspector.links import check_links
-from avs3d_bench.inspector.sound import Track, read_track
+from avs3d_bench.inspector.sound import Track, read_stem_track, read_track, stem_script
+from avs3d_bench.inspector.sound_scenes import Sibling, find_siblings, scene_kinds, scene_title, stem_levels
 from avs3d_bench.inspector.submissions import Agreement, ShownSubmission
 
 THUMBNAIL, FLOOR, SOUND, PAGE = "thumbnail.webp", "floor.png", "sound.flac", "index.html"
-SCRIPTS = ("theme.js", "gallery.js", "map.js", "plots.js", "player.js")
+SCENE = "scene.js"
+SCRIPTS = ("theme.js", "gallery.js", "map.js", "plots.js", "lanes.js", "stems.js", "siblings.js", "player.js")
 STYLES = ("style.css",)
 MEDIA_TYPES = {
     ".html": "text/html; charset=utf-8",
@@ -45,6 +50,7 @@ MEDIA_TYPES = {
     ".png": "image/png",
     ".flac": "audio/flac",
 }
+_STEM_FILE = re.compile(r"stems/([a-z_0-9]+)\.js")
 _FRAME_FILE = re.compile(r"(frames|masks|instances|full|predictions/[1-9])/([A-Za-z0-9_]+)\.(webp|png)")
 
 
@@ -71,7 +77,7 @@ class Card:
 
     Attributes:
         place: the key's pieces.
-        category: of the sounding object; None if unknown.
+        category: of the sounding object; None if unknown or if there is none.
         frames: how many.
         seen: in how many of them the object is in view; None if unknown.
         twins: silent instances of the same category.
@@ -79,6 +85,10 @@ class Card:
         moves: whether the source moves.
         outline: SVG path of the object in the thumbnail, in a square of 1000 × 1000.
         problem: why the observation cannot be shown; None where it can.
+        scene: what sounds, in part_3; None in the other parts.
+        kinds: of the scene, see `sound_scenes.SCENE_KINDS`.
+        categories: of everything that sounds.
+        group: key of the observation of part_3 whose pictures this one has.
     """
 
     place: layout.ObservationKey
@@ -90,14 +100,32 @@ class Card:
     moves: bool = False
     outline: str = ""
     problem: str | None = None
+    scene: str | None = None
+    kinds: tuple[str, ...] = ()
+    categories: tuple[str, ...] = ()
+    group: str | None = None
 
 
 class ObservationSite:
     """The files of one observation's page, each made when it is asked for."""
 
-    def __init__(self, dataset: Dataset, key: str, submissions: tuple[ShownSubmission, ...]) -> None:
-        """Open the observation; nothing is read yet."""
+    def __init__(
+        self,
+        dataset: Dataset,
+        key: str,
+        submissions: tuple[ShownSubmission, ...],
+        keys: Sequence[str] | None = None,
+    ) -> None:
+        """Open the observation; nothing is read yet.
+
+        Args:
+            dataset: where it is.
+            key: of the observation.
+            submissions: whose masks are shown.
+            keys: of all observations of the site; without them, those of the dataset.
+        """
         self.dataset = dataset
+        self.keys = dataset.keys if keys is None else tuple(keys)
         self.observation: Observation = dataset[key]
         self.submissions = submissions
 
@@ -176,7 +204,35 @@ class ObservationSite:
         record = self.observation.record
         if record is None:
             return pictures.instance_colours([], None)
+        if self.facts.scene is not None:
+            return self.facts.scene.colours
         return pictures.instance_colours([i.id for i in record.instances], record.sounding.id)
+
+    @cached_property
+    def siblings(self) -> tuple[Sibling, ...]:
+        """The observations of its group that the site has, itself included; none if there is no other."""
+        return find_siblings(self.dataset, self.keys, self.observation)
+
+    @property
+    def stem_files(self) -> tuple[str, ...]:
+        """The tracks of the stems, relative to the observation."""
+        scene = self.facts.scene
+        return tuple(f"stems/{name}.js" for name in scene.stem_names) if scene is not None else ()
+
+    @property
+    def stem_levels(self) -> dict[str, list[float | None]]:
+        """Name of a stem → its level in each frame, dB re full scale; empty without stems."""
+        return self._stems[0]
+
+    @property
+    def stem_problems(self) -> list[str]:
+        """One line for each clip of a stem that cannot be read."""
+        return self._stems[1]
+
+    @cached_property
+    def _stems(self) -> tuple[dict[str, list[float | None]], list[str]]:
+        scene = self.facts.scene
+        return stem_levels(self.observation, scene) if scene is not None else ({}, [])
 
     def names(self) -> Iterator[str]:
         """Every file of a site on disk, relative to the observation, but its page."""
@@ -186,6 +242,7 @@ class ObservationSite:
             yield FLOOR
         if facts.has_sound:
             yield SOUND
+        yield from self.stem_files
         for name, frame in self._frames.items():
             yield f"frames/{name}.webp"
             if facts.has_masks:
@@ -211,6 +268,9 @@ class ObservationSite:
             if not self.track.data:
                 del self.track
             return self.track.data
+        stem = _STEM_FILE.fullmatch(name)
+        if stem and self.facts.scene is not None and stem.group(1) in self.facts.scene.stem_names:
+            return stem_script(self.observation.key, stem.group(1), read_stem_track(self.observation, stem.group(1)))
         match = _FRAME_FILE.fullmatch(name)
         frame = self._frames.get(match.group(2)) if match else None
         if match is None or frame is None:
@@ -223,6 +283,8 @@ class ObservationSite:
                 media.png_header(self._picture(frame))
                 return read_bytes(self._picture(frame))
             if kind == "masks":
+                if self.facts.scene is not None and self.facts.has_instances:
+                    return pictures.audible_png(frame.mask(), frame.instance_ids(), self.colours)
                 return pictures.mask_png(frame.mask())
             if kind == "instances" and self.colours:
                 return pictures.instances_png(frame.instance_ids(), self.colours)
@@ -296,8 +358,14 @@ class ObservationSite:
             outline = pictures.outline_path(poster.mask())
         if record is None:
             return Card(place, frames=len(frames), outline=outline)
-        twins = sum(i.category == record.category and not i.sounding for i in record.instances)
         seen = sum(frame.visible_pixels > 0 for frame in record.frames)
+        if record.is_sound_scene:
+            categories = tuple(sorted({source.category for source in record.sources or ()}))
+            return Card(
+                place, record.category, len(frames), seen, 0, record.acoustics.t30, False, outline, None,
+                scene_title(record), scene_kinds(record), categories, record.group,
+            )  # fmt: skip
+        twins = sum(i.category == record.category and not i.sounding for i in record.instances)
         return Card(
             place, record.category, len(frames), seen, twins, record.acoustics.t30, record.moves, outline
         )  # fmt: skip

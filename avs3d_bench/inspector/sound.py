@@ -10,16 +10,20 @@ heard.
 
 from __future__ import annotations
 
+import base64
 import io
+import json
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.dataset import Frame, Observation
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.layout import BINAURAL, BINAURAL_SAMPLES, SAMPLE_RATE, audio_path
+from avs3d_bench.layout import BINAURAL, BINAURAL_SAMPLES, SAMPLE_RATE, audio_path, stem_path
 
 #: Length of the cross-fade where clips meet.
 FADE_SECONDS = 0.005
@@ -73,9 +77,12 @@ def read_clip(frame: Frame) -> NDArray[np.float32]:
     Raises:
         Avs3dError: if it is missing or damaged, holds nothing, or has other than two channels.
     """
-    read = frame.audio()
+    return _second(frame.audio(), frame.observation.path / audio_path(BINAURAL, frame.index))
+
+
+def _second(read: NDArray[np.float32], where: Path) -> NDArray[np.float32]:
+    """What was read from ``where``, of the length of a second."""
     if read.shape[0] != 2 or not read.shape[1]:
-        where = frame.observation.path / audio_path(BINAURAL, frame.index)
         raise Avs3dError(f"{where}: {read.shape[0]} channel(s) of {read.shape[1]} samples, expected 2 of a second")
     clip = np.zeros((2, BINAURAL_SAMPLES), dtype=np.float32)
     count = min(BINAURAL_SAMPLES, read.shape[1])
@@ -89,10 +96,33 @@ def read_track(observation: Observation) -> Track:
     Raises:
         Avs3dError: if the observation has no frames.
     """
+    return _track(observation, read_clip)
+
+
+def read_stem_track(observation: Observation, name: str) -> Track:
+    """The track of one stem (``source_1`` or ``background``), joined as the clips are; see `read_track`.
+
+    The joining is linear: the stems' tracks, each lowered by its own gain, add up to that of the clips, but for the
+    rounding of each.
+    """
+
+    def read(frame: Frame) -> NDArray[np.float32]:
+        return _second(frame.stem(name), observation.path / stem_path(name, frame.index))
+
+    return _track(observation, read)
+
+
+def stem_script(key: str, name: str, track: Track) -> bytes:
+    """The track of a stem as a script that hands it to the player: JSON arguments, the FLAC in base64."""
+    arguments = (key, name, round(track.gain, 3), base64.b64encode(track.data).decode())
+    return f"window.AVS3D.stem({', '.join(json.dumps(value) for value in arguments)});\n".encode()
+
+
+def _track(observation: Observation, read: Callable[[Frame], NDArray[np.float32]]) -> Track:
     clips, problems = [], []
     for frame in observation.frames:
         try:
-            clips.append(read_clip(frame))
+            clips.append(read(frame))
         except Avs3dError as error:
             clips.append(np.zeros((2, BINAURAL_SAMPLES), dtype=np.float32))
             problems.append(str(error))

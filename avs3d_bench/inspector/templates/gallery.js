@@ -15,9 +15,12 @@
   ]));
   const wanted = () => text.value.toLowerCase().split(/\s+/).filter(Boolean);
 
+  // A card has one value of a facet, or several (the sources of a sound scene), separated by spaces.
+  const values = cards.map((card) => Object.fromEntries(facets.map((facet) => [facet, (card.dataset[facet] ?? "\u0000").split(" ")])));
+
   // Whether a card passes all filters, except that of the facet `except`.
   const passes = (at, picks, terms, except) =>
-    facets.every((facet) => facet === except || !picks[facet].size || picks[facet].has(cards[at].dataset[facet]))
+    facets.every((facet) => facet === except || !picks[facet].size || values[at][facet].some((value) => picks[facet].has(value)))
     && terms.every((term) => words[at].includes(term));
 
   const apply = () => {
@@ -28,8 +31,8 @@
       shown += !card.hidden;
     });
     for (const box of boxes) {
-      const count = cards.filter((card, at) =>
-        card.dataset[box.name] === box.value && passes(at, picks, terms, box.name)).length;
+      const count = cards.filter((_, at) =>
+        values[at][box.name].includes(box.value) && passes(at, picks, terms, box.name)).length;
       box.parentElement.querySelector("small").textContent = count;
       box.parentElement.classList.toggle("empty", count === 0 && !box.checked);
     }

@@ -3,6 +3,9 @@
 (() => {
   const data = JSON.parse(document.getElementById("data").textContent);
   const by = (id) => document.getElementById(id);
+  // Pictures stay those of this page; sound and truth are those of `folder`, which a sibling of a group changes.
+  const home = new URL(".", document.baseURI);
+  let folder = home;
   const stage = by("stage"), screen = by("screen"), pen = screen.getContext("2d");
   const sound = by("sound"), scrub = by("scrub"), say = by("say"), strip = by("strip");
   const count = data.frames.length;
@@ -13,19 +16,25 @@
 
   // ---- the clock ----------------------------------------------------------------------------------------------
   const clock = {
-    base: 0, since: null, rate: 1, silent: !sound,
+    base: 0, since: null, rate: 1, silent: !sound, stems: null, loading: null,
     now() {
+      if (this.loading !== null) return this.loading;
+      if (this.stems) return Math.min(count, this.stems.now());
       if (!this.silent) return Math.min(count, sound.currentTime);
       const run = this.since === null ? 0 : ((performance.now() - this.since) / 1000) * this.rate;
       return Math.min(count, this.base + run);
     },
     set(time) {
       const at = Math.min(count, Math.max(0, time));
-      if (!this.silent) sound.currentTime = at;
+      if (this.loading !== null) this.loading = at;
+      else if (this.stems) this.stems.set(at);
+      else if (!this.silent) sound.currentTime = at;
       this.base = at;
       if (this.since !== null) this.since = performance.now();
     },
     start() {
+      if (this.loading !== null) return Promise.resolve();
+      if (this.stems) return this.stems.start();
       if (!this.silent) return sound.play();
       this.since = performance.now();
       return Promise.resolve();
@@ -33,28 +42,59 @@
     stop() {
       this.base = this.now();
       this.since = null;
+      this.stems?.stop();
       if (!this.silent) sound.pause();
     },
     speed(rate) {
       this.base = this.now();
       if (this.since !== null) this.since = performance.now();
       this.rate = rate;
+      this.stems?.speed(rate);
       if (sound) sound.playbackRate = rate;
     },
     // If the sound cannot be played, the pictures go on with the timer.
     mute() {
       if (this.silent) return;
-      const at = Math.min(count, sound.currentTime || 0);
+      const at = Math.min(count, this.loading ?? (sound.currentTime || 0));
       this.silent = true;
+      this.loading = null;
       this.base = at;
       if (state.playing) this.since = performance.now();
       draw();
+    },
+    // From here on, the stems are heard instead of the whole track, at the same time.
+    use(stems) {
+      const at = this.now();
+      if (!this.silent) sound.pause();
+      this.stems = stems;
+      stems.rate = this.rate;
+      stems.volume(sound ? sound.volume : 1);
+      stems.set(at);
+      if (state.playing) stems.start();
+    },
+    // The whole track of another observation, at the same time.
+    async change(address) {
+      const at = this.now(), ticket = (this.ticket = (this.ticket ?? 0) + 1);
+      this.stems?.close();
+      this.stems = null;
+      if (!sound) return;
+      this.loading = at;
+      this.silent = false;
+      sound.src = address;
+      sound.playbackRate = this.rate;
+      sound.addEventListener("loadedmetadata", () => {
+        if (ticket !== this.ticket || this.loading === null) return;
+        sound.currentTime = this.loading;
+        this.loading = null;
+        if (state.playing) sound.play().catch(() => null);
+      }, { once: true });
     },
   };
 
   // ---- cache of the pictures that are needed soon -------------------------------------------------------------
   const cache = new Map();
-  const load = (address) => {
+  const load = ([from, name]) => {
+    const address = new URL(name, from).href;
     let entry = cache.get(address);
     if (entry) { cache.delete(address); cache.set(address, entry); return entry; }
     const image = new Image();
@@ -67,7 +107,7 @@
   };
   // After a jump, cancel the unfinished downloads of pictures that are no longer needed.
   const forget = (index) => {
-    const keep = new Set(Object.values(needed(index)));
+    const keep = new Set(Object.values(needed(index)).filter(Boolean).map(([from, name]) => new URL(name, from).href));
     for (const [address, entry] of cache) {
       if (entry.image.complete || keep.has(address)) continue;
       entry.image.src = "";
@@ -80,10 +120,10 @@
     const { name } = data.frames[index];
     const comparing = state.errors && predicted(index);
     return {
-      frame: `frames/${name}.webp`,
-      mask: data.has.masks && (state.mask || comparing) ? `masks/${name}.png` : null,
-      instances: data.has.instances && state.instances ? `instances/${name}.png` : null,
-      prediction: predicted(index) ? `predictions/${state.submission}/${name}.png` : null,
+      frame: [home, `frames/${name}.webp`],
+      mask: data.has.masks && (state.mask || comparing) ? [folder, `masks/${name}.png`] : null,
+      instances: data.has.instances && state.instances ? [folder, `instances/${name}.png`] : null,
+      prediction: predicted(index) ? [folder, `predictions/${state.submission}/${name}.png`] : null,
     };
   };
 
@@ -119,6 +159,7 @@
     fill(first, colour);
     return first.canvas;
   };
+  const coloured = (mask) => { wipe(first); paint(first, "source-over", mask); return first.canvas; };
   const ring = (mask, width) => {
     wipe(second);
     for (let i = 0; i < 8; i += 1) {
@@ -127,10 +168,11 @@
     }
     paint(second, "destination-out", mask);
   };
+  // Without a colour, the outline has that of the mask itself.
   const outline = (mask, colour) => {
     for (const [width, ink, alpha] of [[2 * LINE, "#000", 0.55], [LINE, colour, 1]]) {
       ring(mask, width);
-      fill(second, ink);
+      if (ink) fill(second, ink);
       pen.globalAlpha = alpha;
       pen.drawImage(second.canvas, 0, 0);
     }
@@ -168,11 +210,12 @@
       lay(area(got.mask, hatch, got.prediction, false), 0.95);
       outline(got.mask, "#fff");
     } else {
-      if (got.mask) { lay(area(got.mask, TRUTH), 0.34); outline(got.mask, "#fff"); }
+      if (got.mask && data.scene) { lay(coloured(got.mask), 0.34); outline(got.mask, null); }
+      else if (got.mask) { lay(area(got.mask, TRUTH), 0.34); outline(got.mask, "#fff"); }
       if (got.prediction) { lay(area(got.prediction, MARKED), 0.45); outline(got.prediction, MARKED); }
     }
     const failed = names.filter((name) => addresses[name] && !got[name]);
-    tell(failed.length ? `${failed.map((name) => addresses[name]).join(", ")} cannot be shown`
+    tell(failed.length ? `${failed.map((name) => addresses[name][1]).join(", ")} cannot be shown`
       : state.submission && !predicted(index) ? (data.frames[index].split === "test" ? "the submission has no mask for this frame" : "train frame: submissions mark test frames only (T: next test frame)")
       : clock.silent && sound ? "The sound cannot be played in this browser; the pictures are shown without it." : "");
     screen.dataset.frame = data.frames[index].name;
@@ -195,7 +238,14 @@
     return percent < 0.1 ? "< 0.1 %" : `${percent.toFixed(percent < 10 ? 1 : 0)} %`;
   };
   const readout = by("readout");
+  const audible = (index) => data.scene.sources.filter((source) => source.audible[index]);
+  const heardCell = () => {
+    const { length } = data.scene.sources, now = audible(state.index).length;
+    return now ? [`${now} of ${length}`, now === 1 ? audible(state.index)[0].name : "sources"] : ["none", length ? `of ${length} source${length > 1 ? "s" : ""}` : "silence"];
+  };
+  readout.classList.toggle("of-scene", Boolean(data.scene));
   const cells = [
+    ...(data.scene ? [["Audible", heardCell]] : []),
     ["Azimuth", (f) => (f.azimuth === undefined ? null : [`${signed(f.azimuth, 0)}°`, side(f.azimuth)])],
     ["ILD", (f) => (f.ild === undefined ? null : [`${signed(f.ild, 1)} dB`, Math.abs(f.ild) < 0.5 ? "even" : `louder ${f.ild > 0 ? "right" : "left"}`])],
     ["Distance", (f) => (f.distance === undefined ? null : [`${f.distance.toFixed(1)} m`, f.sight === false ? "no line of sight" : "line of sight"])],
@@ -213,6 +263,7 @@
   const seekFrame = (index) => { clock.set(Math.min(count - 1, Math.max(0, index)) + 0.001); sync(); };
   const floorMap = new window.AVS3D.FloorMap(by("map"), data, seekFrame);
   const plots = window.AVS3D.plots(by("plots"), data, seekFrame);
+  const lanes = data.scene ? new window.AVS3D.Lanes(by("lanes"), data, { seek: seekFrame, choose: (on) => listen(on) }) : null;
   const buttons = [...document.querySelectorAll(".submission")];
 
   const sync = () => {
@@ -221,6 +272,7 @@
     if (document.activeElement !== scrub || !scrub.matches(":active")) scrub.value = time;
     scrub.style.setProperty("--at", `${(100 * time) / count}%`);
     plots.forEach((plot) => plot.show(index, time));
+    lanes?.show(index, time);
     if (index !== state.index) {
       if (state.index >= 0 && (index < state.index || index > state.index + AHEAD)) {
         state.floor = state.wanted + 1;
@@ -255,7 +307,7 @@
   const tick = () => {
     if (!state.playing) return;
     sync();
-    if (clock.silent && clock.now() >= count) { pause(); return; }
+    if ((clock.silent || clock.stems) && clock.now() >= count) { pause(); return; }
     next();
   };
   // Only one loop runs, even after a quick stop and start.
@@ -284,9 +336,10 @@
     for (const button of buttons) button.setAttribute("aria-pressed", String(Number(button.dataset.number) === state.submission));
     const rows = [];
     if (state.instances && data.has.instances) for (const thing of data.instances) rows.push([thing.colour, `${thing.name}${thing.sounding ? ", sounds" : thing.twin ? ", silent twin" : ""}`]);
+    if (state.mask && data.scene && !(state.errors && state.submission)) for (const source of data.scene.sources) if (!source.room) rows.push([source.colour, `truth: ${source.name}, where it is audible`]);
     if (state.errors && state.submission) rows.push([HIT, "hit"], [MISSED, "missed (hatched)"], [FALSE, "false positive"]);
     else {
-      if (state.mask && data.has.masks) rows.push([TRUTH, "truth, white outline"]);
+      if (state.mask && data.has.masks && !data.scene) rows.push([TRUTH, "truth, white outline"]);
       if (state.submission) rows.push([MARKED, submission().name]);
     }
     legend.replaceChildren(...rows.map(([colour, label]) => {
@@ -321,6 +374,52 @@
     for (let i = state.index + step; i >= 0 && i < count; i += step) if (data.frames[i].split === "test") { seekFrame(i); return; }
   };
 
+  // ---- sound scenes: stems, and siblings of the group -----------------------------------------------------------
+  let opening = null;
+  const listen = async (on) => {
+    const { key, scene } = data;
+    if (clock.stems) { clock.stems.choose(on); return; }
+    if (opening) return; // the choice is read again when they are there
+    opening = key;
+    tell("Loading the stems …");
+    try {
+      const names = [...scene.sources.map((source) => source.id), ...(scene.background ? [scene.background.id] : [])];
+      const stems = await window.AVS3D.StemPlayer.open(folder, key, names, scene.gain);
+      if (data.key !== key) { stems.close(); return; }
+      clock.use(stems);
+      stems.choose((name) => lanes.on(name));
+      stage.dataset.stems = key;
+      tell("");
+    } catch (error) {
+      lanes.clear();
+      tell(`The stems cannot be played: ${error.message}`);
+    } finally { opening = null; }
+  };
+  const swap = (payload, where) => {
+    const other = payload.data;
+    if (other.frames.length !== count || String(other.size) !== String(data.size)) return false;
+    for (const name of Object.keys(data)) delete data[name];
+    Object.assign(data, other);
+    folder = where;
+    delete stage.dataset.stems;
+    by("heading").textContent = payload.heading;
+    by("key").textContent = data.key;
+    document.title = `${payload.heading} · ${data.key}`;
+    by("facts").innerHTML = payload.facts;
+    document.querySelector(".bar nav").outerHTML = payload.nav;
+    for (const [name, there] of [["mask", data.has.masks], ["instances", data.has.instances], ["errors", data.has.masks]]) if (by(name)) by(name).disabled = !there;
+    clock.change(new URL("sound.flac", folder).href);
+    floorMap.renew(folder);
+    plots.forEach((plot) => plot.renew());
+    lanes.build();
+    drawStrip();
+    state.index = -1;
+    sync();
+    press();
+    return true;
+  };
+  const siblings = by("siblings") ? new window.AVS3D.Siblings(by("siblings"), home, swap) : null;
+
   // ---- strip below the picture: frames with the object in view, and test frames -------------------------------
   const drawStrip = () => {
     const style = getComputedStyle(document.documentElement), ratio = window.devicePixelRatio || 1;
@@ -348,15 +447,15 @@
   document.querySelectorAll("[data-step]").forEach((button) => button.addEventListener("click", () => seekFrame(state.index + Number(button.dataset.step))));
   scrub.addEventListener("input", () => { clock.set(Number(scrub.value)); sync(); });
   by("rate").addEventListener("change", (event) => clock.speed(Number(event.target.value)));
-  by("volume")?.addEventListener("input", (event) => { if (sound) sound.volume = Number(event.target.value); });
+  by("volume")?.addEventListener("input", (event) => { if (sound) sound.volume = Number(event.target.value); clock.stems?.volume(Number(event.target.value)); });
   for (const name of ["mask", "instances", "errors"]) by(name)?.addEventListener("click", () => flip(name));
   buttons.forEach((button) => button.addEventListener("click", () => choose(Number(button.dataset.number))));
   if (sound) {
-    sound.addEventListener("ended", pause);
+    sound.addEventListener("ended", () => { if (!clock.stems) pause(); });
     sound.addEventListener("error", () => clock.mute());
     sound.addEventListener("seeked", sync);
     // Something else, such as a media key, may have stopped it.
-    sound.addEventListener("pause", () => { if (state.playing && sound.paused && !clock.silent && !sound.ended) pause(); });
+    sound.addEventListener("pause", () => { if (state.playing && sound.paused && !clock.silent && !clock.stems && clock.loading === null && !sound.ended) pause(); });
   }
   window.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
@@ -373,6 +472,7 @@
       i: () => (flip("instances"), true),
       e: () => (flip("errors"), true),
       t: () => (nextTest(event.shiftKey ? -1 : 1), true),
+      g: () => (siblings ? (siblings.step(event.shiftKey ? -1 : 1), true) : false),
       0: () => (state.submission && choose(state.submission), true),
     };
     const done = /^[1-9]$/.test(key) ? (choose(Number(key)), true) : actions[key]?.();

@@ -32,6 +32,8 @@
       new ResizeObserver(() => this.draw()).observe(this.figure);
     }
 
+    renew() { this.width = 0; this.draw(); }
+
     go(event) {
       const box = this.svg.getBoundingClientRect(), count = this.data.frames.length;
       const share = (event.clientX - box.left - PAD.left) / (box.width - PAD.left - PAD.right);
@@ -51,11 +53,10 @@
       this.svg.setAttribute("height", height);
       [this.upper, this.lower].forEach((spec, at) => {
         const top = PAD.top + at * (panel + gap);
-        const values = this.data.frames.map((frame) => frame[spec.value]);
-        const known = values.filter((v) => v !== undefined);
+        const lines = this.lines(spec), known = lines.flatMap((line) => line.values).filter((v) => v !== undefined);
         make("text", { x: 4, y: top - 8, class: "axis name" }, this.svg, spec.label);
         if (!known.length) {
-          make("text", { x: PAD.left, y: top + panel / 2, class: "axis" }, this.svg, "not in the data");
+          make("text", { x: PAD.left, y: top + panel / 2, class: "axis" }, this.svg, this.data.scene ? "nothing sounds" : "not in the data");
           return;
         }
         const [low, high] = spec.range ?? (spec.symmetric
@@ -65,7 +66,7 @@
           make("line", { x1: PAD.left, x2: width - PAD.right, y1: y(tick), y2: y(tick), class: tick === 0 ? "grid zero" : "grid" }, this.svg);
           make("text", { x: PAD.left - 6, y: y(tick) + 3.5, class: "axis end" }, this.svg, text(tick));
         }
-        values.forEach((value, i) => {
+        for (const { values, colour, hollow } of lines) values.forEach((value, i) => {
           if (value === undefined) return;
           if (spec.bars) {
             const base = y(Math.max(low, Math.min(high, 0)));
@@ -73,9 +74,10 @@
             return;
           }
           // No line where the azimuth wraps from −180° to 180°.
-          const next = values[i + 1];
-          if (next !== undefined && Math.abs(next - value) < 180) make("line", { x1: this.x(i + 0.5), x2: this.x(i + 1.5), y1: y(value), y2: y(next), class: "line-mark" }, this.svg);
-          make("circle", { cx: this.x(i + 0.5), cy: y(value), r: 2, class: this.data.frames[i].sight === false ? "dot-mark hollow" : "dot-mark" }, this.svg);
+          const next = values[i + 1], marks = [];
+          if (next !== undefined && Math.abs(next - value) < 180) marks.push(make("line", { x1: this.x(i + 0.5), x2: this.x(i + 1.5), y1: y(value), y2: y(next), class: "line-mark" }, this.svg));
+          marks.push(make("circle", { cx: this.x(i + 0.5), cy: y(value), r: 2, class: hollow(i) ? "dot-mark hollow" : "dot-mark" }, this.svg));
+          if (colour) for (const mark of marks) mark.style.setProperty("--warm", colour);
         });
       });
       const base = height - PAD.bottom;
@@ -84,6 +86,13 @@
       }
       this.cursor = make("line", { y1: PAD.top - 4, y2: base, class: "cursor" }, this.svg);
       this.show(this.index, this.time);
+    }
+
+    // In a sound scene each source has a line of its own; hollow where it is not audible.
+    lines(spec) {
+      const { frames, scene } = this.data;
+      if (!scene || !spec.ofSource) return [{ values: frames.map((frame) => frame[spec.value]), colour: null, hollow: (i) => !scene && frames[i].sight === false }];
+      return scene.sources.map((source) => ({ values: source[spec.value].map((v) => v ?? undefined), colour: source.colour, hollow: (i) => !source.audible[i] }));
     }
 
     show(index, time) {
@@ -113,6 +122,21 @@
       new ResizeObserver(() => this.draw()).observe(this.figure);
     }
 
+    renew() { this.width = 0; this.ring = null; this.draw(); }
+
+    // Groups of [across, up, frame]: one, or in a sound scene one for each source.
+    groups() {
+      const { frames, scene } = this.data, both = ([a, b]) => (a ?? b) !== undefined && (a ?? null) !== null && (b ?? null) !== null;
+      if (!scene) return [{ colour: null, points: frames.map((f, i) => [f[this.across.value], f[this.up.value], i]).filter(both) }];
+      const alone = (i) => scene.sources.filter((source) => source.audible[i]).length === 1;
+      return scene.sources.map((source) => ({
+        colour: source.colour,
+        // The level is that of the source itself; the level difference is that of the clip, which may hold others.
+        points: frames.map((f, i) => [source[this.across.value][i], this.up.ofClip ? f[this.up.value] : source.levels[i], i])
+          .filter(both).filter(([, , i]) => source.audible[i] && (!this.up.ofClip || alone(i))),
+      }));
+    }
+
     draw() {
       const width = this.figure.clientWidth;
       if (!width || width === this.width) return;
@@ -123,9 +147,9 @@
       this.svg.setAttribute("width", width);
       this.svg.setAttribute("height", height);
       this.points = [];
-      const both = this.data.frames.map((f, i) => [f[this.across.value], f[this.up.value], i]).filter(([a, b]) => a !== undefined && b !== undefined);
+      const groups = this.groups().filter(({ points }) => points.length), both = groups.flatMap(({ points }) => points);
       if (!both.length) {
-        make("text", { x: 4, y: 40, class: "axis" }, this.svg, "not in the data");
+        make("text", { x: 4, y: 40, class: "axis" }, this.svg, this.data.scene ? "there is no such frame" : "not in the data");
         return;
       }
       const range = (spec, values) => spec.range ?? (spec.symmetric
@@ -148,15 +172,18 @@
       make("text", { x: width - PAD.right, y: height - 3, class: "axis name end" }, this.svg, this.across.label);
       if (this.law) {
         // The 1/r law: 6 dB per doubling of the distance, through the mean of the points.
-        const offset = mean(both.map(([a, b]) => b + 20 * Math.log10(a)));
         const clip = make("clipPath", { id: `clip-${this.across.value}` }, this.svg);
         make("rect", { x: PAD.left, y: PAD.top, width: width - PAD.left - PAD.right, height: base - PAD.top }, clip);
-        const ends = [2 ** x0, 2 ** x1].map((d) => [x(d), y(offset - 20 * Math.log10(d))]);
-        make("line", { x1: ends[0][0], y1: ends[0][1], x2: ends[1][0], y2: ends[1][1], class: "law", "clip-path": `url(#clip-${this.across.value})` }, this.svg);
+        for (const { colour, points } of groups) {
+          const offset = mean(points.map(([a, b]) => b + 20 * Math.log10(a)));
+          const ends = [2 ** x0, 2 ** x1].map((d) => [x(d), y(offset - 20 * Math.log10(d))]);
+          const line = make("line", { x1: ends[0][0], y1: ends[0][1], x2: ends[1][0], y2: ends[1][1], class: "law", "clip-path": `url(#clip-${this.across.value})` }, this.svg);
+          if (colour) line.style.stroke = colour;
+        }
       }
       const last = Math.max(1, this.data.frames.length - 1);
-      for (const [a, b, i] of both) {
-        const colour = ramp(i / last), hollow = this.data.frames[i].sight === false;
+      for (const group of groups) for (const [a, b, i] of group.points) {
+        const colour = group.colour ?? ramp(i / last), hollow = !group.colour && this.data.frames[i].sight === false;
         make("circle", { cx: x(a), cy: y(b), r: 3.4, stroke: colour, fill: hollow ? "none" : colour, class: "point" }, this.svg);
         this.points.push([x(a), y(b), i]);
       }
@@ -183,14 +210,17 @@
     return figure;
   };
 
-  const AZIMUTH = { value: "azimuth", label: "azimuth, °, right positive", range: [-180, 180], ticks: [-180, -90, 0, 90, 180] };
-  const ILD = { value: "ild", label: "ILD, dB, right − left", symmetric: true };
-  const DISTANCE = { value: "distance", label: "distance, m", least: 1 };
+  const AZIMUTH = { value: "azimuth", ofSource: true, label: "azimuth, °, right positive", range: [-180, 180], ticks: [-180, -90, 0, 90, 180] };
+  const ILD = { value: "ild", ofClip: true, label: "ILD, dB, right − left", symmetric: true };
+  const DISTANCE = { value: "distance", ofSource: true, label: "distance, m", least: 1 };
   const LEVEL = { value: "level", label: "level, dB re full scale", least: 6 };
-  window.AVS3D.plots = (host, data, seek) => [
-    new Series(host, data, seek, { title: "Azimuth and level difference", note: "over time", upper: AZIMUTH, lower: { ...ILD, bars: true } }),
-    new Scatter(host, data, seek, { title: "Level difference against azimuth", note: "hollow: no line of sight", across: { ...AZIMUTH, label: "azimuth, °" }, up: ILD }),
-    new Series(host, data, seek, { title: "Distance and level", note: "over time", upper: DISTANCE, lower: LEVEL }),
-    new Scatter(host, data, seek, { title: "Level against distance", note: "dashed: −6 dB per doubling", across: { ...DISTANCE, log: true, least: 1, label: "distance, m" }, up: LEVEL, law: true }),
-  ];
+  window.AVS3D.plots = (host, data, seek) => {
+    const scene = Boolean(data.scene), over = scene ? "over time; hollow: not audible" : "over time";
+    return [
+      new Series(host, data, seek, { title: "Azimuth and level difference", note: over, upper: AZIMUTH, lower: { ...ILD, bars: true } }),
+      new Scatter(host, data, seek, { title: "Level difference against azimuth", note: scene ? "frames with one audible source" : "hollow: no line of sight", across: { ...AZIMUTH, label: "azimuth, °" }, up: ILD }),
+      new Series(host, data, seek, { title: "Distance and level", note: over, upper: DISTANCE, lower: LEVEL }),
+      new Scatter(host, data, seek, { title: "Level against distance", note: scene ? "of each source where it is audible; dashed: −6 dB per doubling" : "dashed: −6 dB per doubling", across: { ...DISTANCE, log: true, least: 1, label: "distance, m" }, up: LEVEL, law: true }),
+    ];
+  };
 })();
