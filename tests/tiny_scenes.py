@@ -101,13 +101,23 @@ def stems_of(
     ], position
 
 
+def diffuse_noise(seconds: int, spacing: float = 0.18) -> NDArray[np.float32]:
+    """(seconds, 2, RATE) white noise at two points of a diffuse field: their coherence is sin(kd) / (kd)."""
+    one, other = np.fft.rfft(np.random.default_rng(99).standard_normal((2, seconds * RATE)))
+    coherence = np.sinc(2 * np.fft.rfftfreq(seconds * RATE, 1 / RATE) * spacing / 343)
+    ears = np.fft.irfft([one, coherence * one + np.sqrt(1 - coherence**2) * other], seconds * RATE)
+    return ears.reshape(2, seconds, RATE).transpose(1, 0, 2).astype(np.float32)
+
+
 def level_db(clip: NDArray[np.floating]) -> float:
     """RMS over all samples, dB re full scale; −inf for silence."""
     power = float(np.mean(np.square(clip, dtype=np.float64)))
     return 10 * math.log10(power) if power else -math.inf
 
 
-def _sound_scene(folder: Path, key: str, frames: int, size: int, *, stems: bool) -> ObservationRecord:
+def _sound_scene(
+    folder: Path, key: str, frames: int, size: int, *, stems: bool, rirs: bool = False, points: int = 4
+) -> ObservationRecord:
     place = layout.parse_key(key)
     playing, snr = SCENES[key]
     camera, poses = Intrinsics.from_fov(size), path_of(frames)
@@ -132,7 +142,7 @@ def _sound_scene(folder: Path, key: str, frames: int, size: int, *, stems: bool)
     if snr is not None:
         power = np.mean([sum(10 ** (level_db(parts[name][i]) / 10) for name in parts) for i in range(frames)])
         level = 10 * math.log10(power) - snr
-        noise = np.random.default_rng(99).standard_normal((frames, 2, RATE)).astype(np.float32)
+        noise = diffuse_noise(frames)
         noise *= np.float32(10 ** (level / 20)) / np.sqrt(np.mean(np.square(noise, dtype=np.float64))).astype(
             np.float32
         )
@@ -171,6 +181,8 @@ def _sound_scene(folder: Path, key: str, frames: int, size: int, *, stems: bool)
         media.write_wav(folder / layout.audio_path("audio_clips_mono", i), mono_of(clips, i))
         for name in parts if stems else ():
             media.write_wav(folder / layout.stem_path(name, i), parts[name][i])
+        for source in sources if rirs else ():
+            media.write_rir(folder / layout.rir_path(i, source.id), response_of(pose, source.position))
         where = direction_to(pose, sources[0].position) if sources else None
         rms = np.sqrt(np.mean(clips[i].astype(float) ** 2, axis=1))
         records.append(
@@ -183,7 +195,7 @@ def _sound_scene(folder: Path, key: str, frames: int, size: int, *, stems: bool)
                 rms_left=rms[0], rms_right=rms[1], audible=tuple(audible),
             )
         )  # fmt: skip
-    write_model(folder / "sparse/0", colmap_model(camera, poses, BOXES))
+    write_model(folder / "sparse/0", colmap_model(camera, poses, BOXES, points))
     media.write_json(folder / "camera_splits.json", CameraSplits.of(frames))
     sounding = [box for box in BOXES if any(source.instance == box.id for source in sources)]
     if sounding:
@@ -211,10 +223,17 @@ def _sound_scene(folder: Path, key: str, frames: int, size: int, *, stems: bool)
 
 
 def write_sound_scenes(
-    root: Path, *, frames: int = FRAMES, size: int = SIZE, stems: bool = False, keys: tuple[str, ...] = GROUP
+    root: Path,
+    *,
+    frames: int = FRAMES,
+    size: int = SIZE,
+    stems: bool = False,
+    rirs: bool = False,
+    points: int = 4,
+    keys: tuple[str, ...] = GROUP,
 ) -> Path:
     """A valid tree with the siblings ``keys`` (the first of the group must be among them)."""
-    records = [_sound_scene(root / key, key, frames, size, stems=stems) for key in keys]
+    records = [_sound_scene(root / key, key, frames, size, stems=stems, rirs=rirs, points=points) for key in keys]
     entries = [
         DatasetEntry.of(r, hashlib.sha256((root / r.key / "observation.json").read_bytes()).hexdigest())
         for r in sorted(records, key=lambda r: r.key)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from avs3d_bench import layout, media
 from avs3d_bench.dataset import Frame, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.parallel import advance
 from avs3d_bench.schema import FrameRecord, ObservationRecord
 from avs3d_bench.validation.findings import Findings, read
+from avs3d_bench.validation.interaural import check_delays, check_directions, check_levels, hearings
 from avs3d_bench.validation.masks import (
     Contents,
     check_masks,
@@ -17,17 +20,13 @@ from avs3d_bench.validation.masks import (
     read_contents,
 )
 from avs3d_bench.validation.model import check_model
+from avs3d_bench.validation.off_screen import check_off_screen
 from avs3d_bench.validation.pictures import check_twin
+from avs3d_bench.validation.scenes import has_stems
 from avs3d_bench.validation.sightings import Labels, Sightings, colour_problem, depth_problem, sightings_by_frame
 from avs3d_bench.validation.solid import Boxes, Tally, check_solid
-from avs3d_bench.validation.sound import (
-    check_clip,
-    check_delays,
-    check_directions,
-    check_levels,
-    check_mono,
-    check_response,
-)
+from avs3d_bench.validation.sound import Sound, check_clip, check_mono, check_response
+from avs3d_bench.validation.stems import Stems, check_source_response
 
 
 def check_contents(
@@ -51,7 +50,8 @@ def check_contents(
     mesh = check_mesh(observation, record, files, findings)
     sightings = _sightings(observation, files) if record else {}
     labels, boxes = Labels(), Boxes(record) if record else None
-    tally = Tally()
+    tally = Tally(layout.INSTANCE_MASKS if record and record.is_sound_scene else layout.SEMANTIC_MASKS)
+    visible: dict[str, frozenset[int]] = {}
     for number, frame in enumerate(frames):
         advance(number, len(frames))
         found = read_contents(frame, record, files, findings)
@@ -61,6 +61,8 @@ def check_contents(
         if record is None or entry is None:
             continue
         check_masks(frame, entry, record, found, findings)
+        if found.ids is not None:
+            visible[frame.name] = frozenset(np.unique(found.ids).tolist())
         if mesh is not None:
             check_solid(frame, entry, record, found, mesh, seen, tally, findings)
         if seen is not None:
@@ -73,21 +75,49 @@ def check_contents(
     if boxes is not None:
         boxes.finish(findings)
     check_visibility(observation, record, files, findings)
+    if record:
+        check_off_screen(record, sightings, findings)
     clips = [check_clip(frame, files, findings) for frame in frames]
-    check_levels(frames, clips, findings)
-    check_directions(frames, clips, findings)
-    check_delays(frames, clips, findings)
+    heard = hearings(record, frames, clips, visible)
+    check_levels(heard, findings)
+    check_directions(heard, findings)
+    check_delays(heard, findings)
+    if record and record.is_sound_scene:
+        _check_stems(record, frames, clips, files, findings)
     try:
         splits = observation.splits
     except Avs3dError:
         splits = {}  # already named
     for position, frame in enumerate(frames):
         check_mono(frames, clips, splits, position, files, findings, ours=ours)
-        path = layout.rir_path(frame.index)
+        clip, path = clips[position], layout.rir_path(frame.index)
         response = read(findings, files, path, frame.impulse_response)
-        if record and not record.moves and response is not None:
-            check_response(frame, clips[position], response, findings)
+        if record and not record.moves and response is not None and clip is not None:
+            clip_path = layout.audio_path(layout.BINAURAL, frame.index)
+            check_response(path, clip_path, clip.samples, response, findings)
     check_model(observation, record, files, findings, ours=ours)
+
+
+def _check_stems(
+    record: ObservationRecord,
+    frames: tuple[Frame, ...],
+    clips: list[Sound | None],
+    files: set[str],
+    findings: Findings,
+) -> None:
+    """The stems, where the observation was made with them, and the responses of its sources."""
+    if not has_stems(files):
+        sources = record.sources or ()
+        alone = len(sources) == 1 and record.background is None
+        for frame, clip in zip(frames, clips, strict=True):
+            for source in sources:
+                # The clip is the stem of a source that is alone.
+                check_source_response(frame, source, clip.samples if clip and alone else None, files, findings)
+        return
+    stems = Stems(record)
+    for frame, clip in zip(frames, clips, strict=True):
+        stems.add(frame, clip, files, findings)
+    stems.finish(findings)
 
 
 def _sightings(observation: Observation, files: set[str]) -> dict[str, Sightings]:

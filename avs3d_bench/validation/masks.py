@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -22,7 +23,10 @@ BOUNDS_TOLERANCE = 5e-3
 def check_mesh(
     observation: Observation, record: ObservationRecord | None, files: set[str], findings: Findings
 ) -> Ply | None:
-    """Read the mesh of the sounding object; None if it is missing or cannot be the reference of the masks."""
+    """Read the mesh of the sounding object; None if it is missing or cannot be the reference of the masks.
+
+    In part_3 it is that of all sounding instances of the room.
+    """
     mesh = read(findings, files, layout.SOUNDING_OBJECT, observation.mesh)
     if mesh is None:
         return None
@@ -31,9 +35,14 @@ def check_mesh(
         return None
     if record:
         found = np.stack([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)])
-        off = float(np.abs(found - np.asarray(record.sounding.bounds)).max())
+        sounding = record.sounding_instances
+        if not sounding:
+            return None  # a surplus file: already named
+        boxes = np.asarray([instance.bounds for instance in sounding])
+        off = float(np.abs(found - np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])).max())
         if off > BOUNDS_TOLERANCE:
-            text = f"bounds differ from those of instance {record.sounding.id} in the record by {off:.3f} m"
+            which = ", ".join(str(instance.id) for instance in sounding)
+            text = f"bounds differ from those of instance {which} in the record by {off:.3f} m"
             findings.add(layout.SOUNDING_OBJECT, text)
             return None  # one wrong mesh would make every mask look wrong
     return mesh
@@ -45,20 +54,22 @@ class Contents:
 
     Attributes:
         rgb: (H, W, 3) uint8.
-        mask: (H, W) bool, the sounding instance.
+        mask: (H, W) bool, the sounding instance; in part_3 every audible one.
         ids: (H, W) uint16 instance ids.
         depth: (H, W) float32, metres.
+        categories: (H, W) uint8 class ids; only in part_3.
     """
 
     rgb: NDArray[np.uint8] | None
     mask: NDArray[np.bool_] | None
     ids: NDArray[np.uint16] | None
     depth: NDArray[np.float32] | None
+    categories: NDArray[np.uint8] | None = None
 
 
 def frame_paths(frame: Frame) -> dict[str, str]:
     """The paths of a frame's pictures by folder, relative to the observation."""
-    folders = (layout.INPUT, layout.SEMANTIC_MASKS, layout.INSTANCE_MASKS, layout.DEPTH)
+    folders = (layout.INPUT, layout.SEMANTIC_MASKS, layout.CATEGORY_MASKS, layout.INSTANCE_MASKS, layout.DEPTH)
     return {folder: f"{folder}/{frame.name}.png" for folder in folders}
 
 
@@ -73,8 +84,9 @@ def read_contents(frame: Frame, record: ObservationRecord | None, files: set[str
     mask = read(findings, files, paths[layout.SEMANTIC_MASKS], frame.mask)
     ids = read(findings, files, paths[layout.INSTANCE_MASKS], frame.instance_ids)
     depth = read(findings, files, paths[layout.DEPTH], frame.depth)
+    categories = read(findings, files, paths[layout.CATEGORY_MASKS], frame.category_mask)
     if record is None:
-        return Contents(rgb, mask, ids, depth)
+        return Contents(rgb, mask, ids, depth, categories)
     size = (record.intrinsics.height, record.intrinsics.width)
 
     def fits(picture: NDArray[Any] | None) -> bool:
@@ -85,6 +97,7 @@ def read_contents(frame: Frame, record: ObservationRecord | None, files: set[str
         mask if fits(mask) else None,
         ids if fits(ids) else None,
         depth if fits(depth) else None,
+        categories if fits(categories) else None,
     )
 
 
@@ -104,9 +117,15 @@ def check_masks(
             text = f"ids {strange} are no instances of {layout.OBSERVATION_JSON}"
             findings.add(paths[layout.INSTANCE_MASKS], text)
         _check_line_of_sight(frame, entry, record, ids, findings)
+        if found.categories is not None:
+            for text in _category_problems(record, record.audible_instances(entry), ids, found.categories):
+                findings.add(paths[layout.CATEGORY_MASKS], text)
     if mask is None:
         return
-    if ids is not None:
+    if ids is not None and record.is_sound_scene:
+        for text in _audible_problems(frame.name, record.audible_instances(entry), ids, mask):
+            findings.add(paths[layout.SEMANTIC_MASKS], text)
+    elif ids is not None:
         differ = int((mask != (ids == record.sounding.id)).sum())
         if differ:
             text = f"{differ} pixels differ from id {record.sounding.id} in {paths[layout.INSTANCE_MASKS]}"
@@ -117,6 +136,37 @@ def check_masks(
         findings.add(paths[layout.SEMANTIC_MASKS], text)
 
 
+def _audible_problems(
+    name: str, audible: tuple[int, ...], ids: NDArray[np.uint16], mask: NDArray[np.bool_]
+) -> Iterator[str]:
+    """The mask of a frame of part_3 marks the visible pixels of its audible instances, and no others."""
+    surplus = ids[mask & ~np.isin(ids, audible)]
+    for number, count in zip(*np.unique(surplus, return_counts=True), strict=True):
+        what = f"instance {number}, which is not audible in {name}" if number else "no instance"
+        yield f"{count} marked pixels are on {what}"
+    lacking = ids[~mask & np.isin(ids, audible)]
+    for number, count in zip(*np.unique(lacking, return_counts=True), strict=True):
+        yield f"{count} pixels of instance {number}, which is audible in {name}, are not marked"
+
+
+def _category_problems(
+    record: ObservationRecord, audible: tuple[int, ...], ids: NDArray[np.uint16], categories: NDArray[np.uint8]
+) -> Iterator[str]:
+    """The category mask has the class id of each audible instance on its pixels, and 0 elsewhere."""
+    classes = record.class_ids
+    known = {instance.id: classes.get(instance.category, 0) for instance in record.instances}
+    strange = sorted(set(np.unique(categories).tolist()) - {0, *classes.values()})
+    if strange:
+        yield f"values {strange} are no class ids; expected 0 to {max(classes.values())}"
+    for number in sorted({0, *known} & set(np.unique(ids).tolist())):
+        expected = known.get(number, 0) if number in audible else 0
+        wrong = categories[(ids == number) & (categories != expected)]
+        if len(wrong):
+            where = f"instance {number}" if number else "no instance"
+            values = ", ".join(str(value) for value in np.unique(wrong)[:4])
+            yield f"{len(wrong)} pixels on {where} have the class id {values}, expected {expected}"
+
+
 def _check_line_of_sight(
     frame: Frame, entry: FrameRecord, record: ObservationRecord, ids: NDArray[np.uint16], findings: Findings
 ) -> None:
@@ -124,26 +174,35 @@ def _check_line_of_sight(
 
     The opposite may be: an object close before the source hides its pixel but does not count.
     """
-    if entry.line_of_sight:
+    shown = _first_instance(record)
+    if entry.line_of_sight or shown is None:
         return
     camera = frame.observation.intrinsics
     (pixel,), (z,) = camera.project(entry.pose, np.asarray([record.source_at(entry)]))
     if not (z > 0 and 1 <= pixel[0] < camera.width - 1 and 1 <= pixel[1] < camera.height - 1):
         return
     column, row = np.floor(pixel).astype(int)
-    if (ids[row - 1 : row + 2, column - 1 : column + 2] == record.sounding.id).all():
+    if (ids[row - 1 : row + 2, column - 1 : column + 2] == shown).all():
         text = f"line_of_sight of {frame.name} is false, but the pixel of the source shows the sounding object"
         findings.add(layout.OBSERVATION_JSON, text)
+
+
+def _first_instance(record: ObservationRecord) -> int | None:
+    """Id of the instance whose direction the frames record; None if there is none, or it is in another room."""
+    return record.sounding.id if record.sources is None else record.sources[0].instance if record.sources else None
 
 
 def check_visibility(
     observation: Observation, record: ObservationRecord | None, files: set[str], findings: Findings
 ) -> None:
     """Where the line to the source is free and ends well inside the picture, something of the object should show."""
-    if record is None:
+    shown = _first_instance(record) if record else None
+    if record is None or shown is None:
         return
     camera, cases, empty = observation.intrinsics, 0, list[str]()
     for frame in record.frames:
+        if shown not in record.audible_instances(frame):
+            continue  # its pixels are not marked
         (pixel,), (depth,) = camera.project(frame.pose, np.asarray([record.source_at(frame)]))
         border = 0.02 * camera.width
         inside = depth > 0 and border <= pixel[0] <= camera.width - border

@@ -28,7 +28,7 @@ def motion_problems(record: ObservationRecord) -> Iterator[tuple[str, str]]:
     where, (metres, degrees) = layout.OBSERVATION_JSON, TOLERANCE
     first = record.frames[0]
     start, own = first.instance_pose, Pose(record.sounding.position, record.sounding.rotation)
-    if start is None:
+    if start is None or record.source_position is None:
         return
     shift = float(np.linalg.norm(np.subtract(start.position, own.position)))
     if shift > metres or rotation_angle(start, own) > degrees:

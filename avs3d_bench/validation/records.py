@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from avs3d_bench import layout
 from avs3d_bench.dataset import Observation
 from avs3d_bench.geometry import direction_to
-from avs3d_bench.schema import ObservationRecord
+from avs3d_bench.schema import FrameRecord, ObservationRecord
 from avs3d_bench.validation.findings import Findings
 from avs3d_bench.validation.motion import motion_problems
+from avs3d_bench.validation.scenes import check_scene
 
 #: Tolerances of numbers in observation.json against each other: degrees, metres.
 ANGLE_TOLERANCE = 0.1
@@ -38,11 +41,7 @@ def check_record(
     for path, expected in sorted((record.sizes or {}).items()):
         if path in on_disk - irregular and (found := (observation.path / path).stat().st_size) != expected:
             findings.add(path, f"{found:,} bytes, expected {expected:,} ({where})")
-    source = np.asarray(record.source_position)
-    low, high = (np.asarray(corner) for corner in record.sounding.bounds)
-    outside = float(np.linalg.norm(np.maximum(np.maximum(low - source, source - high), 0.0)))
-    if outside > SOURCE_MARGIN:
-        findings.add(where, f"source_position lies {outside:.2f} m outside the bounds of the sounding instance")
+    _check_sources(record, findings)
     for instance in record.instances:
         origin, box = np.asarray(instance.position), np.asarray(instance.bounds)
         if (origin < box[0] - ORIGIN_MARGIN).any() or (origin > box[1] + ORIGIN_MARGIN).any():
@@ -50,6 +49,8 @@ def check_record(
     if record.acoustics.sample_rate != layout.SAMPLE_RATE:
         text = f"acoustics.sample_rate is {record.acoustics.sample_rate}, expected {layout.SAMPLE_RATE}"
         findings.add(where, text)
+    if record.is_sound_scene:
+        check_scene(record, findings)
     if record.moves:
         for path, text in motion_problems(record):
             findings.add(path, text)
@@ -58,16 +59,42 @@ def check_record(
         field = f"frames[{number}]"
         if abs(frame.time - number / layout.FRAME_RATE) > TIME_TOLERANCE:
             findings.add(where, f"{field}.time is {frame.time:g} s, expected {number / layout.FRAME_RATE:g} s")
-        truth = direction_to(frame.pose, record.source_at(frame))
-        turn = abs((frame.azimuth - truth.azimuth + 180.0) % 360.0 - 180.0)
-        # Straight above or below, azimuth means nothing.
-        if turn > ANGLE_TOLERANCE and abs(truth.elevation) < 89.0:
-            findings.add(where, f"{field}.azimuth is {frame.azimuth:.2f}°, pose and source give {truth.azimuth:.2f}°")
-        if abs(frame.elevation - truth.elevation) > ANGLE_TOLERANCE:
-            text = f"{field}.elevation is {frame.elevation:.2f}°, pose and source give {truth.elevation:.2f}°"
-            findings.add(where, text)
-        if abs(frame.distance - truth.distance) > DISTANCE_TOLERANCE:
-            text = f"{field}.distance is {frame.distance:.3f} m, pose and source give {truth.distance:.3f} m"
-            findings.add(where, text)
+        for text in _direction_problems(record, frame):
+            findings.add(where, f"{field}.{text}")
         if frame.visible_pixels > pixels:
             findings.add(where, f"{field}.visible_pixels is {frame.visible_pixels} of {pixels}")
+
+
+def _check_sources(record: ObservationRecord, findings: Findings) -> None:
+    """A source is at the instance that sounds; in part_3 each source of the room is."""
+    if record.sources is None:
+        pairs = [("source_position", record.source_position, "the sounding instance", record.sounding)]
+    else:
+        instances = {instance.id: instance for instance in record.instances}
+        pairs = [
+            (f"the position of {source.id}", source.position, f"instance {source.instance}", instances[source.instance])
+            for source in record.sources
+            if source.instance is not None
+        ]
+    for name, position, what, instance in pairs:
+        source = np.asarray(position)
+        low, high = (np.asarray(corner) for corner in instance.bounds)
+        outside = float(np.linalg.norm(np.maximum(np.maximum(low - source, source - high), 0.0)))
+        if outside > SOURCE_MARGIN:
+            text = f"{name} lies {outside:.2f} m outside the bounds of {what}"
+            findings.add(layout.OBSERVATION_JSON, text)
+
+
+def _direction_problems(record: ObservationRecord, frame: FrameRecord) -> Iterator[str]:
+    """The direction of the source (in part_3 of the first one) against its position and the pose."""
+    if frame.azimuth is None or frame.elevation is None or frame.distance is None:
+        return  # nothing sounds
+    truth = direction_to(frame.pose, record.source_at(frame))
+    turn = abs((frame.azimuth - truth.azimuth + 180.0) % 360.0 - 180.0)
+    # Straight above or below, azimuth means nothing.
+    if turn > ANGLE_TOLERANCE and abs(truth.elevation) < 89.0:
+        yield f"azimuth is {frame.azimuth:.2f}°, pose and source give {truth.azimuth:.2f}°"
+    if abs(frame.elevation - truth.elevation) > ANGLE_TOLERANCE:
+        yield f"elevation is {frame.elevation:.2f}°, pose and source give {truth.elevation:.2f}°"
+    if abs(frame.distance - truth.distance) > DISTANCE_TOLERANCE:
+        yield f"distance is {frame.distance:.3f} m, pose and source give {truth.distance:.3f} m"

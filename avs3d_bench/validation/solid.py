@@ -51,12 +51,14 @@ class Tally:
     """Counts, over all frames, of points that were taken from a frame: what one frame has too few of to judge by.
 
     Attributes:
+        masks: the folder of the masks that are judged (see `sounding_mask`).
         on_mesh: lie on the sounding mesh.
         lacking: of these, outside the mask.
         marked: lie inside the mask.
         surplus: of these, not on the mesh.
     """
 
+    masks: str = layout.SEMANTIC_MASKS
     on_mesh: int = 0
     lacking: int = 0
     marked: int = 0
@@ -66,7 +68,7 @@ class Tally:
         """Name masks or a mesh that do not fit over the observation."""
         if _too_many(self.lacking, self.on_mesh):
             text = f"{self.lacking} of {self.on_mesh} sparse points on the sounding mesh lie outside the masks"
-            findings.add(layout.SEMANTIC_MASKS, text)
+            findings.add(self.masks, text)
         if _too_many(self.surplus, self.marked):
             text = f"{self.surplus} of {self.marked} sparse points inside the masks do not lie on it"
             findings.add(layout.SOUNDING_OBJECT, f"{text}: thinned, or masks too wide")
@@ -74,9 +76,10 @@ class Tally:
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """The mesh as one frame sees it."""
+    """The mesh as one frame sees it; ``path`` is that of the mask which is held against it."""
 
     pose: Pose
+    path: str
     vertices: NDArray[np.float32]
     faces: NDArray[np.int32]
     reach: NDArray[np.bool_]
@@ -84,6 +87,17 @@ class _View:
     def hits(self, ends: NDArray[np.float64]) -> NDArray[np.float64]:
         """`first_hits` of rays from the camera."""
         return first_hits(self.vertices, self.faces, np.asarray(self.pose.position), ends)
+
+
+def sounding_mask(record: ObservationRecord, found: Contents) -> NDArray[np.bool_] | None:
+    """(H, W) where a frame shows what the mesh holds; None if that cannot be read.
+
+    In part_3 the semantic mask has the audible instances alone: the instance mask shows all that sound at some time.
+    """
+    if not record.is_sound_scene:
+        return found.mask
+    ids = found.ids
+    return None if ids is None else np.isin(ids, [instance.id for instance in record.sounding_instances])
 
 
 def check_solid(
@@ -102,33 +116,35 @@ def check_solid(
     mask says so, and nowhere seen through it; where there is depth, the mask ends where something stands before the
     mesh or the mesh ends.
     """
-    paths = frame_paths(frame)
-    vertices = record.to_frame(entry, mesh.vertices).astype(np.float32)
+    paths, mask = frame_paths(frame), sounding_mask(record, found)
+    placed = record.to_frame(entry, mesh.vertices) if record.moves else mesh.vertices
+    vertices = placed.astype(np.float32)
     reach = silhouette(frame.observation.intrinsics, entry.pose, vertices, mesh.faces, MARGIN)
-    view = _View(entry.pose, vertices, mesh.faces, reach)
-    if found.mask is not None:
-        area, outside = int(found.mask.sum()), int((found.mask & ~reach).sum())
+    path = paths[layout.INSTANCE_MASKS if record.is_sound_scene else layout.SEMANTIC_MASKS]
+    view = _View(entry.pose, path, vertices, mesh.faces, reach)
+    if mask is not None:
+        area, outside = int(mask.sum()), int((mask & ~reach).sum())
         if outside:
             text = f"{outside} of {area} marked pixels lie outside the projected sounding object"
-            findings.add(paths[layout.SEMANTIC_MASKS], text)
+            findings.add(path, text)
             return
-        _check_rays(frame, view, found.mask, found.depth, findings)
+        _check_rays(frame, view, mask, found.depth, findings)
         if found.depth is not None and area:
             z = -entry.pose.to_camera(vertices)[:, 2]
-            seen = found.depth[found.mask]
+            seen = found.depth[mask]
             wrong = int(((seen < z.min() - DEPTH_TOLERANCE) | (seen > z.max() + DEPTH_TOLERANCE)).sum())
             if wrong:
                 text = f"{wrong} of {area} pixels of the sounding object are nearer or farther than its mesh"
                 findings.add(paths[layout.DEPTH], text)
     if sightings is not None:
-        _check_points(frame, view, found.mask, sightings, tally, findings)
+        _check_points(frame, view, mask, sightings, tally, findings)
 
 
 def _check_rays(
     frame: Frame, view: _View, mask: NDArray[np.bool_], depth: NDArray[np.float32] | None, findings: Findings
 ) -> None:
     """Rays through pixel centres: of the mask's edge, and (where there is depth) of what is beside it."""
-    camera, path = frame.observation.intrinsics, frame_paths(frame)[layout.SEMANTIC_MASKS]
+    camera, path = frame.observation.intrinsics, view.path
     small, kernel = mask.astype(np.uint8), np.ones((2 * BESIDE + 1, 2 * BESIDE + 1), dtype=np.uint8)
     inner = cv2.erode(small, np.ones((3, 3), dtype=np.uint8), borderValue=1) > 0
     near = cv2.dilate(small, kernel) > 0
@@ -200,10 +216,10 @@ def _check_points(
     tally.surplus += surplus
     if lacking > max(1, ALLOWED[1] * int((origin & on).sum())):
         text = f"{lacking} sparse points taken from the frame lie on the sounding mesh, but outside the mask"
-        findings.add(frame_paths(frame)[layout.SEMANTIC_MASKS], text)
+        findings.add(view.path, text)
     if surplus > max(1, ALLOWED[1] * int((origin & marked).sum())):
         text = f"{surplus} sparse points taken from the frame lie inside the mask, but not on the sounding mesh"
-        findings.add(frame_paths(frame)[layout.SEMANTIC_MASKS], text)
+        findings.add(view.path, text)
 
 
 class Boxes:

@@ -15,9 +15,11 @@ from avs3d_bench import layout, media
 from avs3d_bench.dataset import Observation, parse_splits
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import require_regular
+from avs3d_bench.layout import SoundScene
 from avs3d_bench.schema import CameraSplits, ObservationRecord, describe
 from avs3d_bench.validation.findings import Findings
 from avs3d_bench.validation.records import check_record
+from avs3d_bench.validation.scenes import has_stems
 
 _OFFICIAL_FOLDERS = (layout.INPUT, layout.BINAURAL, layout.MONO, layout.SEMANTIC_MASKS)
 
@@ -60,7 +62,7 @@ def check_structure(observation: Observation, *, ours: bool) -> tuple[Findings, 
     record = load_record(observation, findings) if ours else None
     if ours:
         frames = len(record.frames) if record else len(observation.frame_names)
-        _check_files_of_ours(files, frames, findings)
+        _check_files_of_ours(observation, record, files, frames, findings)
     else:
         _check_files_of_release(observation, files, findings)
     _check_splits(observation, findings, ours=ours)
@@ -103,12 +105,33 @@ def _check_missing(expected: set[str], files: set[str], findings: Findings) -> N
         findings.add(path, "missing file")
 
 
-def _check_files_of_ours(files: set[str], frames: int, findings: Findings) -> None:
+def _sound_scene(observation: Observation, record: ObservationRecord | None, files: set[str]) -> SoundScene | None:
+    """What decides the files of an observation of part_3: its record, or the folders where that cannot be read."""
+    if observation.place.part != "part_3":
+        return None
+    stems = has_stems(files)
+    if record is not None and record.sources is not None:
+        names = tuple(source.id for source in record.sources)
+        in_room = any(source.instance is not None for source in record.sources)
+        return SoundScene(names, in_room=in_room, stems=stems, background=record.background is not None)
+    inside = {path.split("/")[1] for path in files if path.startswith((f"{layout.STEMS}/", f"{layout.RIRS}/"))}
+    names = tuple(sorted(inside - {layout.BACKGROUND}))
+    return SoundScene(
+        names, in_room=layout.SOUNDING_OBJECT in files, stems=stems, background=layout.BACKGROUND in inside
+    )
+
+
+def _check_files_of_ours(
+    observation: Observation, record: ObservationRecord | None, files: set[str], frames: int, findings: Findings
+) -> None:
+    scene = _sound_scene(observation, record, files)
     has = {folder: any(path.startswith(f"{folder}/") for path in files) for folder in (layout.DEPTH, layout.RIRS)}
-    expected = set(layout.expected_files(frames, depth=has[layout.DEPTH], rirs=has[layout.RIRS]))
+    expected = set(layout.expected_files(frames, depth=has[layout.DEPTH], rirs=has[layout.RIRS], sound_scene=scene))
     _check_missing(expected, files, findings)
     for path in files - expected - {layout.OBSERVATION_JSON}:
         kind = "left over from an interrupted run" if path.endswith(".tmp") else "surplus file; the layout has no such"
+        if path == layout.SOUNDING_OBJECT:
+            kind = "surplus file: no instance of the room sounds, so that there is no mesh"
         findings.add(path, kind)
 
 
@@ -182,6 +205,7 @@ def _check_headers(
         layout.IMAGES: {(2, 8)} if ours else {(2, 8), (6, 8)},
         layout.SEMANTIC_MASKS: {(0, 8)} if ours else {(0, 1), (0, 8), (2, 8), (3, 8), (6, 8)},
         layout.INSTANCE_MASKS: {(0, 8), (0, 16)},
+        layout.CATEGORY_MASKS: {(0, 8)},
         layout.DEPTH: {(0, 16)},
     }
     wanted = {
@@ -189,6 +213,7 @@ def _check_headers(
         layout.IMAGES: "RGB, 8 bit",
         layout.SEMANTIC_MASKS: "grey, 8 bit",
         layout.INSTANCE_MASKS: "grey, 8 or 16 bit",
+        layout.CATEGORY_MASKS: "grey, 8 bit",
         layout.DEPTH: "grey, 16 bit",
     }
     sounds = {layout.BINAURAL: (2, layout.BINAURAL_SAMPLES), layout.MONO: (1, layout.MONO_SAMPLES)}
@@ -205,9 +230,11 @@ def _check_headers(
                 # The release's images/ are undistorted: their size is COLMAP's affair.
                 if size and found != size and (ours or folder != layout.IMAGES):
                     findings.add(path, f"{found[0]}×{found[1]} pixels, expected {size[0]}×{size[1]}")
-            elif folder in sounds and name.endswith(".wav"):
+            elif (kind := layout.BINAURAL if folder.startswith(f"{layout.STEMS}/") else folder) in sounds and (
+                name.endswith(".wav")
+            ):
                 sound = media.wav_header(observation.path / path)
-                channels, samples = sounds[folder]
+                channels, samples = sounds[kind]
                 if sound.rate != layout.SAMPLE_RATE:
                     findings.add(path, f"{sound.rate} Hz, expected {layout.SAMPLE_RATE} Hz")
                 if sound.channels != channels:

@@ -23,6 +23,7 @@ from avs3d_bench.report import Problem, Report, ordered
 from avs3d_bench.schema import DatasetRecord, ObservationRecord, describe
 from avs3d_bench.taxonomy import PARTS, ROOMS
 from avs3d_bench.validation.catalogue import check_catalogue
+from avs3d_bench.validation.siblings import check_groups
 from avs3d_bench.validation.structure import check_structure
 
 #: Files that may stand beside dataset.json.
@@ -72,6 +73,7 @@ def validate(root: str | Path, *, deep: bool = False, workers: int | None = 1, p
         problems += outcomes[key].problems
     if record:
         problems += _check_entries(base, record, outcomes)
+    problems += check_groups({key: one.record for key, one in outcomes.items() if one.record}, frozenset(outcomes))
     files = sum(outcome.files for outcome in outcomes.values()) + int((base / layout.DATASET_JSON).exists())
     return Report(base, deep, len(dataset.keys), files, ordered(problems))
 
@@ -127,7 +129,7 @@ def _odd_name(path: Path, key: str, known: set[str]) -> Problem | None:
     if len(pieces) == 3 and pieces[2] not in ROOMS:
         return Problem("error", key, f"unknown room {pieces[2]!r}: expected one of {', '.join(ROOMS)}")
     if len(pieces) == 4 and key not in known and pieces[2] in ROOMS:
-        return Problem("error", key, "no observation key: expected part_1|part_2/<scan>/<room>/<index>")
+        return Problem("error", key, f"no observation key: expected {'|'.join(PARTS)}/<scan>/<room>/<index>")
     if len(pieces) < 4 and not any(path.iterdir()):
         return Problem("error", key, "empty folder")
     return None
@@ -146,7 +148,8 @@ def _read_dataset_record(root: Path) -> tuple[DatasetRecord | None, list[Problem
 
 def _check_entries(root: Path, record: DatasetRecord, outcomes: dict[str, _Outcome]) -> Iterable[Problem]:
     """dataset.json against itself, its manifest and the observations on disk."""
-    yield from check_catalogue(record, {key: one.record for key, one in outcomes.items() if one.record})
+    records = {key: one.record for key, one in outcomes.items() if one.record}
+    yield from check_catalogue(record, records)
     listed = {entry.key: entry for entry in record.observations}
     for key in sorted(set(listed) - set(outcomes)):
         yield Problem("error", key, f"listed in {layout.DATASET_JSON}, but missing")

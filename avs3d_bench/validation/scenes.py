@@ -1,0 +1,150 @@
+"""The sound scene of observation.json (part_3) against itself: programmes, off-screen sources, what is audible.
+
+Nothing is decoded here: the level of a frame's clip is the recorded one, which `validation.sound` holds against the
+clip. `validation.stems` holds the same entries against the stems.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from avs3d_bench import layout
+from avs3d_bench.schema import (
+    AUDIBLE_LEVEL_DB,
+    AUDIBLE_SNR_DB,
+    AudibleRecord,
+    FrameRecord,
+    ObservationRecord,
+    SourceRecord,
+)
+from avs3d_bench.validation.findings import Findings
+
+#: What is simulated begins this long before the first frame (s): no programme begins earlier.
+EARLIEST_START = -2.0
+#: Times of programmes against each other (s).
+TIME_TOLERANCE = 1e-6
+#: Levels against each other (dB): rounding of clips and numbers.
+LEVEL_TOLERANCE_DB = 0.1
+#: Longest reverberation that is simulated, and what is allowed where the room's is not recorded (s).
+LONGEST_TAIL = 2.0
+#: A response has decayed by 60 dB after T30; what is left after this multiple of it counts as silent.
+TAIL_PER_T30 = 2.0
+#: A room next door may ring longer than the observation's own: shortest tail that is allowed (s).
+SHORTEST_TAIL = 0.5
+#: Clips with an RMS below this are silent (dB re full scale).
+SILENT_DB = -120.0
+#: A clip without audible sources may be this much louder than the mean of its background (dB): noise varies.
+BACKGROUND_VARIES_DB = 6.0
+
+
+def has_stems(files: set[str]) -> bool:
+    """Whether an observation was made with stems."""
+    return any(path.startswith(f"{layout.STEMS}/") for path in files)
+
+
+def tail_of(record: ObservationRecord) -> float:
+    """How long a source may be heard after its programme has ended, in seconds."""
+    if record.acoustics.t30 is None:
+        return LONGEST_TAIL
+    return min(LONGEST_TAIL, max(SHORTEST_TAIL, TAIL_PER_T30 * record.acoustics.t30))
+
+
+def decibels(amplitude: float) -> float:
+    """An amplitude (RMS, re full scale) in dB; −inf for 0."""
+    return 20.0 * math.log10(amplitude) if amplitude > 0 else -math.inf
+
+
+def amplitude(level_db: float) -> float:
+    """The amplitude of a level in dB."""
+    return float(10.0 ** (level_db / 20.0))
+
+
+def check_scene(record: ObservationRecord, findings: Findings) -> None:
+    """Check the sources and the audible entries of an observation of part_3."""
+    for text in (*_programmes(record), *_off_screen(record)):
+        findings.add(layout.OBSERVATION_JSON, text)
+    tail = tail_of(record)
+    for number, frame in enumerate(record.frames):
+        for text in (*_audible(record, frame, tail), *_clip(record, frame)):
+            findings.add(layout.OBSERVATION_JSON, f"frames[{number}]: {text}")
+
+
+def _programmes(record: ObservationRecord) -> Iterator[str]:
+    end_of_all = len(record.frames) / layout.FRAME_RATE
+    for source in record.sources or ():
+        start, end = source.programme[0][0], source.programme[-1][1]
+        if start < EARLIEST_START - TIME_TOLERANCE:
+            yield f"{source.id}: programme starts at {start:g} s, expected {EARLIEST_START:g} s at the earliest"
+        if end > end_of_all + TIME_TOLERANCE:
+            yield f"{source.id}: programme ends at {end:g} s, after the last frame ({end_of_all:g} s)"
+
+
+def _off_screen(record: ObservationRecord) -> Iterator[str]:
+    """An off-screen source is no instance, and is where none is (`validation.off_screen` asks whether it is seen)."""
+    for source in record.sources or ():
+        if source.instance is not None:
+            continue
+        place = np.asarray(source.position)
+        for instance in record.instances:
+            low, high = np.asarray(instance.bounds)
+            if ((place >= low) & (place <= high)).all():
+                yield f"{source.id} is off-screen (no instance), but its position is inside instance {instance.id}"
+
+
+def sounds_during(source: SourceRecord, start: float, end: float, tail: float = 0.0) -> bool:
+    """Whether a source, or its reverberation of ``tail`` seconds, can be heard in [start, end)."""
+    return any(begin < end and stop + tail > start for begin, stop in source.programme)
+
+
+def _audible(record: ObservationRecord, frame: FrameRecord, tail: float) -> Iterator[str]:
+    for heard in frame.audible or ():
+        if heard.level_db < AUDIBLE_LEVEL_DB - LEVEL_TOLERANCE_DB:
+            text = f"{heard.source} has {heard.level_db:.1f} dB, below {AUDIBLE_LEVEL_DB:g} dB it is not audible"
+            yield text
+        if heard.snr_db is not None and heard.snr_db < AUDIBLE_SNR_DB - LEVEL_TOLERANCE_DB:
+            yield f"{heard.source} has an SNR of {heard.snr_db:.1f} dB, below {AUDIBLE_SNR_DB:g} dB it is not audible"
+        if not sounds_during(record.source(heard.source), frame.time, frame.time + 1 / layout.FRAME_RATE, tail):
+            yield f"{heard.source} is audible, but its programme has no interval here or in the {tail:g} s before"
+
+
+def _clip(record: ObservationRecord, frame: FrameRecord) -> Iterator[str]:
+    """The level of the clip (rms_left, rms_right) against what is audible.
+
+    A clip is the sum of a stem and of the rest, so that its RMS lies between the difference and the sum of theirs.
+    """
+    clip = math.hypot(frame.rms_left, frame.rms_right) / math.sqrt(2.0)
+    level = decibels(clip)
+    for heard in frame.audible or ():
+        low, high = _range(heard)
+        if not low - LEVEL_TOLERANCE_DB <= level <= high + LEVEL_TOLERANCE_DB:
+            yield (
+                f"{heard.source} with {heard.level_db:.1f} dB and an SNR of {_snr(heard)} makes a clip of "
+                f"{low:.1f} to {high:.1f} dB, rms_left and rms_right give {level:.1f} dB"
+            )
+    if frame.audible:
+        return
+    count, background = len(record.sources or ()), record.background
+    if not count and background is None:
+        if level > SILENT_DB:
+            yield f"nothing sounds (no source, no background), but the clip has {level:.1f} dB"
+        return
+    # Each inaudible source is below the least level, or 20 dB below a rest that is no louder than 1.1 times the clip.
+    least = count * amplitude(AUDIBLE_LEVEL_DB)
+    if background is not None:
+        least += amplitude(background.level_db + BACKGROUND_VARIES_DB) * (1 + 0.11 * count)
+    if level > decibels(least) + LEVEL_TOLERANCE_DB:
+        yield f"audible is empty, but the clip has {level:.1f} dB; expected at most {decibels(least):.1f} dB"
+
+
+def _range(heard: AudibleRecord) -> tuple[float, float]:
+    """Least and greatest level of a clip (dB) that holds a stem of this level above a rest of this SNR."""
+    stem = amplitude(heard.level_db)
+    rest = 0.0 if heard.snr_db is None else amplitude(heard.level_db - heard.snr_db)
+    return decibels(abs(stem - rest)), decibels(stem + rest)
+
+
+def _snr(heard: AudibleRecord) -> str:
+    return "none" if heard.snr_db is None else f"{heard.snr_db:.1f} dB"

@@ -1,0 +1,87 @@
+"""Groups of part_3: siblings share home, objects, path and pictures, and differ in sound alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from avs3d_bench import layout
+from avs3d_bench.report import Problem
+from avs3d_bench.schema import InstanceRecord, ObservationRecord
+
+#: Folders and files that are the same, byte for byte, in all siblings.
+SHARED = (
+    f"{layout.INPUT}/",
+    f"{layout.IMAGES}/",
+    f"{layout.INSTANCE_MASKS}/",
+    f"{layout.DEPTH}/",
+    f"{layout.COLMAP}/",
+    layout.SPLITS_JSON,
+)
+
+
+def check_groups(records: Mapping[str, ObservationRecord], keys: frozenset[str]) -> Iterator[Problem]:
+    """Hold each sibling to the first of its group.
+
+    The sha256 of observation.json are compared; that files have them is what `--deep` checks of each observation.
+
+    Args:
+        records: the observation.json of every observation that has one that can be read, by key.
+        keys: keys of all observations of the dataset.
+    """
+    for key, record in sorted(records.items()):
+        if record.group is None or record.group == key:
+            continue
+        where = f"{key}/{layout.OBSERVATION_JSON}"
+        first = records.get(record.group)
+        if first is None:
+            if record.group not in keys:
+                text = f"group {record.group} is not in this dataset: its pictures cannot be compared"
+                yield Problem("warning", where, text)
+            continue
+        if first.group != first.key:
+            text = f"group {first.key} is itself in the group {first.group}; expected the key of the first, no chain"
+            yield Problem("error", where, text)
+            continue
+        for path, text in (*_records(record, first), *_files(record, first)):
+            yield Problem("error", f"{key}/{path}", text)
+
+
+def _records(record: ObservationRecord, first: ObservationRecord) -> Iterator[tuple[str, str]]:
+    where = layout.OBSERVATION_JSON
+    of_group = f"that of {first.key}, the first of its group"
+    for name in ("seed", "intrinsics", "vision", "categories"):
+        mine, other = getattr(record, name), getattr(first, name)
+        if mine != other:
+            yield where, f"{name} differs from {of_group}: {mine} is not {other}"
+    if len(record.frames) != len(first.frames):
+        yield where, f"{len(record.frames)} frames, {len(first.frames)} in {first.key}, the first of its group"
+    for number, (frame, other_frame) in enumerate(zip(record.frames, first.frames, strict=False)):
+        if (frame.time, frame.position, frame.rotation) != (
+            other_frame.time,
+            other_frame.position,
+            other_frame.rotation,
+        ):
+            yield where, f"frames[{number}]: time or pose differs from {of_group}"
+            break  # the others most likely differ as well
+    mine_by_id = {instance.id: _placed(instance) for instance in record.instances}
+    others_by_id = {instance.id: _placed(instance) for instance in first.instances}
+    for number in sorted(mine_by_id.keys() | others_by_id.keys()):
+        if mine_by_id.get(number) != others_by_id.get(number):
+            yield where, f"instance {number} differs from {of_group}; expected the same but for sounding"
+
+
+def _placed(instance: InstanceRecord) -> InstanceRecord:
+    """The instance without what siblings differ in."""
+    return instance.model_copy(update={"sounding": False})
+
+
+def _files(record: ObservationRecord, first: ObservationRecord) -> Iterator[tuple[str, str]]:
+    mine = {path: digest for path, digest in record.files.items() if path.startswith(SHARED)}
+    others = {path: digest for path, digest in first.files.items() if path.startswith(SHARED)}
+    for path in sorted(mine.keys() | others.keys()):
+        if path not in mine:
+            yield path, f"is in {first.key}, the first of its group, but not here"
+        elif path not in others:
+            yield path, f"is not in {first.key}, the first of its group"
+        elif mine[path] != others[path]:
+            yield path, f"differs from that of {first.key}, the first of its group; expected the same bytes"
