@@ -14,6 +14,7 @@ from avs3d_bench.geometry import direction_to
 from avs3d_bench.levels import ild_db
 from avs3d_bench.schema import FrameRecord, ObservationRecord
 from avs3d_bench.validation.findings import Findings
+from avs3d_bench.validation.scenes import sounds_throughout
 from avs3d_bench.validation.sound import SILENCE, Sound
 
 #: The louder ear is on the source's side: over frames with line of sight and |azimuth| between these, degrees …
@@ -85,7 +86,7 @@ def _azimuth(record: ObservationRecord, entry: FrameRecord, visible: frozenset[i
     source = record.source(heard.source)
     if source.instance is None or (heard.snr_db is not None and heard.snr_db < ALONE_SNR_DB):
         return None
-    if not any(start <= entry.time and entry.time + 1 / layout.FRAME_RATE <= end for start, end in source.programme):
+    if not sounds_throughout(source, entry):
         return None  # its reverberation comes from everywhere
     if not (entry.line_of_sight if source.id == _FIRST else source.instance in visible):
         return None

@@ -28,12 +28,12 @@ EARLIEST_START = -2.0
 TIME_TOLERANCE = 1e-6
 #: Levels against each other (dB): rounding of clips and numbers.
 LEVEL_TOLERANCE_DB = 0.1
-#: Longest reverberation that is simulated, and what is allowed where the room's is not recorded (s).
+#: Longest reverberation that is simulated, and what is allowed where that of the source's room is not recorded (s).
 LONGEST_TAIL = 2.0
 #: A response has decayed by 60 dB after T30; what is left after this multiple of it counts as silent.
-TAIL_PER_T30 = 2.0
-#: A room next door may ring longer than the observation's own: shortest tail that is allowed (s).
-SHORTEST_TAIL = 0.5
+TAIL_PER_T30 = 3.0
+#: Rooms beside may ring longer than the one whose T30 is recorded: shortest tail that is allowed (s).
+SHORTEST_TAIL = 1.0
 #: Clips with an RMS below this are silent (dB re full scale).
 SILENT_DB = -120.0
 #: A clip without audible sources may be this much louder than the mean of its background (dB): noise varies.
@@ -45,9 +45,9 @@ def has_stems(files: set[str]) -> bool:
     return any(path.startswith(f"{layout.STEMS}/") for path in files)
 
 
-def tail_of(record: ObservationRecord) -> float:
+def tail_of(record: ObservationRecord, source: SourceRecord) -> float:
     """How long a source may be heard after its programme has ended, in seconds."""
-    if record.acoustics.t30 is None:
+    if record.acoustics.t30 is None or source.instance is None:
         return LONGEST_TAIL
     return min(LONGEST_TAIL, max(SHORTEST_TAIL, TAIL_PER_T30 * record.acoustics.t30))
 
@@ -66,15 +66,16 @@ def check_scene(record: ObservationRecord, findings: Findings) -> None:
     """Check the sources and the audible entries of an observation of part_3."""
     for text in (*_programmes(record), *_off_screen(record)):
         findings.add(layout.OBSERVATION_JSON, text)
-    tail = tail_of(record)
     for number, frame in enumerate(record.frames):
-        for text in (*_audible(record, frame, tail), *_clip(record, frame)):
+        for text in (*_audible(record, frame), *_clip(record, frame)):
             findings.add(layout.OBSERVATION_JSON, f"frames[{number}]: {text}")
 
 
 def _programmes(record: ObservationRecord) -> Iterator[str]:
     end_of_all = len(record.frames) / layout.FRAME_RATE
     for source in record.sources or ():
+        if not source.programme:
+            continue  # the frames end before it sounds
         start, end = source.programme[0][0], source.programme[-1][1]
         if start < EARLIEST_START - TIME_TOLERANCE:
             yield f"{source.id}: programme starts at {start:g} s, expected {EARLIEST_START:g} s at the earliest"
@@ -99,14 +100,21 @@ def sounds_during(source: SourceRecord, start: float, end: float, tail: float = 
     return any(begin < end and stop + tail > start for begin, stop in source.programme)
 
 
-def _audible(record: ObservationRecord, frame: FrameRecord, tail: float) -> Iterator[str]:
+def sounds_throughout(source: SourceRecord, frame: FrameRecord) -> bool:
+    """Whether a source sounds during the whole clip of a frame, so that its direct sound dominates."""
+    return any(start <= frame.time and frame.time + 1 / layout.FRAME_RATE <= end for start, end in source.programme)
+
+
+def _audible(record: ObservationRecord, frame: FrameRecord) -> Iterator[str]:
     for heard in frame.audible or ():
+        source = record.source(heard.source)
+        tail = tail_of(record, source)
         if heard.level_db < AUDIBLE_LEVEL_DB - LEVEL_TOLERANCE_DB:
             text = f"{heard.source} has {heard.level_db:.1f} dB, below {AUDIBLE_LEVEL_DB:g} dB it is not audible"
             yield text
         if heard.snr_db is not None and heard.snr_db < AUDIBLE_SNR_DB - LEVEL_TOLERANCE_DB:
             yield f"{heard.source} has an SNR of {heard.snr_db:.1f} dB, below {AUDIBLE_SNR_DB:g} dB it is not audible"
-        if not sounds_during(record.source(heard.source), frame.time, frame.time + 1 / layout.FRAME_RATE, tail):
+        if not sounds_during(source, frame.time, frame.time + 1 / layout.FRAME_RATE, tail):
             yield f"{heard.source} is audible, but its programme has no interval here or in the {tail:g} s before"
 
 

@@ -21,17 +21,18 @@ from avs3d_bench.schema import (
 )
 from avs3d_bench.validation.background import Coherence
 from avs3d_bench.validation.findings import Findings, read
-from avs3d_bench.validation.scenes import decibels, tail_of
+from avs3d_bench.validation.scenes import decibels, sounds_throughout, tail_of
 from avs3d_bench.validation.sound import SILENCE, Sound, check_response
 
 #: The sum of the stems is the clip, to this difference of samples.
 SUM_TOLERANCE = 1e-6
 #: Recorded levels against those of the stems (dB).
 LEVEL_TOLERANCE_DB = 0.05
-#: Below this level the rest of a clip is what rounding leaves (dB re full scale): it counts as silent.
-ROUNDING_DB = -120.0
-#: The level of a background is a mean over all frames, its SNR one over all sources (dB).
-BACKGROUND_TOLERANCE_DB, BACKGROUND_SNR_TOLERANCE_DB = 0.1, 1.0
+#: A rest of a clip that is quieter than the first may be what rounding leaves, one below the second is nothing but
+#: that (dB re full scale): between them it may be recorded as silent or not.
+ROUNDING_DB, NOTHING_DB = -120.0, -150.0
+#: Level of the background over all frames, and that of all sources above it (dB).
+BACKGROUND_TOLERANCE_DB, BACKGROUND_SNR_TOLERANCE_DB = 0.1, 0.5
 #: Length of the blocks in which a stem is held to its programme (samples): 10 ms.
 BLOCK = layout.SAMPLE_RATE // 100
 #: Outside its programme a stem may have this share of its loudest second's RMS: what is left of the tail.
@@ -49,12 +50,14 @@ class Stems:
     Attributes:
         power: source's id → mean square of both ears in blocks of `BLOCK` samples, one array per frame (None where the
             stem is missing).
+        sources: mean square of all sources together, of each frame that has all stems.
         background: mean square of the background of each frame.
         coherence: of the background's ears.
     """
 
     record: ObservationRecord
     power: dict[str, list[NDArray[np.float64] | None]] = field(default_factory=dict)
+    sources: list[float] = field(default_factory=list)
     background: list[float] = field(default_factory=list)
     coherence: Coherence = field(default_factory=Coherence)
 
@@ -78,7 +81,9 @@ class Stems:
         if clip is None or len(whole) < len(stems):
             return  # already named
         path = layout.audio_path(layout.BINAURAL, frame.index)
-        total = sum((stem.astype(np.float64) for stem in whole.values()), start=np.zeros(clip.samples.shape))
+        total = sum((each.astype(np.float64) for each in whole.values()), start=np.zeros(clip.samples.shape))
+        others = total if noise is None else total - noise
+        self.sources.append(float(np.mean(np.square(others))))
         off = float(np.abs(total - clip.samples).max(initial=0.0))
         if off > SUM_TOLERANCE:
             text = f"differs from the sum of its stems by up to {off:.2g}; expected at most {SUM_TOLERANCE:g}"
@@ -88,12 +93,11 @@ class Stems:
 
     def finish(self, findings: Findings) -> None:
         """Hold each source against its programme and the background against its record."""
-        tail = tail_of(self.record)
         for source in self.record.sources or ():
             blocks = self.power.get(source.id, [])
             if blocks and all(each is not None for each in blocks):
                 power = np.concatenate([each for each in blocks if each is not None])
-                _check_programme(source, power, tail, findings)
+                _check_programme(source, power, tail_of(self.record, source), findings)
         background = self.record.background
         if background is not None and len(self.background) == len(self.record.frames):
             self._check_background(background, findings)
@@ -104,10 +108,9 @@ class Stems:
         if not abs(level - background.level_db) <= BACKGROUND_TOLERANCE_DB:
             text = f"background.level_db is {background.level_db:.2f} dB, its stem has {level:.2f} dB"
             findings.add(layout.OBSERVATION_JSON, text)
-        known = [blocks for blocks in self.power.values() if all(each is not None for each in blocks)]
-        if known and len(known) == len(self.record.sources or ()):
-            sources = sum(float(np.mean([each.mean() for each in blocks if each is not None])) for blocks in known)
-            snr = decibels(sources**0.5) - level
+        sources = decibels(float(np.mean(self.sources)) ** 0.5) if self.sources else NOTHING_DB
+        if len(self.sources) == len(self.background) and sources > NOTHING_DB:
+            snr = sources - level
             if not abs(snr - background.snr_db) <= BACKGROUND_SNR_TOLERANCE_DB:
                 text = f"background.snr_db is {background.snr_db:.1f} dB, the stems give {snr:.1f} dB"
                 findings.add(layout.OBSERVATION_JSON, text)
@@ -131,10 +134,15 @@ def _blocks(stem: NDArray[np.float32] | None) -> NDArray[np.float64] | None:
 def check_source_response(
     frame: Frame, source: SourceRecord, stem: NDArray[np.float32] | None, files: set[str], findings: Findings
 ) -> None:
-    """Read the response of a source, if there is one, and hold it against the source's stem, if that is known."""
+    """Read the response of a source, if there is one, and hold it against the source's stem, if that is known.
+
+    Where the source does not sound during the whole clip, most of the stem may be from before it.
+    """
     path = layout.rir_path(frame.index, source.id)
     response = read(findings, files, path, partial(frame.impulse_response, source.id))
-    if response is not None and stem is not None and float(np.abs(stem).max()) > SILENCE:
+    if response is None or stem is None or frame.record is None or not sounds_throughout(source, frame.record):
+        return
+    if float(np.abs(stem).max()) > SILENCE:
         check_response(path, layout.stem_path(source.id, frame.index), stem, response, findings)
 
 
@@ -166,10 +174,10 @@ def _check_audible(
             continue
         if abs(heard.level_db - level) > LEVEL_TOLERANCE_DB:
             findings.add(path, f"level is {level:.2f} dB, level_db of {frame.name} is {heard.level_db:.2f} dB")
-        if alone != (heard.snr_db is None):
+        if rest > ROUNDING_DB if heard.snr_db is None else rest < NOTHING_DB:
             said = "null" if heard.snr_db is None else f"{heard.snr_db:.2f} dB"
             findings.add(path, f"snr_db of {frame.name} is {said}, but {what}")
-        elif heard.snr_db is not None and abs(heard.snr_db - (level - rest)) > LEVEL_TOLERANCE_DB:
+        elif heard.snr_db is not None and not alone and abs(heard.snr_db - (level - rest)) > LEVEL_TOLERANCE_DB:
             text = f"SNR is {level - rest:.2f} dB, snr_db of {frame.name} is {heard.snr_db:.2f} dB"
             findings.add(path, text)
 
