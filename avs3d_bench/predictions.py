@@ -1,4 +1,4 @@
-"""Reading a submission's masks and clouds of points: nothing is decoded before its size is known to be right."""
+"""Reading a submission's masks, class ids and points: nothing is decoded before its size is known to be right."""
 
 from __future__ import annotations
 
@@ -79,6 +79,41 @@ def read_mask(path: Path, width: int, height: int, *, released: bool) -> NDArray
     # No value exceeds 255, so the sum reaches 255 × the count of marked pixels only if all of them are 255.
     if cv2.sumElems(pixels)[0] != 255.0 * cv2.countNonZero(pixels):
         raise Avs3dError(f"{path}: {_values(pixels)}")
+    return np.asarray(pixels, dtype=np.uint8)
+
+
+def read_categories(path: Path, width: int, height: int, classes: int) -> NDArray[np.uint8]:
+    """The predicted class ids of a frame of part_3.
+
+    Args:
+        path: a PNG file, grey with 8 bits.
+        width: that it must have, pixels.
+        height: likewise.
+        classes: the highest class id of the dataset.
+
+    Returns:
+        (H, W) uint8: 0 for nothing, else a class id (see `avs3d_bench.taxonomy.class_ids`).
+
+    Raises:
+        Avs3dError: if the file is missing, no plain file, damaged, of another size or mode, or holds other values.
+    """
+    check_file(path, 4 * width * height + 65_536)
+
+    def check(header: PngHeader) -> None:
+        if (header.width, header.height) != (width, height):
+            raise Avs3dError(
+                f"{path}: {header.width}×{header.height} pixels, expected {width}×{height}, the size of the frame"
+            )
+        if header.colour_type != _GREY or header.bits != 8:
+            raise Avs3dError(f"{path}: {header.mode}; expected class ids: grey, 8 bit, 0 to {classes}")
+
+    pixels = decode_png(path, cv2.IMREAD_UNCHANGED, check, plain=True)
+    highest = int(pixels.max(initial=0))
+    if highest > classes:
+        hint = ": 0 and 255 make a mask, which belongs in masks/" if highest == 255 else ""
+        raise Avs3dError(
+            f"{path}: holds the value {highest}; expected class ids, 0 for nothing and 1 to {classes}{hint}"
+        )
     return np.asarray(pixels, dtype=np.uint8)
 
 

@@ -23,20 +23,31 @@ from avs3d_bench.schema import (
     Text,
 )
 
-Protocol = Literal["official", "strict"]
+Protocol = Literal["official", "strict", "listen"]
 #: Protocol → version. It changes when a figure changes for the same masks.
-PROTOCOLS: dict[Protocol, str] = {"official": "1.0", "strict": "1.0"}
+PROTOCOLS: dict[Protocol, str] = {"official": "1.0", "strict": "1.0", "listen": "1.0"}
+#: Protocol → parts whose observations it scores.
+PROTOCOL_PARTS: dict[Protocol, tuple[str, ...]] = {
+    "official": ("part_1", "part_2"),
+    "strict": ("part_1", "part_2"),
+    "listen": ("part_3",),
+}
 #: Reference rows printed with every score: submissions that use neither pictures nor sound …
 BLIND_REFERENCES = ("all_black", "all_white", "centre_box")
 #: … and submissions with true masks that do not use the sound: under ``strict``, if the instances are known.
 DEAF_REFERENCES = ("deaf_category", "deaf_most_seen")
 REFERENCES = (*BLIND_REFERENCES, *DEAF_REFERENCES)
+#: Under ``listen``: true masks of instances, the same for all siblings of a group; see `avs3d_bench.deaf`.
+DEAF_ORACLES = ("deaf_all", "deaf_single")
+LISTEN_REFERENCES = (*BLIND_REFERENCES, *DEAF_ORACLES)
+#: Every reference row, in the order of tables.
+ALL_REFERENCES = (*REFERENCES, *DEAF_ORACLES)
 
 #: E.g. ``1.0``.
 ProtocolVersion = Annotated[str, Field(pattern=r"^[0-9]{1,4}(\.[0-9]{1,4}){0,3}$")]
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=0)]
-PartName = Literal["part_1", "part_2"]
+PartName = Literal["part_1", "part_2", "part_3"]
 
 
 @dataclass(frozen=True)
@@ -74,6 +85,12 @@ METRICS: tuple[Metric, ...] = (
     Metric("strict", "IoU_3D", "3D IoU", True, "", "IoU of 5 cm voxels with those of the object's mesh"),
     Metric("strict", "centroid_error", "centroid error", False, "m",
            "distance between the centroids of the predicted and the true voxels"),
+    Metric("listen", "pair_accuracy", "pair accuracy", True, "",
+           "share of the frames of pairs of siblings in which both predictions are right, each for its own sound"),
+    Metric("listen", "IoU", "IoU", True, "", "IoU of the mask over frames in which something audible is visible"),
+    Metric("listen", "FP_rate", "FP rate", False, "", "share of frames with nothing to mark that have a marked pixel"),
+    Metric("listen", "FP_area", "FP area", False, "", "share of marked pixels in frames with nothing to mark"),
+    Metric("listen", "class_mIoU", "class mIoU", True, "", "IoU of the categories, mean over those that occur"),
 )  # fmt: skip
 
 
@@ -115,17 +132,47 @@ class StrictObservation(StrictScore):
     unavailable: dict[str, str] = Field(default_factory=dict, description="figure that is null → reason")
 
 
+class ListenScore(Record):
+    """Whether a method listens: figures of the sound scenes of part_3 (protocol ``listen``)."""
+
+    pair_accuracy: Share | None
+    IoU: Share | None
+    FP_rate: Share | None
+    FP_area: Share | None
+    class_mIoU: Share | None  # noqa: N815
+
+
+class ListenObservation(ListenScore):
+    """One observation under ``listen``; ``pair_accuracy`` is over the pairs that it takes part in."""
+
+    visible_frames: Count = Field(description="test frames in which something audible is visible")
+    absent_frames: Count = Field(description="test frames in which nothing audible is visible")
+    pair_frames: Count = Field(description="frames of pairs with a sibling in which the truths differ")
+    class_IoU: dict[str, Share] = Field(  # noqa: N815
+        description="category that occurs in truth or prediction → its IoU; empty without categories/"
+    )
+    unavailable: dict[str, str] = Field(default_factory=dict, description="figure that is null → reason")
+
+
 class ObservationScores(Record):
     """One observation."""
+
+    left_out: ClassVar[frozenset[str]] = frozenset({"group", "listen"})
 
     key: Text
     part: PartName
     scan: Scan
     room: Room
-    category: str | None = Field(description="null in the official release, which does not contain it")
+    category: str | None = Field(
+        description="null in the official release, which does not contain it, and in part_3 where nothing sounds"
+    )
+    group: Text | None = Field(
+        default=None, description="only in part_3: key of the observation whose pictures this one has"
+    )
     frames: Count = Field(description="test frames scored")
     official: OfficialObservation | None = None
     strict: StrictObservation | None = None
+    listen: ListenObservation | None = Field(default=None, description="only in part_3")
 
 
 Interval = tuple[float, float]
@@ -149,13 +196,46 @@ class StrictSummary(StrictScore):
     unavailable: dict[str, str] = Field(default_factory=dict, description="figure that is null → reason")
 
 
+class ListenSummary(ListenScore):
+    """Unweighted means over the observations for which the figure is not null; ``pair_accuracy`` over groups."""
+
+    intervals: dict[str, Interval] = Field(
+        default_factory=dict, description="95 % bootstrap interval over groups of siblings, from six groups on"
+    )
+    counts: dict[str, Count] = Field(
+        description="figure → number of observations in its mean; pair_accuracy → number of groups"
+    )
+    groups: Count = Field(description="number of groups of siblings among the observations")
+    unavailable: dict[str, str] = Field(default_factory=dict, description="figure that is null → reason")
+
+
 class GroupScores(Record):
     """Means over a group of observations: a part, a category, a room, all."""
+
+    left_out: ClassVar[frozenset[str]] = frozenset({"listen"})
 
     observations: Count
     frames: Count
     official: OfficialSummary | None = None
     strict: StrictSummary | None = None
+    listen: ListenSummary | None = Field(default=None, description="means over the observations of part_3")
+
+
+class PairScores(Record):
+    """Two siblings: observations with the same pictures and different sound."""
+
+    first: Text = Field(description="key of one sibling")
+    second: Text = Field(description="key of the other")
+    frames: Count = Field(description="test frames in which their truths differ (IoU below 0.5)")
+    right: Count = Field(description="frames of these in which both predictions are right, each for its own sound")
+
+
+class SiblingScores(Record):
+    """The scored siblings of one group of part_3, and their pairs."""
+
+    group: Text = Field(description="key of the observation whose pictures all of them have")
+    observations: tuple[Text, ...] = Field(description="keys of the siblings that were scored")
+    pairs: tuple[PairScores, ...] = Field(description="every two of them")
 
 
 class Evaluator(Record):
@@ -195,6 +275,8 @@ class ScoredDataset(Record):
 class Scores(Record):
     """The file of scores that `avs3d-eval --json` writes."""
 
+    left_out: ClassVar[frozenset[str]] = frozenset({"siblings"})
+
     avs3d_eval: Evaluator
     submission: ScoredSubmission
     dataset: ScoredDataset
@@ -202,14 +284,15 @@ class Scores(Record):
         default=None, description="path of the HTML report, if it is in the folder of this file or below"
     )
     observations: tuple[ObservationScores, ...]
+    siblings: tuple[SiblingScores, ...] | None = Field(default=None, description="the groups of part_3")
     overall: GroupScores
     parts: dict[PartName, GroupScores]
     categories: dict[str, GroupScores]
     rooms: dict[str, GroupScores]
     references: dict[str, dict[str, GroupScores]] = Field(
         description="all_black, all_white, centre_box and, if the instances are known, deaf_category and "
-        "deaf_most_seen → part_1, part_2, overall"
+        "deaf_most_seen (official and strict), deaf_all and deaf_single (listen) → each part, overall"
     )
     references_unavailable: dict[str, str] = Field(
-        default_factory=dict, description="reference of protocol strict that is missing → reason"
+        default_factory=dict, description="reference of protocol strict or listen that is missing → reason"
     )

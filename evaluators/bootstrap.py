@@ -1,7 +1,11 @@
-"""Bootstrap intervals of a mean over observations (Efron & Tibshirani 1993, percentile method)."""
+"""Bootstrap intervals of a mean over observations (Efron & Tibshirani 1993, percentile method).
+
+Observations that share their pictures are not independent: `clustered_interval` resamples whole groups of them.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
@@ -66,3 +70,40 @@ def interval(
     low, high = np.quantile(means, [tail, 1 - tail])
     # A mean of equal numbers may differ from them in the last bit; an interval never leaves the values' range.
     return float(np.clip(low, ordered[0], ordered[-1])), float(np.clip(high, ordered[0], ordered[-1]))
+
+
+def clustered_interval(
+    clusters: Sequence[Sequence[float]],
+    *,
+    resamples: int = RESAMPLES,
+    seed: int = SEED,
+    confidence: float = CONFIDENCE,
+    fewest: int = FEWEST,
+) -> tuple[float, float] | None:
+    """The interval of the mean of all values, if clusters of them are resampled as a whole.
+
+    A resample draws as many clusters as there are, with replacement; its mean is that of all values in them. The
+    clusters are sorted first: their order, and that of their values, changes nothing.
+
+    Args:
+        clusters: the values of each; empty clusters are left out.
+        resamples: how many.
+        seed: of the draws; the same seed and number of clusters give the same draws.
+        confidence: the share, centred.
+        fewest: fewer clusters have no interval; at least 2.
+
+    Returns:
+        (low, high); None for fewer than ``fewest`` clusters.
+    """
+    ordered = sorted(sorted(cluster) for cluster in clusters if cluster)
+    if len(ordered) < max(2, fewest):
+        return None
+    sums = np.array([math.fsum(cluster) for cluster in ordered])
+    sizes = np.array([len(cluster) for cluster in ordered], dtype=np.float64)
+    blocks = _blocks(len(ordered), resamples, seed)
+    means = np.concatenate([sums[block].sum(axis=1) / sizes[block].sum(axis=1) for block in blocks])
+    tail = (1 - confidence) / 2
+    low, high = np.quantile(means, [tail, 1 - tail])
+    least, most = (sums / sizes).min(), (sums / sizes).max()
+    # As in `interval`: a mean of equal numbers may differ from them in the last bit.
+    return float(np.clip(low, least, most)), float(np.clip(high, least, most))

@@ -30,7 +30,10 @@ _workers = click.option("--workers", type=WORKERS, default=None, help="Processes
 @click.command(context_settings=HELP)
 @click.argument("submission", type=PATH)
 @dataset_option
-@click.option("--protocol", type=click.Choice(["official", "strict", "all"]), default="all", show_default=True)
+@click.option(
+    "--protocol", type=click.Choice(["official", "strict", "listen", "all"]), default="all", show_default=True,
+    help="official and strict score part_1 and part_2, listen scores part_3; all: those that fit the dataset.",
+)  # fmt: skip
 @click.option("--json", "json_file", type=PATH, metavar="FILE", help="Write the scores to this file.")
 @click.option("--html", "html_file", type=PATH, metavar="FILE", help="Write a report to this file.")
 @_official_folder
@@ -54,13 +57,12 @@ def evaluate(
     """
     from avs3d_bench.dataset import Dataset
     from avs3d_bench.files import write_json
-    from avs3d_bench.scores import PROTOCOLS
     from evaluators.reading.submission import open_submission
     from evaluators.records import InvalidSubmission
     from evaluators.reporting.terminal_table import print_scores
     from evaluators.score import score
 
-    wanted: Any = tuple(PROTOCOLS) if protocol == "all" else (protocol,)
+    wanted: Any = None if protocol == "all" else (protocol,)
     data = Dataset(root)
     _check_targets((json_file, html_file), submission, root)
     with open_submission(submission, aisrm=_aisrm(official_folder)) as opened:
@@ -80,6 +82,9 @@ def evaluate(
         finally:
             # A full disk must not cost the scores as well.
             print_scores(scores)
+            for warning in evaluation.warnings:
+                if warning.severity == "warning":
+                    click.echo(f"avs3d-eval: note: {warning.path}: {warning.message}", err=True)
     for path in (json_file, html_file):
         if path is not None:
             click.echo(str(path))

@@ -6,16 +6,23 @@
 They show whether a score is evidence of listening: a method that segments perfectly gets as much without a sound.
 Where the sounding object is the only instance of its category, both mark the truth. They need the instances and their
 categories (`observation.json`) and, where there are several, `instance_masks/` of the test frames and no others.
+
+Under ``listen`` (part_3) the references are the deaf oracles of `avs3d_bench.deaf_oracles`, the same for all siblings
+of a group: `DeafOracles` counts them.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
+from avs3d_bench.deaf_oracles import Table, best_single, instance_table
+from avs3d_bench.scores import DEAF_ORACLES
+from evaluators.classes import Confusion
 from evaluators.frames import FrameFigures, Truth, Twin, frame_figures, truth_figures
 from evaluators.metrics import FrameCounts
 
@@ -80,3 +87,54 @@ def deaf_references(frames: Sequence[DeafFrame]) -> dict[str, list[FrameFigures]
             frame.nothing if chosen is None else frame.single.get(chosen, frame.nothing) for frame in frames
         ],
     }
+
+
+@dataclass
+class DeafOracles:
+    """Counts the deaf oracles of a group of siblings, frame by frame.
+
+    Attributes:
+        instances: id of an instance that can sound → its class id.
+        labels: the highest label of the truths that `add` gets: class ids, or 1 for masks.
+        tables: of each frame that was added, one `instance_table` per sibling.
+    """
+
+    instances: Mapping[int, int]
+    labels: int
+    tables: list[list[Table]] = field(default_factory=list)
+
+    def add(self, ids: NDArray[np.uint16], truths: Sequence[NDArray[np.uint8]]) -> None:
+        """Count a frame.
+
+        Args:
+            ids: (H, W) its instance ids, the same for all siblings.
+            truths: of each sibling, (H, W) labels of what is audible and visible.
+        """
+        numbers = tuple(self.instances)
+        self.tables.append([instance_table(ids, numbers, truth, self.labels) for truth in truths])
+
+    def rows(self) -> dict[str, list[int]]:
+        """Name of the oracle → rows of the tables that it marks."""
+        chosen = best_single(table for frame in self.tables for table in frame)
+        found = (list(range(1, len(self.instances) + 1)), [] if chosen is None else [chosen])
+        return dict(zip(DEAF_ORACLES, found, strict=True))
+
+    def counts(self, rows: Sequence[int]) -> list[list[FrameCounts]]:
+        """For each frame and sibling, the counts of marking the instances of ``rows``."""
+        return [[_table_counts(table, rows) for table in frame] for frame in self.tables]
+
+    def classes(self, rows: Sequence[int], count: int) -> list[Confusion]:
+        """Of each sibling, pixels by true and predicted class (1 + count, 1 + count), over all frames."""
+        ids = (0, *self.instances.values())
+        out = []
+        for frames in zip(*self.tables, strict=True):
+            found = np.zeros((count + 1, count + 1), np.int64)
+            for row, pixels in enumerate(np.sum(frames, axis=0)):
+                found[:, ids[row] if row in rows else 0] += pixels
+            out.append(found)
+        return out
+
+
+def _table_counts(table: Table, rows: Sequence[int]) -> FrameCounts:
+    marked = table[list(rows)]
+    return FrameCounts(int(table.sum()), int(table[:, 1:].sum()), int(marked.sum()), int(marked[:, 1:].sum()))

@@ -1,24 +1,31 @@
 """From the frames of an observation to its scores, and from observations to means with intervals.
 
 A protocol is a pair of pure functions: one over the frames of an observation, one over observations. Their versions
-are in `avs3d_bench.scores.PROTOCOLS`: change the version whenever a figure changes.
+are in `avs3d_bench.scores.PROTOCOLS`: change the version whenever a figure changes. Here are ``official`` and
+``strict``; `evaluators.listen` has ``listen``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
+from avs3d_bench.errors import UsageError
 from avs3d_bench.scores import (
+    PROTOCOL_PARTS,
+    PROTOCOLS,
     GroupScores,
     ObservationScores,
     OfficialObservation,
     OfficialSummary,
+    Protocol,
+    SiblingScores,
     StrictObservation,
     StrictSummary,
     metrics_of,
 )
 from evaluators.bootstrap import interval
 from evaluators.frames import FrameFigures, visible_only
+from evaluators.listen import listen_summary
 from evaluators.metrics import f_measure, iou, mean, official_f, official_miou
 from evaluators.volume import VolumeScore
 
@@ -35,6 +42,28 @@ NO_POINTS = "the submission has no points.ply"
 NO_MESH = "the dataset has no mesh of the object"
 MOVING = "the object moves: it is in no one place in 3D"
 EMPTY_CLOUD = "the predicted cloud is empty"
+
+
+def fitting(parts: Collection[str], asked: Sequence[Protocol] | None, where: str) -> tuple[Protocol, ...]:
+    """The protocols to compute, in the order of `PROTOCOLS`.
+
+    Args:
+        parts: those that the observations belong to.
+        asked: protocols that were asked for; None: those that fit.
+        where: what messages name.
+
+    Raises:
+        UsageError: if one was asked for that scores none of the parts, or none fits.
+    """
+    fit = [name for name in PROTOCOLS if not {*PROTOCOL_PARTS[name]}.isdisjoint(parts)]
+    for name in asked or ():
+        if name not in fit:
+            scored = " and ".join(PROTOCOL_PARTS[name])
+            raise UsageError(
+                f"{where}: protocol {name} scores {scored}; found only {' and '.join(sorted(parts))}, which "
+                f"{' and '.join(fit)} score{'s' if len(fit) == 1 else ''}: leave out --protocol"
+            )
+    return tuple(name for name in fit if asked is None or name in asked)
 
 
 def official_observation(frames: Sequence[FrameFigures]) -> OfficialObservation:
@@ -82,11 +111,14 @@ def strict_observation(
     )
 
 
-def summarise(observations: Sequence[ObservationScores], *, intervals: bool = True) -> GroupScores:
+def summarise(
+    observations: Sequence[ObservationScores], siblings: Sequence[SiblingScores] = (), *, intervals: bool = True
+) -> GroupScores:
     """Plain means over observations, each counting once, with bootstrap intervals.
 
     Args:
         observations: of one group, at least one; their order changes nothing.
+        siblings: the groups of part_3; a pair counts if it involves one of the observations.
         intervals: without them the records are the same but for their ``intervals``.
     """
     officials = [scores.official for scores in observations if scores.official]
@@ -112,7 +144,11 @@ def summarise(observations: Sequence[ObservationScores], *, intervals: bool = Tr
             }
         )
     return GroupScores(
-        observations=len(observations), frames=sum(o.frames for o in observations), official=official, strict=strict
+        observations=len(observations),
+        frames=sum(o.frames for o in observations),
+        official=official,
+        strict=strict,
+        listen=listen_summary(observations, siblings, intervals=intervals),
     )
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from heapq import nsmallest
 from pathlib import Path
 from typing import Literal
 
@@ -10,7 +12,8 @@ from avs3d_bench import layout
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.report import Problem, Report
 from avs3d_bench.schema import SubmissionRecord
-from avs3d_bench.scores import Scores
+from avs3d_bench.scores import ObservationScores, Scores
+from evaluators.metrics import FrameCounts
 
 Layout = Literal["avs3d", "official"]
 
@@ -44,9 +47,17 @@ class Submission:
         """Where the mask of the frame named ``frame`` (``frame_000``) of the observation ``key`` lies."""
         return self.root / key / self.masks / f"{frame}.png"
 
+    def categories_path(self, key: str, frame: str) -> Path:
+        """Where the class ids of a frame of the observation ``key`` lie, if there are any; in part_3 only."""
+        return self.root / key / layout.SUBMISSION_CATEGORIES / f"{frame}.png"
+
     def points_path(self, key: str) -> Path:
         """Where the 3D prediction of the observation ``key`` lies, if there is one."""
         return self.root / key / layout.SUBMISSION_POINTS
+
+
+#: Frames of one observation that a report shows at most, of each kind.
+SHOWN_PER_OBSERVATION = 2
 
 
 @dataclass(frozen=True)
@@ -78,6 +89,48 @@ class FrameScore:
             return 1.0 - self.iou
         return 0.5 + 0.5 * self.marked if self.marked else 0.0
 
+    @classmethod
+    def of(cls, key: str, name: str, counts: FrameCounts, twins_marked: int = 0) -> FrameScore:
+        """From the counts of the frame."""
+        iou = counts.overlap / counts.union if counts.truth else None
+        wrong = (counts.union - counts.overlap) / counts.pixels
+        return cls(key, name, counts.truth > 0, iou, counts.predicted / counts.pixels, twins_marked, wrong)
+
+
+def worst_frames(frames: Iterable[FrameScore], count: int = SHOWN_PER_OBSERVATION) -> tuple[FrameScore, ...]:
+    """The frames with the largest badness; of equal ones those with more wrong pixels."""
+    bad = (frame for frame in frames if frame.badness > 0)
+    return tuple(nsmallest(count, bad, key=lambda f: (-f.badness, -f.wrong, f.key, f.name)))
+
+
+def best_frames(frames: Iterable[FrameScore], count: int = SHOWN_PER_OBSERVATION) -> tuple[FrameScore, ...]:
+    """The frames with the object in sight and the highest IoU above 0; ties by name."""
+    seen = (frame for frame in frames if frame.iou)
+    return tuple(nsmallest(count, seen, key=lambda f: (f.badness, f.key, f.name)))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What scoring one observation gave.
+
+    Attributes:
+        scores: of the submission; None if a file of it is bad.
+        references: name of the reference → its scores; without the deaf ones where the instances are not known.
+        worst: its worst frames.
+        best: its best frames.
+        problems: errors in the submission's files.
+        warnings: what is odd about them.
+        files: how many files of the submission were read.
+    """
+
+    scores: ObservationScores | None
+    references: Mapping[str, ObservationScores] = field(default_factory=dict)
+    worst: tuple[FrameScore, ...] = ()
+    best: tuple[FrameScore, ...] = ()
+    problems: tuple[Problem, ...] = ()
+    warnings: tuple[Problem, ...] = ()
+    files: int = 0
+
 
 @dataclass(frozen=True)
 class Evaluation:
@@ -88,11 +141,13 @@ class Evaluation:
         worst: frames with the largest badness, worst first, at most two per observation.
         best: frames with the object visible and the highest IoU, best first, at most two per observation, none of the
             worst.
+        warnings: what is odd about the submission's files, though it can be scored.
     """
 
     scores: Scores
     worst: tuple[FrameScore, ...] = ()
     best: tuple[FrameScore, ...] = ()
+    warnings: tuple[Problem, ...] = ()
 
 
 class InvalidSubmission(Avs3dError):  # noqa: N818 - the word that users know from the exit status

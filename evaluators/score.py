@@ -9,39 +9,27 @@ processes: every observation is computed whole in one of them, and means are exa
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from heapq import nsmallest
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import __version__, layout
+from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.files import sha256_file
 from avs3d_bench.parallel import advance, process_each
-from avs3d_bench.predictions import read_mask, read_points
 from avs3d_bench.provenance import provenance
-from avs3d_bench.report import Problem, Report, ordered
+from avs3d_bench.report import Report, ordered
 from avs3d_bench.schema import ProvenanceRecord
 from avs3d_bench.scores import (
     BLIND_REFERENCES,
-    PROTOCOLS,
-    REFERENCES,
-    Evaluator,
-    GroupScores,
+    PROTOCOL_PARTS,
     ObservationScores,
     Protocol,
-    ScoredDataset,
-    ScoredSubmission,
-    Scores,
 )
-from avs3d_bench.taxonomy import CATEGORIES, PARTS, ROOMS
-from evaluators import bootstrap
 from evaluators.deaf import DeafFrame, deaf_frame, deaf_references
 from evaluators.frames import FrameFigures, Truth, frame_figures, reference_figures
 from evaluators.metrics import as_bytes
@@ -51,48 +39,52 @@ from evaluators.protocols import (
     NO_MESH,
     NO_POINTS,
     ONE_INSTANCE,
+    fitting,
     official_observation,
     strict_observation,
-    summarise,
 )
-from evaluators.reading.checks import check_contents, check_structure, has_points, problem_of, select
+from evaluators.reading.checks import check_contents, check_structure, has_categories, has_points, select
+from evaluators.reading.reader import Reader
 from evaluators.reading.submission import open_submission
-from evaluators.records import Evaluation, FrameScore, InvalidSubmission, Submission
-from evaluators.volume import VOXEL_SIZE, VolumeScore, score_points, true_volume
+from evaluators.records import (
+    Evaluation,
+    FrameScore,
+    InvalidSubmission,
+    Outcome,
+    Submission,
+    best_frames,
+    worst_frames,
+)
+from evaluators.sound_scenes import GroupOutcome, score_group
+from evaluators.summary import score_record
+from evaluators.volume import VolumeScore, score_points, true_volume
 
 #: What computes the figures (see `avs3d_bench.provenance`).
 SCORING = "evaluators.score:evaluate"
-#: Frames that the report shows: so many of each kind, and at most so many of one observation.
+#: Frames that the report shows, of each kind.
 SHOWN_FRAMES = 12
-SHOWN_PER_OBSERVATION = 2
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """What scoring one observation gave.
+class Unit:
+    """What one process scores at a time: an observation, or the siblings of a group of part_3.
 
     Attributes:
-        scores: of the submission; None if a file of it is bad.
-        references: name of the reference → its scores; without the deaf ones where the instances are not known.
-        worst: its worst frames.
-        best: its best frames.
-        problems: of the submission's files.
-        files: how many files of the submission were read.
+        keys: of the observations.
+        frames: number of their test frames.
+        group: key of the group; None of an observation of part_1 or part_2.
     """
 
-    scores: ObservationScores | None
-    references: Mapping[str, ObservationScores]
-    worst: tuple[FrameScore, ...]
-    best: tuple[FrameScore, ...]
-    problems: tuple[Problem, ...]
-    files: int
+    keys: tuple[str, ...]
+    frames: int
+    group: str | None = None
 
 
 def evaluate(
     submission: str | Path,
     dataset: str | Path,
     *,
-    protocols: Sequence[Protocol] = ("official", "strict"),
+    protocols: Sequence[Protocol] | None = None,
     only: Iterable[str] = (),
     aisrm: bool | None = None,
     workers: int | None = 1,
@@ -103,7 +95,7 @@ def evaluate(
     Args:
         submission: its folder or archive.
         dataset: the dataset's root; ours or the official release.
-        protocols: which to compute.
+        protocols: which to compute; None: those that fit the observations (`evaluators.protocols.fitting`).
         only: shell patterns of observation keys; the others are left out.
         aisrm: which folder of the released pipeline's output to read; see `open_submission`.
         workers: processes; None: one per core.
@@ -123,42 +115,76 @@ def score(
     submission: Submission,
     dataset: Dataset,
     *,
-    protocols: Sequence[Protocol] = ("official", "strict"),
+    protocols: Sequence[Protocol] | None = None,
     only: Iterable[str] = (),
     workers: int | None = 1,
     progress: bool = False,
 ) -> Evaluation:
     """Score an opened submission; arguments and errors as for `evaluate`."""
     observations = select(dataset, only)
+    wanted = fitting({o.place.part for o in observations}, protocols, str(dataset.root))
+    observations = tuple(o for o in observations if any(o.place.part in PROTOCOL_PARTS[name] for name in wanted))
     problems = check_structure(submission, dataset, observations)
     if any(problem.severity == "error" for problem in problems):
         # Nothing will be scored: now report problems inside the files as well.
         raise InvalidSubmission(check_contents(submission, observations, problems, workers=workers, progress=progress))
-    points = has_points(submission, observations)
-    job = partial(score_observation, dataset.root, submission, tuple(protocols), points)
+    points, categories = has_points(submission, observations), has_categories(submission, observations)
+    job = partial(_score_unit, dataset.root, submission, wanted, points, categories)
     outcomes: dict[str, Outcome] = {}
+    groups: dict[str, GroupOutcome] = {}
     worst: tuple[FrameScore, ...] = ()
     best: tuple[FrameScore, ...] = ()
-    keys = [observation.key for observation in observations]
-    sizes = [len(observation.test) for observation in observations]
-    scored = process_each(job, keys, workers=workers, label="scoring frames", progress=progress, sizes=sizes)
-    for key, outcome in scored:
-        worst = _worst((*worst, *outcome.worst), SHOWN_FRAMES)
-        best = _best((*best, *outcome.best), 2 * SHOWN_FRAMES)
-        outcomes[key] = replace(outcome, worst=(), best=())
+    units = _units(observations)
+    sizes = [unit.frames for unit in units]
+    for unit, done in process_each(job, units, workers=workers, label="scoring frames", progress=progress, sizes=sizes):
+        for key, outcome in done.outcomes.items():
+            worst = worst_frames((*worst, *outcome.worst), SHOWN_FRAMES)
+            best = best_frames((*best, *outcome.best), 2 * SHOWN_FRAMES)
+            outcomes[key] = replace(outcome, worst=(), best=())
+        if unit.group is not None:
+            groups[unit.group] = done
     bad = [problem for outcome in outcomes.values() for problem in outcome.problems]
+    warnings = [problem for outcome in outcomes.values() for problem in outcome.warnings]
     if bad:
         files = sum(outcome.files for outcome in outcomes.values())
-        raise InvalidSubmission(Report(submission.named, True, len(keys), files, ordered([*problems, *bad])))
-    done = [(o.scores, o.references) for key in keys if (o := outcomes[key]).scores is not None]
+        found = ordered([*problems, *bad, *warnings])
+        raise InvalidSubmission(Report(submission.named, True, len(observations), files, found))
     best = tuple(frame for frame in best if frame not in worst)[:SHOWN_FRAMES]
-    return Evaluation(_record(submission, dataset, protocols, points, done), worst, best)
+    ordered_outcomes = [outcomes[observation.key] for observation in observations]
+    ordered_groups = [groups[unit.group] for unit in units if unit.group is not None]
+    software = ProvenanceRecord.of(provenance(SCORING))
+    record = score_record(submission, dataset, wanted, points, ordered_outcomes, ordered_groups, software)
+    return Evaluation(record, worst, best, tuple(ordered([*problems, *warnings])))
+
+
+def _units(observations: Sequence[Observation]) -> list[Unit]:
+    """What is scored together, in the order of the first observation of each."""
+    found: dict[str, list[Observation]] = {}
+    for observation in observations:
+        scene = observation.place.part in PROTOCOL_PARTS["listen"]
+        found.setdefault((scene and observation.group) or observation.key, []).append(observation)
+    return [
+        Unit(
+            tuple(o.key for o in some),
+            sum(len(o.test) for o in some),
+            group if some[0].place.part in PROTOCOL_PARTS["listen"] else None,
+        )
+        for group, some in found.items()
+    ]
+
+
+def _score_unit(
+    root: Path, submission: Submission, wanted: Sequence[Protocol], points: bool, categories: bool, unit: Unit
+) -> GroupOutcome:
+    if unit.group is not None:
+        return score_group(root, submission, points, categories, unit.group, unit.keys)
+    return GroupOutcome({key: score_observation(root, submission, wanted, points, key) for key in unit.keys})
 
 
 def score_observation(
     root: Path, submission: Submission, wanted: Sequence[Protocol], points: bool, key: str
 ) -> Outcome:
-    """Score one observation: every mask decoded once, one frame in memory at a time.
+    """Score one observation of part_1 or part_2: every mask decoded once, one frame in memory at a time.
 
     Args:
         root: the dataset's.
@@ -175,18 +201,15 @@ def score_observation(
     twin_ids = _twin_ids(observation) if strict else None
     figures: list[FrameFigures] = []
     references: dict[str, list[FrameFigures]] = {name: [] for name in BLIND_REFERENCES}
-    frames, problems, files = [], [], 0
+    frames: list[FrameScore] = []
+    reader = Reader(submission, key)
     deaf: list[DeafFrame] = []
     for number, frame in enumerate(observation.test):
         advance(number, len(observation.test))
         truth = _truth(frame, twin_ids, strict)
         height, width = truth.mask.shape
-        path = submission.mask_path(key, frame.name)
-        files += 1
-        try:
-            prediction = read_mask(path, width, height, released=submission.layout == "official")
-        except Avs3dError as error:
-            problems.append(problem_of(submission, path, error))
+        prediction = reader.mask(frame.name, (height, width))
+        if prediction is None:
             continue
         found = frame_figures(truth, prediction)
         figures.append(found)
@@ -194,36 +217,20 @@ def score_observation(
             references[name].append(reference)
         if strict and observation.record is not None:
             deaf.append(deaf_frame(truth, observation.record.sounding.id))
-        frames.append(_frame_score(key, frame.name, found))
-    if not figures and not problems:
+        frames.append(FrameScore.of(key, frame.name, found.counts, found.twins_marked))
+    if not figures and not reader.problems:
         raise Avs3dError(f"{observation.path}: no test frame; expected some in {layout.SPLITS_JSON}")
-    volume: VolumeScore | None = None
-    if points:
-        files += 1
-        volume, bad = _score_points(submission, observation, strict)
-        problems += bad
-    if problems:
-        return Outcome(None, {}, (), (), tuple(problems), files)
+    # Points are always read: a submission with a bad file gets no score under any protocol.
+    cloud = reader.points() if points else None
+    volume = _volume(observation, cloud) if strict and cloud is not None else None
+    if reader.problems:
+        return Outcome(None, problems=tuple(reader.problems), files=reader.files)
     scored = _observation_scores(observation, figures, volume, wanted, points)
     references |= deaf_references(deaf) if deaf else {}
     beside = {
         name: _observation_scores(observation, frames_, None, wanted, False) for name, frames_ in references.items()
     }
-    few = SHOWN_PER_OBSERVATION
-    return Outcome(scored, beside, _worst(frames, few), _best(frames, few), (), files)
-
-
-def _score_points(
-    submission: Submission, observation: Observation, strict: bool
-) -> tuple[VolumeScore | None, tuple[Problem, ...]]:
-    """The score of a 3D prediction, or what is wrong with its file."""
-    path = submission.points_path(observation.key)
-    try:
-        # Always read it: a submission with a bad file gets no score under any protocol.
-        cloud = read_points(path)
-    except Avs3dError as error:
-        return None, (problem_of(submission, path, error),)
-    return (_volume(observation, cloud) if strict else None), ()
+    return Outcome(scored, beside, worst_frames(frames), best_frames(frames), files=reader.files)
 
 
 def _twin_ids(observation: Observation) -> tuple[int, ...] | None:
@@ -260,14 +267,6 @@ def _moves(observation: Observation) -> bool:
     return observation.record is not None and observation.record.moves
 
 
-def _frame_score(key: str, name: str, figures: FrameFigures) -> FrameScore:
-    counts = figures.counts
-    iou = counts.overlap / counts.union if counts.truth else None
-    marked = counts.predicted / counts.pixels
-    wrong = (counts.union - counts.overlap) / counts.pixels
-    return FrameScore(key, name, counts.truth > 0, iou, marked, figures.twins_marked, wrong)
-
-
 def _observation_scores(
     observation: Observation,
     frames: Sequence[FrameFigures],
@@ -296,71 +295,3 @@ def _observation_scores(
             "strict": strict_observation(frames, volume, unavailable) if "strict" in wanted else None,
         }
     )
-
-
-def _worst(frames: Iterable[FrameScore], count: int) -> tuple[FrameScore, ...]:
-    """The frames with the largest badness; of equal ones those with more wrong pixels."""
-    bad = (frame for frame in frames if frame.badness > 0)
-    return tuple(nsmallest(count, bad, key=lambda f: (-f.badness, -f.wrong, f.key, f.name)))
-
-
-def _best(frames: Iterable[FrameScore], count: int) -> tuple[FrameScore, ...]:
-    """The frames with the object in sight and the highest IoU above 0; ties by name."""
-    seen = (frame for frame in frames if frame.iou)
-    return tuple(nsmallest(count, seen, key=lambda f: (f.badness, f.key, f.name)))
-
-
-def _record(
-    submission: Submission,
-    dataset: Dataset,
-    wanted: Sequence[Protocol],
-    points: bool,
-    outcomes: Sequence[tuple[ObservationScores, Mapping[str, ObservationScores]]],
-) -> Scores:
-    """The record of scores: observations, and their means over parts, categories and rooms."""
-    scored = [scores for scores, _ in outcomes]
-    record = dataset.record
-    # A row covers all observations or is left out, because it is printed beside means over all of them.
-    known = [name for name in REFERENCES if all(name in beside for _, beside in outcomes)]
-    missing = [name for name in REFERENCES if name not in known]
-    return Scores(
-        avs3d_eval=Evaluator(
-            version=__version__,
-            protocols={name: version for name, version in PROTOCOLS.items() if name in wanted},
-            bootstrap_resamples=bootstrap.RESAMPLES,
-            bootstrap_seed=bootstrap.SEED,
-            voxel_size=VOXEL_SIZE,
-            provenance=ProvenanceRecord.of(provenance(SCORING)),
-        ),
-        submission=ScoredSubmission(
-            **submission.record.model_dump(), layout=submission.layout, masks=submission.masks, points=points
-        ),
-        dataset=ScoredDataset(
-            name=dataset.name,
-            version=record.version if record else None,
-            sha256=sha256_file(dataset.root / layout.DATASET_JSON) if record else None,
-            observations=len(dataset),
-            scored=len(scored),
-            provenance=record.provenance if record else None,
-        ),
-        observations=tuple(scored),
-        overall=summarise(scored),
-        parts=_grouped(scored, PARTS, "part"),
-        categories=_grouped(scored, CATEGORIES, "category"),
-        rooms=_grouped(scored, ROOMS, "room"),
-        references={name: _reference([beside[name] for _, beside in outcomes]) for name in known},
-        references_unavailable=dict.fromkeys(missing, NO_INSTANCE_MASKS) if "strict" in wanted else {},
-    )
-
-
-def _grouped(scored: Sequence[ObservationScores], names: Iterable[str], field: str) -> dict[Any, GroupScores]:
-    """Group → its means, in the order of ``names``, without those that have no observation."""
-    groups = {name: [scores for scores in scored if getattr(scores, field) == name] for name in names}
-    return {name: summarise(group) for name, group in groups.items() if group}
-
-
-def _reference(scored: Sequence[ObservationScores]) -> dict[str, GroupScores]:
-    """A reference's means; without intervals, because no reference is compared by them."""
-    groups = {part: [scores for scores in scored if scores.part == part] for part in PARTS}
-    parts = {part: summarise(group, intervals=False) for part, group in groups.items() if group}
-    return parts | {"overall": summarise(scored, intervals=False)}

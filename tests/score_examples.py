@@ -38,7 +38,7 @@ def keys_of(count: int) -> list[str]:
     multi = count // 4
     places = {"part_1": count - multi, "part_2": multi}
     return sorted(
-        f"{part}/apartment_{1 + i // 9}/{ROOMS[i % 3]}/{1 + i // 3 % 3}" for part in PARTS for i in range(places[part])
+        f"{part}/apartment_{1 + i // 9}/{ROOMS[i % 3]}/{1 + i // 3 % 3}" for part in places for i in range(places[part])
     )
 
 

@@ -13,12 +13,13 @@ from pathlib import Path
 
 from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset, Observation
-from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.errors import UsageError
 from avs3d_bench.media import png_header
 from avs3d_bench.parallel import advance, process_each
-from avs3d_bench.predictions import read_mask, read_points
 from avs3d_bench.report import Problem, Report, ordered
-from evaluators.reading.structure import check_structure
+from avs3d_bench.taxonomy import class_ids
+from evaluators.reading.reader import Reader, problem_of
+from evaluators.reading.structure import check_structure, is_sound_scene
 from evaluators.reading.submission import open_submission
 from evaluators.records import InvalidSubmission, Submission
 
@@ -28,6 +29,7 @@ __all__ = [
     "check_contents",
     "check_structure",
     "check_submission",
+    "has_categories",
     "has_points",
     "problem_of",
 ]
@@ -84,16 +86,19 @@ def select(dataset: Dataset, only: Iterable[str]) -> tuple[Observation, ...]:
     return chosen
 
 
-def problem_of(submission: Submission, path: Path, error: Avs3dError) -> Problem:
-    """An error about one of the submission's files as a finding."""
-    return Problem("error", path.relative_to(submission.root).as_posix(), str(error).removeprefix(f"{path}: "))
-
-
 def has_points(submission: Submission, observations: Iterable[Observation]) -> bool:
     """Whether the submission holds any 3D prediction; the released pipeline never writes one."""
     if submission.layout == "official":
         return False
     return any(os.path.lexists(submission.points_path(observation.key)) for observation in observations)
+
+
+def has_categories(submission: Submission, observations: Iterable[Observation]) -> bool:
+    """Whether the submission holds class ids (categories/) of an observation of part_3."""
+    if submission.layout == "official":
+        return False
+    folders = (submission.root / o.key / layout.SUBMISSION_CATEGORIES for o in observations if is_sound_scene(o))
+    return any(folder.is_dir() and any(folder.iterdir()) for folder in folders)
 
 
 def check_contents(
@@ -117,8 +122,8 @@ def check_contents(
         the report, with the findings of both.
     """
     bad = frozenset(problem.path for problem in problems if problem.severity == "error")
-    points = has_points(submission, observations)
-    look = partial(_look, submission, observations[0].path.parents[3], bad, points)
+    points, categories = has_points(submission, observations), has_categories(submission, observations)
+    look = partial(_look, submission, observations[0].path.parents[3], bad, points, categories)
     keys = [observation.key for observation in observations]
     files = int(submission.layout == "avs3d")
     found = list(problems)
@@ -131,28 +136,31 @@ def check_contents(
 
 
 def _look(
-    submission: Submission, root: Path, bad: frozenset[str], points: bool, key: str
+    submission: Submission, root: Path, bad: frozenset[str], points: bool, categories: bool, key: str
 ) -> tuple[int, tuple[Problem, ...]]:
     """(files read, findings) of one observation."""
     observation = Observation(root, key)
-    problems, files = [], 0
+    reader = Reader(submission, key)
+    classes = _class_count(observation) if categories and is_sound_scene(observation) else None
+
+    def sound(path: Path) -> bool:
+        """Whether nothing is known against a file, or against a folder behind a link."""
+        name = path.relative_to(submission.root)
+        return bad.isdisjoint((name.as_posix(), name.parent.as_posix()))
+
     for number, frame in enumerate(observation.test):
         advance(number, len(observation.test))
-        path = submission.mask_path(key, frame.name)
-        name = path.relative_to(submission.root)
-        if not bad.isdisjoint((name.as_posix(), name.parent.as_posix())):  # the file, or a folder behind a link
-            continue
-        size = png_header(frame.path(layout.SEMANTIC_MASKS))
-        files += 1
-        try:
-            read_mask(path, size.width, size.height, released=submission.layout == "official")
-        except Avs3dError as error:
-            problems.append(problem_of(submission, path, error))
-    path = submission.points_path(key)
-    if points and path.relative_to(submission.root).as_posix() not in bad:
-        files += 1
-        try:
-            read_points(path)
-        except Avs3dError as error:
-            problems.append(problem_of(submission, path, error))
-    return files, tuple(problems)
+        header = png_header(frame.path(layout.SEMANTIC_MASKS))
+        size = header.height, header.width
+        mask = reader.mask(frame.name, size) if sound(submission.mask_path(key, frame.name)) else None
+        if classes is not None and sound(submission.categories_path(key, frame.name)):
+            reader.categories(frame.name, size, classes, mask)
+    if points and sound(submission.points_path(key)):
+        reader.points()
+    return reader.files, (*reader.problems, *reader.warnings)
+
+
+def _class_count(observation: Observation) -> int:
+    """The highest class id of an observation of part_3."""
+    record = observation.record
+    return len(record.class_ids if record else class_ids())

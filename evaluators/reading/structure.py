@@ -22,6 +22,7 @@ _SURPLUS = 100_000
 _ENTRIES = layout.MAX_FRAMES // layout.TEST_EVERY + 6
 #: Names in the longest path that is looked at; a mask of the released pipeline has eight.
 _DEEPEST = 12
+_SOUND_SCENES = "part_3"
 
 
 def check_structure(submission: Submission, dataset: Dataset, observations: Sequence[Observation]) -> list[Problem]:
@@ -35,14 +36,55 @@ def check_structure(submission: Submission, dataset: Dataset, observations: Sequ
     problems = list(submission.problems)
     problems += _check_record(submission, dataset)
     problems += _check_folders(submission, observations)
-    expected = _expected(submission, observations)
-    others = len(dataset) - len(observations)
-    tree = _walk(submission, observations, expected, _SURPLUS + others * _ENTRIES)
+    expected, categories = _expected(submission, observations), _categories(submission, observations)
+    others = {*dataset.keys}.difference(observation.key for observation in observations)
+    # Observations of part_3 may have as many files again.
+    entries = sum(_ENTRIES * (2 if key.startswith(f"{_SOUND_SCENES}/") else 1) for key in others)
+    tree = _walk(submission, observations, {**expected, **categories}, _SURPLUS + entries)
     problems += tree.problems
-    problems += _check_entries(submission, dataset, observations, tree.found, expected)
-    problems += [Problem("error", path, "missing; expected a mask") for path in expected if path not in tree.found]
-    problems += _check_points(submission, observations, tree.found)
+    misplaced = _wrong_parts(dataset, observations, tree.found)
+    problems += misplaced
+    apart = {problem.path for problem in misplaced}
+    found = {path: kind for path, kind in tree.found.items() if path.split("/")[0] not in apart}
+    asked = [observation for observation in observations if observation.place.part not in apart]
+    problems += _check_entries(submission, dataset, asked, found, {**expected, **categories})
+    missing = (path for path in expected if path not in found and path.split("/")[0] not in apart)
+    problems += [Problem("error", path, "missing; expected a mask") for path in missing]
+    problems += _check_points(submission, asked, found)
+    problems += _check_categories(categories, found)
     return problems
+
+
+def is_sound_scene(observation: Observation) -> bool:
+    """Whether it belongs to part_3, where class ids may stand beside the masks."""
+    return observation.place.part == _SOUND_SCENES
+
+
+def _wrong_parts(dataset: Dataset, observations: Sequence[Observation], found: Collection[str]) -> list[Problem]:
+    """One line for each part of a submission that was made for the other kind of dataset.
+
+    Parts 1 and 2 (one source) and part 3 (sound scenes) are two kinds of benchmark: masks for one are no submission to
+    the other.
+    """
+    parts = {key.split("/")[0] for key in dataset.keys}
+    asked = sorted({observation.place.part for observation in observations})
+    there = [part for part in PARTS if part in found]
+    foreign = [part for part in there if part not in parts and (part == _SOUND_SCENES) not in _kinds(parts)]
+    absent = [part for part in asked if (part == _SOUND_SCENES) not in _kinds(there)] if foreign else []
+    problems = [
+        Problem("error", part, f"masks of {part}, but the dataset has only {' and '.join(sorted(parts))}")
+        for part in foreign
+    ]
+    for part in absent:
+        some = [observation for observation in observations if observation.place.part == part]
+        masks = sum(len(observation.test) for observation in some)
+        problems.append(Problem("error", part, f"missing; expected {masks} masks of {len(some)} observations"))
+    return problems
+
+
+def _kinds(parts: Iterable[str]) -> set[bool]:
+    """Whether sound scenes, other observations or both are among the parts."""
+    return {part == _SOUND_SCENES for part in parts}
 
 
 def _check_record(submission: Submission, dataset: Dataset) -> Iterator[Problem]:
@@ -77,6 +119,18 @@ def _expected(submission: Submission, observations: Iterable[Observation]) -> di
     return {
         submission.mask_path(o.key, frame.name).relative_to(submission.root).as_posix(): None
         for o in observations
+        for frame in o.test
+    }
+
+
+def _categories(submission: Submission, observations: Iterable[Observation]) -> dict[str, None]:
+    """Paths of class ids, relative, which a submission may have."""
+    if submission.layout == "official":
+        return {}
+    return {
+        submission.categories_path(o.key, frame.name).relative_to(submission.root).as_posix(): None
+        for o in observations
+        if is_sound_scene(o)
         for frame in o.test
     }
 
@@ -220,11 +274,23 @@ def _check_entries(
             if len(pieces) == 4 and key not in dataset.keys:
                 yield Problem("error", name, "no such observation in the dataset")
             elif len(pieces) > 4 and key in asked and not _leads_to(inside, submission.masks):
-                yield Problem("error", name, f"surplus folder; expected {submission.masks}/ only")
+                yield from _surplus_folder(asked[key], submission, name, inside)
+        elif key in asked and not is_sound_scene(asked[key]) and pieces[4] == layout.SUBMISSION_CATEGORIES:
+            continue  # one line for the folder is enough
         elif key in asked:
             yield Problem("error", name, _surplus(asked[key], submission, inside))
         elif key not in dataset.keys:
             yield Problem("error", name, "surplus file; no such observation in the dataset")
+
+
+def _surplus_folder(observation: Observation, submission: Submission, name: str, inside: str) -> Iterator[Problem]:
+    categories = layout.SUBMISSION_CATEGORIES
+    if inside == categories and submission.layout == "avs3d":
+        if not is_sound_scene(observation):
+            part = observation.place.part
+            yield Problem("error", name, f"class ids belong to part_3; expected {submission.masks}/ only in {part}")
+        return
+    yield Problem("error", name, f"surplus folder; expected {submission.masks}/ only")
 
 
 def _leads_to(inside: str, masks: str) -> bool:
@@ -273,4 +339,14 @@ def _check_points(
             yield Problem(
                 "error", path, f"missing, but {len(paths) - len(missing)} other observations have one; expected one in "
                 "all or in none (a PLY of 0 vertices means that nothing sounds)",
+            )  # fmt: skip
+
+
+def _check_categories(categories: Collection[str], found: Collection[str]) -> Iterator[Problem]:
+    missing = [path for path in categories if path not in found]
+    if len(missing) < len(categories):
+        for path in missing:
+            yield Problem(
+                "error", path, f"missing, but {len(categories) - len(missing)} other frames have one; expected class "
+                "ids of every test frame of part_3 or of none (all 0 means that nothing sounds)",
             )  # fmt: skip

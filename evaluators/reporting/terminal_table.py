@@ -6,13 +6,13 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from avs3d_bench.report import screen
-from avs3d_bench.scores import METRICS, REFERENCES, GroupScores, Metric, Scores
+from avs3d_bench.scores import ALL_REFERENCES, METRICS, GroupScores, Metric, Scores
 from evaluators.reading.archive import printable
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-_PROTOCOLS = {"official": "off.", "strict": "strict"}
+_PROTOCOLS = {"official": "off.", "strict": "strict", "listen": "listen"}
 #: Columns that the table may take.
 _WIDEST = 1000
 #: Headings as narrow as 80 columns ask for.
@@ -23,6 +23,8 @@ _HEADINGS = {
     "wrong_instance_rate": "wrong\ninst.",
     "IoU_3D": "3D\nIoU",
     "centroid_error": "centr.\nerr. m",
+    "pair_accuracy": "pair\nacc.",
+    "class_mIoU": "class\nmIoU",
 }
 
 
@@ -79,7 +81,7 @@ def print_scores(scores: Scores, console: Console | None = None) -> None:
         spread = [_interval(group, metric) for metric in columns]
         if any(spread):
             table.add_row("  95 % interval", *spread, style="dim")
-        for reference in REFERENCES:
+        for reference in ALL_REFERENCES:
             beside = scores.references.get(reference, {}).get(name)
             if beside is not None:
                 add(f"  {reference.replace('_', ' ')}", beside, "dim")
@@ -98,9 +100,9 @@ def print_scores(scores: Scores, console: Console | None = None) -> None:
     if part.scored < part.observations:
         out.print(Text(f"{part.scored} of {part.observations} observations were asked for: no score of the benchmark"))
     for metric in METRICS:
-        strict = scores.overall.strict
-        if strict and metric.protocol == "strict" and metric.name in strict.unavailable:
-            out.print(Text(f"{metric.title}: not available ({strict.unavailable[metric.name]})", style="dim"))
+        reasons = getattr(getattr(scores.overall, metric.protocol), "unavailable", {})
+        if metric.name in reasons:
+            out.print(Text(f"{metric.title}: not available ({reasons[metric.name]})", style="dim"))
     for reference, why in scores.references_unavailable.items():
         out.print(Text(f"{reference.replace('_', ' ')}: no such row ({why})", style="dim"))
     versions = ", ".join(f"{name} {version}" for name, version in wanted.items())

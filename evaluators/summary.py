@@ -1,0 +1,127 @@
+"""From the scores of observations to the record that a file of scores holds: means, groups, reference rows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from avs3d_bench import __version__, layout
+from avs3d_bench.dataset import Dataset
+from avs3d_bench.files import sha256_file
+from avs3d_bench.schema import ProvenanceRecord
+from avs3d_bench.scores import (
+    ALL_REFERENCES,
+    BLIND_REFERENCES,
+    DEAF_ORACLES,
+    PROTOCOLS,
+    Evaluator,
+    GroupScores,
+    ObservationScores,
+    Protocol,
+    ScoredDataset,
+    ScoredSubmission,
+    Scores,
+    SiblingScores,
+)
+from avs3d_bench.taxonomy import PARTS, ROOMS, class_ids
+from evaluators import bootstrap
+from evaluators.protocols import NO_INSTANCE_MASKS, summarise
+from evaluators.records import Outcome, Submission
+from evaluators.sound_scenes import GroupOutcome
+from evaluators.volume import VOXEL_SIZE
+
+
+def score_record(
+    submission: Submission,
+    dataset: Dataset,
+    wanted: Sequence[Protocol],
+    points: bool,
+    outcomes: Sequence[Outcome],
+    groups: Sequence[GroupOutcome],
+    software: ProvenanceRecord,
+) -> Scores:
+    """The record of scores: observations, and their means over parts, categories and rooms.
+
+    Args:
+        submission: that was scored.
+        dataset: that it was compared with.
+        wanted: the protocols.
+        points: whether the submission has 3D predictions.
+        outcomes: of the observations, in their order; none of them bad.
+        groups: of the groups of part_3, in their order.
+        software: that computed the figures.
+    """
+    scored = [outcome.scores for outcome in outcomes if outcome.scores is not None]
+    siblings = [group.siblings for group in groups if group.siblings is not None]
+    record = dataset.record
+    known, missing = _references(outcomes)
+    categories = class_ids(record.categories or () if record else ())
+    return Scores(
+        avs3d_eval=Evaluator(
+            version=__version__,
+            protocols={name: version for name, version in PROTOCOLS.items() if name in wanted},
+            bootstrap_resamples=bootstrap.RESAMPLES,
+            bootstrap_seed=bootstrap.SEED,
+            voxel_size=VOXEL_SIZE,
+            provenance=software,
+        ),
+        submission=ScoredSubmission(
+            **submission.record.model_dump(), layout=submission.layout, masks=submission.masks, points=points
+        ),
+        dataset=ScoredDataset(
+            name=dataset.name,
+            version=record.version if record else None,
+            sha256=sha256_file(dataset.root / layout.DATASET_JSON) if record else None,
+            observations=len(dataset),
+            scored=len(scored),
+            provenance=record.provenance if record else None,
+        ),
+        observations=tuple(scored),
+        siblings=tuple(siblings) if "listen" in wanted else None,
+        overall=summarise(scored, siblings),
+        parts=_grouped(scored, siblings, PARTS, "part"),
+        categories=_grouped(scored, siblings, categories, "category"),
+        rooms=_grouped(scored, siblings, ROOMS, "room"),
+        references={
+            name: _reference(
+                [outcome.references[name] for outcome in outcomes if name in outcome.references],
+                [group.references[name] for group in groups if name in group.references],
+            )
+            for name in known
+        },
+        references_unavailable=dict.fromkeys(missing, NO_INSTANCE_MASKS) if {"strict", "listen"} & {*wanted} else {},
+    )
+
+
+def _references(outcomes: Sequence[Outcome]) -> tuple[list[str], list[str]]:
+    """Names of the reference rows, and of those that some observation lacks.
+
+    A row covers all observations of its protocol or is left out, because it is printed beside means over all of them.
+    """
+    known: list[str] = []
+    missing: list[str] = []
+    for name in ALL_REFERENCES:
+        concerned = [
+            outcome.references
+            for outcome in outcomes
+            if outcome.scores is not None
+            and (name in BLIND_REFERENCES or (name in DEAF_ORACLES) == (outcome.scores.listen is not None))
+        ]
+        if concerned:
+            (known if all(name in beside for beside in concerned) else missing).append(name)
+    return known, missing
+
+
+def _grouped(
+    scored: Sequence[ObservationScores], siblings: Sequence[SiblingScores], names: Iterable[str], field: str
+) -> dict[Any, GroupScores]:
+    """Group → its means, in the order of ``names``, without those that have no observation."""
+    groups = {name: [scores for scores in scored if getattr(scores, field) == name] for name in names}
+    return {name: summarise(group, siblings) for name, group in groups.items() if group}
+
+
+def _reference(scored: Sequence[ObservationScores], siblings: Sequence[SiblingScores]) -> dict[str, GroupScores]:
+    """A reference's means; without intervals, because no reference is compared by them."""
+    groups = {part: [scores for scores in scored if scores.part == part] for part in PARTS}
+    parts = {part: summarise(group, siblings, intervals=False) for part, group in groups.items() if group}
+    return parts | {"overall": summarise(scored, siblings, intervals=False)}
