@@ -115,7 +115,7 @@ class ObservationPlan:
             "models": {name: [o.identity() for o in items] for name, items in self.objects.items()},
             "vision": self.vision,
             "backends": self.backends,
-            "files": self._file_digests(),
+            "files": self._file_digests(sounds=False),
         }
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
@@ -142,10 +142,12 @@ class ObservationPlan:
             document["categories"] = [list(self.categories), {n: self.categories[n].identity() for n in used}]
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
-    def _file_digests(self) -> dict[str, str]:
+    def _file_digests(self, *, sounds: bool = True) -> dict[str, str]:
         """sha256 of every file that this observation may read; a missing file is reported when it is opened."""
         spec = self.spec
-        items: list[AssetSpec] = [item for category in spec.heard for item in self.sounds.get(category, ())]
+        items: list[AssetSpec] = []
+        for category in spec.heard if sounds else ():
+            items += self.sounds.get(category, ())
         for category in spec.objects:
             items += self.objects.get(category, ())
         named = {item.file: locate(self.base, item.file) for item in items if item.file is not None}

@@ -13,8 +13,8 @@ from generators.acoustics.geometry import SPEED_OF_SOUND, acoustic_mesh, blocked
 from generators.core.scene import Scene
 
 #: The direct sound lies between these times after r/c (s): the nearer ear hears it up to 0.3 ms early, and what a head
-#: makes of an impulse lasts about 2.5 ms.
-BEFORE, AFTER = 0.0005, 0.0025
+#: makes of an impulse is over after 1.5 to 2 ms. A longer window takes in reflections from surfaces near the path.
+BEFORE, AFTER = 0.0005, 0.002
 
 
 class DirectPath:

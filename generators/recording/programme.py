@@ -15,6 +15,8 @@ Interval = tuple[float, float]
 
 #: Duration of the raised-cosine ramps at the start and the end of an interval (s): no click, and still one onset.
 RAMP = 0.005
+#: Tolerance of the shortest interval (s), for sums that are rounded.
+_ROUNDING = 1e-9
 
 
 def intervals_of(
@@ -37,7 +39,7 @@ def intervals_of(
     else:
         found = programme.intervals or ()
     cut = ((start, min(end, seconds)) for start, end in found)
-    return tuple((start, end) for start, end in cut if end - start >= SHORTEST_SOUND)
+    return tuple((start, end) for start, end in cut if end - start > SHORTEST_SOUND - _ROUNDING)
 
 
 def _bursts(spec: BurstsSpec, seconds: float, rng: Generator) -> Iterator[Interval]:
