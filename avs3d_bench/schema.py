@@ -19,7 +19,7 @@ import json
 import math
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,7 +35,8 @@ if TYPE_CHECKING:
     from avs3d_bench.provenance import Provenance
 
 #: Versions of the file formats: 1.1 adds part_3 and categories of one's own; files without either are still 1.0.
-SCHEMA_VERSION, SOUND_SCENES_VERSION = "1.0", "1.1"
+SCHEMA_VERSION: Final = "1.0"
+SOUND_SCENES_VERSION: Final = "1.1"
 
 Part = Literal["part_1", "part_2", "part_3"]
 Room = Literal["bathroom", "kitchen", "living_room"]

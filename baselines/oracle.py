@@ -150,7 +150,7 @@ def _neighbour(observation: Observation, errors: ErrorModel) -> int | None:
         return None
     record = observation.record
     others = [i for i in record.instances if i.category != record.category]
-    likely = CONFUSABLE[record.category]
+    likely = CONFUSABLE.get(record.category or "", ())  # of a category that the manifest adds nothing is known
 
     def rank(other: InstanceRecord) -> tuple[int, float, int]:
         similarity = likely.index(other.category) if other.category in likely else len(likely)

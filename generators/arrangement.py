@@ -15,7 +15,7 @@ from numpy.random import Generator
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
 from generators.assets.catalogue import build_model, variants
-from generators.assets.meshfile import Usual, load_model
+from generators.assets.meshfile import Usual, load_model, usual_of
 from generators.assets.model import Model
 from generators.core.freespace import Navigable
 from generators.core.scene import Licence, Scene
@@ -149,16 +149,17 @@ def _choose_model(plan: ObservationPlan, category: str, rng: Generator, variant:
     if files:
         chosen = files[int(rng.integers(len(files)))]
         own = plan.categories.get(category)
-        usual = None if own is None else Usual(float(rng.uniform(*own.height)), own.mount, own.source_height)
+        usual = Usual(float(rng.uniform(*own.height)), own.mount, own.source_height) if own else usual_of(category)
+        drawn = usual.height if own else None
         if chosen.asset is not None:
             path, entry = open_asset(plan.lock, chosen.asset)
             licence = Licence(entry.licence, entry.author, entry.url or entry.ref)
-            height = entry.height or (usual and usual.height)
-            model = load_model(path, category, licence=licence, height=height, mount=entry.mount, usual=usual)
+            usual = usual._replace(mount=entry.mount or usual.mount)
+            model = load_model(path, category, licence=licence, height=entry.height or drawn, usual=usual)
             return replace(model, name=entry.id)
         path = resolve_file(plan.base, str(chosen.file), f"mesh for {category}")
-        height = chosen.height or (usual and usual.height)
-        return load_model(path, category, licence=file_licence(chosen), height=height, usual=usual)
+        licence = file_licence(chosen)
+        return load_model(path, category, licence=licence, height=chosen.height or drawn, usual=usual)
     known = variants(category)
     return build_model(category, variant or known[int(rng.integers(len(known)))], rng)
 

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from avs3d_bench import layout
 from avs3d_bench.geometry import Intrinsics, Pose, direction_to
 from avs3d_bench.schema import (
+    SCHEMA_VERSION,
+    SOUND_SCENES_VERSION,
     AcousticsRecord,
     FrameRecord,
     InstanceRecord,
@@ -211,11 +213,13 @@ def describe_observation(
     """
     spec, source = plan.spec, ready.stage.source(0)
     return ObservationRecord(
+        schema_version=SOUND_SCENES_VERSION if plan.own_categories else SCHEMA_VERSION,
         key=plan.key,
         part=spec.part,
         scan=spec.scan,
         room=spec.room,
         index=spec.index,
+        categories=plan.own_categories,
         category=spec.category,
         seed=plan.seed,
         plan_sha256=plan.digest,

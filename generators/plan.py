@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -81,6 +81,11 @@ class ObservationPlan:
         return self.spec.key
 
     @property
+    def own_categories(self) -> tuple[str, ...] | None:
+        """The names of the categories that the manifest adds, in its order; None if there are none."""
+        return tuple(self.categories) or None
+
+    @property
     def moves(self) -> bool:
         """Whether the sounding object moves."""
         return self.spec.source_motion == "path"
@@ -113,6 +118,7 @@ class ObservationPlan:
             "camera": self.camera.model_dump(),
             "seed": self.seed,
             "models": {name: [o.identity() for o in items] for name, items in self.objects.items()},
+            "categories": self._declarations(spec.objects),
             "vision": self.vision,
             "backends": self.backends,
             "files": self._file_digests(sounds=False),
@@ -138,11 +144,19 @@ class ObservationPlan:
         }
         if self.categories:
             # The names decide the class ids; where the objects stand matters for those of this observation only.
-            used = {*self.spec.objects, *self.spec.heard} & self.categories.keys()
-            document["categories"] = [list(self.categories), {n: self.categories[n].identity() for n in used}]
+            used = (*self.spec.objects, *self.spec.heard)
+            document["categories"] = [list(self.categories), self._declarations(used)]
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
+<<<<<<< HEAD
     def _file_digests(self, *, sounds: bool = True) -> dict[str, str]:
+=======
+    def _declarations(self, used: Iterable[str]) -> dict[str, Any]:
+        """What the manifest declares of the categories ``used``, for digests."""
+        return {name: self.categories[name].identity() for name in used if name in self.categories}
+
+    def _file_digests(self) -> dict[str, str]:
+>>>>>>> 1099f8b (Plans: what is declared of a category counts for the pictures, too; the mount of a mesh file belongs to what is usual for its category)
         """sha256 of every file that this observation may read; a missing file is reported when it is opened."""
         spec = self.spec
         items: list[AssetSpec] = []

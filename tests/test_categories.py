@@ -310,6 +310,7 @@ def test_the_digest_follows_the_declarations_that_an_observation_uses(tmp_path: 
         assert digests(**changes)[1] == ignores
     # Another word for the same, and a default that is written out, change nothing.
     assert digests(stands_on=["side_table", "worktop"], turn=5.0) == (uses, ignores)
+    assert plans(tmp_path, both)[0].pictures_digest != plans(tmp_path, document(DRYER | {"turn": 6}))[0].pictures_digest
     # One more name changes the class ids that observation.json lists.
     one, two = plans(tmp_path, both | {"categories": {"kettle": DRYER, "hair_dryer": DRYER}})
     assert one.digest != uses

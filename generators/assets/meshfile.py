@@ -179,6 +179,15 @@ def world_vertices(file: Path, name: str, part: Any, matrix: Array) -> Array:
     return world
 
 
+def usual_of(category: str) -> Usual:
+    """What is usual for a category of the benchmark, or a distractor.
+
+    Raises:
+        UsageError: if there is no such category.
+    """
+    return _DEFAULTS[check_category(category, silent=True)]
+
+
 def load_model(
     path: str | Path,
     category: str,
@@ -187,7 +196,6 @@ def load_model(
     height: float | None = None,
     up: str = "y",
     front: str = "+z",
-    mount: Mount | None = None,
     source_point: Point | None = None,
     usual: Usual | None = None,
 ) -> Model:
@@ -201,7 +209,6 @@ def load_model(
             below 2 cm: in this case it gets the category's usual height.
         up: the file's axis that points up: ``x``, ``y``, ``z``, with or without sign.
         front: the file's axis that points to the front.
-        mount: kind of surface on which it stands or hangs; default: the category's usual one.
         source_point: position of the sound source in the model frame; default: 3 cm in front of the front surface, at
             a height typical of the category.
         usual: what is usual for the category; default: the values for the categories of the benchmark.
@@ -210,8 +217,7 @@ def load_model(
         UsageError: for an unknown category, or axes that are not valid or not perpendicular.
         Avs3dError: see `load_mesh`; or if the height is not a plausible number.
     """
-    if usual is None:
-        usual = _DEFAULTS[check_category(category, silent=True)]
+    usual = usual or usual_of(category)
     turn = upright(up, front)
     mesh = load_mesh(path).transformed(turn, np.zeros(3))
     extent = np.diff(mesh.bounds.astype(np.float64), axis=0)[0]
@@ -223,7 +229,7 @@ def load_model(
         if extent[1] <= 0:
             raise Avs3dError(f"{path}: is flat along its up axis {up!r}; name another axis, or leave out the height")
         mesh = mesh.transformed(np.eye(3), np.zeros(3), height / float(extent[1]))
-    design = framed(Design(mesh, mount or usual.mount, (0.0, 0.0, 0.0)))
+    design = framed(Design(mesh, usual.mount, (0.0, 0.0, 0.0)))
     point = source_point if source_point is not None else before_front(design.mesh, usual.source_height)
     clear = clear_of_twin(design.mesh, point)
     return Model(Path(path).name, category, clear, design.mount, licence, point)

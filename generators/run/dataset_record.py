@@ -15,6 +15,8 @@ from avs3d_bench import __version__, files, layout
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.provenance import Provenance
 from avs3d_bench.schema import (
+    SCHEMA_VERSION,
+    SOUND_SCENES_VERSION,
     AttributionRecord,
     DatasetEntry,
     DatasetRecord,
@@ -125,8 +127,9 @@ def _record(
         *conditions(attribution.name for attribution in attributions),
     ]
     entries = tuple(entries)
+    newer = bool(source.manifest.categories) or any(entry.part == "part_3" for entry in entries)
     return DatasetRecord(
-        schema_version="1.1" if any(entry.part == "part_3" for entry in entries) else "1.0",
+        schema_version=SOUND_SCENES_VERSION if newer else SCHEMA_VERSION,
         name=source.manifest.name,
         version=source.manifest.version,
         toolkit_version=__version__,
@@ -136,6 +139,7 @@ def _record(
         licence="; ".join(terms),
         attributions=unique_attributions(attributions),
         provenance=None if software is None else ProvenanceRecord.of(software),
+        categories=tuple(source.manifest.categories) or None,
         observations=entries,
     ).sealed()
 
