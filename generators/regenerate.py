@@ -20,15 +20,20 @@ from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.report import Problem
 from avs3d_bench.schema import DatasetRecord, ObservationRecord
+from generators.acoustics.base import AcousticBackend
 from generators.acoustics.clips import mono_clip
 from generators.backends import observation_provenance
 from generators.core.folders import default_cache
+from generators.core.rays import RayCaster
 from generators.manifest import ManifestFile, read_manifest
 from generators.observation import describe_frame, licence_record, prepare_observation
-from generators.paths.stage import Camera
+from generators.paths.stage import Camera, Stage
 from generators.plan import ObservationPlan, make_plans
 from generators.recording.hearing import heard
+from generators.recording.scene_writer import SceneWriter
+from generators.recording.stems import hear_sources
 from generators.recording.writer import ObservationWriter
+from generators.sound_scene import contents_of, make_background, mix, next_second, prepare_scene, write_second
 
 
 def regenerate(
@@ -56,7 +61,8 @@ def regenerate(
         plans = {key: _plan(source, dataset[key], record) for key in chosen}
         for key, indices in chosen.items():
             say(f"{key}: frames {', '.join(map(str, indices))}")
-            yield from _compare(plans[key], dataset[key], tuple(indices), Path(folder))
+            compare = _compare_scene if plans[key].spec.is_sound_scene else _compare
+            yield from compare(plans[key], dataset[key], tuple(indices), Path(folder))
 
 
 def _manifest(record: DatasetRecord, manifest: Path | None, folder: Path) -> ManifestFile:
@@ -90,7 +96,8 @@ def _plan(source: ManifestFile, observation: Observation, dataset: DatasetRecord
         frames=len(record.frames),
         size=camera.width,
         depth=layout.image_path(layout.DEPTH, 0) in record.files,
-        rirs=layout.rir_path(0) in record.files,
+        rirs=any(path.startswith(f"{layout.RIRS}/") for path in record.files),
+        stems=any(path.startswith(f"{layout.STEMS}/") for path in record.files),
     )
     if plan.digest != record.plan_sha256:
         raise UsageError(f"{observation.key}: {_difference(plan, record, dataset)}")
@@ -121,7 +128,7 @@ def _difference(plan: ObservationPlan, record: ObservationRecord, dataset: Datas
 def _compare(
     plan: ObservationPlan, observation: Observation, indices: tuple[int, ...], scratch: Path
 ) -> Iterator[Problem]:
-    """Problems of one observation."""
+    """Problems of one observation of part_1 or part_2."""
     record = observation.record
     assert record is not None
     ready = prepare_observation(plan, default_cache())
@@ -134,9 +141,7 @@ def _compare(
         "sound": {"asset": ready.sound.asset, "licence": licence_record(ready.sound.licence)},
     }
     yield from _fields(observation.key, "", said, record)
-    if files.dump_json(ready.engine.describe()) != files.dump_json(record.acoustics.settings):
-        text = "acoustics.settings differ from those of the engine"
-        yield Problem("error", f"{observation.key}/{layout.OBSERVATION_JSON}", text)
+    yield from _settings(observation.key, ready.engine, record)
     needed = {frame for index in indices for frame, _, _ in layout.mono_window(index, len(seen.poses))}
     clips: list[NDArray[np.float32]] = [np.zeros((2, layout.BINAURAL_SAMPLES), dtype=np.float32) for _ in seen.poses]
     with (
@@ -159,6 +164,58 @@ def _compare(
             writer.add_mono(index, mono_clip(clips, index))
         writer.add_sounding_mesh(stage.source(0).mesh)
         yield from _files(observation, writer.folder)
+
+
+def _compare_scene(
+    plan: ObservationPlan, observation: Observation, indices: tuple[int, ...], scratch: Path
+) -> Iterator[Problem]:
+    """Problems of one observation of part_3.
+
+    The level of the background follows from the sound of all frames, so that all of it is computed if there is one.
+    """
+    record = observation.record
+    assert record is not None
+    ready = prepare_scene(plan, default_cache())
+    ready.sight.warm_up()
+    poses = ready.seen.poses
+    needed = {frame for index in indices for frame, _, _ in layout.mono_window(index, len(poses))}
+    last = len(poses) if plan.spec.background else max(needed) + 1
+    with (
+        SceneWriter(scratch / plan.key, contents_of(plan, ready), depth=plan.depth, rirs=plan.rirs) as writer,
+        closing(Camera(ready.sight, Stage(ready.home, ready.seen.placements), ready.intrinsics)) as view,
+        closing(hear_sources(ready.listenings(plan))) as seconds,
+    ):
+        heard = [next_second(plan, ready, writer, seconds, index) for index in range(last)]
+        background, noise = make_background(plan, [[one.stem for one in second] for second in heard])
+        said = {
+            "notes": ready.seen.notes,
+            "sources": [source.record for source in ready.sources],
+            "background": background,
+            "instances": list(ready.instances),
+        }
+        yield from _fields(observation.key, "", said, record)
+        yield from _settings(observation.key, ready.engine, record)
+        clips: list[NDArray[np.float32]] = [np.zeros((2, layout.BINAURAL_SAMPLES), dtype=np.float32) for _ in poses]
+        for index in needed:
+            clips[index], _ = mix(plan, ready, index, heard[index], noise)
+        sight = RayCaster(ready.scene)
+        for index in indices:
+            writer.add_pictures(index, view.render(index, poses[index]))
+            _, described = write_second(plan, ready, writer, index, heard[index], noise, sight)
+            yield from _fields(observation.key, f"frames[{index}]", {"frames": described}, record, index)
+            writer.add_mono(index, mono_clip(clips, index))
+        if ready.sounding:
+            writer.add_sounding_mesh(*(placement.mesh for placement in ready.sounding.values()))
+        for path in writer.folder.glob(f"{layout.RIRS}/*/*"):
+            if layout.frame_index(path.stem) not in indices:
+                path.unlink()  # a response of a frame that nobody asked for
+        yield from _files(observation, writer.folder)
+
+
+def _settings(key: str, engine: AcousticBackend, record: ObservationRecord) -> Iterator[Problem]:
+    if files.dump_json(engine.describe()) != files.dump_json(record.acoustics.settings):
+        text = "acoustics.settings differ from those of the engine"
+        yield Problem("error", f"{key}/{layout.OBSERVATION_JSON}", text)
 
 
 def _fields(

@@ -193,23 +193,50 @@ def generate_sound_scene(
                 writer.link_pictures(pictures, files.read_record(pictures / layout.OBSERVATION_JSON, ObservationRecord))
                 heard = []
                 for index in range(len(ready.seen.poses)):
-                    heard.append(_next_second(plan, ready, writer, seconds, index))
+                    heard.append(next_second(plan, ready, writer, seconds, index))
                     on_frame(index)
         background, noise = make_background(plan, [[one.stem for one in second] for second in heard])
         frames, clips = [], []
         sight = RayCaster(ready.scene)
         for index, second in enumerate(heard):
-            clip, audible = mix(plan, ready, index, second, noise)
-            writer.add_clip(index, clip)
-            writer.add_stems(index, stems_of(ready, second, noise, index))
-            visible = writer.add_masks(index, class_table(ready, audible))
+            clip, frame = write_second(plan, ready, writer, index, second, noise, sight)
             clips.append(clip)
-            frames.append(describe_scene_frame(ready, index, visible, clip, audible, sight))
+            frames.append(frame)
         for index in range(len(clips)):
             writer.add_mono(index, mono_clip(clips, index))
         if ready.sounding:
             writer.add_sounding_mesh(*(placement.mesh for placement in ready.sounding.values()))
         return writer.finish(describe_scene(plan, ready, frames, background, decays_of(ready, heard)))
+
+
+def write_second(
+    plan: ObservationPlan,
+    ready: PreparedScene,
+    writer: SceneWriter,
+    index: int,
+    second: Sequence[HeardSource],
+    noise: NDArray[np.float32],
+    sight: RayCaster,
+) -> tuple[Clip, FrameRecord]:
+    """Write what follows from the sound of one frame, whose pictures are written already: clip, stems and masks.
+
+    Args:
+        plan: of the observation.
+        ready: the part that is fixed before the first frame.
+        writer: of the files.
+        index: of the frame.
+        second: what is heard of each source.
+        noise: samples of the background over all frames; see `make_background`.
+        sight: rays against the scene.
+
+    Returns:
+        The clip (2, 44100), and the frame's record.
+    """
+    clip, audible = mix(plan, ready, index, second, noise)
+    writer.add_clip(index, clip)
+    writer.add_stems(index, stems_of(ready, second, noise, index))
+    visible = writer.add_masks(index, class_table(ready, audible))
+    return clip, describe_scene_frame(ready, index, visible, clip, audible, sight)
 
 
 def prepare_scene(plan: ObservationPlan, cache: Path) -> PreparedScene:
@@ -313,7 +340,7 @@ def contents_of(plan: ObservationPlan, ready: PreparedScene) -> layout.SoundScen
     )
 
 
-def _next_second(
+def next_second(
     plan: ObservationPlan,
     ready: PreparedScene,
     writer: SceneWriter,
@@ -346,7 +373,7 @@ def _render(
         frames: Iterator[Frame] = view.frames(poses, writer.add_pictures, lambda: lent.cores)
         for index, pose in enumerate(poses):
             # The sound first: its process must start before there are threads.
-            heard.append(_next_second(plan, ready, writer, seconds, index))
+            heard.append(next_second(plan, ready, writer, seconds, index))
             points.add(next(frames), pose)
             on_frame(index)
     writer.add_model(ready.intrinsics, poses, points.link(poses, stage.hidden))

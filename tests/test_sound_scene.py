@@ -18,7 +18,9 @@ from avs3d_bench.schema import AUDIBLE_LEVEL_DB, AUDIBLE_SNR_DB
 from avs3d_bench.validate import validate
 from generators.cli import generate
 from generators.plan import make_plans, read_manifest
+from generators.regenerate import regenerate
 from tests.homes import tree_digest, write_manifest
+from tests.tiny import clone, replace
 
 FIRST = "part_3/box/kitchen/1"
 RATE = layout.SAMPLE_RATE
@@ -240,6 +242,18 @@ def test_what_sounds_changes_no_digest_of_the_pictures(manifest: Path) -> None:
     plans = make_plans(read_manifest(manifest), audio="analytic")
     assert len({plan.pictures_digest for plan in plans}) == 1
     assert len({plan.digest for plan in plans}) == len(plans)
+
+
+def test_frames_made_again_are_the_same_and_a_changed_stem_is_found(
+    group: Dataset, manifest: Path, tmp_path: Path
+) -> None:
+    chosen = {f"part_3/box/kitchen/{index}": (0, 7) for index in (1, 4, 5)}
+    assert not list(regenerate(group.root, chosen, manifest, lambda _: None))
+    root = clone(group.root, tmp_path / "changed")
+    changed = f"part_3/box/kitchen/5/{layout.stem_path('source_2', 7)}"
+    replace(root / changed, (root / changed.replace("frame_7", "frame_3")).read_bytes())
+    found = list(regenerate(root, {"part_3/box/kitchen/5": (7,)}, manifest, lambda _: None))
+    assert [(p.path, p.message) for p in found] == [(changed, "differs from the regenerated file")]
 
 
 def test_the_mesh_of_a_scene_holds_every_sounding_object(group: Dataset) -> None:
