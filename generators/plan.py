@@ -148,15 +148,11 @@ class ObservationPlan:
             document["categories"] = [list(self.categories), self._declarations(used)]
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
-<<<<<<< HEAD
-    def _file_digests(self, *, sounds: bool = True) -> dict[str, str]:
-=======
     def _declarations(self, used: Iterable[str]) -> dict[str, Any]:
         """What the manifest declares of the categories ``used``, for digests."""
         return {name: self.categories[name].identity() for name in used if name in self.categories}
 
-    def _file_digests(self) -> dict[str, str]:
->>>>>>> 1099f8b (Plans: what is declared of a category counts for the pictures, too; the mount of a mesh file belongs to what is usual for its category)
+    def _file_digests(self, *, sounds: bool = True) -> dict[str, str]:
         """sha256 of every file that this observation may read; a missing file is reported when it is opened."""
         spec = self.spec
         items: list[AssetSpec] = []

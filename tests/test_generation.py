@@ -72,7 +72,10 @@ def test_the_same_call_keeps_what_is_finished_and_prints_nothing(
         ({"frames": 1000}, "frames 1000: expected 1 to 999"),
         ({"size": 8}, "size 8: expected 16 to 8192"),
         ({"workers": 0}, "workers 0: expected 1 to 256"),
-        ({"extras": ["deptth"]}, "extras: unknown folder 'deptth': expected some of depth, rirs, stems; did you mean 'depth'"),
+        (
+            {"extras": ["deptth"]},
+            "extras: unknown folder 'deptth': expected some of depth, rirs, stems; did you mean 'depth'",
+        ),
         ({"extras": "depth"}, "extras: 'depth': expected a list of names"),
         ({"only": "part_1/*"}, "only: 'part_1/*': expected a list of patterns"),
         ({"only": ["part_9/*"]}, "part_9"),
