@@ -79,7 +79,7 @@ class Tree:
         self.root, self.key, self.path = root, key, root / key
         self.record: dict[str, Any] = media.read_json(self.path / layout.OBSERVATION_JSON)
         self.count = len(self.record["frames"])
-        self.sounding = next(i["id"] for i in self.record["instances"] if i["sounding"])
+        self.sounding = next((i["id"] for i in self.record["instances"] if i["sounding"]), None)
         self.dataset: dict[str, Any] = media.read_json(root / layout.DATASET_JSON)
 
     @property
@@ -187,8 +187,8 @@ class Tree:
 
         current = media.read_json(self.root / layout.DATASET_JSON)
         for name, value in self.dataset.items():
-            if name not in ("observations", "digest"):
-                current[name] = value
+            if name != "digest":
+                current[name] = value  # tiny.edit_record computes the digests of the observations again
         tiny.replace(self.root / layout.DATASET_JSON, media.dump_json(current).encode())
         tiny.edit_record(self.root, self.key, put)
 

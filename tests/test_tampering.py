@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 import tampering
+import tampering_scenes
 import tiny
 from tampering import MUTATIONS, Mutation
+from tampering_scenes import SCENE_MUTATIONS, SceneMutation
 
 from avs3d_bench.validate import validate
 
@@ -34,7 +36,7 @@ def test_the_table_has_each_falsification_once():
     assert len(names) >= 100
 
 
-def _name(one: Mutation) -> str:
+def _name(one: Mutation | SceneMutation) -> str:
     return f"{one.group}: {one.name}"
 
 
@@ -53,3 +55,39 @@ def test_what_can_be_seen_is_found(plain: Path, with_extras: Path, tmp_path: Pat
 def test_what_the_table_calls_unseen_is_unseen(plain: Path, tmp_path: Path, one: Mutation):
     """If this fails, a check has become better: the table and docs/validation.md should say so."""
     assert tampering.tampered(plain, tmp_path / "data", one) == ()
+
+
+# --- sound scenes (part_3) ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The group of tests/tiny_scenes.py without stems (""), with them, and with responses, too."""
+    folder = tmp_path_factory.mktemp("scenes")
+    options = {"": {"stems": False}, "stems": {}, "rirs": {"rirs": True}}
+    return {name: tampering_scenes.write_scenes(folder / f"data{name}", **more) for name, more in options.items()}
+
+
+@pytest.mark.parametrize("needs", ["", "stems", "rirs"])
+def test_the_sound_scenes_are_valid(scenes: dict[str, Path], needs: str):
+    assert validate(scenes[needs], deep=True).problems == ()
+
+
+def test_the_table_of_sound_scenes_has_each_falsification_once():
+    names = [(one.group, one.name) for one in SCENE_MUTATIONS]
+    assert len(set(names)) == len(names)
+    assert sum(not one.unseen for one in SCENE_MUTATIONS) >= 50
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("one", SCENE_MUTATIONS, ids=_name)
+def test_a_falsified_sound_scene(scenes: dict[str, Path], tmp_path: Path, one: SceneMutation):
+    problems = tampering_scenes.tampered(scenes[one.needs], tmp_path / "data", one)
+    if one.unseen:
+        assert problems == ()  # else a check has become better: the table and docs/validation.md should say so
+        return
+    path = one.path if one.path == "dataset.json" else f"{one.key}/{one.path}"
+    assert any(p.path == path and one.words in p.message and p.severity == "error" for p in problems), problems
+    # The digests were made again: nothing is found by them. One line each, and the path is said once.
+    assert not any("sha256" in p.message or "digest" in p.message for p in problems)
+    assert not any("\n" in p.message or str(tmp_path) in p.message for p in problems)

@@ -68,6 +68,11 @@ class Playing:
     programme: tuple[tuple[float, float], ...] | None = None
     gain_db: float = 0.0
 
+    def intervals(self, frames: int) -> tuple[tuple[float, float], ...]:
+        """The programme in an observation of ``frames`` seconds: what is later is cut off."""
+        found = ((-2.0, float(frames)),) if self.programme is None else self.programme
+        return tuple((start, min(end, float(frames))) for start, end in found if start < frames)
+
 
 #: Key → what sounds, and the SNR of a background.
 SCENES: dict[str, tuple[tuple[Playing, ...], float | None]] = {
@@ -134,7 +139,7 @@ def _sound_scene(
             SourceRecord(
                 id=name, instance=one.box, category=box.category if box else "telephone",
                 room="kitchen" if box else "living_room", position=position,
-                programme=one.programme or ((-2.0, float(frames)),), gain_db=one.gain_db, asset="noise",
+                programme=one.intervals(frames), gain_db=one.gain_db, asset="noise",
                 licence=LICENCE,
             )
         )  # fmt: skip

@@ -129,10 +129,15 @@ def _against_manifest(record: DatasetRecord, records: Mapping[str, ObservationRe
 
 def _categories_of(record: DatasetRecord, records: Mapping[str, ObservationRecord]) -> Iterator[str]:
     """The manifest's own categories decide the class ids: all files of a dataset list the same ones."""
+    others: dict[tuple[str, ...], list[str]] = {}
     for key, found in sorted(records.items()):
         if found.categories != record.categories:
-            mine, others = (", ".join(names or ("none",)) for names in (record.categories, found.categories))
-            yield f"categories of the manifest's own are {mine}, in {key} {others}; expected the same, in this order"
+            others.setdefault(found.categories or (), []).append(key)
+    mine = ", ".join(record.categories or ("none",))
+    for names, keys in others.items():
+        where = keys[0] if len(keys) == 1 else f"{keys[0]} and {len(keys) - 1} more"
+        theirs = ", ".join(names or ("none",))
+        yield f"categories of the manifest's own are {mine}, in {where} {theirs}; expected the same, in this order"
 
 
 def _backends(record: DatasetRecord, records: Mapping[str, ObservationRecord]) -> Iterator[str]:

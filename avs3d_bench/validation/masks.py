@@ -42,7 +42,8 @@ def check_mesh(
         off = float(np.abs(found - np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])).max())
         if off > BOUNDS_TOLERANCE:
             which = ", ".join(str(instance.id) for instance in sounding)
-            text = f"bounds differ from those of instance {which} in the record by {off:.3f} m"
+            what = "instance" if len(sounding) == 1 else "instances"
+            text = f"bounds differ from those of {what} {which} in the record by {off:.3f} m"
             findings.add(layout.SOUNDING_OBJECT, text)
             return None  # one wrong mesh would make every mask look wrong
     return mesh

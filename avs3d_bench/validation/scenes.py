@@ -128,9 +128,12 @@ def _clip(record: ObservationRecord, frame: FrameRecord) -> Iterator[str]:
     for heard in frame.audible or ():
         low, high = _range(heard)
         if not low - LEVEL_TOLERANCE_DB <= level <= high + LEVEL_TOLERANCE_DB:
+            alone = heard.snr_db is None
+            what = "alone" if alone else f"an SNR of {heard.snr_db:.1f} dB"
+            makes = f"{low:.1f} dB" if alone else f"{low:.1f} to {high:.1f} dB"
             yield (
-                f"{heard.source} with {heard.level_db:.1f} dB and an SNR of {_snr(heard)} makes a clip of "
-                f"{low:.1f} to {high:.1f} dB, rms_left and rms_right give {level:.1f} dB"
+                f"{heard.source} with {heard.level_db:.1f} dB and {what} makes a clip of {makes}, "
+                f"rms_left and rms_right give {level:.1f} dB"
             )
     if frame.audible:
         return
@@ -152,7 +155,3 @@ def _range(heard: AudibleRecord) -> tuple[float, float]:
     stem = amplitude(heard.level_db)
     rest = 0.0 if heard.snr_db is None else amplitude(heard.level_db - heard.snr_db)
     return decibels(abs(stem - rest)), decibels(stem + rest)
-
-
-def _snr(heard: AudibleRecord) -> str:
-    return "none" if heard.snr_db is None else f"{heard.snr_db:.1f} dB"

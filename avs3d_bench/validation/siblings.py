@@ -52,15 +52,11 @@ def _records(record: ObservationRecord, first: ObservationRecord) -> Iterator[tu
     for name in ("seed", "intrinsics", "vision", "categories"):
         mine, other = getattr(record, name), getattr(first, name)
         if mine != other:
-            yield where, f"{name} differs from {of_group}: {mine} is not {other}"
+            yield where, f"{name} differs from {of_group}"
     if len(record.frames) != len(first.frames):
         yield where, f"{len(record.frames)} frames, {len(first.frames)} in {first.key}, the first of its group"
     for number, (frame, other_frame) in enumerate(zip(record.frames, first.frames, strict=False)):
-        if (frame.time, frame.position, frame.rotation) != (
-            other_frame.time,
-            other_frame.position,
-            other_frame.rotation,
-        ):
+        if (frame.time, frame.pose) != (other_frame.time, other_frame.pose):
             yield where, f"frames[{number}]: time or pose differs from {of_group}"
             break  # the others most likely differ as well
     mine_by_id = {instance.id: _placed(instance) for instance in record.instances}

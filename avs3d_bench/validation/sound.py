@@ -44,6 +44,11 @@ def _sound_problems(
     return np.asarray(rms)
 
 
+def _in_scene(frame: Frame) -> bool:
+    """Whether the frame is of part_3, where silence is allowed; its record says whether something is to be heard."""
+    return frame.observation.place.part == "part_3"
+
+
 def check_clip(frame: Frame, files: set[str], findings: Findings) -> Sound | None:
     """Read a binaural clip and hold it to its record; None if it is missing or has another format."""
     path = layout.audio_path(layout.BINAURAL, frame.index)
@@ -51,8 +56,7 @@ def check_clip(frame: Frame, files: set[str], findings: Findings) -> Sound | Non
     if clip is None or clip.samples.shape != (2, layout.BINAURAL_SAMPLES):
         return None  # format: named by the shallow check
     entry = frame.record
-    # In part_3 the record says whether something is to be heard: see `validation.scenes`.
-    rms = _sound_problems(path, clip.samples, findings, may_be_silent=bool(entry and entry.audible is not None))
+    rms = _sound_problems(path, clip.samples, findings, may_be_silent=_in_scene(frame))
     if entry:
         relative, absolute = RMS_TOLERANCE
         for side, found, noted in zip(("left", "right"), rms, (entry.rms_left, entry.rms_right), strict=True):
@@ -81,8 +85,7 @@ def check_mono(
     clip = read(findings, files, path, lambda: media.read_wav(frame.observation.path / path))
     if clip is None or clip.samples.shape != (1, layout.MONO_SAMPLES):
         return
-    in_scene = bool(frame.record and frame.record.audible is not None)
-    _sound_problems(path, clip.samples, findings, may_be_silent=in_scene)
+    _sound_problems(path, clip.samples, findings, may_be_silent=_in_scene(frame))
     if own is None:
         return
     mono, mix, n = clip.samples[0], own.samples.mean(axis=0), layout.BINAURAL_SAMPLES

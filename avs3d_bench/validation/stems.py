@@ -162,7 +162,8 @@ def _check_audible(
         alone = rest < ROUNDING_DB
         heard, path = listed.get(name), layout.stem_path(name, frame.index)
         above = min(level - AUDIBLE_LEVEL_DB, level - rest - AUDIBLE_SNR_DB if not alone else np.inf)
-        what = f"the stem has {level:.1f} dB, " + ("alone" if alone else f"{level - rest:+.1f} dB above the rest")
+        ratio = "alone" if alone else f"{abs(level - rest):.1f} dB {'above' if level >= rest else 'below'} the rest"
+        what = "the stem is silent" if level < NOTHING_DB else f"the stem has {level:.1f} dB, {ratio}"
         if heard is None:
             if above > LEVEL_TOLERANCE_DB:
                 text = f"audible of {frame.name} lacks {name}, but {what}"
