@@ -168,8 +168,8 @@ def _(tree: SceneTree) -> None:
     tree.mark(FRAME, [2])
 
 
-@scene("audible", "a source added in its reverberation, masks too", BOTH, RECORD, "lists source_1, but the stem is silent",
-       needs="stems")  # fmt: skip
+@scene("audible", "a source added in its reverberation, masks too", BOTH, RECORD,
+       "lists source_1, but the stem is silent", needs="stems")  # fmt: skip
 def _(tree: SceneTree) -> None:
     tree.frame()["audible"].insert(0, {"source": "source_1", "level_db": -50.0, "drr_db": None, "snr_db": -15.0})
     tree.mark(FRAME, [1, 2, 3])
