@@ -21,7 +21,7 @@ from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.parallel import advance, process_each
 from avs3d_bench.provenance import provenance
 from avs3d_bench.schema import ProvenanceRecord
-from avs3d_bench.submission import SubmissionFolder, SubmissionWriter
+from avs3d_bench.submission import Prediction, SubmissionFolder, SubmissionWriter
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,8 @@ class Method:
 
     Attributes:
         name: as tables will show it.
-        predict: the masks of test frames, one per frame and in their order: (H, W) bool, or integers 0 and 255.
+        predict: the masks of test frames, one per frame and in their order: (H, W) bool, or integers 0 and 255; or a
+            `Prediction` with class ids, in part_3.
         points: the 3D prediction of an observation, (N, 3) metres; None if the method makes none.
         notes: settings and other remarks for readers.
         truth: what truth of the dataset it reads; None: none (see `SubmissionRecord`).
@@ -39,7 +40,7 @@ class Method:
     """
 
     name: str
-    predict: Callable[[tuple[Frame, ...]], Iterable[ArrayLike]]
+    predict: Callable[[tuple[Frame, ...]], Iterable[ArrayLike | Prediction]]
     points: Callable[[Observation], ArrayLike] | None = None
     notes: str | None = None
     truth: str | None = None
@@ -113,6 +114,7 @@ def _write_observation(root: Path, folder: SubmissionFolder, method: Method, key
 
 
 def _write_masks(folder: SubmissionFolder, method: Method, frames: tuple[Frame, ...]) -> None:
-    for number, (frame, mask) in enumerate(zip(frames, method.predict(frames), strict=True), start=1):
-        folder.write_mask(frame, mask)
+    for number, (frame, found) in enumerate(zip(frames, method.predict(frames), strict=True), start=1):
+        prediction = found if isinstance(found, Prediction) else Prediction(found)
+        folder.write_mask(frame, prediction.mask, prediction.categories)
         advance(number, len(frames))

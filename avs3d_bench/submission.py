@@ -8,6 +8,8 @@
 Files go to a hidden folder beside the target, which takes the target's name when the block ends well and every test
 frame has its mask. After an error or Ctrl-C nothing is left; after a kill the next writer clears the rest away.
 
+In part_3, `write_mask` takes class ids as well: ``writer.write_mask(frame, mask, categories=ids)``.
+
 Worker processes write through `SubmissionWriter.folder`, a small record that can be pickled: which files belong to the
 submission is a matter of the disk alone, so nothing has to come back from them.
 """
@@ -15,7 +17,7 @@ submission is a matter of the disk alone, so nothing has to come back from them.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,17 +32,36 @@ from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import write_json
-from avs3d_bench.media import png_header, write_ply_points, write_png_mask
+from avs3d_bench.media import png_header, write_ply_points, write_png_categories, write_png_mask
 from avs3d_bench.schema import ProvenanceRecord, Scalar, SubmissionRecord, describe
 from avs3d_bench.staging import staged_folder
+from avs3d_bench.taxonomy import class_ids
 
 #: `dataset_version` of a submission for data without dataset.json (the official release).
 UNVERSIONED = "unversioned"
 #: A cloud larger than this is no object any more.
 MAX_POINTS = 2_000_000
+#: The part in which a submission may hold class ids beside its masks.
+SOUND_SCENES = "part_3"
 #: Names in a message before it only counts.
 _NAMED = 5
-_OWN_FILE = re.compile(rf"part_[12]/[^/]+/[^/]+/[^/]+/({layout.SUBMISSION_MASKS}/frame_[0-9]+\.png|points\.ply)")
+_OWN_FILE = re.compile(
+    rf"part_[123]/[^/]+/[^/]+/[^/]+/(({layout.SUBMISSION_MASKS}|{layout.SUBMISSION_CATEGORIES})/frame_[0-9]+\.png|"
+    r"points\.ply)"
+)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a method predicts for a frame, where that is more than a mask.
+
+    Attributes:
+        mask: (H, W) bool, or whole numbers 0 and 1, or 0 and 255.
+        categories: (H, W) class ids (`avs3d_bench.taxonomy.class_ids`), 0 for nothing; None for none. In part_3 only.
+    """
+
+    mask: ArrayLike
+    categories: ArrayLike | None = None
 
 
 def frame_size(frame: Frame) -> tuple[int, int]:
@@ -80,6 +101,32 @@ def as_mask(mask: ArrayLike, size: tuple[int, int], where: str) -> NDArray[np.bo
     return np.asarray(array != 0)
 
 
+def as_categories(
+    categories: ArrayLike, size: tuple[int, int], names: Mapping[str, int], where: str
+) -> NDArray[np.uint8]:
+    """A method's class ids as (H, W) uint8.
+
+    Args:
+        categories: whole numbers: 0 for nothing, else values of ``names``.
+        size: (height, width) that is expected.
+        names: category → class id.
+        where: what messages name.
+
+    Raises:
+        Avs3dError: if the shape, the type or a value is another.
+    """
+    array = np.asarray(categories)
+    if array.shape != size:
+        raise Avs3dError(f"{where}: the class ids have shape {array.shape}, expected {size} (height, width)")
+    if array.dtype.kind not in "iu":
+        raise Avs3dError(f"{where}: the class ids are {array.dtype}, expected integers, 0 for nothing")
+    low, high = int(array.min(initial=0)), int(array.max(initial=0))
+    if low < 0 or high > len(names):
+        known = ", ".join(f"{number} {name}" for name, number in names.items())
+        raise Avs3dError(f"{where}: the class id {low if low < 0 else high} is unknown; expected 0, or one of {known}")
+    return array.astype(np.uint8)
+
+
 @dataclass(frozen=True)
 class SubmissionFolder:
     """Where the files of a submission go while it is written; can be pickled and used from any process or thread.
@@ -96,26 +143,41 @@ class SubmissionFolder:
         """Where the mask of the frame named ``frame`` of the observation ``key`` lies."""
         return self.root / key / layout.SUBMISSION_MASKS / f"{frame}.png"
 
+    def categories_path(self, key: str, frame: str) -> Path:
+        """Where the class ids of the frame named ``frame`` of the observation ``key`` lie."""
+        return self.root / key / layout.SUBMISSION_CATEGORIES / f"{frame}.png"
+
     def points_path(self, key: str) -> Path:
         """Where the points of the observation ``key`` lie."""
         return self.root / key / layout.SUBMISSION_POINTS
 
-    def write_mask(self, frame: Frame, mask: ArrayLike) -> None:
+    def write_mask(self, frame: Frame, mask: ArrayLike, categories: ArrayLike | None = None) -> None:
         """Write the mask of a test frame; a second one for the same frame takes the place of the first.
 
         Args:
             frame: a test frame of one of the observations.
             mask: (H, W) of the frame's size: bool, or whole numbers 0 and 1, or 0 and 255.
+            categories: in part_3, what is marked: (H, W) class ids of the observation's taxonomy
+                (`ObservationRecord.class_ids`), 0 for nothing. Either every test frame of part_3 gets them, or none.
 
         Raises:
-            UsageError: if the frame is no test frame, or of another observation.
-            Avs3dError: if the mask has another size, type or value, or the system refuses.
+            UsageError: if the frame is no test frame, or of another observation, or ``categories`` are given outside of
+                part_3.
+            Avs3dError: if an array has another size, type or value, or the system refuses.
         """
         key = self._known(frame.observation)
         where = f"{key}/{frame.name}"
         if frame.split != "test":
             raise UsageError(f"{where}: a {frame.split or 'left-out'} frame; a submission holds masks of test frames")
-        write_png_mask(self.mask_path(key, frame.name), as_mask(mask, frame_size(frame), where))
+        size = frame_size(frame)
+        marked = as_mask(mask, size, where)
+        if categories is not None:
+            if frame.observation.place.part != SOUND_SCENES:
+                raise UsageError(f"{where}: class ids belong to {SOUND_SCENES}; leave out categories")
+            record = frame.observation.record
+            named = as_categories(categories, size, record.class_ids if record else class_ids(), where)
+            write_png_categories(self.categories_path(key, frame.name), named)
+        write_png_mask(self.mask_path(key, frame.name), marked)
 
     def write_points(self, observation: Observation, points: ArrayLike) -> None:
         """Write the 3D prediction of an observation.
@@ -226,9 +288,9 @@ class SubmissionWriter:
             raise UsageError(f"{self.path}: the writer is not open; use `with SubmissionWriter(…) as writer:`")
         return self._folder
 
-    def write_mask(self, frame: Frame, mask: ArrayLike) -> None:
+    def write_mask(self, frame: Frame, mask: ArrayLike, categories: ArrayLike | None = None) -> None:
         """See `SubmissionFolder.write_mask`."""
-        self.folder.write_mask(frame, mask)
+        self.folder.write_mask(frame, mask, categories)
 
     def write_points(self, observation: Observation, points: ArrayLike) -> None:
         """See `SubmissionFolder.write_points`."""
@@ -277,6 +339,14 @@ class SubmissionWriter:
             raise Avs3dError(
                 f"{self.path}: not written: no points for {_some(without)}; expected points for every observation or "
                 "none (an empty cloud says that nothing was found)"
+            )
+        scenes = [frame for o in self.observations if o.place.part == SOUND_SCENES for frame in o.test]
+        bare = [f for f in scenes if not self.folder.categories_path(f.observation.key, f.name).exists()]
+        if 0 < len(bare) < len(scenes):
+            names = _some([f"{frame.observation.key}/{frame.name}" for frame in bare])
+            raise Avs3dError(
+                f"{self.path}: not written: no class ids for {names}; expected categories for every test frame of "
+                f"{SOUND_SCENES} or for none"
             )
         # Only a worker that was killed in the middle of a file can have left one.
         for leftover in self.folder.root.rglob(".*.tmp"):

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from avs3d_bench.errors import UsageError
 from avs3d_bench.groups import PATH, WORKERS, Group, dataset_option, only_option
 from avs3d_bench.scheduling.options import Options, scheduling_options
 
@@ -114,6 +115,10 @@ def centre_box(**options: Any) -> None:
 )  # fmt: skip
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of every random decision.")
 @click.option("--points", is_flag=True, help="Write points on the true mesh as well (with --instance sounding).")
+@click.option(
+    "--deaf", type=click.Choice(["all", "single"]), is_flag=False, flag_value="all", default=None,
+    help="Of part_3: mark the same instances for all siblings: all that can sound, or the best single one.",
+)  # fmt: skip
 @click.option("--workers", type=WORKERS, default=None, help="Processes [one per core].")
 def oracle(
     root: Path,
@@ -122,6 +127,7 @@ def oracle(
     overwrite: bool,
     instance: Any,
     points: bool,
+    deaf: Any,
     workers: int | None,
     **errors: Any,
 ) -> None:
@@ -129,24 +135,26 @@ def oracle(
 
     This USES THE GROUND TRUTH OF TEST FRAMES, as submission.json records: its scores are bounds, not results. With
     --instance category it is the result of a perfect detector that ignores the sound.
-    --instance sounding also works on the official release.
+    --instance sounding also works on the official release. In part_3 the audible instances are marked, frame by frame,
+    and categories/ is written as well.
     """
     from avs3d_bench.dataset import Dataset
+    from baselines.deaf import write_deaf
     from baselines.oracle import write_oracle
     from baselines.oracle_errors import ErrorModel
 
-    writer = write_oracle(
-        Dataset(root),
-        path,
-        instance=instance,
-        errors=ErrorModel(**errors),
-        points=points,
-        only=only,
-        overwrite=overwrite,
-        workers=workers,
-        progress=sys.stderr.isatty(),
-    )
-    _done(writer)
+    common: dict[str, Any] = {
+        "only": only, "overwrite": overwrite, "workers": workers, "progress": sys.stderr.isatty(),
+    }  # fmt: skip
+    if deaf is None:
+        model = ErrorModel(**errors)
+        _done(write_oracle(Dataset(root), path, instance=instance, errors=model, points=points, **common))
+        return
+    context = click.get_current_context()
+    for name in ("instance", "points", *errors):
+        if context.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT:
+            raise UsageError(f"--deaf cannot be had with --{name}: a deaf oracle has one answer for all siblings")
+    _done(write_deaf(Dataset(root), path, deaf, **common))
 
 
 def _owod_bind_options(command: _F) -> _F:

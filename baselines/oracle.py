@@ -3,6 +3,9 @@
 It looks at the truth of test frames by design, so its scores are bounds, not results: ``sounding`` is perfect,
 ``category`` is the result of a perfect detector that finds every object of the right category and ignores which of
 them sounds.
+
+In part_3 (`baselines.oracle_scenes`) several instances may be audible in a frame, or none; there it writes class ids as
+well.
 """
 
 from __future__ import annotations
@@ -20,8 +23,9 @@ from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import UsageError
 from avs3d_bench.method import Method, write_submission
 from avs3d_bench.schema import InstanceRecord, ObservationRecord
-from avs3d_bench.submission import SubmissionWriter, frame_size
+from avs3d_bench.submission import Prediction, SubmissionWriter, frame_size
 from baselines.oracle_errors import CONFUSABLE, ErrorModel
+from baselines.oracle_scenes import is_sound_scene, scene_prediction
 
 Instance = Literal["category", "sounding"]
 Mask = NDArray[np.bool_]
@@ -44,7 +48,7 @@ def oracle_mask(frame: Frame, *, instance: Instance, errors: ErrorModel = PERFEC
     Args:
         frame: of any split; its truth is read.
         instance: ``category``: the visible pixels of every instance of the sounding category; ``sounding``: those of
-            the sounding instance alone.
+            the sounding instance alone. In part_3: of the categories, or instances, that are audible in the frame.
         errors: what goes wrong.
 
     Returns:
@@ -56,6 +60,8 @@ def oracle_mask(frame: Frame, *, instance: Instance, errors: ErrorModel = PERFEC
     """
     observation = frame.observation
     check_truth(observation, instance=instance, errors=errors)
+    if is_sound_scene(observation):
+        return np.asarray(scene_prediction(frame, category=instance == "category", errors=errors).mask, np.bool_)
     if errors.happens("drop", observation.key, frame.name):
         return np.zeros(frame_size(frame), dtype=np.bool_)
     twin, neighbour = _twin(observation, errors), _neighbour(observation, errors)
@@ -98,8 +104,14 @@ def check_truth(
         raise UsageError("--points needs --instance sounding: only the sounding object's mesh is known")
     if errors.swap or errors.confuse:
         raise UsageError("--points cannot be had with --swap or --confuse: only the sounding object's mesh is known")
-    if not (observation.path / layout.SOUNDING_OBJECT).exists():
+    if not (observation.path / layout.SOUNDING_OBJECT).exists() and not _is_silent(observation):
         raise UsageError(f"{observation.path}: --points needs {layout.SOUNDING_OBJECT}, which is missing")
+
+
+def _is_silent(observation: Observation) -> bool:
+    """Whether it is an observation of part_3 in which no instance of the room sounds: then there is no mesh."""
+    record = observation.record
+    return is_sound_scene(observation) and record is not None and not record.sounding_instances
 
 
 def _record(observation: Observation) -> ObservationRecord:
@@ -172,8 +184,10 @@ def oracle_points(observation: Observation) -> NDArray[np.float32]:
     sequences", 2018), so that no random number is needed.
 
     Returns:
-        (N, 3) metres, world coordinates; N = `POINTS_PER_CM2` × the area, at least 1.
+        (N, 3) metres, world coordinates; N = `POINTS_PER_CM2` × the area, at least 1; 0 where no instance sounds.
     """
+    if _is_silent(observation):
+        return np.zeros((0, 3), dtype=np.float32)
     mesh = observation.mesh()
     corners = mesh.vertices.astype(np.float64)[mesh.faces]
     origin, first, second = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
@@ -248,5 +262,9 @@ def write_oracle(
     return write_submission(dataset, path, method, only=only, overwrite=overwrite, workers=workers, progress=progress)
 
 
-def _masks(instance: Instance, errors: ErrorModel, frames: tuple[Frame, ...]) -> Iterator[Mask]:
-    return (oracle_mask(frame, instance=instance, errors=errors) for frame in frames)
+def _masks(instance: Instance, errors: ErrorModel, frames: tuple[Frame, ...]) -> Iterator[Mask | Prediction]:
+    for frame in frames:
+        if is_sound_scene(frame.observation):
+            yield scene_prediction(frame, category=instance == "category", errors=errors)
+        else:
+            yield oracle_mask(frame, instance=instance, errors=errors)

@@ -167,12 +167,14 @@ HOUSE = {
         "networks": "",
         "doctor": "networks",
         "oracle_errors": "",
-        "oracle": "oracle_errors",
+        "oracle_scenes": "oracle_errors",
+        "oracle": "oracle_errors oracle_scenes",
+        "deaf": "oracle_scenes",
         "trivial": "",
         "owod_bind": "networks",
         "denseav": "networks",
         "echosegnet": "oracle oracle_errors",
-        "cli": "oracle_errors oracle trivial owod_bind denseav echosegnet",
+        "cli": "oracle_errors oracle deaf trivial owod_bind denseav echosegnet",
     },
 }
 #: Folders of avs3d_bench that use each other: none.

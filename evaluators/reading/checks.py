@@ -144,9 +144,9 @@ def _look(
     classes = _class_count(observation) if categories and is_sound_scene(observation) else None
 
     def sound(path: Path) -> bool:
-        """Whether nothing is known against a file, or against a folder behind a link."""
+        """Whether nothing is known against a file, a folder behind a link, or a part that is missing as a whole."""
         name = path.relative_to(submission.root)
-        return bad.isdisjoint((name.as_posix(), name.parent.as_posix()))
+        return bad.isdisjoint((name.as_posix(), name.parent.as_posix(), name.parts[0]))
 
     for number, frame in enumerate(observation.test):
         advance(number, len(observation.test))

@@ -78,7 +78,8 @@ def _wrong_parts(dataset: Dataset, observations: Sequence[Observation], found: C
     for part in absent:
         some = [observation for observation in observations if observation.place.part == part]
         masks = sum(len(observation.test) for observation in some)
-        problems.append(Problem("error", part, f"missing; expected {masks} masks of {len(some)} observations"))
+        plural = "" if len(some) == 1 else "s"
+        problems.append(Problem("error", part, f"missing; expected {masks} masks of {len(some)} observation{plural}"))
     return problems
 
 
@@ -290,7 +291,8 @@ def _surplus_folder(observation: Observation, submission: Submission, name: str,
             part = observation.place.part
             yield Problem("error", name, f"class ids belong to part_3; expected {submission.masks}/ only in {part}")
         return
-    yield Problem("error", name, f"surplus folder; expected {submission.masks}/ only")
+    expected = f"{submission.masks}/ and {categories}/" if is_sound_scene(observation) else f"{submission.masks}/"
+    yield Problem("error", name, f"surplus folder; expected {expected} only")
 
 
 def _leads_to(inside: str, masks: str) -> bool:
@@ -306,8 +308,9 @@ def _at_the_top(name: str, kind: str) -> Iterator[Problem]:
 def _surplus(observation: Observation, submission: Submission, inside: str) -> str:
     folder, _, name = inside.rpartition("/")
     stem = name.removesuffix(".png")
-    if folder == submission.masks and name.endswith(".png") and observation.splits.get(stem) == "train":
-        return "a mask of a train frame; expected test frames only"
+    known = {submission.masks: "a mask", layout.SUBMISSION_CATEGORIES: "class ids"}
+    if folder in known and name.endswith(".png") and observation.splits.get(stem) == "train":
+        return f"{known[folder]} of a train frame; expected test frames only"
     if folder == submission.masks:
         return "surplus file; expected one mask per test frame, named as the frame (frame_000.png)"
     return f"surplus file; expected {submission.masks}/frame_000.png and {layout.SUBMISSION_POINTS} only"
