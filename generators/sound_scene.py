@@ -235,7 +235,7 @@ def write_second(
     clip, audible = mix(plan, ready, index, second, noise)
     writer.add_clip(index, clip)
     writer.add_stems(index, stems_of(ready, second, noise, index))
-    visible = writer.add_masks(index, class_table(ready, audible))
+    visible = writer.add_masks(index, class_table(ready, audible, plan.own_categories or ()))
     return clip, describe_scene_frame(ready, index, visible, clip, audible, sight)
 
 
@@ -427,10 +427,10 @@ def mix(
     return clip, audible_sources(clip, named)
 
 
-def class_table(ready: PreparedScene, audible: Sequence[AudibleRecord]) -> NDArray[np.uint8]:
-    """(instances + 1,) instance id → class id if the instance is audible, else 0."""
+def class_table(ready: PreparedScene, audible: Sequence[AudibleRecord], own: Sequence[str] = ()) -> NDArray[np.uint8]:
+    """(instances + 1,) instance id → class id if the instance is audible, else 0; ``own``: see `class_ids`."""
     heard = {entry.source for entry in audible}
-    numbers = class_ids()
+    numbers = class_ids(own)
     table = np.zeros(len(ready.seen.placements) + 1, dtype=np.uint8)
     for source in ready.sources:
         if source.id in heard and source.instance is not None:
@@ -497,6 +497,7 @@ def describe_scene(
         scan=spec.scan,
         room=spec.room,
         index=spec.index,
+        categories=plan.own_categories,
         category=first.category if first else None,
         seed=plan.seed,
         plan_sha256=plan.digest,
