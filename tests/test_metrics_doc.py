@@ -1,8 +1,9 @@
 """docs/metrics.md: every number of its worked examples, recomputed twice from the drawings.
 
-Blocks whose info string begins with `masks`, `voxels` or `values` draw an example; `figures NAME` blocks hold chains
-like ``strict.IoU = (6/9 + 0)/2 ≈ 0.3333``. Of each chain, what names something is looked up in the evaluator and in a
-second implementation below (sets of pixels and fractions, nothing shared), and all that is arithmetic is worked out.
+Blocks whose info string begins with `masks`, `scenes`, `voxels` or `values` draw an example; `figures NAME` blocks hold
+chains like ``strict.IoU = (6/9 + 0)/2 ≈ 0.3333``. Of each chain, what names something is looked up in the evaluator and
+in a second implementation below (sets of pixels and fractions, nothing shared), and all that is arithmetic is worked
+out.
 All must agree: after ``=`` to 1e-6 (the released IoU has an epsilon), after ``≈`` to half a unit of the last digit.
 """
 
@@ -24,20 +25,25 @@ from score_examples import example_scores
 
 from avs3d_bench.geometry import flip_world
 from avs3d_bench.scores import (
+    ALL_REFERENCES,
     BLIND_REFERENCES,
     DEAF_REFERENCES,
     METRICS,
     REFERENCES,
+    ListenScore,
     ObservationScores,
     Scores,
     metrics_of,
 )
 from avs3d_bench.submission import MAX_POINTS
-from evaluators import bootstrap, protocols
+from evaluators import bootstrap, listen, protocols
+from evaluators.classes import confusion
 from evaluators.contour import contour, found, tolerance
-from evaluators.deaf import deaf_frame, deaf_references
+from evaluators.deaf import DeafOracles, deaf_frame, deaf_references
 from evaluators.frames import Truth, frame_figures, reference_figures
+from evaluators.listen import listen_observation
 from evaluators.metrics import f_measure, frame_counts, iou
+from evaluators.pairs import differ, sibling_scores
 from evaluators.protocols import official_observation, strict_observation, summarise
 from evaluators.volume import VolumeScore, score_points, true_volume
 
@@ -80,13 +86,14 @@ class Example:
     cube: tuple[float, float] | None = None
     voxels: list[tuple[int, int, int]] = field(default_factory=list)
     values: list[float | None] = field(default_factory=list)
+    scenes: bool = False
     chains: list[tuple[str, str]] = field(default_factory=list)
 
 
 def drawings() -> Iterator[tuple[list[str], list[str]]]:
     """Info string in words, and lines, of every fenced block that is ours."""
     for block in blocks(DOCUMENT):
-        if block.language in ("masks", "voxels", "values", "figures"):
+        if block.language in ("masks", "scenes", "voxels", "values", "figures"):
             yield block.info.split(), [line for line in block.code.splitlines() if line.strip()]
 
 
@@ -127,8 +134,9 @@ def read_examples() -> dict[str, Example]:
     out: dict[str, Example] = {}
     for (kind, name, *rest), lines in drawings():
         example = out.setdefault(name, Example())
-        if kind == "masks":
+        if kind in ("masks", "scenes"):
             example.frames |= pictures(lines)
+            example.scenes = kind == "scenes"
         elif kind == "voxels":
             example.cube = (float(rest[0]), float(rest[1]))
             for title, rows in columns(lines).items():
@@ -211,6 +219,8 @@ def _scores(example: Example, reference: str | None, volume: VolumeScore | None)
 
 def evaluated(example: Example) -> dict[str, Values]:
     """Prefix → name → value, by the evaluator."""
+    if example.scenes:
+        return evaluated_scenes(example)
     volume, out = None, dict[str, Values]()
     plain: Values = {}
     if example.cube is not None:
@@ -346,6 +356,8 @@ def _witness_scores(example: Example, reference: str | None) -> dict[str, Fracti
 
 def witnessed(example: Example) -> dict[str, dict[str, Fraction | float | None]]:
     """Prefix → name → value, by the second implementation."""
+    if example.scenes:
+        return witnessed_scenes(example)
     out: dict[str, dict[str, Fraction | float | None]] = {"": {}}
     if example.frames:
         out = {prefix: dict(_witness_scores(example, prefix or None)) for prefix in ("", *REFERENCES)}
@@ -391,6 +403,132 @@ def _exact_interval(values: list[Fraction]) -> dict[str, Fraction | float | None
     return {"count": len(values), "mean": _average(values), "low": low, "high": high}
 
 
+# --- Sound scenes: groups of siblings, by both ----------------------------------------------------------------------
+
+LETTERS = "mt"  # of the instances; class ids are their places, from 1 on
+
+
+def siblings_in(example: Example) -> list[str]:
+    """Numbers of the siblings that are drawn."""
+    drawings = next(iter(example.frames.values())).drawings
+    return sorted(name.removeprefix("truth_") for name in drawings if name.startswith("truth_"))
+
+
+def letters(frame: Picture, name: str) -> np.ndarray:
+    """(H, W) uint8: 0, or the place of the letter."""
+    rows = [[LETTERS.find(mark) + 1 for mark in row] for row in frame.drawings[name]]
+    return np.array(rows, np.uint8)
+
+
+def evaluated_scenes(example: Example) -> dict[str, Values]:
+    """Prefix → name → value, by the evaluator: the counts of `evaluators.sound_scenes` from arrays."""
+    numbers, frames = siblings_in(example), list(example.frames.values())
+    keys = [f"part_3/drawn/kitchen/{number}" for number in numbers]
+    truths = [[letters(frame, f"truth_{n}") for n in numbers] for frame in frames]
+    marked = [[letters(frame, f"prediction_{n}") for n in numbers] for frame in frames]
+    pairs = list(itertools.combinations(range(len(keys)), 2))
+    differing = [[(a, b) for a, b in pairs if differ(frame_counts(one[a], one[b]))] for one in truths]
+    deaf = DeafOracles({1: 1, 2: 2}, len(LETTERS))
+    for frame, true in zip(frames, truths, strict=True):
+        deaf.add(letters(frame, "instances").astype(np.uint16), true)
+    counts = {
+        "": [[[frame_counts(g, p) for g in true] for p in shown] for true, shown in zip(truths, marked, strict=True)]
+    }
+    counts |= {name: [[one] * len(keys) for one in deaf.counts(rows)] for name, rows in deaf.rows().items()}
+    out: dict[str, Values] = {}
+    for prefix, frames_ in counts.items():
+        siblings = sibling_scores(keys[0], keys, differing, frames_)
+        observations = []
+        for index, key in enumerate(keys):
+            classes = sum(confusion(g[index], p[index], 2) for g, p in zip(truths, marked, strict=True))
+            own = [frame[index][index] for frame in frames_]
+            scores = listen_observation(key, own, siblings, np.asarray(classes), dict(enumerate(LETTERS, 1)))
+            observations.append(
+                ObservationScores(
+                    key=key, part="part_3", scan="drawn", room="kitchen", category=None, group=keys[0],
+                    frames=len(own), listen=scores,
+                )
+            )  # fmt: skip
+            if not prefix:
+                out[f"sibling_{numbers[index]}"] = _listen_values(scores)
+                out[f"sibling_{numbers[index]}"] |= {f"class_IoU_{c}": v for c, v in scores.class_IoU.items()}
+        group = summarise(observations, [siblings]).listen
+        assert group is not None
+        out[prefix] = _listen_values(group)
+        if not prefix:
+            for pair in siblings.pairs:
+                out[""][f"pair_{pair.first[-1]}_{pair.second[-1]}"] = pair.right / pair.frames
+    return out
+
+
+def _listen_values(scores: ListenScore) -> Values:
+    return {f"listen.{metric.name}": getattr(scores, metric.name) for metric in metrics_of("listen")}
+
+
+def _overlap(p: Pixels, g: Pixels) -> Fraction:
+    return Fraction(len(p & g), len(p | g)) if p | g else Fraction(1)
+
+
+def witnessed_scenes(example: Example) -> dict[str, dict[str, Fraction | float | None]]:
+    """Prefix → name → value, by sets of pixels and fractions."""
+    numbers, frames = siblings_in(example), list(example.frames.values())
+    truth = {n: [frame.pixels(f"truth_{n}", LETTERS) for frame in frames] for n in numbers}
+    seen = {letter: [frame.pixels("instances", letter) for frame in frames] for letter in LETTERS}
+    visible = [(index, n) for n in numbers for index in range(len(frames)) if truth[n][index]]
+    best = max(LETTERS, key=lambda one: sum(_overlap(seen[one][i], truth[n][i]) for i, n in visible))
+    predictions = {
+        "": {n: [frame.pixels(f"prediction_{n}", LETTERS) for frame in frames] for n in numbers},
+        "deaf_all": {n: [frame.pixels("instances", LETTERS) for frame in frames] for n in numbers},
+        "deaf_single": dict.fromkeys(numbers, seen[best]),
+    }
+    out: dict[str, dict[str, Fraction | float | None]] = {}
+    size = frames[0].height * frames[0].width
+    for prefix, marked in predictions.items():
+        right: dict[tuple[str, str], list[Fraction]] = {}
+        for a, b in itertools.combinations(numbers, 2):
+            right[a, b] = [
+                Fraction(
+                    all(
+                        (_overlap(p, own) > Fraction(1, 2) if own else not p) and _overlap(p, own) > _overlap(p, other)
+                        for p, own, other in ((marked[a][i], ta, tb), (marked[b][i], tb, ta))
+                    )
+                )
+                for i, (ta, tb) in enumerate(zip(truth[a], truth[b], strict=True))
+                if _overlap(ta, tb) < Fraction(1, 2)
+            ]
+        each = {}
+        for n in numbers:
+            pairs = list(zip(marked[n], truth[n], strict=True))
+            each[n] = {
+                "listen.IoU": _average([_overlap(p, g) for p, g in pairs if g]),
+                "listen.FP_rate": _average([Fraction(bool(p)) for p, g in pairs if not g]),
+                "listen.FP_area": _average([Fraction(len(p), size) for p, g in pairs if not g]),
+                "listen.pair_accuracy": _average([one for pair, all_ in right.items() if n in pair for one in all_]),
+            }
+            if not prefix:
+                classes = _class_ious(frames, n)
+                each[n] |= {f"class_IoU_{c}": value for c, value in classes.items()}
+                each[n]["listen.class_mIoU"] = _average(list(classes.values()))
+                out[f"sibling_{n}"] = dict(each[n])
+        names = {name for values in each.values() for name in values if name.startswith("listen.")}
+        means = {name: [v for n in numbers if (v := each[n][name]) is not None] for name in names}
+        out[prefix] = {name: _average(values) for name, values in means.items()}
+        out[prefix]["listen.pair_accuracy"] = _average([one for all_ in right.values() for one in all_])
+        if not prefix:
+            out[""] |= {f"pair_{a}_{b}": _average(all_) for (a, b), all_ in right.items()}
+    return out
+
+
+def _class_ious(frames: list[Picture], number: str) -> dict[str, Fraction]:
+    out = {}
+    for letter in LETTERS:
+        pairs = [(f.pixels(f"prediction_{number}", letter), f.pixels(f"truth_{number}", letter)) for f in frames]
+        union = sum(len(p | g) for p, g in pairs)
+        if union:
+            out[letter] = Fraction(sum(len(p & g) for p, g in pairs), union)
+    return out
+
+
 # --- The document against both ----------------------------------------------------------------------------------------
 
 RECKONED = {name: (evaluated(example), witnessed(example)) for name, example in EXAMPLES.items()}
@@ -423,7 +561,7 @@ def test_every_figure_has_an_example():
     claimed = {re.split(r"\s*[=≈]", chain)[0] for _, _, chain in CHAINS if not chain.endswith("null")}
     assert {f"{metric.protocol}.{metric.name}" for metric in METRICS} <= claimed
     assert {"low", "high", "mean", "count"} <= claimed
-    assert {prefix for _, prefix, _ in CHAINS} >= set(REFERENCES)
+    assert {prefix for _, prefix, _ in CHAINS} >= set(ALL_REFERENCES)
     # The drawings are used, and there are no chains of examples that nobody drew.
     assert all(e.chains and (e.frames or e.cube or e.values) for e in EXAMPLES.values())
 
@@ -453,7 +591,7 @@ def first_column(heading: str) -> set[str]:
 
 
 def test_the_table_at_the_top_lists_every_figure():
-    rows = re.findall(r"^\| (official|strict) \| `(\w+)` \| (high|low) \| (metres)?", TEXT, re.M)
+    rows = re.findall(r"^\| (official|strict|listen) \| `(\w+)` \| (high|low) \| (metres)?", TEXT, re.M)
     assert [(protocol, name, way == "high", unit == "metres") for protocol, name, way, unit in rows] == [
         (m.protocol, m.name, m.higher_is_better, m.unit == "m") for m in METRICS
     ]
@@ -464,7 +602,8 @@ def test_every_key_of_the_file_of_scores_is_explained():
 
 
 def test_every_reason_for_a_null_is_listed():
-    constants = {name: value for name, value in vars(protocols).items() if name.isupper() and name[0] != "_"}
+    everything = {**vars(listen), **vars(protocols)}
+    constants = {name: value for name, value in everything.items() if name.isupper() and name[0] != "_"}
     reasons = [value for value in constants.values() if isinstance(value, str)]
     assert reasons
     for reason in reasons:
@@ -476,6 +615,7 @@ def test_constants_in_the_text_are_those_of_the_code():
     assert bootstrap.CONFIDENCE == 0.95
     assert bootstrap.FEWEST == 6
     assert "Fewer than six observations: no interval" in TEXT
+    assert "Fewer than six groups: no interval" in TEXT
     assert MAX_POINTS == 2_000_000
     assert tolerance(1008, 1008) == 12
     assert 0.15 / 0.05 == 2.9999999999999996
