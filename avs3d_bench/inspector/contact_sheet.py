@@ -13,9 +13,20 @@ from scipy.signal import spectrogram
 from avs3d_bench import files
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.inspector.contact_scenes import (
+    draw_azimuths,
+    draw_lanes,
+    instance_style,
+    mark_sources,
+    overlay_sources,
+    scene_summary,
+    write_audible,
+)
+from avs3d_bench.inspector.sound_scenes import ShownScene, read_sound_scene
 from avs3d_bench.layout import is_test
 from avs3d_bench.levels import ild_db
 from avs3d_bench.schema import ObservationRecord
+from avs3d_bench.templates import words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,6 +38,8 @@ SILENT = "#4b7bec"
 PATH = "#1b998b"
 #: Pixels per side of a thumbnail.
 THUMBNAIL = 320
+#: The brightest colour of the spectrogram stands for this density at least (dB re 1/Hz): silence is dark.
+QUIETEST_DB = -110.0
 
 
 def draw_contact_sheets(root: Path, output: Path, *, only: Sequence[str] = (), columns: int = 8) -> list[Path]:
@@ -60,24 +73,31 @@ def draw_contact_sheet(observation: Observation, columns: int = 8) -> Figure:
     if record is None:
         raise Avs3dError(f"{observation.key}: no observation.json, so there is nothing to draw a map from")
     with mpl.rc_context({"font.size": 11, "text.color": INK, "axes.labelcolor": INK, "font.family": "DejaVu Sans"}):
-        figure = Figure(figsize=(20, 12.6), facecolor="white", layout="constrained")
+        scene = read_sound_scene(observation)
+        # The names of what is audible stand below the pictures of a sound scene.
+        lines = 0 if scene is None else max(1, *(len(scene.audible(number)) for number in range(len(observation))))
+        upper = 5.0 + 0.25 * lines
+        figure = Figure(figsize=(20, 12.6 + 0.28 * lines), facecolor="white", layout="constrained")
         FigureCanvasAgg(figure)
-        figure.suptitle(_title(record), fontsize=17, x=0.01, ha="left")
-        halves: Any = figure.subfigures(2, 1, height_ratios=[5.0, 6.2])
+        figure.suptitle(_title(record, scene), fontsize=17, x=0.01, ha="left")
+        halves: Any = figure.subfigures(2, 1, height_ratios=[upper, 6.2])
         top, bottom = halves
-        _frames(top, observation, record, columns)
+        _frames(top, observation, record, columns, scene)
         left, right = bottom.subfigures(1, 2, width_ratios=[1.0, 1.35])
-        _map(left.subplots(), observation, record)
-        _sound(right, observation, record)
+        _map(left.subplots(), observation, record, scene)
+        _sound(right, observation, record, scene)
     return figure
 
 
-def _title(record: ObservationRecord) -> str:
-    moving = " on its way" if record.moves else ""
+def _title(record: ObservationRecord, scene: ShownScene | None) -> str:
+    if scene is not None:
+        sounds = scene_summary(scene, record)
+    else:
+        sounds = f"{words(record.category)} sounds{' on its way' if record.moves else ''}"
     visible = sum(frame.visible_pixels > 0 for frame in record.frames)
     t30 = f", T30 {record.acoustics.t30:.2f} s" if record.acoustics.t30 else ""
     return (
-        f"{record.key}: {record.category.replace('_', ' ')} sounds{moving}; "
+        f"{record.key}: {sounds}; "
         f"visible in {visible} of {len(record.frames)} frames{t30}; sound by {record.acoustics.backend}"
     )
 
@@ -101,7 +121,9 @@ def _thumbnail(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(cv2.resize(pixels, (THUMBNAIL, THUMBNAIL), interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
-def _frames(figure: Any, observation: Observation, record: ObservationRecord, columns: int) -> None:
+def _frames(
+    figure: Any, observation: Observation, record: ObservationRecord, columns: int, scene: ShownScene | None
+) -> None:
     count = min(columns, len(record.frames))
     chosen = np.unique(np.linspace(0, len(record.frames) - 1, count).round().astype(int))
     axes = figure.subplots(2, len(chosen), squeeze=False)
@@ -109,16 +131,22 @@ def _frames(figure: Any, observation: Observation, record: ObservationRecord, co
         frame = observation.frames[index]
         rgb, mask = frame.rgb(), frame.mask()
         axes[0, column].imshow(_thumbnail(rgb))
-        axes[1, column].imshow(_thumbnail(overlay(rgb, mask)))
+        if scene is None:
+            marked = overlay(rgb, mask)
+        else:
+            marked = overlay_sources(rgb, mask, frame.instance_ids(), scene.colours)
+            write_audible(axes[1, column], scene, int(index))
+        axes[1, column].imshow(_thumbnail(marked))
         split = "test" if is_test(int(index)) else "train"
         axes[0, column].set_title(f"{frame.name} ({split})", fontsize=10)
         info = record.frames[index]
-        axes[1, column].set_title(f"{info.visible_pixels} px, azimuth {info.azimuth:+.0f}°", fontsize=10, color=MUTED)
+        side = f", azimuth {info.azimuth:+.0f}°" if scene is None else ""
+        axes[1, column].set_title(f"{info.visible_pixels} px{side}", fontsize=10, color=MUTED)
         for row in (0, 1):
             axes[row, column].set_axis_off()
 
 
-def _map(axes: Any, observation: Observation, record: ObservationRecord) -> None:
+def _map(axes: Any, observation: Observation, record: ObservationRecord, scene: ShownScene | None) -> None:
     """Top-down: x to the right, z downwards (as seen from above); surface points, path, headings, instances."""
     points = observation.colmap.points
     floor = min(frame.position[1] for frame in record.frames) - 1.5
@@ -138,54 +166,71 @@ def _map(axes: Any, observation: Observation, record: ObservationRecord) -> None
         )  # fmt: skip
     for instance in record.instances:
         (x0, _, z0), (x1, _, z1) = instance.bounds
-        colour = SOURCE if instance.sounding else SILENT
-        axes.plot([x0, x1, x1, x0, x0], [z0, z0, z1, z1, z0], color=colour, linewidth=2.5)
+        style: Any = SOURCE if instance.sounding else SILENT
+        name = words(instance.category)
+        if scene is not None:
+            style, name = instance_style(scene, instance.id, sounding=instance.sounding), scene.names[instance.id]
+        axes.plot([x0, x1, x1, x0, x0], [z0, z0, z1, z1, z0], color=style, linewidth=2.5)
         mark = " (sounds)" if instance.sounding else ""
         axes.annotate(
-            f"{instance.category.replace('_', ' ')}{mark}", ((x0 + x1) / 2, max(z0, z1)), xytext=(0, -14),
-            textcoords="offset points", ha="center", fontsize=9, color=colour, weight="bold",
+            f"{name}{mark}", ((x0 + x1) / 2, max(z0, z1)), xytext=(0, -14),
+            textcoords="offset points", ha="center", fontsize=9, color=style, weight="bold",
             bbox={"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 1},
         )  # fmt: skip
     if record.moves:
         way = np.array([record.source_at(frame) for frame in record.frames])
         axes.plot(way[:, 0], way[:, 2], color=SOURCE, linewidth=2, label="path of the source")
-    label = "source at the first frame" if record.moves else "source"
-    axes.plot(record.source_position[0], record.source_position[2], "*", color=SOURCE, markersize=16, label=label)
+    if record.source_position is not None and scene is None:
+        label = "source at the first frame" if record.moves else "source"
+        axes.plot(record.source_position[0], record.source_position[2], "*", color=SOURCE, markersize=16, label=label)
     reach = np.array([path[:, [0, 2]].min(axis=0) - 2.2, path[:, [0, 2]].max(axis=0) + 2.2])
+    if scene is not None:
+        bounds = np.array([instance.bounds for instance in record.instances])[:, :, [0, 2]]
+        reach = np.array(
+            [np.minimum(reach[0], bounds[:, 0].min(axis=0) - 1), np.maximum(reach[1], bounds[:, 1].max(axis=0) + 1)]
+        )
     axes.set_xlim(reach[0, 0], reach[1, 0])
     axes.set_ylim(reach[1, 1], reach[0, 1])
+    if scene is not None:
+        mark_sources(axes, scene)
     axes.set_aspect("equal")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("z (m)")
     axes.legend(loc="upper right", fontsize=9, framealpha=0.8)
 
 
-def _sound(figure: Any, observation: Observation, record: ObservationRecord) -> None:
-    upper, lower = figure.subplots(2, 1)
+def _sound(figure: Any, observation: Observation, record: ObservationRecord, scene: ShownScene | None) -> None:
+    if scene is None:
+        upper, lower = figure.subplots(2, 1)
+    else:
+        lanes, upper, lower = figure.subplots(3, 1, height_ratios=[max(1.0, 0.4 * len(scene.sources) + 0.4), 1.2, 1.6])
+        draw_lanes(lanes, scene, len(record.frames))
     times = [frame.time for frame in record.frames]
     difference = [ild_db(frame.rms_left, frame.rms_right) for frame in record.frames]
-    azimuth = [frame.azimuth for frame in record.frames]
     upper.axhline(0, color=MUTED, linewidth=0.8)
     upper.bar(times, difference, width=0.9, color=PATH, label="ILD (right − left)")
     upper.set_ylabel("ILD (dB)")
     side = upper.twinx()
-    side.plot(times, azimuth, color=SOURCE, linewidth=1.6, label="azimuth of the source")
+    if scene is None:
+        azimuth = [frame.azimuth for frame in record.frames]
+        side.plot(times, azimuth, color=SOURCE, linewidth=1.6, label="azimuth of the source")
+    else:
+        draw_azimuths(side, scene, times)
     side.set_ylim(-190, 190)
     side.set_yticks([-180, -90, 0, 90, 180])
     side.set_ylabel("azimuth (°), right positive")
     limit = 1.15 * max(1.0, *(abs(value) for value in difference))
     upper.set_ylim(-limit, limit)
     upper.set_xlabel("time (s)")
-    upper.legend(
-        [*upper.get_legend_handles_labels()[0], *side.get_legend_handles_labels()[0]],
-        ["ILD (right − left)", "azimuth of the source"], loc="upper right", fontsize=9,
-    )  # fmt: skip
+    bars, lines = upper.get_legend_handles_labels(), side.get_legend_handles_labels()
+    upper.legend([*bars[0], *lines[0]], [*bars[1], *lines[1]], loc="upper right", fontsize=9)
     count = min(20, len(record.frames))
     signal = np.concatenate([frame.audio().mean(axis=0) for frame in observation.frames[:count]])
     frequency, time, power = spectrogram(signal, fs=record.acoustics.sample_rate, nperseg=2048, noverlap=1024)
     level = 10 * np.log10(power + 1e-14)
+    loudest = max(level.max(), level.dtype.type(QUIETEST_DB))
     lower.pcolormesh(
-        time, frequency[1:] / 1000, level[1:], vmin=level.max() - 80, vmax=level.max(), cmap="magma", rasterized=True
+        time, frequency[1:] / 1000, level[1:], vmin=loudest - 80, vmax=loudest, cmap="magma", rasterized=True
     )
     lower.set_yscale("log")
     lower.set_ylim(0.05, 20)
