@@ -79,7 +79,10 @@ class ShownSource:
         """``always``, or its intervals in seconds."""
         if self.always:
             return "always"
-        return ", ".join(f"{start:g}–{end:g} s" for start, end in self.spans) or "never within the frames"
+        return (
+            ", ".join(f"{round(start, 1):g}–{round(end, 1):g} s" for start, end in self.spans)
+            or "never within the frames"
+        )
 
     @property
     def audible(self) -> int:
@@ -188,7 +191,7 @@ def scene_title(record: ObservationRecord) -> str:
         return f"{len(names)} sources"
     if names:
         return names[0]
-    return f"{words(record.background.kind)} alone" if record.background else "silence"
+    return f"silence, {words(record.background.kind)}" if record.background else "silence"
 
 
 def scene_kinds(record: ObservationRecord) -> tuple[str, ...]:

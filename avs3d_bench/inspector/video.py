@@ -25,13 +25,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench import layout
-from avs3d_bench.dataset import Dataset, Observation
+from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import atomic_path
-from avs3d_bench.inspector.facts import read_facts
+from avs3d_bench.inspector.facts import Facts, read_facts
 from avs3d_bench.inspector.sound import joined, read_clip
 from avs3d_bench.inspector.submissions import ShownSubmission, open_submissions
-from avs3d_bench.inspector.video_drawing import Canvas, Loudness, Overlay, Shown
+from avs3d_bench.inspector.video_drawing import AudibleNow, Canvas, Loudness, Overlay, Shown
 from avs3d_bench.inspector.video_map import MapInset
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ def write_video(
             yield canvas.draw(
                 Shown(
                     rgb=frame.rgb(),
-                    truth=frame.mask() if overlay != "none" and facts.has_masks else None,
+                    truth=frame.mask() if overlay != "none" and facts.has_masks and not facts.scene else None,
                     predicted=predicted.mask(frame) if predicted else None,
                     moment=moment,
                     title=key,
@@ -142,6 +142,7 @@ def write_video(
                     loudness=_loudness(sound, number, gain),
                     method=predicted.name if predicted else None,
                     inset=inset.draw(number) if inset else None,
+                    audible=_audible(frame, facts, number, marked=overlay != "none"),
                 ),
                 overlay,
             )
@@ -156,6 +157,25 @@ def write_video(
             f"{target}: cannot write the film: {error.strerror}; free some space, or try another"
         ) from error
     return Film(target, len(observation.frames), canvas.width, canvas.height, gain)
+
+
+def _audible(frame: Frame, facts: Facts, number: int, *, marked: bool) -> tuple[AudibleNow, ...] | None:
+    """The audible sources of a sound scene in one frame, with their visible pixels if they are ``marked``."""
+    if facts.scene is None:
+        return None
+    sources = facts.scene.audible(number)
+    inside = marked and facts.has_masks and facts.has_instances and any(not source.off_screen for source in sources)
+    mask, ids = (frame.mask(), frame.instance_ids()) if inside else (None, None)
+    return tuple(
+        AudibleNow(
+            name=source.name,
+            colour=source.colour,
+            mask=None if mask is None or source.off_screen else mask & (ids == source.record.instance),
+            azimuth=source.azimuth[number],
+            distance=source.distance[number],
+        )
+        for source in sources
+    )
 
 
 def _predicted(dataset: Dataset, observation: Observation, folder: Path) -> ShownSubmission:

@@ -46,6 +46,25 @@ class Loudness:
 
 
 @dataclass(frozen=True, eq=False)
+class AudibleNow:
+    """A source of a sound scene that is audible in a frame.
+
+    Attributes:
+        name: of it.
+        colour: RGB.
+        mask: (H, W) where it is visible; None where it is not to be marked, and off-screen.
+        azimuth: degrees, 0 ahead, positive right; None without a pose.
+        distance: metres; None without a pose.
+    """
+
+    name: str
+    colour: Colour
+    mask: NDArray[np.bool_] | None
+    azimuth: float | None
+    distance: float | None
+
+
+@dataclass(frozen=True, eq=False)
 class Shown:
     """The contents of one picture of the film.
 
@@ -59,6 +78,7 @@ class Shown:
         loudness: of the second; None in a silent film.
         method: of the submission; None without one.
         inset: (h, w, 3) the map of this moment, or None.
+        audible: the audible sources of a sound scene, marked in place of ``truth``; None if it is none.
     """
 
     rgb: U8
@@ -70,6 +90,16 @@ class Shown:
     loudness: Loudness | None
     method: str | None = None
     inset: U8 | None = None
+    audible: tuple[AudibleNow, ...] | None = None
+
+    @property
+    def marks(self) -> list[tuple[NDArray[np.bool_], Colour, str]]:
+        """The masks to draw, their colours, and whose they are; the prediction last."""
+        found: list[tuple[NDArray[np.bool_] | None, Colour, str]] = [(self.truth, TRUTH, "the truth")]
+        if self.audible is not None:
+            found = [(source.mask, source.colour, source.name) for source in self.audible]
+        found.append((self.predicted, PREDICTED, self.method or "the prediction"))
+        return [(mask, colour, whose) for mask, colour, whose in found if mask is not None]
 
 
 @dataclass(frozen=True)
@@ -101,19 +131,16 @@ class Canvas:
         shrinks = shown.rgb.shape[1] >= self.width
         how = cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC
         picture = np.ascontiguousarray(cv2.resize(shown.rgb, (self.width, self.picture), interpolation=how), np.uint8)
-        for mask, colour in ((shown.truth, TRUTH), (shown.predicted, PREDICTED)):
-            if mask is None:
-                continue
+        for mask, colour, whose in shown.marks:
             if mask.shape != shown.rgb.shape[:2]:
-                whose = "the truth" if mask is shown.truth else shown.method
                 raise Avs3dError(
                     f"{shown.title}: {shown.moment.name}: {whose} has a mask of {mask.shape}, "
                     f"expected {shown.rgb.shape[:2]} as the frame"
                 )
-            if overlay == "tint" and mask is shown.truth:
+            if overlay == "tint" and mask is not shown.predicted:
                 self._tint(picture, mask, colour)
             self._outline(picture, mask, colour)
-        if shown.truth is not None or shown.method is not None:
+        if shown.truth is not None or shown.method is not None or shown.audible is not None:
             self._legend(picture, shown)
         if shown.inset is not None:
             edge = round(self.width * 0.018)
@@ -138,6 +165,8 @@ class Canvas:
     def _legend(self, picture: U8, shown: Shown) -> None:
         unit = self.width / 720
         rows = [(shown.what, TRUTH)] if shown.truth is not None else []
+        if shown.audible is not None:
+            rows = [(source.name, source.colour) for source in shown.audible] or [("silence", _DIM)]
         if shown.method is not None:
             rows.append((shown.method, PREDICTED))
         # Measured as it is drawn, at twice the size: small letters are narrower than half of large ones.
@@ -146,9 +175,9 @@ class Canvas:
         # What follows the method's name is kept, however long that is.
         tail = "" if shown.predicted is None or shown.predicted.any() else ": nothing"
         tail = ": no mask" if shown.predicted is None else tail
-        most -= _text_width(tail, size)
+        most -= text_width(tail, size)
         rows = [(_fitting(text, size, most) + tail * (colour == PREDICTED), colour) for text, colour in rows]
-        width = round((max(_text_width(text, size) for text, _ in rows) + margin) / 2)
+        width = round((max(text_width(text, size) for text, _ in rows) + margin) / 2)
         height, edge = round((len(rows) * 24 + 10) * unit), round(13 * unit)
         panel = picture[edge : edge + height, edge : edge + min(width, self.width - 2 * edge)]
         panel[:] = np.rint(panel * 0.25 + np.array(GROUND) * 0.75).astype(np.uint8)
@@ -162,37 +191,53 @@ class Canvas:
                 colour,
                 round(6 * unit) or 1,
             )
-            _text(big, text, (64 * unit, y), size, _INK)
+            write_text(big, text, (64 * unit, y), size, _INK)
         panel[:] = halved(big, panel.shape)
 
     def _caption(self, shown: Shown) -> U8:
         big = np.full((2 * self.caption, 2 * self.width, 3), GROUND, dtype=np.uint8)
         unit, moment = 2 * self.width / 720, shown.moment
-        x = _text(big, moment.name, (18 * unit, 38 * unit), 24 * unit, _INK)
+        x = write_text(big, moment.name, (18 * unit, 38 * unit), 24 * unit, _INK)
         if moment.split:
-            x = _text(big, moment.split, (x + 12 * unit, 38 * unit), 17 * unit, _DIM)
-        room = (470 * unit) if shown.loudness is not None or moment.azimuth is not None else 2 * self.width
+            x = write_text(big, moment.split, (x + 12 * unit, 38 * unit), 17 * unit, _DIM)
+        room = (
+            (470 * unit)
+            if shown.loudness is not None or moment.azimuth is not None or shown.audible is not None
+            else 2 * self.width
+        )
         title = _fitting(shown.title, 14 * unit, room - x - 24 * unit)
-        _text(big, title, (x + 22 * unit, 38 * unit), 14 * unit, _DIM)
+        write_text(big, title, (x + 22 * unit, 38 * unit), 14 * unit, _DIM)
         x = 18 * unit
-        for text, colour in _whereabouts(moment):
-            x = _text(big, text, (x, 72 * unit), 19 * unit, colour) + 22 * unit
-        if moment.azimuth is not None:
-            _compass(big, (520 * unit, 45 * unit), 31 * unit, moment.azimuth)
+        for text, colour in _whereabouts(shown):
+            x = write_text(big, text, (x, 72 * unit), 19 * unit, colour) + 22 * unit
+        directions = [] if moment.azimuth is None else [(moment.azimuth, TRUTH)]
+        if shown.audible is not None:
+            directions = [(source.azimuth, source.colour) for source in shown.audible if source.azimuth is not None]
+        if directions or shown.audible is not None:
+            _compass(big, (520 * unit, 45 * unit), 31 * unit, directions)
         if shown.loudness is not None:
             _meters(big, shown.loudness, 576 * unit, unit)
         return halved(big, (self.caption, self.width, 3))
 
 
-def _whereabouts(moment: Moment) -> list[tuple[str, Colour]]:
-    """The known direction and distance of the source, as text."""
+def _whereabouts(shown: Shown) -> list[tuple[str, Colour]]:
+    """The known direction and distance of the source as text; in a sound scene of the audible one if it is alone."""
     out: list[tuple[str, Colour]] = []
-    if moment.azimuth is not None:
-        degrees = round(moment.azimuth)
+    moment = shown.moment
+    azimuth, distance = moment.azimuth, moment.distance
+    if shown.audible is not None:
+        if len(shown.audible) != 1:
+            out.append((f"{len(shown.audible)} audible sources" if shown.audible else "silence", _INK))
+        alone = shown.audible[0] if len(shown.audible) == 1 else None
+        azimuth, distance = (alone.azimuth, alone.distance) if alone else (None, None)
+    if azimuth is not None:
+        degrees = round(azimuth)
         side = "right" if degrees > 0 else "left" if degrees < 0 else "ahead"
         out.append((f"azimuth {degrees:+d}° {side}" if degrees else "azimuth 0° ahead", _INK))
-    if moment.distance is not None:
-        out.append((f"{moment.distance:.2f} m", _INK))
+    if distance is not None:
+        out.append((f"{distance:.2f} m", _INK))
+    if shown.audible == ():
+        return out
     if moment.line_of_sight is False:
         out.append(("hidden", _DIM))
     elif moment.visible == 0:
@@ -200,15 +245,16 @@ def _whereabouts(moment: Moment) -> list[tuple[str, Colour]]:
     return out
 
 
-def _compass(big: U8, centre: tuple[float, float], radius: float, azimuth: float) -> None:
-    """Where the sound comes from, seen from above: up is ahead."""
+def _compass(big: U8, centre: tuple[float, float], radius: float, directions: list[tuple[float, Colour]]) -> None:
+    """Where sounds come from (azimuth and colour of each source), seen from above: up is ahead."""
     thin = max(1, round(radius / 24))
     cv2.circle(big, at_pixel(*centre), round(radius), _TRACK, 2 * thin, cv2.LINE_AA)
     wedge = np.array([_polar(centre, radius * 0.92, a) for a in np.linspace(-45, 45, 19)] + [centre])
     cv2.fillPoly(big, [np.rint(wedge).astype(np.int32)], (38, 41, 47), cv2.LINE_AA)
-    tip = _polar(centre, radius, azimuth)
-    cv2.line(big, at_pixel(*centre), at_pixel(*tip), TRUTH, 2 * thin, cv2.LINE_AA)
-    cv2.circle(big, at_pixel(*tip), round(radius * 0.17), TRUTH, -1, cv2.LINE_AA)
+    for azimuth, colour in directions:
+        tip = _polar(centre, radius, azimuth)
+        cv2.line(big, at_pixel(*centre), at_pixel(*tip), colour, 2 * thin, cv2.LINE_AA)
+        cv2.circle(big, at_pixel(*tip), round(radius * 0.17), colour, -1, cv2.LINE_AA)
     cv2.circle(big, at_pixel(*centre), round(radius * 0.1), _INK, -1, cv2.LINE_AA)
 
 
@@ -222,12 +268,12 @@ def _meters(big: U8, loudness: Loudness, left: float, unit: float) -> None:
     length = 720 * unit - left - 40 * unit
     for number, (name, level) in enumerate((("L", loudness.left), ("R", loudness.right))):
         y = (16 + 20 * number) * unit
-        _text(big, name, (left, y + 12 * unit), 14 * unit, _DIM)
+        write_text(big, name, (left, y + 12 * unit), 14 * unit, _DIM)
         start, share = left + 20 * unit, float(np.clip(1 - level / _QUIET_DB, 0, 1))
         cv2.rectangle(big, at_pixel(start, y), at_pixel(start + length, y + 12 * unit), _TRACK, -1)
         if share > 0:
             cv2.rectangle(big, at_pixel(start, y), at_pixel(start + share * length, y + 12 * unit), (0, 158, 115), -1)
-    _text(big, f"sound {loudness.gain_db:+d} dB", (left, 72 * unit), 14 * unit, _DIM)
+    write_text(big, f"sound {loudness.gain_db:+d} dB", (left, 72 * unit), 14 * unit, _DIM)
 
 
 def at_pixel(x: float, y: float) -> tuple[int, int]:
@@ -254,7 +300,8 @@ def _scale(height: float) -> float:
     return height / 30
 
 
-def _text_width(text: str, height: float) -> float:
+def text_width(text: str, height: float) -> float:
+    """Width of a line in pixels, as `write_text` writes it."""
     pieces = text.split("°")
     width = sum(cv2.getTextSize(_plain(piece), _FONT, _scale(height), 1)[0][0] for piece in pieces if piece)
     return float(width + (len(pieces) - 1) * 0.4 * height)
@@ -262,16 +309,16 @@ def _text_width(text: str, height: float) -> float:
 
 def _fitting(text: str, height: float, room: float) -> str:
     """The text, cut in its middle where it is too long."""
-    if _text_width(text, height) <= room:
+    if text_width(text, height) <= room:
         return text
     for kept in range(len(text) - 1, 4, -1):
         short = f"{text[: kept // 2]}...{text[len(text) - (kept - kept // 2) :]}"
-        if _text_width(short, height) <= room:
+        if text_width(short, height) <= room:
             return short
     return ""
 
 
-def _text(picture: U8, text: str, at: tuple[float, float], height: float, colour: Colour) -> float:
+def write_text(picture: U8, text: str, at: tuple[float, float], height: float, colour: Colour) -> float:
     """Write a line whose base starts at ``at``; OpenCV's font has no degree sign, which is drawn. Returns its end."""
     x, thick = at[0], max(1, round(height / 22))
     for number, piece in enumerate(text.split("°")):

@@ -11,7 +11,8 @@ import numpy as np
 from avs3d_bench.dataset import Observation
 from avs3d_bench.inspector.facts import Facts
 from avs3d_bench.inspector.floorplan import EYES, Bounds, map_bounds, rasterise
-from avs3d_bench.inspector.video_drawing import GROUND, TRUTH, U8, Colour, at_pixel, halved
+from avs3d_bench.inspector.sound_scenes import ShownSource
+from avs3d_bench.inspector.video_drawing import GROUND, TRUTH, U8, Colour, at_pixel, halved, text_width, write_text
 
 #: Longer side of the map, in widths of the picture.
 SIDE = 0.3
@@ -64,6 +65,8 @@ class MapInset:
                 continue
             corners = [inset._pixel(corner) for corner in instance.bounds]
             colour = TRUTH if instance.sounding else _SILENT
+            if facts.scene is not None and instance.sounding:
+                colour = facts.scene.colours[instance.id]
             cv2.rectangle(ground, corners[0], corners[1], colour, max(1, round(scale * 0.03)), cv2.LINE_AA)
         whole = [inset._pixel(m.position) for m in facts.moments if m.position]
         cv2.polylines(ground, [np.array(whole)], False, _WAY, inset._thick(0.03), cv2.LINE_AA)
@@ -86,8 +89,31 @@ class MapInset:
             cv2.circle(big, spot, self._thick(0.14), (255, 255, 255), -1, cv2.LINE_AA)
             cv2.circle(big, spot, self._thick(0.11), TRUTH, -1, cv2.LINE_AA)
             cv2.circle(big, spot, self._thick(0.24), TRUTH, self._thick(0.03), cv2.LINE_AA)
+        for source in self.facts.scene.sources if self.facts.scene else ():
+            self._source(big, source, audible=source.heard[number] is not None)
         cv2.rectangle(big, (0, 0), (big.shape[1] - 1, big.shape[0] - 1), GROUND, 4)
         return halved(big, (big.shape[0] // 2, big.shape[1] // 2, 3))
+
+    def _source(self, big: U8, source: ShownSource, *, audible: bool) -> None:
+        """A source of a sound scene: filled while it is audible; at the border, with its name, if it is off the map."""
+        height, width = big.shape[:2]
+        inset = self._thick(0.3)
+        x, y = self._pixel(source.record.position)
+        spot = min(max(x, inset), width - inset), min(max(y, inset), height - inset)
+        ring, colour = self._thick(0.04), source.colour
+        cv2.circle(big, spot, self._thick(0.14), (255, 255, 255), -1, cv2.LINE_AA)
+        cv2.circle(big, spot, self._thick(0.11), colour, -1 if audible else ring, cv2.LINE_AA)
+        if audible:
+            cv2.circle(big, spot, self._thick(0.24), colour, ring, cv2.LINE_AA)
+        if spot != (x, y) or source.off_screen:
+            size = 0.032 * max(height, width) * 1.6
+            size *= min(1.0, 0.9 * width / text_width(source.name, size))
+            half = text_width(source.name, size) / 2
+            left = min(max(spot[0] - half, 8.0), width - 2 * half - 8)
+            below = spot[1] + inset + size if spot[1] < height / 2 else spot[1] - inset - 0.4 * size
+            panel = big[round(below - size) : round(below + 0.3 * size), round(left - 6) : round(left + 2 * half + 6)]
+            panel[:] = np.rint(panel * 0.3 + 250 * 0.7).astype(np.uint8)
+            write_text(big, source.name, (left, below), size, GROUND)
 
     def _agent(self, big: U8, position: tuple[float, float, float], heading: tuple[float, float]) -> None:
         """A dot with the camera's view of 90° before it."""

@@ -20,6 +20,7 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import read_record
 from avs3d_bench.geometry import Intrinsics, Pose
 from avs3d_bench.inspector.floorplan import HEAD
+from avs3d_bench.inspector.sound_scenes import ShownScene, read_sound_scene
 from avs3d_bench.inspector.view3d_surfaces import Surface, room_surfaces
 from avs3d_bench.ply import Ply
 from avs3d_bench.predictions import read_points
@@ -52,19 +53,23 @@ class Moment3D:
         pose: of the camera, camera-to-world.
         source: where the sound comes from at this time; None if unknown.
         moved: takes the sounding object from where it is at the first frame to where it is now.
+        audible: ids and names of the audible sources of a sound scene; None if it is none.
     """
 
     frame: Frame
     pose: Pose
     source: tuple[float, float, float] | None
     moved: Pose
+    audible: dict[str, str] | None = None
 
     @property
     def caption(self) -> str:
-        """Name, split, azimuth and distance, as far as they are known."""
+        """Name, split, azimuth and distance, as far as they are known; in a sound scene what is audible."""
         pieces = [self.frame.name, *([self.frame.split] if self.frame.split else [])]
         record = self.frame.record
-        if record is not None:
+        if self.audible is not None:
+            pieces.append(", ".join(self.audible.values()) or "silence")
+        elif record is not None:
             pieces.append(f"{record.azimuth:+.0f}°, {record.distance:.2f} m")
             pieces += [] if record.line_of_sight else ["hidden"]
         return " · ".join(pieces)
@@ -95,6 +100,7 @@ class Scene3D:
         instances: placed objects.
         moves: whether the source moves.
         predictions: in the order of the submissions.
+        scene: the sources of an observation of part_3; None in the other parts.
     """
 
     key: str
@@ -109,6 +115,7 @@ class Scene3D:
     instances: tuple[InstanceRecord, ...]
     moves: bool
     predictions: tuple[Prediction, ...]
+    scene: ShownScene | None = None
 
     @property
     def vertical_fov(self) -> float:
@@ -126,7 +133,12 @@ def read_scene(observation: Observation, submissions: Sequence[str | Path] = ())
     # Submissions first: a wrong name is reported before anything large is read.
     predictions = tuple(read_prediction(folder, observation.key) for folder in submissions)
     record = observation.record
-    frames = tuple(_moment(frame, record) for frame in observation.frames if frame.has_pose)
+    scene = read_sound_scene(observation)
+    frames = tuple(
+        _moment(frame, record, {s.record.id: s.name for s in scene.audible(number)} if scene else None)
+        for number, frame in enumerate(observation.frames)
+        if frame.has_pose
+    )
     if not frames:
         raise Avs3dError(f"{observation.path / layout.COLMAP}: no frame has a pose; expected a sparse model of them")
     points = observation.colmap.points
@@ -147,17 +159,18 @@ def read_scene(observation: Observation, submissions: Sequence[str | Path] = ())
         instances=record.instances if record else (),
         moves=bool(record and record.moves),
         predictions=predictions,
+        scene=scene,
     )
 
 
-def _moment(frame: Frame, record: ObservationRecord | None) -> Moment3D:
+def _moment(frame: Frame, record: ObservationRecord | None, audible: dict[str, str] | None) -> Moment3D:
     source, moved = None, Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
-    if record is not None and frame.record is not None:
+    if audible is None and record is not None and frame.record is not None:
         source = record.source_at(frame.record)
         now = frame.record.instance_pose
         if now is not None:
             moved = moved_from(Pose(record.sounding.position, record.sounding.rotation), now)
-    return Moment3D(frame, frame.pose, source, moved)
+    return Moment3D(frame, frame.pose, source, moved, audible)
 
 
 def moved_from(first: Pose, now: Pose) -> Pose:

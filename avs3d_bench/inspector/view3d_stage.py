@@ -11,15 +11,19 @@ from scipy.spatial.transform import Rotation
 
 from avs3d_bench.geometry import Pose
 from avs3d_bench.inspector.pictures import shrunk
+from avs3d_bench.inspector.sound_scenes import ShownScene
 from avs3d_bench.inspector.view3d_data import Cloud, Scene3D
 from avs3d_bench.inspector.view3d_surfaces import Surface
-from avs3d_bench.schema import InstanceRecord
+from avs3d_bench.ply import Ply
+from avs3d_bench.schema import InstanceRecord, Vector3
 
 #: Pictures on the frusta, pixels a side: in the scene, and of the frame that is shown now.
 THUMB_SIDE, CURRENT_SIDE = 96, 320
 #: Distance of a frustum's picture plane from its camera, metres: 105 of the 120 frames are train frames.
 _TRAIN_DEPTH, _TEST_DEPTH, _NOW_DEPTH = 0.05, 0.1, 0.3
 _TRAIN, _TEST, _NOW = (70, 110, 160), (0, 158, 115), (0, 114, 178)
+#: Radius of a source (m), and its share of that while it is not audible.
+_SOURCE_RADIUS, _NOT_AUDIBLE = 0.06, 0.5
 _TRUTH, _SILENT = (228, 87, 46), (120, 126, 134)
 #: Of submissions, in their order (Okabe & Ito 2008).
 PREDICTED = ((86, 180, 233), (204, 121, 167), (240, 228, 66), (0, 158, 115))
@@ -70,6 +74,10 @@ class Stage:
         for name, handle in self._now.items():
             if name == "source" and moment.source is not None:
                 handle.position = moment.source
+            if name in (moment.audible or ()):
+                handle.scale = 1.0
+            elif name.startswith("source_"):
+                handle.scale = _NOT_AUDIBLE
             if name == "object":
                 handle.position, handle.wxyz = moment.moved.position, moment.moved.rotation
 
@@ -87,6 +95,8 @@ class Stage:
         path = np.array([moment.pose.position for moment in self.scene.frames])
         middle = path.mean(axis=0)
         source = self.scene.frames[0].source
+        inside = [s.record.position for s in self.scene.scene.sources if not s.off_screen] if self.scene.scene else []
+        source = inside[0] if inside else source
         away = (middle - np.array(source)) * (1, 0, 1) if source is not None else np.array([1.0, 0.0, 1.0])
         length = float(np.linalg.norm(away))
         away = away / length if length > 1e-3 else np.array([0.0, 0.0, 1.0])
@@ -126,7 +136,9 @@ class Stage:
 
     def _objects(self) -> None:
         add = self.server.scene
-        if self.scene.mesh is not None:
+        if self.scene.scene is not None:
+            self._sources(self.scene.scene)
+        elif self.scene.mesh is not None:
             mesh = self.scene.mesh
             handle = add.add_mesh_simple(
                 "/object/mesh", mesh.vertices, mesh.faces, color=_TRUTH, flat_shading=True, side="double", opacity=0.85
@@ -139,7 +151,7 @@ class Stage:
                 self._box(instance)
         spots = [moment.source for moment in self.scene.frames if moment.source is not None]
         if spots:
-            ball = add.add_icosphere("/source", radius=0.06, color=_TRUTH, position=spots[0])
+            ball = add.add_icosphere("/source", radius=_SOURCE_RADIUS, color=_TRUTH, position=spots[0])
             self._now["source"] = ball
             self._add("source", ball)
         if self.scene.moves:
@@ -148,14 +160,40 @@ class Stage:
             self._add("source", add.add_label("/source/name", what, anchor="bottom-center", position=(0.0, 0.1, 0.0)))
             self._add("source", self._polyline("/source_path", spots, _TRUTH))
 
+    def _sources(self, scene: ShownScene) -> None:
+        """The sources of a sound scene, and the meshes of its sounding instances, each in its colour."""
+        add = self.server.scene
+        for source in scene.sources:
+            node, position = f"/sources/{source.record.id}", source.record.position
+            ball = add.add_icosphere(node, radius=_SOURCE_RADIUS, color=source.colour, position=position)
+            self._now[source.record.id] = ball
+            self._add("sources", ball)
+            if source.off_screen:
+                # One that is in the room is named by its box.
+                text = f"{source.name} (off-screen)"
+                self._add(
+                    "sources", add.add_label(f"{node}/name", text, anchor="bottom-center", position=(0.0, 0.1, 0.0))
+                )
+        for instance in self.scene.instances:
+            faces = faces_within(self.scene.mesh, instance.bounds) if instance.sounding and self.scene.mesh else None
+            if self.scene.mesh is not None and faces is not None and len(faces):
+                handle = add.add_mesh_simple(
+                    f"/object/mesh/{instance.id}", self.scene.mesh.vertices, faces, color=scene.colours[instance.id],
+                    flat_shading=True, side="double", opacity=0.85,
+                )  # fmt: skip
+                self._add("sounding objects", handle)
+
     def _box(self, instance: InstanceRecord) -> None:
         low, high = (np.array(corner, dtype=np.float32) for corner in instance.bounds)
-        colour = _TRUTH if instance.sounding else _SILENT
+        colour, name = _TRUTH if instance.sounding else _SILENT, instance.category.replace("_", " ")
+        if self.scene.scene is not None:
+            name = self.scene.scene.names[instance.id]
+            colour = self.scene.scene.colours[instance.id] if instance.sounding else _SILENT
         node = f"/instances/{instance.id}"
         lines = self.server.scene.add_line_segments(
             f"{node}/box", box_edges(low, high), np.full((12, 2, 3), colour, np.uint8), thickness=0.012
         )
-        text = instance.category.replace("_", " ") + (" (sounding)" if instance.sounding else "")
+        text = name + (" (sounding)" if instance.sounding else "")
         top = ((low + high) / 2 * (1, 0, 1) + high * (0, 1, 0)).astype(float)
         label = self.server.scene.add_label(f"{node}/name", text, position=tuple(top), anchor="bottom-center")
         self._add("objects", lines, label)
@@ -206,6 +244,13 @@ def opencv_rotation(pose: Pose) -> tuple[float, float, float, float]:
     turned = Rotation.from_quat([x, y, z, w]) * Rotation.from_quat([1.0, 0.0, 0.0, 0.0])
     x, y, z, w = (float(c) for c in turned.as_quat())
     return w, x, y, z
+
+
+def faces_within(mesh: Ply, bounds: tuple[Vector3, Vector3], slack: float = 0.01) -> NDArray[np.integer[Any]]:
+    """The faces (M, 3) of a mesh that lie in a box, or at most ``slack`` metres outside of it."""
+    low, high = np.array(bounds[0]) - slack, np.array(bounds[1]) + slack
+    inside = np.all((mesh.vertices >= low) & (mesh.vertices <= high), axis=1)
+    return np.asarray(mesh.faces[inside[mesh.faces].all(axis=1)])
 
 
 def box_edges(low: NDArray[np.float32], high: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -8,6 +8,8 @@ window.AVS3D = window.AVS3D ?? {};
   const FOOT = -60;
   // The lowest level at the top of a lane, dB re full scale.
   const LEAST_TOP = -24;
+  // With more intervals, a lane only says how many they are.
+  const MOST_SPANS = 3;
   const WHY = "This dataset has no stems (the clips of the single sources), so that sources cannot be heard alone. Generate it with: avs3d generate … --with stems";
   const node = (name, attributes = {}, ...children) => {
     const element = document.createElement(name);
@@ -32,7 +34,7 @@ window.AVS3D = window.AVS3D ?? {};
       this.width = 0;
       this.lanes = scene.sources.map((source) => ({
         ...source,
-        note: source.programme,
+        note: source.spans.length > MOST_SPANS ? `${source.spans.length} intervals` : source.programme,
         label: `${source.name}: ${source.programme}; audible in ${source.audible.filter(Boolean).length} of ${frames.length} frames`,
       }));
       if (background) {
@@ -46,7 +48,7 @@ window.AVS3D = window.AVS3D ?? {};
       const title = node("h2", { class: "lanes-title" }, "Sources");
       if (!scene.stems && this.lanes.length) title.append(" ", node("span", { class: "why", title: WHY, tabindex: "0", role: "note", "aria-label": WHY }, "no solo and mute: no stems"));
       this.host.replaceChildren(title);
-      if (!this.lanes.length) this.host.append(node("p", { class: "absent" }, "Silence: nothing sounds in this observation."));
+      if (!scene.sources.length) this.host.append(node("p", { class: "absent" }, background ? `Silence: no source, ${background.name} alone.` : "Silence: nothing sounds in this observation."));
       for (const lane of this.lanes) this.add(lane);
       this.draw();
       this.show(this.index, this.time);
@@ -56,9 +58,10 @@ window.AVS3D = window.AVS3D ?? {};
       const swatch = node("i", { class: "swatch", "aria-hidden": "true" });
       if (lane.colour) swatch.style.background = lane.colour;
       lane.state = node("span", { class: "lane-state" });
-      const head = node("div", { class: "lane-head" }, swatch, node("b", {}, lane.name));
-      if (lane.room) head.append(node("span", { class: "tag away" }, "off-screen"));
-      head.append(node("span", { class: "lane-note" }, lane.note), lane.state);
+      const name = node("span", { class: "lane-name" }, swatch, node("b", {}, lane.name)), now = node("span", { class: "lane-now" }, lane.state);
+      if (lane.room) name.append(node("span", { class: "tag away" }, "off-screen"));
+      name.append(node("span", { class: "lane-note" }, lane.note));
+      const head = node("div", { class: "lane-head" }, name, now);
       if (this.data.scene.stems) {
         lane.buttons = ["solo", "mute"].map((kind) => {
           const word = kind === "solo" ? "Solo" : "Mute";
@@ -66,7 +69,7 @@ window.AVS3D = window.AVS3D ?? {};
           button.addEventListener("click", () => this.press(kind, lane.id));
           return button;
         });
-        head.append(node("span", { class: "lane-buttons" }, ...lane.buttons));
+        now.append(node("span", { class: "lane-buttons" }, ...lane.buttons));
       }
       lane.svg = make("svg", { role: "img", "aria-label": lane.label, height: HEIGHT });
       lane.svg.addEventListener("click", (event) => {
