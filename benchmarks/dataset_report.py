@@ -24,10 +24,15 @@ def _rms(values: Sequence[float]) -> float:
 
 
 def facts(record: ObservationRecord) -> dict[str, float]:
-    """Figures of one observation, all from observation.json."""
+    """Figures of one observation, all from observation.json; directions are those of its first source."""
     frames = record.frames
-    judged = [f for f in frames if f.line_of_sight and 20 < abs(f.azimuth) < 160]
-    right = [f for f in judged if (f.rms_right - f.rms_left) * f.azimuth > 0]
+    azimuth = np.array([np.nan if f.azimuth is None else f.azimuth for f in frames])
+    # Where several sources sound, the louder ear is not on the side of the first one.
+    alone = record.sources is None or len(record.sources) == 1
+    judged = (
+        alone & (np.abs(azimuth) > 20) & (np.abs(azimuth) < 160) & np.array([bool(f.line_of_sight) for f in frames])
+    )
+    right = judged & (np.array([f.rms_right - f.rms_left for f in frames]) * azimuth > 0)
     visible = np.array([f.visible_pixels > 0 for f in frames])
     test = np.array([is_test(i) for i in range(len(frames))])
     position = np.array([f.position for f in frames])
@@ -35,16 +40,16 @@ def facts(record: ObservationRecord) -> dict[str, float]:
     turn = np.degrees(np.arccos(np.clip((axis[1:] * axis[:-1]).sum(axis=1), -1, 1)))
     area = record.intrinsics.width * record.intrinsics.height
     return {
-        "louder ear right (%)": 100 * len(right) / max(len(judged), 1),
-        "frames judged": len(judged),
+        "louder ear right (%)": 100 * int(right.sum()) / max(int(judged.sum()), 1),
+        "frames judged": int(judged.sum()),
         "visible (%)": 100 * visible.mean(),
         "empty test frames": int((test & ~visible).sum()),
         "test frames": int(test.sum()),
         "mask area where visible (%)": 100
         * float(np.mean([f.visible_pixels for f in frames if f.visible_pixels] or [0]))
         / area,
-        "left (%)": 100 * float(np.mean([f.azimuth < -20 for f in frames])),
-        "right (%)": 100 * float(np.mean([f.azimuth > 20 for f in frames])),
+        "left (%)": 100 * float(np.mean(azimuth < -20)),
+        "right (%)": 100 * float(np.mean(azimuth > 20)),
         "longest step (m)": float(np.linalg.norm(np.diff(position, axis=0), axis=1).max(initial=0)),
         "largest turn (°)": float(turn.max(initial=0)),
         "T30 (s)": record.acoustics.t30 or float("nan"),
@@ -67,7 +72,7 @@ def main(root: Path, output: Path | None) -> None:
             continue
         row = rows[observation.key] = facts(record)
         table.add_row(
-            observation.key, record.category,
+            observation.key, record.category or "no source",
             f"{row['louder ear right (%)']:.0f} of {row['frames judged']:.0f}", f"{row['visible (%)']:.0f}",
             f"{row['empty test frames']:.0f}/{row['test frames']:.0f}", f"{row['mask area where visible (%)']:.2f}",
             f"{row['left (%)']:.0f}", f"{row['right (%)']:.0f}", f"{row['longest step (m)']:.2f}",

@@ -120,7 +120,8 @@ def _one_per_category(dataset: Dataset) -> dict[str, Observation]:
     for observation in dataset:
         record = observation.record
         assert record is not None
-        found.setdefault(record.category, observation)
+        if record.category is not None:
+            found.setdefault(record.category, observation)
     return found
 
 

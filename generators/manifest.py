@@ -80,7 +80,7 @@ Slug = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=
 Line = Annotated[str, Field(max_length=1000), AfterValidator(_one_line)]
 Source = Annotated[str, Field(max_length=1000), AfterValidator(_one_line_if_any)]
 Axis = Annotated[str, Field(pattern=r"^[+-]?[xyz]$")]
-RoomName = Annotated[str, BeforeValidator(_room)]
+RoomName = Annotated[Room, BeforeValidator(_room)]
 InstanceName = Annotated[str, BeforeValidator(_silent)]
 Corner = tuple[Coordinate, Coordinate, Coordinate]
 

@@ -29,6 +29,7 @@ from avs3d_bench.schema import (
     InstanceRecord,
     IntrinsicsRecord,
     ObservationRecord,
+    Room,
     SourceRecord,
     VisionRecord,
 )
@@ -82,7 +83,7 @@ class SceneSource:
     id: str
     category: str
     instance: int | None
-    room: str
+    room: Room
     position: Vector
     intervals: tuple[Interval, ...]
     gain_db: float
