@@ -103,8 +103,8 @@ class ObservationPlan:
 
     @property
     def keeps_stems(self) -> bool:
-        """Whether it writes stems; only sound scenes have some."""
-        return self.stems and self.spec.is_sound_scene
+        """Whether it writes stems; only sound scenes in which something can be heard have some."""
+        return self.stems and bool(self.spec.sources or self.spec.background)
 
     @cached_property
     def pictures_digest(self) -> str:

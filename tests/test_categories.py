@@ -10,6 +10,7 @@ import pytest
 import soundfile
 import trimesh
 import yaml
+from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
@@ -18,6 +19,8 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.taxonomy import CATEGORIES, DISTRACTORS, MOST_OWN_CATEGORIES, check_category, class_ids
 from generators.arrangement import choose_models, placement_rules
 from generators.categories import SUPPORTS, CategorySpec, check_name, declared
+from generators.library.cli import assets
+from generators.library.lock import LOCK_NAME
 from generators.manifest import Manifest
 from generators.placement.placement import RULES
 from generators.plan import ObservationPlan, make_plans, read_manifest
@@ -290,6 +293,41 @@ def test_the_source_is_in_front_at_its_share_of_the_height(tmp_path: Path, share
     (model,) = [model for model in choose_models(plan) if model.category == "hair_dryer"]
     assert model.mount == "surface"
     assert model.source_point == pytest.approx((0.0, 0.2 * share, 0.05 + 0.03), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("stance", "mount"),
+    [((), "surface"), (("--height", "0.5"), "surface"), (("--mount", "floor"), "floor"), (("--mount", "wall"), "wall")],
+)
+def test_an_asset_of_the_lock_file_has_its_own_height_and_mount_or_those_declared(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stance: tuple[str, ...], mount: str
+) -> None:
+    monkeypatch.setenv("AVS3D_ASSETS", str(tmp_path / "store"))
+    content = document(
+        objects={"hair_dryer": [{"asset": "folder/mine/dryer"}]},
+        sounds={"hair_dryer": [{"asset": "folder/mine/noise"}]},
+    )
+    (tmp_path / "mine").mkdir()
+    trimesh.creation.box(extents=(1.0, 2.0, 1.0)).export(tmp_path / "mine/dryer.glb")
+    soundfile.write(tmp_path / "mine/noise.wav", np.random.default_rng(0).normal(0, 0.1, 44_100), 44_100)
+    options = ("--licence", "CC0-1.0", "--author", "me", "--category", "hair_dryer", "--lock", tmp_path / LOCK_NAME)
+    for kind in ("object", "sound"):
+        more = stance if kind == "object" else ()
+        command = ["import", "folder", tmp_path / "mine", "--kind", kind, *options, *more]
+        done = CliRunner().invoke(assets, [str(word) for word in command])
+        assert done.exit_code == 0, done.output
+    (plan,) = plans(tmp_path, content)
+    (model,) = [model for model in choose_models(plan) if model.category == "hair_dryer"]
+    assert (model.name, model.mount) == ("folder/mine/dryer", mount)
+    if "--height" in stance:
+        assert model.size[1] == pytest.approx(0.5, rel=1e-5)
+    else:
+        assert 0.15 <= model.size[1] <= 0.3
+    wrong = content | {"sounds": {"hair_dryer": [{"asset": "folder/mine/dryer"}]}}
+    with pytest.raises(
+        UsageError, match=r"is the object of a hair_dryer, but the manifest needs the sound of a hair_dryer"
+    ):
+        plans(tmp_path, wrong)
 
 
 # ---- what an observation's bytes depend on --------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from tiny import write_dataset
 
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.geometry import direction_to
-from avs3d_bench.media import read_png_mask
+from avs3d_bench.media import read_png_categories, read_png_mask
 from avs3d_bench.taxonomy import CATEGORIES
 
 DOCUMENT = ROOT / "docs/extending.md"
@@ -95,6 +95,8 @@ def test_own_category(home: tuple[Desk, str]) -> None:
     assert any(frame.mask().any() for frame in single.frames)
     assert twins.record is not None
     assert [i.category for i in twins.record.instances] == ["hair_dryer"] * 2
+    submitted = read_png_categories(desk.folder / "dryer-oracle" / both.key / "categories/frame_000.png")
+    assert np.array_equal(submitted, both.test[0].category_mask())
     # Scores.
     assert "class ids {'coffee_machine': 5, 'hair_dryer': 8}" in said
     scores = json.loads((desk.folder / "dryer.json").read_text())

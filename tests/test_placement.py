@@ -443,11 +443,20 @@ def test_a_declared_category_stands_at_its_distance_from_the_wall(gap: tuple[flo
         assert any(gap[0] - 0.001 <= distance <= gap[1] + 0.015 for distance in faces)
 
 
+def test_a_wall_that_is_not_free_at_the_declared_height_is_one_clear_line() -> None:
+    """The toy's wall supports reach from 1.2 to 2.1 m."""
+    rule = Rule(stands_on=("wall",), wall_heights=(0.4, 0.8))
+    with pytest.raises(
+        Avs3dError, match=r"it has no wall from 0\.4 to 0\.8 m above the floor large enough for 0\.10×0\.20"
+    ):
+        place(Site.of(kitchen().scene, "kitchen"), [own("wall")], rng=rng(), rules={"hair_dryer": rule})
+
+
 def test_a_mount_that_does_not_suit_the_declared_supports_is_one_clear_line() -> None:
     site = Site.of(kitchen().scene, "kitchen")
     with pytest.raises(Avs3dError, match=r"its mount is wall, but its category stands on side_table or worktop"):
         place(site, [own("wall")], rng=rng(), rules={"hair_dryer": Rule(stands_on=("side_table", "worktop"))})
-    with pytest.raises(Avs3dError, match=r"no place for hair_dryer \(dryer.glb\): it has no side table or shelf large"):
+    with pytest.raises(Avs3dError, match=r"no place for hair_dryer \(dryer.glb\): it has no table or shelf large"):
         place(
             Site.of(bathroom().scene, "bathroom"),
             [own("surface")],

@@ -155,3 +155,19 @@ def test_random_generators_differ_by_purpose_and_key_and_repeat() -> None:
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(Avs3dError, match=r"bell\.wav: sound for clock not found"):
         resolve_file(tmp_path, "bell.wav", "sound for clock")
+
+
+def test_stems_count_only_where_something_can_be_heard(tmp_path: Path) -> None:
+    """A silent scene has no stems, so that a reader of its files cannot tell whether they were asked for."""
+    content = document()
+    scene = {"part": "part_3", "scan": "flat", "room": "kitchen", "index": 1, "instances": {"clock": 1}}
+    content["observations"] = [scene | {"sources": [{"category": "clock"}]}]
+    first = "part_3/flat/kitchen/1"
+    content["observations"] += [
+        {"like": first, "index": 2, "sources": []},
+        {"like": first, "index": 3, "sources": [], "background": {"kind": "noise", "snr_db": 20}},
+    ]
+    source = read_manifest(written(tmp_path, content))
+    plain, stems = (make_plans(source, audio="analytic", stems=stems) for stems in (False, True))
+    assert [a.digest == b.digest for a, b in zip(plain, stems, strict=True)] == [False, True, False]
+    assert [plan.keeps_stems for plan in stems] == [True, False, True]

@@ -326,7 +326,9 @@ class Placer:
             kinds = {"floor": "level floor (most categories need it along a wall)", "wall": "free wall"}
             rule = self.rules.get(model.category, Rule())
             usual = kinds.get(model.mount, "worktop, table or shelf")
-            wanted = " or ".join(rule.kinds(model.mount)).replace("_", " ") or usual
+            low, high = rule.wall_heights
+            named = {"side_table": "table", "wall": f"wall from {low:g} to {high:g} m above the floor"}
+            wanted = " or ".join(named.get(kind, kind) for kind in rule.kinds(model.mount)) or usual
             why = f"it has no {wanted} large enough for {_size(model)}"
             if rule.stands_on and not rule.kinds(model.mount):
                 why = f"its mount is {model.mount}, but its category stands on {' or '.join(rule.stands_on)}"
