@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,7 @@ from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import UsageError
 from avs3d_bench.report import screen
+from avs3d_bench.schema import ObservationRecord
 from avs3d_bench.text import printable
 
 if TYPE_CHECKING:
@@ -25,11 +27,14 @@ class ListedObservation:
 
     Attributes:
         key: ``part_1/<scan>/<room>/<index>``.
-        category: of the sounding object; None in the official release, as for t30 and instances.
+        category: of the sounding object; None in the official release, as for t30 and instances, and where nothing
+            sounds. In part_3 that of the first source.
         frames: number of pictures.
         seconds: length of the binaural sound: a second for each clip.
         t30: reverberation time of the room (s); None where it was not measured.
         instances: number of placed objects, the sounding one included.
+        sounds: of part_3: what sounds, e.g. ``microwave + telephone (living_room), noise`` or ``silence``; else None.
+        group: of part_3: key of the observation whose pictures it shares; else None.
     """
 
     key: str
@@ -38,6 +43,8 @@ class ListedObservation:
     seconds: float
     t30: float | None
     instances: int | None
+    sounds: str | None = None
+    group: str | None = None
 
 
 @dataclass(frozen=True)
@@ -56,7 +63,11 @@ class Listing:
 
     def as_dict(self) -> dict[str, Any]:
         """The content of `avs3d list --json`."""
-        rows = [asdict(row) for row in self.observations]
+        # The two fields of part_3 are left out elsewhere, so that files of other datasets keep their bytes.
+        rows = [
+            {name: value for name, value in asdict(row).items() if name not in ("sounds", "group") or row.group}
+            for row in self.observations
+        ]
         return {"dataset": {"name": self.name, "version": self.version}, "observations": rows}
 
 
@@ -90,7 +101,27 @@ def _row(observation: Observation) -> ListedObservation:
         seconds=clips * layout.BINAURAL_SAMPLES / layout.SAMPLE_RATE,
         t30=record.acoustics.t30 if record else None,
         instances=len(record.instances) if record else None,
+        sounds=describe_sound(record) if record else None,
+        group=observation.group,
     )
+
+
+def describe_sound(record: ObservationRecord) -> str | None:
+    """What sounds in an observation of part_3, in a few words; None in the other parts.
+
+    Off-screen sources have their room behind them; a background comes last.
+    """
+    if record.sources is None:
+        return None
+    sources = [s.category if s.instance is not None else f"{s.category} ({s.room})" for s in record.sources]
+    text = " + ".join(f"{count} × {name}" if count > 1 else name for name, count in Counter(sources).items())
+    noise = record.background.kind.replace("_", " ") if record.background else ""
+    return ", ".join(part for part in (text or "silence", noise) if part)
+
+
+def _pictures(row: ListedObservation) -> str:
+    """The number of the observation of the same room whose pictures a row shares."""
+    return "" if row.group in (None, row.key) else printable(f"…/{str(row.group).rpartition('/')[2]}")
 
 
 def print_listing(listing: Listing, console: Console | None = None) -> None:
@@ -101,16 +132,21 @@ def print_listing(listing: Listing, console: Console | None = None) -> None:
 
     out = console or screen()
     table = Table(box=SIMPLE_HEAD, pad_edge=False, show_edge=False)
-    for title in ("key", "category", "frames", "sound s", "T30 s", "instances"):
-        table.add_column(title, justify="left" if title in ("key", "category") else "right", no_wrap=True)
+    scenes = any(row.sounds for row in listing.observations)
+    what = "sounds" if scenes else "category"
+    for title in ("key", what, "frames", "sound s", "T30 s", "instances"):
+        table.add_column(title, justify="left" if title in ("key", what) else "right", no_wrap=True)
+    if scenes:
+        table.add_column("pictures of", justify="left", no_wrap=True)
     for row in listing.observations:
         table.add_row(
             printable(row.key),
-            row.category or "–",
+            row.sounds or row.category or "–",
             str(row.frames),
             f"{row.seconds:g}",
             "–" if row.t30 is None else f"{row.t30:.2f}",
             "–" if row.instances is None else str(row.instances),
+            *([_pictures(row)] if scenes else []),
         )
     if listing.observations:
         table.width = out.measure(table, options=out.options.update(max_width=_WIDEST)).maximum

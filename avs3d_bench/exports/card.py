@@ -20,7 +20,7 @@ from avs3d_bench import media
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.exports.citation import ARXIV, BIBTEX, PAPER
 from avs3d_bench.exports.samples import ALL_KINDS, check_output, file_kinds, select
-from avs3d_bench.schema import DatasetRecord
+from avs3d_bench.schema import DatasetRecord, ObservationRecord
 from avs3d_bench.taxonomy import CATEGORIES, PARTS, ROOMS
 
 #: Licence names as the Hub knows them.
@@ -39,6 +39,45 @@ _SIZES = (
     (10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M"), (10**7, "1M<n<10M"),
     (10**8, "10M<n<100M"), (10**9, "100M<n<1B"),
 )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SceneFacts:
+    """What an observation of part_3 has beside it.
+
+    Attributes:
+        group: key of the observation whose pictures it shares.
+        categories: of its sources, off-screen ones too.
+        off_screen: number of sources in other rooms.
+        programmes: number of sources that do not sound all the time.
+        background: its kind and SNR (dB); None if there is none.
+        audible: number of audible sources of each frame.
+        snr: SNRs of the audible entries of all frames (dB), those alone in their clip left out.
+    """
+
+    group: str
+    categories: tuple[str, ...]
+    off_screen: int
+    programmes: int
+    background: tuple[str, float] | None
+    audible: tuple[int, ...]
+    snr: tuple[float, ...]
+
+    @classmethod
+    def of(cls, record: ObservationRecord) -> SceneFacts | None:
+        """The facts of a record; None in the other parts."""
+        if record.sources is None or record.group is None:
+            return None
+        heard = [frame.audible or () for frame in record.frames]
+        return cls(
+            group=record.group,
+            categories=tuple(source.category for source in record.sources),
+            off_screen=sum(source.instance is None for source in record.sources),
+            programmes=sum(len(s.programme) != 1 or s.programme[0][0] >= 0 for s in record.sources),
+            background=(record.background.kind, record.background.snr_db) if record.background else None,
+            audible=tuple(len(entries) for entries in heard),
+            snr=tuple(entry.snr_db for entries in heard for entry in entries if entry.snr_db is not None),
+        )
 
 
 @dataclass(frozen=True)
@@ -63,6 +102,7 @@ class ObservationFacts:
     silent: tuple[str, ...]
     acoustics: str | None
     vision: str | None
+    scene: SceneFacts | None = None
 
 
 @dataclass(frozen=True)
@@ -87,7 +127,7 @@ def gather(dataset: Dataset, keys: Sequence[str]) -> CardFacts:
         observation = dataset[key]
         place, record, camera = observation.place, observation.record, observation.intrinsics
         frames = record.frames if record else ()
-        distances = [frame.distance for frame in frames]
+        distances = [frame.distance for frame in frames if frame.distance is not None]
         observations.append(
             ObservationFacts(
                 key=key, part=place.part, scan=place.scan, room=place.room, category=observation.category,
@@ -99,11 +139,12 @@ def gather(dataset: Dataset, keys: Sequence[str]) -> CardFacts:
                 silent=tuple(sorted(i.category for i in record.instances if not i.sounding)) if record else (),
                 acoustics=f"{record.acoustics.backend} {record.acoustics.version}" if record else None,
                 vision=f"{record.vision.backend} {record.vision.version}" if record else None,
+                scene=SceneFacts.of(record) if record else None,
             )
         )  # fmt: skip
         for name, kind in file_kinds(observation, tuple(ALL_KINDS)).items():
-            found = [kind.file(observation.path, frame.name, frame.index) for frame in observation.frames]
-            known = [path.stat().st_size for path in found if path.is_file()]
+            found = [kind.files(observation.path, frame.name, frame.index) for frame in observation.frames]
+            known = [path.stat().st_size for paths in found for path in paths.values() if path.is_file()]
             files, size = sizes.get(name, (0, 0))
             sizes[name] = (files + len(known), size + sum(known))
     return CardFacts(dataset.name, dataset.record, tuple(observations), sizes)
@@ -132,10 +173,11 @@ def card_text(facts: CardFacts, *, configs: Mapping[str, Mapping[str, str]] | No
         _front_matter(facts, configs),
         _opening(facts),
         _contents(facts),
+        _sound_scenes(facts),
         _rooms_and_sound(facts),
         _files(facts),
         _loading(facts, configs),
-        _LIMITS.format(variants=_variants(facts), engine=_engine(facts)),
+        _limits(facts),
         _licences(facts),
         f"## Citation\n\n```bibtex\n{BIBTEX}\n```\n",
     ]
@@ -198,6 +240,11 @@ def _opening(facts: CardFacts) -> str:
             f"(sha256 `{facts.record.manifest_sha256[:16]}…`) is stored verbatim in the dataset's `dataset.json`, "
             "and the same manifest and engines give the same bytes."
         )
+    if any(o.scene for o in observations):
+        extra += (
+            " `part_3` holds sound scenes: groups of observations with the same pictures that differ in what sounds, "
+            "several sources, sound from the next room, background and silence included."
+        )
     return (
         f"# {facts.name}{version}\n\n"
         "3D audio-visual segmentation: posed RGB pictures and one second of binaural sound per picture, along the path "
@@ -210,7 +257,11 @@ def _opening(facts: CardFacts) -> str:
 
 def _contents(facts: CardFacts) -> str:
     rows = []
-    what = {"part_1": "one instance of the category", "part_2": "several identical instances, one sounds"}
+    what = {
+        "part_1": "one instance of the category",
+        "part_2": "several identical instances, one sounds",
+        "part_3": "sound scenes: several sources, off-screen sound, silence",
+    }
     for part in PARTS:
         mine = [o for o in facts.observations if o.part == part]
         if mine:
@@ -220,18 +271,65 @@ def _contents(facts: CardFacts) -> str:
                  f"{sum(o.train for o in mine):,}", f"{sum(o.test for o in mine):,}", visible)
             )  # fmt: skip
     text = "## Contents\n\n" + table(("part", "observations", "frames", "train", "test", "object visible"), rows)
-    known = Counter((o.category, o.part) for o in facts.observations if o.category)
+    scenes = any(o.scene for o in facts.observations)
+    parts = PARTS if scenes else tuple(part for part in PARTS if part != "part_3")
+    known = Counter((c, o.part) for o in facts.observations for c in _sounding(o))
     if known:
+        own = facts.record.categories if facts.record else None
         lines = [
-            (c, *(known[(c, part)] for part in PARTS), sum(o.category == c for o in facts.observations))
-            for c in CATEGORIES
+            (c, *(known[(c, part)] for part in parts), sum(known[(c, part)] for part in parts))
+            for c in (*CATEGORIES, *(own or ()))
         ]
-        text += "\n\n" + table(("sounding category", *PARTS, "all"), lines)
+        text += "\n\n" + table(("sounding category", *parts, "all"), lines)
+    if known and scenes:
+        text += "\n\nAn observation of `part_3` counts under the category of each of its sources."
     silent = Counter(category for o in facts.observations for category in o.silent)
     if silent:
         listed = ", ".join(f"{name} ({count})" for name, count in sorted(silent.items()))
         text += f"\n\nSilent objects that stand by: {listed}."
     return text
+
+
+def _sounding(observation: ObservationFacts) -> set[str]:
+    """The categories that sound in an observation."""
+    if observation.scene is not None:
+        return set(observation.scene.categories)
+    return {observation.category} if observation.category else set()
+
+
+def _sound_scenes(facts: CardFacts) -> str:
+    """Statistics of part_3; empty where there is none."""
+    scenes = [o.scene for o in facts.observations if o.scene is not None]
+    if not scenes:
+        return ""
+    siblings = list(Counter(scene.group for scene in scenes).values())
+    audible = Counter(count for scene in scenes for count in scene.audible)
+    frames = sum(audible.values())
+    rows: list[tuple[str, object]] = [
+        ("groups (same pictures, other sound)", len(siblings)),
+        ("observations of a group, least – median – most", _spread(siblings, "g")),
+        ("without a source", sum(not scene.categories for scene in scenes)),
+        ("with one source", sum(len(scene.categories) == 1 for scene in scenes)),
+        ("with several sources", sum(len(scene.categories) > 1 for scene in scenes)),
+        ("with an off-screen source", sum(scene.off_screen > 0 for scene in scenes)),
+        ("with a source that pauses", sum(scene.programmes > 0 for scene in scenes)),
+    ]
+    for kind in sorted({scene.background[0] for scene in scenes if scene.background}):
+        levels = [scene.background[1] for scene in scenes if scene.background and scene.background[0] == kind]
+        what = f"with {kind.replace('_', ' ')}"
+        span = f"{min(levels):g}" if min(levels) == max(levels) else f"{min(levels):g} to {max(levels):g}"
+        rows.append((what, f"{len(levels)} (SNR {span} dB)"))
+    for count in sorted(audible):
+        what = "nothing audible" if not count else f"{_plural(count, 'audible source')}"
+        rows.append((f"frames with {what}", f"{audible[count]:,} ({audible[count] / frames:.0%})"))
+    snr = [level for scene in scenes for level in scene.snr]
+    if snr:
+        rows.append(("SNR of audible sources, least – median – most (dB)", _spread(snr, ".1f")))
+    return "## Sound scenes\n\n" + table(("of `part_3`", "number"), rows)
+
+
+def _spread(values: Sequence[float], style: str) -> str:
+    return " – ".join(format(float(value), style) for value in (min(values), np.median(values), max(values)))
 
 
 def _rooms_and_sound(facts: CardFacts) -> str:
@@ -294,6 +392,26 @@ _LIMITS = """## Known limits
 - The path was chosen so that the object comes into view; azimuths and distances are not uniform.
 - Seven household categories, three kinds of rooms: not a sample of the homes of the world.{variants}{engine}
 - No person was recorded or shown; there is no personal data."""
+
+
+#: What the card says instead where there is part_3.
+_SCENE_LIMITS = {
+    "no\n  second sound, no speech.": "no\n  speech.",
+    "- One object sounds in every frame, whether it is in view or not; many frames show none of it (see the table).": (
+        "- In part_1 and part_2 one object sounds in every frame, in view or not; in part_3 none, one or several.\n"
+        "  Many frames show nothing that sounds (see the table).\n"
+        "- Off-screen sources are points in the next room, heard through the door opening; a background is diffuse\n"
+        "  noise, not the sound of a real place."
+    ),
+}
+
+
+def _limits(facts: CardFacts) -> str:
+    text = _LIMITS
+    if any(o.scene for o in facts.observations):
+        for usual, instead in _SCENE_LIMITS.items():
+            text = text.replace(usual, instead)
+    return text.format(variants=_variants(facts), engine=_engine(facts))
 
 
 def _variants(facts: CardFacts) -> str:

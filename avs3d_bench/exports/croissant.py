@@ -6,7 +6,10 @@ Paths are relative to the dataset's root, so the file belongs there. Records:
 |-----------------------------------------|------------------------|--------------------------------------------------|
 | `observations`                          | dataset.json           | observation (of the release: listed in the file) |
 | `frames` (not of the release)           | observation.json       | frame: pose, azimuth, distance, level, …         |
+| `groups` (of part_3)                    | this description       | sound scene: whose pictures it shares            |
+| `sources` (of part_3)                   | observation.json       | source of a sound scene                          |
 | `rgb`, `masks`, `instance_masks`, `depth` | the folder of pictures | picture, with its observation and frame        |
+| `category_masks` (of part_3)            | the same               | the same                                         |
 | `binaural`, `mono`                      | the folder of clips    | clip, with its observation and frame             |
 
 The chain of hashes: the description holds the sha256 of dataset.json, that one the sha256 of every observation.json,
@@ -29,7 +32,7 @@ from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import UsageError
 from avs3d_bench.exports.card import hub_licence
 from avs3d_bench.exports.citation import ARXIV, AUTHORS, BIBTEX, PAPER
-from avs3d_bench.exports.samples import ALL_KINDS, check_output, file_kinds, select
+from avs3d_bench.exports.samples import ALL_KINDS, check_output, file_kinds, has_sound_scenes, select
 from avs3d_bench.schema import AttributionRecord
 
 Json = dict[str, Any]
@@ -80,8 +83,23 @@ _ENTRY_FIELDS = {
     "room": "The room",
     "digest": "sha256 of the observation's observation.json",
 }
-_SETS = {"rgb": "rgb", "mask": "masks", "instances": "instance_masks", "depth": "depth", "binaural": "binaural",
-         "mono": "mono", "rirs": "impulse_responses"}  # fmt: skip
+#: The same of a dataset with part_3.
+_SCENE_ENTRY_FIELDS = {
+    "category": "Category of the sounding object; in part_3 that of the first source, null if there is none",
+    "part": "part_1: one instance of the category; part_2: several, one sounds; part_3: sound scenes",
+}
+_SETS = {"rgb": "rgb", "mask": "masks", "instances": "instance_masks", "categories": "category_masks",
+         "depth": "depth", "binaural": "binaural", "mono": "mono", "stems": "stems",
+         "rirs": "impulse_responses"}  # fmt: skip
+#: Facts of a source of part_3 in observation.json: name, type, shape (of arrays), what it is.
+_SOURCE_FIELDS: tuple[tuple[str, str, int | None, str], ...] = (
+    ("id", _TEXT, None, "source_1, source_2, …"),
+    ("category", _TEXT, None, "What it is"),
+    ("room", _TEXT, None, "Where it is; another room than the observation's if it is off-screen"),
+    ("position", _FLOAT, 3, "In the world, metres, Y up"),
+    ("gain_db", _FLOAT, None, "Level re the common loudness of all sources, dB"),
+    ("asset", _TEXT, None, "The recording or synthesis that it plays"),
+)
 _FORMATS = {"png": "image/png", "wav": "audio/wav", "npz": "application/octet-stream"}
 
 
@@ -127,15 +145,24 @@ def description(dataset: Dataset, keys: Sequence[str], *, url: str | None = None
     if ours:
         pattern = f"{_OBSERVATION}/{layout.OBSERVATION_JSON}"
         files.append(_file_set("observation-files", pattern, "application/json", "Record of each observation"))
-    files += [_pictures(name, dataset, keys) for name in kinds]
+    files += [_pictures(name, dataset, keys) for name in kinds if name != "stems"]
     if ours:
         meshes = f"{_OBSERVATION}/{layout.SOUNDING_OBJECT}"
         files.append(_file_set("mesh-files", meshes, "application/octet-stream", "Mesh of the sounding instance, PLY"))
     colmap = f"{_OBSERVATION}/{layout.COLMAP}/*.bin"
     files.append(_file_set("colmap-files", colmap, "application/octet-stream", "COLMAP model from the true poses"))
-    sets = [_entries() if record is not None else _listed(keys)]
+    scenes = has_sound_scenes(keys)
+    if scenes:
+        # A set of its own: readers expect all lists that they take from one set of files to be of one length.
+        pattern = f"part_3/*/*/*/{layout.OBSERVATION_JSON}"
+        files.append(_file_set("scene-files", pattern, "application/json", "Record of each sound scene"))
+    if "stems" in kinds:
+        pattern = f"part_3/*/*/*/{layout.STEMS}/*/frame_*.wav"
+        files.append(_file_set("stems-files", pattern, _FORMATS["wav"], ALL_KINDS["stems"].what))
+    sets = [_entries(scenes=scenes) if record is not None else _listed(keys)]
     sets += [_frames()] if ours else []
-    sets += [_file_records(name) for name in kinds if name != "rirs"]
+    sets += [_groups(dataset, keys), _sources()] if scenes else []
+    sets += [_file_records(name) for name in kinds if name not in ("rirs", "stems")]
     created = [{"@type": "sc:Person", "name": name} for name in AUTHORS]
     makers = [{"@type": "sc:Organization", "name": (record.created_by if record else None) or "avs3d-bench developers"}]
     out: Json = {
@@ -160,7 +187,7 @@ def description(dataset: Dataset, keys: Sequence[str], *, url: str | None = None
         out["datePublished"] = published
     if record is not None and record.attributions:
         out["isBasedOn"] = [_based_on(asset) for asset in record.attributions]
-    return out | _responsible(dataset) | {"distribution": files, "recordSet": sets}
+    return out | _responsible(dataset, scenes=scenes) | {"distribution": files, "recordSet": sets}
 
 
 def _based_on(asset: AttributionRecord) -> Json:
@@ -249,13 +276,13 @@ def _record_set(name: str, what: str, key: Sequence[str], fields: Sequence[Json]
     }
 
 
-def _entries() -> Json:
+def _entries(*, scenes: bool) -> Json:
     fields = [
         _field(
             "observations", name, _TEXT, what,
             {"fileObject": {"@id": "dataset.json"}, "extract": {"jsonPath": f"$.observations[*].{name}"}},
         )
-        for name, what in _ENTRY_FIELDS.items()
+        for name, what in (_ENTRY_FIELDS | (_SCENE_ENTRY_FIELDS if scenes else {})).items()
     ]  # fmt: skip
     return _record_set("observations", "One record per observation", ["key"], fields)
 
@@ -289,6 +316,33 @@ def _frames() -> Json:
     return _record_set("frames", "One record per frame: pose, source, level", ["observation", "name"], fields)
 
 
+def _groups(dataset: Dataset, keys: Sequence[str]) -> Json:
+    """Which observations of part_3 have the same pictures; stands in the description itself."""
+    what = {"observation": "Key of the observation", "group": "Key of the observation whose pictures it shares"}
+    fields = []
+    for name, text in what.items():
+        field = _field("groups", name, _TEXT, text, {})
+        del field["source"]
+        fields.append(field)
+    rows = [
+        {"groups/observation": key, "groups/group": group} for key in keys if (group := dataset[key].group) is not None
+    ]
+    text = "One record per sound scene (part_3): those of a group differ in sound alone"
+    return _record_set("groups", text, ["observation"], fields, data=rows)
+
+
+def _sources() -> Json:
+    """The sources of part_3; when each sounds, and what is audible in a frame, are lists inside observation.json."""
+    key = _part_of_path("scene-files", r"^(.*)/observation\.json$")
+    fields = [_field("sources", "observation", _TEXT, "Key of the observation", key)]
+    for name, kind, length, what in _SOURCE_FIELDS:
+        source = {"fileSet": {"@id": "scene-files"}, "extract": {"jsonPath": f"$.sources[*].{name}"}}
+        field = _field("sources", name, kind, what, source)
+        fields.append(field | ({} if length is None else {"isArray": True, "arrayShape": str(length)}))
+    what = "One record per source of the sound scenes (part_3)"
+    return _record_set("sources", what, ["observation", "id"], fields)
+
+
 def _file_records(name: str) -> Json:
     kind, label = ALL_KINDS[name], _SETS[name]
     files, picture = f"{label}-files", kind.member.endswith(".png")
@@ -304,7 +358,7 @@ def _file_records(name: str) -> Json:
     return _record_set(label, f"One record per file: {kind.what}", ["observation", "frame"], fields)
 
 
-def _responsible(dataset: Dataset) -> Json:
+def _responsible(dataset: Dataset, *, scenes: bool) -> Json:
     record = dataset.record
     engines = ", ".join(f"{name} {version}" for name, version in sorted(record.backends.items())) if record else ""
     made = (
@@ -316,8 +370,10 @@ def _responsible(dataset: Dataset) -> Json:
         "rai:dataAnnotationProtocol": "Masks, instance ids and poses come from the scene: they are exact.",
         "rai:dataUseCases": ["Training and evaluation of 3D audio-visual segmentation", "Sound source localisation"],
         "rai:dataLimitations": [
-            "Synthetic: no sensor noise, no motion blur, no second sound; results need not hold on recordings.",
-            "One object sounds in every frame, in view or not; paths are chosen so that it comes into view.",
+            f"Synthetic: no sensor noise, no motion blur{'' if scenes else ', no second sound'}; "
+            "results need not hold on recordings.",
+            f"One object sounds in every frame{' of part_1 and part_2' if scenes else ''}, in view or not; "
+            "paths are chosen so that it comes into view.",
             "The sound is that of one head.",
         ],
         "rai:dataBiases": "Seven household categories in three kinds of rooms; not a sample of the homes of the world.",

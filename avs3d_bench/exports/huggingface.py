@@ -28,7 +28,19 @@ from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.exports.card import card_text, gather
 from avs3d_bench.exports.needs import need
-from avs3d_bench.exports.samples import ALL_KINDS, KINDS, Sample, check_extras, check_split, instance_facts, select
+from avs3d_bench.exports.samples import (
+    ALL_KINDS,
+    KINDS,
+    SCENE_KINDS,
+    Sample,
+    check_extras,
+    check_split,
+    described,
+    has_sound_scenes,
+    instance_facts,
+    scene_facts,
+    select,
+)
 from avs3d_bench.exports.shards import Layout, ShardIndex, export_shards
 from avs3d_bench.exports.webdataset import SHARD_MB, shard_limit
 
@@ -36,18 +48,21 @@ from avs3d_bench.exports.webdataset import SHARD_MB, shard_limit
 ROW_GROUP = 32
 OBSERVATIONS = "observations.parquet"
 _FILES = {"rgb": "rgb", "binaural": "binaural", "mask": "mask", "instances": "instance_ids", "depth": "depth",
-          "mono": "mono", "rirs": "impulse_response"}  # fmt: skip
+          "mono": "mono", "rirs": "impulse_response", "categories": "category_mask"}  # fmt: skip
+#: Columns with a file of each source, in a dataset with part_3: column, and the field that holds the file.
+_OF_SOURCES = {"stems": ("stems", "audio"), "rirs": ("impulse_responses", "rir")}
 #: Columns that are stored as they are: PNG does not shrink.
-_STORED = ("rgb", "mask", "instance_ids", "depth")
+_STORED = ("rgb", "mask", "instance_ids", "category_mask", "depth")
 
 
-def _features(extras: Sequence[str]) -> Any:
-    """Columns of `frames`."""
+def _features(extras: Sequence[str], *, scenes: bool) -> Any:
+    """Columns of `frames`; with ``scenes`` also those of part_3."""
     hub = need("datasets")
     image, audio, value, many = hub.Image, partial(hub.Audio, decode=False), hub.Value, hub.List
     columns: dict[str, Any] = {
         _FILES[name]: audio() if name in ("binaural", "mono") else value("binary") if name == "rirs" else image()
         for name in (*KINDS, *extras)
+        if name != "stems"
     }
     columns |= dict.fromkeys(("key", "frame", "split", "part", "scan", "room", "category"), value("string"))
     columns |= dict.fromkeys(("index", "width", "height", "visible_pixels", "sounding_instance"), value("int32"))
@@ -58,22 +73,57 @@ def _features(extras: Sequence[str]) -> Any:
     columns |= dict.fromkeys(("position", "source_position", "sounding_position"), many(value("float64")))
     columns |= dict.fromkeys(("rotation", "sounding_rotation"), many(value("float64")))
     columns |= dict.fromkeys(("intrinsics", "camera_to_world"), many(many(value("float64"))))
-    return hub.Features(columns | {"variant_of": value("string")})
+    columns["variant_of"] = value("string")
+    if not scenes:
+        return hub.Features(columns)
+    columns |= _scene_columns() | {"category_mask": image()}
+    columns["audible"] = many({"source": value("string")} | dict.fromkeys(_LEVELS, value("float64")))
+    if "stems" in extras:
+        columns["stems"] = many({"source": value("string"), "audio": audio()})
+    if "rirs" in extras:
+        columns["impulse_responses"] = many({"source": value("string"), "rir": value("binary")})
+    return hub.Features(columns)
+
+
+_LEVELS = ("level_db", "drr_db", "snr_db")
+
+
+def _scene_columns() -> dict[str, Any]:
+    """Columns of part_3 that `frames` and `observations` share."""
+    hub = need("datasets")
+    value, many = hub.Value, hub.List
+    source: dict[str, Any] = dict.fromkeys(("id", "category", "room", "asset"), value("string"))
+    source |= {"instance": value("int32"), "gain_db": value("float64"), "position": many(value("float64"))}
+    source["programme"] = many(many(value("float64")))
+    background = {"kind": value("string"), "snr_db": value("float64"), "level_db": value("float64")}
+    return {
+        "group": value("string"),
+        "sources": many(source),
+        "background": background,
+        "categories": many(value("string")),
+    }
 
 
 def _row(sample: Sample, columns: Sequence[str]) -> dict[str, Any]:
     row: dict[str, Any] = {name: sample.facts.get(name) for name in columns}
-    names = {kind.member: _FILES[name] for name, kind in ALL_KINDS.items()}
+    names = {kind.member: name for name, kind in ALL_KINDS.items()}
     for member in sample.members:
-        column, data = names[member.name], member.read()
-        row[column] = data if column == "impulse_response" else {"bytes": data, "path": f"{sample.key}.{member.name}"}
+        source, _, own = member.name.partition(".")
+        data, path = member.read(), f"{sample.key}.{member.name}"
+        if member.name in names:
+            column = _FILES[names[member.name]]
+            row[column] = data if column == "impulse_response" else {"bytes": data, "path": path}
+        else:
+            column, field = _OF_SOURCES[names[own]]
+            value = data if field == "rir" else {"bytes": data, "path": path}
+            row[column] = [*(row[column] or ()), {"source": source, field: value}]
     return row
 
 
-def write_parquet(extras: tuple[str, ...], stream: BinaryIO, samples: Iterator[Sample]) -> None:
-    """Write samples as one Parquet file, a row group at a time."""
+def write_parquet(extras: tuple[str, ...], scenes: bool, stream: BinaryIO, samples: Iterator[Sample]) -> None:
+    """Write samples as one Parquet file, a row group at a time; ``scenes``: with the columns of part_3."""
     pa, parquet = need("pyarrow"), need("pyarrow.parquet")
-    features = _features(extras)
+    features = _features(extras, scenes=scenes)
     schema = features.arrow_schema
     packing = {name: "NONE" if name.split(".")[0] in _STORED else "ZSTD" for name in _leaves(schema)}
     with parquet.ParquetWriter(pa.PythonFile(stream, mode="w"), schema, compression=packing) as writer:
@@ -114,8 +164,17 @@ def observation_row(observation: Observation) -> dict[str, Any]:
     }  # fmt: skip
     if record is None:
         return row
-    return row | {
-        "source_position": list(record.source_position), "source_moves": record.moves,
+    scene: dict[str, Any] = {}
+    if record.is_sound_scene:
+        licences = [source.licence for source in record.sources or ()]
+        scene = {name: value for name, value in scene_facts(record, record.frames[0]).items() if name != "audible"}
+        scene["sources"] = [
+            facts | {"licence": licence.name, "author": licence.author, "source": licence.source}
+            for facts, licence in zip(scene["sources"], licences, strict=True)
+        ]
+    return row | scene | {
+        "source_position": list(record.source_position) if record.source_position else None,
+        "source_moves": record.moves,
         "variant_of": record.variant_of, "t30": record.acoustics.t30, "seed": record.seed,
         "acoustics": f"{record.acoustics.backend} {record.acoustics.version}",
         "vision": f"{record.vision.backend} {record.vision.version}",
@@ -128,7 +187,7 @@ def observation_row(observation: Observation) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _observation_features() -> Any:
+def _observation_features(*, scenes: bool) -> Any:
     hub = need("datasets")
     value, many = hub.Value, hub.List
     columns: dict[str, Any] = dict.fromkeys(
@@ -139,7 +198,12 @@ def _observation_features() -> Any:
     instance: dict[str, Any] = dict.fromkeys(("category", "asset", "licence", "author", "source"), value("string"))
     instance |= dict.fromkeys(("position", "rotation", "low", "high"), many(value("float64")))
     instance |= {"id": value("int32"), "sounding": value("bool")}
-    return hub.Features(columns | {"seed": value("uint64"), "instances": many(instance)})
+    columns |= {"seed": value("uint64"), "instances": many(instance)}
+    if scenes:
+        shared = _scene_columns()
+        credits = dict.fromkeys(("licence", "author", "source"), value("string"))
+        columns |= shared | {"sources": many(shared["sources"].feature | credits)}
+    return hub.Features(columns)
 
 
 def write_huggingface(
@@ -161,7 +225,7 @@ def write_huggingface(
         split: ``train``, ``test`` or ``all``.
         shard_mb: megabytes (10⁶ bytes) of files in a Parquet file.
         only: shell patterns of observation keys.
-        extras: ``depth``, ``mono``, ``rirs``.
+        extras: ``depth``, ``mono``, ``rirs``, ``stems``.
         workers: processes; None: one per core. The bytes do not depend on it, but on pyarrow's version.
         progress: show bars on stderr.
 
@@ -173,11 +237,12 @@ def write_huggingface(
     chosen, wanted = check_split(split), check_extras(extras)
     pa, parquet = need("pyarrow"), need("pyarrow.parquet")
     versions = f"pyarrow {pa.__version__}, datasets {need('datasets').__version__}"
-    revision = f"huggingface 1, {versions}, {' '.join(wanted)}"
-    style = Layout("huggingface", revision, _room, partial(write_parquet, wanted), _name)
-    facts = gather(dataset, keys)
-    facts = replace(facts, sizes={name: size for name, size in facts.sizes.items() if name in (*KINDS, *wanted)})
-    schema = _observation_features().arrow_schema
+    scenes = has_sound_scenes(keys)
+    revision = f"huggingface 1, {versions}, {' '.join(wanted)}{' and part_3' if scenes else ''}"
+    style = Layout("huggingface", revision, _room, partial(write_parquet, wanted, scenes), _name)
+    facts, held = gather(dataset, keys), (*KINDS, *SCENE_KINDS, *wanted)
+    facts = replace(facts, sizes={name: size for name, size in facts.sizes.items() if name in held})
+    schema = _observation_features(scenes=scenes).arrow_schema
 
     def finish(target: Path, index: ShardIndex) -> None:
         rows = [observation_row(Observation(dataset.root, key)) for key in keys]
@@ -192,7 +257,7 @@ def write_huggingface(
 
     return export_shards(
         dataset, keys, folder, style, split=chosen, limit=shard_limit(shard_mb), extras=wanted,
-        members={kind.member: kind.what for kind in ALL_KINDS.values()} | {"json": "pose, camera, source"},
+        members=described(ALL_KINDS) | {"json": "pose, camera, source"},
         workers=workers, progress=progress, finish=finish,
     )  # fmt: skip
 

@@ -2,13 +2,14 @@
 
 A sample's key is ``<observation key>/<frame name>``, e.g. ``part_1/apartment_1/kitchen/1/frame_007``. Pictures and
 sound are never re-encoded. What an observation does not have (the official release has no observation.json, instance
-masks, …) is absent from its samples: no member, and None in the facts.
+masks, …) is absent from its samples: no member, and None in the facts. Samples of part_3 have more facts
+(`scene_facts`) and members (the category mask, stems); those of the other parts do not depend on whether there are any.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -16,7 +17,7 @@ from typing import Any, Literal, get_args
 from avs3d_bench import layout, media
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.schema import InstanceRecord
+from avs3d_bench.schema import FrameRecord, InstanceRecord, ObservationRecord, SourceRecord
 from avs3d_bench.taxonomy import PARTS
 
 SplitChoice = Literal["train", "test", "all"]
@@ -33,17 +34,26 @@ class Kind:
         folder: in the observation.
         member: the name by which an export calls it; its last suffix is the file format.
         what: one line for readers.
+        sources: names of the folders inside ``folder``, one file in each; None if the files lie in ``folder``.
     """
 
     folder: str
     member: str
     what: str
+    sources: tuple[str, ...] | None = None
 
-    def file(self, observation: Path, name: str, index: int) -> Path:
+    def file(self, observation: Path, name: str, index: int, source: str | None = None) -> Path:
         """The file of the frame ``name`` (number ``index``) below the folder of its observation."""
-        audio = self.folder in (layout.BINAURAL, layout.MONO, layout.RIRS)
+        audio = self.folder in (layout.BINAURAL, layout.MONO, layout.RIRS, layout.STEMS)
         stem = layout.audio_name(index) if audio else name
-        return observation / self.folder / f"{stem}.{self.member.rpartition('.')[2]}"
+        folder = observation / self.folder if source is None else observation / self.folder / source
+        return folder / f"{stem}.{self.member.rpartition('.')[2]}"
+
+    def files(self, observation: Path, name: str, index: int) -> dict[str, Path]:
+        """Name of a member → file: one, or ``source_1.…`` for each source."""
+        if self.sources is None:
+            return {self.member: self.file(observation, name, index)}
+        return {f"{each}.{self.member}": self.file(observation, name, index, each) for each in self.sources}
 
 
 #: What is exported where it exists, in the order of members in a sample.
@@ -53,13 +63,18 @@ KINDS = {
     "mask": Kind(layout.SEMANTIC_MASKS, "mask.png", "mask of the sounding instance, 0 or 255, visible pixels"),
     "instances": Kind(layout.INSTANCE_MASKS, "instances.png", "instance ids, grey, 8 or 16 bit, 0 = the home"),
 }
+#: The same of part_3 alone; its ``mask`` marks every audible instance.
+SCENE_KINDS = {
+    "categories": Kind(layout.CATEGORY_MASKS, "categories.png", "class ids of the audible instances, grey, 0 = none"),
+}
 #: What `--with` adds.
 EXTRA_KINDS = {
     "depth": Kind(layout.DEPTH, "depth.png", "depth along the optical axis, 16-bit millimetres, 0 = nothing met"),
     "mono": Kind(layout.MONO, "mono.wav", "two seconds of the clip's mono mix, 44.1 kHz"),
     "rirs": Kind(layout.RIRS, "rir.npz", "binaural room impulse response (2, n), with its sample rate"),
+    "stems": Kind(layout.STEMS, "stem.wav", "one second of binaural sound of one source, or of the background"),
 }
-ALL_KINDS = KINDS | EXTRA_KINDS
+ALL_KINDS = KINDS | SCENE_KINDS | EXTRA_KINDS
 _RELEASE_RGB = Kind(layout.IMAGES, "rgb.png", KINDS["rgb"].what)
 
 
@@ -176,13 +191,33 @@ def frames_of(observation: Observation, split: SplitChoice) -> tuple[Frame, ...]
     return tuple(frame for frame in observation.frames if split in ("all", frame.split))
 
 
+def has_sound_scenes(keys: Iterable[str]) -> bool:
+    """Whether an observation of part_3 is among these."""
+    return any(layout.parse_key(key).part == "part_3" for key in keys)
+
+
+def described(kinds: Mapping[str, Kind]) -> dict[str, str]:
+    """What an index says of the members of its samples; of kinds with a file per source under ``source_*.…``, too."""
+    several = {f"source_*.{kinds[name].member}": kinds[name].what for name in _PER_SOURCE if name in kinds}
+    return {kind.member: kind.what for kind in kinds.values()} | several
+
+
+#: Kinds with a folder per source in part_3.
+_PER_SOURCE = ("stems", "rirs")
+
+
 def file_kinds(observation: Observation, names: Sequence[str]) -> dict[str, Kind]:
     """Which of the named kinds the observation has a folder of; pictures of a release may lie in `images/` alone."""
     found = {}
+    record = observation.record
     for name in names:
         kind = ALL_KINDS[name]
         if name == "rgb" and not (observation.path / kind.folder).is_dir():
             kind = _RELEASE_RGB
+        if record is not None and record.sources is not None and name in _PER_SOURCE:
+            sources = tuple(source.id for source in record.sources)
+            noise = (layout.BACKGROUND,) if name == "stems" and record.background is not None else ()
+            kind = replace(kind, sources=sources + noise)
         if (observation.path / kind.folder).is_dir():
             found[name] = kind
     return found
@@ -199,29 +234,30 @@ def samples_of(
     Raises:
         Avs3dError: if a frame lacks a file of a kind that its observation has.
     """
-    kinds = file_kinds(observation, (*KINDS, *check_extras(extras)))
+    kinds = file_kinds(observation, (*KINDS, *SCENE_KINDS, *check_extras(extras)))
     recorded = observation.record.files if observation.record else {}
     out = []
     for frame in frames_of(observation, split):
         if names is not None and frame.name not in names:
             continue
         members = tuple(
-            _member(kind, kind.file(observation.path, frame.name, frame.index), observation, recorded)
+            _member(name, path, observation, recorded)
             for kind in kinds.values()
+            for name, path in kind.files(observation.path, frame.name, frame.index).items()
         )
         key = f"{observation.key}/{frame.name}"
         out.append(Sample(key, frame.split or UNLISTED, frame_facts(frame), members))
     return out
 
 
-def _member(kind: Kind, path: Path, observation: Observation, recorded: dict[str, str]) -> Member:
+def _member(name: str, path: Path, observation: Observation, recorded: dict[str, str]) -> Member:
     try:
         size = path.stat().st_size
     except OSError:
         raise Avs3dError(f"{path}: missing; expected a file, since {path.parent.name}/ exists") from None
     # Only the official release, which records no hashes, is read twice.
     known = recorded.get(path.relative_to(observation.path).as_posix())
-    return Member(kind.member, path, size, known or media.sha256_file(path))
+    return Member(name, path, size, known or media.sha256_file(path))
 
 
 def instance_facts(instance: InstanceRecord) -> dict[str, Any]:
@@ -239,11 +275,41 @@ def instance_facts(instance: InstanceRecord) -> dict[str, Any]:
     }
 
 
+def source_facts(source: SourceRecord) -> dict[str, Any]:
+    """A source of part_3 as plain data; its licence is among the dataset's attributions."""
+    return {
+        "id": source.id,
+        "instance": source.instance,
+        "category": source.category,
+        "room": source.room,
+        "position": list(source.position),
+        "programme": [list(interval) for interval in source.programme],
+        "gain_db": source.gain_db,
+        "asset": source.asset,
+    }
+
+
+def scene_facts(record: ObservationRecord, frame: FrameRecord) -> dict[str, Any]:
+    """What a frame of part_3 has beside the facts of all parts.
+
+    ``categories`` names the classes: class id c of a category mask is number c − 1 of the list.
+    """
+    return {
+        "group": record.group,
+        "sources": [source_facts(source) for source in record.sources or ()],
+        "audible": [heard.model_dump() for heard in frame.audible or ()],
+        "background": record.background.model_dump() if record.background else None,
+        "categories": list(record.class_ids),
+    }
+
+
 def frame_facts(frame: Frame) -> dict[str, Any]:
     """All facts of a frame, as JSON types; None for those that its observation does not have.
 
     Units and axes are the dataset's: metres, degrees, Y up, camera-to-world (w, x, y, z), azimuth positive right.
-    ``source_position`` and ``sounding_position``/``sounding_rotation`` are those at the frame's time, moving or not.
+    ``source_position`` and ``sounding_position``/``sounding_rotation`` are those at the frame's time, moving or not; in
+    part_3 they and the direction are those of the first source, None where there is none (or no instance of the room).
+    Frames of part_3 have the facts of `scene_facts` as well.
     """
     observation, place = frame.observation, frame.observation.place
     camera, pose = observation.intrinsics, frame.pose if frame.has_pose else None
@@ -269,14 +335,23 @@ def frame_facts(frame: Frame) -> dict[str, Any]:
     if record is None or mine is None:
         empty = ("source_position", "source_moves", "sounding_instance", "sounding_position", "sounding_rotation")
         return facts | dict.fromkeys((*empty, "instances", "t30", "variant_of"))
-    there = mine.instance_pose
-    return facts | {
-        "source_position": list(record.source_at(mine)),
+    there, sounding = mine.instance_pose, _first_sounding(record)
+    facts |= {
+        "source_position": list(record.source_at(mine)) if record.source_position else None,
         "source_moves": record.moves,
-        "sounding_instance": record.sounding.id,
-        "sounding_position": list(there.position if there else record.sounding.position),
-        "sounding_rotation": list(there.rotation if there else record.sounding.rotation),
+        "sounding_instance": sounding.id if sounding else None,
+        "sounding_position": list((there or sounding).position) if sounding else None,
+        "sounding_rotation": list((there or sounding).rotation) if sounding else None,
         "instances": [instance_facts(instance) for instance in record.instances],
         "t30": record.acoustics.t30,
         "variant_of": record.variant_of,
     }
+    return facts | scene_facts(record, mine) if record.is_sound_scene else facts
+
+
+def _first_sounding(record: ObservationRecord) -> InstanceRecord | None:
+    """The instance that sounds; in part_3 that of the first source, None if it is off-screen or there is none."""
+    if record.sources is None:
+        return record.sounding
+    number = record.sources[0].instance if record.sources else None
+    return next((instance for instance in record.instances if instance.id == number), None)

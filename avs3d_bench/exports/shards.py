@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import shutil
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -31,6 +32,7 @@ from avs3d_bench.schema import AttributionRecord, Record, Sha256, Text
 from avs3d_bench.staging import hold
 
 SHARDS_JSON = "shards.json"
+_SOURCE = re.compile(r"^(source_[0-9]+|background)\.")
 PARTIAL = ".partial"
 Format = Literal["webdataset", "huggingface"]
 Count = Annotated[int, Field(ge=0)]
@@ -382,7 +384,8 @@ def _index(
             shards=len(mine), samples=sum(r.samples for r in mine), bytes=sum(r.bytes for r in mine),
             observations=len({key for shard in shards if shard.split == split for key, _ in shard.runs}),
         )  # fmt: skip
-    held = Counter(name for sample in planned for name in sample.members)
+    # Members of one source are described together, e.g. source_*.stem.wav.
+    held = Counter(_SOURCE.sub("source_*.", name) for sample in planned for name in sample.members)
     record = dataset.record
     return ShardIndex(
         format=style.format, toolkit_version=__version__, dataset=dataset.name,

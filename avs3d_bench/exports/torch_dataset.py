@@ -20,9 +20,27 @@ An item is a dictionary of tensors and texts that `default_collate` stacks:
 | `category`, `key`, `frame`, `split` | text                                                               |
 | `frame_index`, `item` | int, collated int64: the frame's number; the item's place in this dataset        |
 
-Values that the dataset lacks are absent: the official release has neither category, source nor instance ids. With
-``stack=k`` an item is k consecutive frames of one observation and every value gains a leading dimension (texts become
-lists of k, ``key`` and ``category`` stay single).
+Values that the dataset lacks are absent: the official release has neither category, source nor instance ids.
+
+Where part_3 (sound scenes) is among the observations, every item has these keys as well, so that items of all parts can
+be in one batch. A class id c is that of `category_mask`; K is the number of classes, S the most sources of one
+observation.
+
+| key                | what                                                                                |
+|--------------------|-------------------------------------------------------------------------------------|
+| `category_mask`    | (H, W) uint8: 0, or the class id of the instance that is audible                    |
+| `audible`          | (K,) bool: whether a source of class c is audible, in place c − 1; off-screen ones, too |
+| `group`            | text: key of the observation whose pictures this one has; its own in the other parts |
+| `stems`            | (S, 2, 44100) float32: the clip of each source, zeros beyond; with ``stems=True``    |
+| `stem_classes`     | (S,) int64: class id of each stem, 0 beyond; with ``stems=True``                     |
+| `background`       | (2, 44100) float32: zeros where there is none; with ``stems=True``                   |
+
+In part_3 the direction, ``sounding_instance`` and ``category`` are those of the first source: where there is none, they
+are NaN, −1 (also for an off-screen source) and an empty text, and ``category_index`` is −1. ``stems`` of the other
+parts hold the clip.
+
+With ``stack=k`` an item is k consecutive frames of one observation and every value gains a leading dimension (texts
+become lists of k, ``key``, ``category`` and ``group`` stay single).
 
 Workers: the object holds paths and small arrays, no open file, and may be pickled, forked or spawned. It draws no
 random numbers. PyTorch seeds `torch`, `random` and `numpy` of each worker from the loader's ``generator``; a
@@ -32,7 +50,7 @@ transform that shall give the same result for any number of workers takes its ow
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -42,11 +60,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench import layout, media
-from avs3d_bench.dataset import Frame, Observation
+from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.needs import need
-from avs3d_bench.exports.samples import KINDS, Kind, check_split, file_kinds, frame_facts, frames_of, select
-from avs3d_bench.taxonomy import CATEGORIES
+from avs3d_bench.exports.samples import (
+    ALL_KINDS,
+    Kind,
+    check_split,
+    file_kinds,
+    frame_facts,
+    frames_of,
+    has_sound_scenes,
+    select,
+)
+from avs3d_bench.schema import ObservationRecord
+from avs3d_bench.taxonomy import class_ids
 
 if TYPE_CHECKING:
     from torch.utils.data import Dataset as _TorchDataset
@@ -67,6 +95,17 @@ _NUMBERS = {
 }
 _NO_POSE = [[float("nan")] * 4] * 4
 _TEXTS = ("category", "key", "frame", "split")
+#: What these are in part_3 where there is no source; the shapes are the same as where there is one.
+_NO_SOURCE: dict[str, Any] = {
+    "source_position": [float("nan")] * 3,
+    "azimuth": float("nan"),
+    "elevation": float("nan"),
+    "distance": float("nan"),
+    "sounding_instance": -1,
+    "category": "",
+}
+#: Value of ``category_index`` where nothing sounds.
+NO_CATEGORY = -1
 
 
 @dataclass(frozen=True)
@@ -80,12 +119,17 @@ class _Place:
 
 @dataclass(frozen=True, eq=False)
 class _Facts:
-    """An observation in small arrays: (n, …) per number, by frame name; and the folders of its files."""
+    """An observation in small arrays: (n, …) per number, by frame name; and the folders of its files.
+
+    ``class_id`` is that of the (first) source's category, ``stems`` holds that of each source; 0 is none.
+    """
 
     rows: dict[str, int]
     numbers: dict[str, NDArray[Any]]
     texts: dict[str, tuple[str, ...]]
     kinds: dict[str, Kind]
+    class_id: int
+    stems: tuple[int, ...]
 
 
 def read_planes(path: str | Path) -> NDArray[np.uint8]:
@@ -126,6 +170,8 @@ _READERS: dict[str, tuple[str, Callable[[Path], NDArray[Any]]]] = {
     "instances": ("instance_ids", _read_ids),
     "depth": ("depth", media.read_png_depth),
 }
+#: Those of part_3, which items of the other parts have beside it.
+_CATEGORIES, _STEMS = "categories", "stems"
 
 
 class AVS3DDataset(_TorchDataset[Item]):
@@ -149,6 +195,8 @@ class AVS3DDataset(_TorchDataset[Item]):
         mask: bool = True,
         instances: bool = False,
         depth: bool = False,
+        categories: bool = True,
+        stems: bool = False,
         stack: int | None = None,
     ) -> None:
         """List the frames; pictures and sound are read item by item, poses observation by observation.
@@ -163,6 +211,8 @@ class AVS3DDataset(_TorchDataset[Item]):
             mask: read the masks.
             instances: read the instance ids.
             depth: read the depth.
+            categories: read the category masks, if part_3 is among the observations.
+            stems: read the clip of each source, if part_3 is among the observations.
             stack: frames per item: windows that do not overlap, of one observation, in the order of time; what is left
                 at the end of an observation is dropped.
 
@@ -177,16 +227,20 @@ class AVS3DDataset(_TorchDataset[Item]):
             raise UsageError(f"stack={stack!r}: expected a number of frames from 1 on, or None")
         asked = {"rgb": frames, "binaural": audio, "mask": mask, "instances": instances, "depth": depth}
         self._read = tuple(name for name, wanted in asked.items() if wanted)
+        self._scenes = _scenes_among(dataset, self.keys) if has_sound_scenes(self.keys) else None
+        self._categories = categories and self._scenes is not None
+        self._stems = stems and self._scenes is not None
         self._facts: dict[int, _Facts] = {}
         self._places: list[tuple[_Place, ...]] = []
         self._windows: list[tuple[_Place, ...]] = []
         for number, key in enumerate(self.keys):
             observation = Observation(self.root, key)
-            found = file_kinds(observation, self._read)
-            for name in self._read:
+            names = (*self._read, *self._of_scene(observation))
+            found = file_kinds(observation, names)
+            for name in names:
                 if name not in found:
-                    folder = KINDS[name].folder if name in KINDS else layout.DEPTH
-                    raise Avs3dError(f"{observation.path / folder}: missing; load with {_flag(name)}=False")
+                    path = observation.path / ALL_KINDS[name].folder
+                    raise Avs3dError(f"{path}: missing; load with {_flag(name)}=False")
             places = tuple(_Place(number, frame.name, frame.index) for frame in frames_of(observation, self.split))
             self._places.append(places)
             size = stack or 1
@@ -194,6 +248,14 @@ class AVS3DDataset(_TorchDataset[Item]):
         if not self._windows:
             what = "frame" if stack is None else f"stack of {stack} frames"
             raise UsageError(f"{root}: no {what} in split {split}; expected at least one")
+
+    def _of_scene(self, observation: Observation) -> tuple[str, ...]:
+        """The kinds of files of part_3 that are read of an observation; one without any sound has no stems."""
+        record = observation.record
+        if record is None or record.sources is None:
+            return ()
+        stems = self._stems and (record.sources or record.background is not None)
+        return ((_CATEGORIES,) if self._categories else ()) + ((_STEMS,) if stems else ())
 
     def __len__(self) -> int:
         """Number of items."""
@@ -231,7 +293,7 @@ class AVS3DDataset(_TorchDataset[Item]):
         facts = self._facts.get(place.observation)
         if facts is None:
             observation = Observation(self.root, self.keys[place.observation])
-            facts = self._facts[place.observation] = _facts(observation, self._places[place.observation])
+            facts = self._facts[place.observation] = _facts(observation, self._places[place.observation], self._scenes)
         base, row = self.root / self.keys[place.observation], facts.rows[place.name]
         out: Item = {}
         for name in self._read:
@@ -241,7 +303,60 @@ class AVS3DDataset(_TorchDataset[Item]):
         out |= {name: torch.from_numpy(np.array(values[row])) for name, values in facts.numbers.items()}
         out |= {name: values[row] for name, values in facts.texts.items()}
         out["frame_index"] = place.index
+        if self._scenes is not None:
+            out |= {name: torch.from_numpy(value) for name, value in self._scene(facts, base, place).items()}
         return out
+
+    def _scene(self, facts: _Facts, base: Path, place: _Place) -> dict[str, NDArray[Any]]:
+        """What is read of a frame's sound scene; the other parts are scenes of one source."""
+        assert self._scenes is not None
+        out: dict[str, NDArray[Any]] = {}
+        in_scene = _CATEGORIES in facts.kinds
+        if self._categories and in_scene:
+            path = facts.kinds[_CATEGORIES].file(base, place.name, place.index)
+            out["category_mask"] = media.read_png_categories(path)
+        elif self._categories:
+            mask = media.read_png_mask(facts.kinds["mask"].file(base, place.name, place.index))
+            out["category_mask"] = mask.astype(np.uint8) * np.uint8(facts.class_id)
+        if not self._stems:
+            return out
+        stems = np.zeros((self._scenes.most_sources, 2, layout.BINAURAL_SAMPLES), dtype=np.float32)
+        classes = np.zeros(len(stems), dtype=np.int64)
+        out |= {"stems": stems, "stem_classes": classes, "background": np.zeros_like(stems[0])}
+        if not in_scene:
+            stems[0] = _read_binaural(facts.kinds["binaural"].file(base, place.name, place.index))
+            classes[0] = facts.class_id
+            return out
+        classes[: len(facts.stems)] = facts.stems
+        kind = facts.kinds.get(_STEMS)
+        if kind is None:
+            return out
+        for number, source in enumerate(kind.sources or ()):
+            clip = _read_binaural(kind.file(base, place.name, place.index, source))
+            if source == layout.BACKGROUND:
+                out["background"] = clip
+            else:
+                stems[number] = clip
+        return out
+
+
+@dataclass(frozen=True)
+class _Scenes:
+    """What items of a dataset with part_3 have in common.
+
+    Attributes:
+        own: categories that the manifest adds.
+        most_sources: most sources of one observation, at least 1.
+    """
+
+    own: tuple[str, ...]
+    most_sources: int
+
+
+def _scenes_among(dataset: Dataset, keys: Sequence[str]) -> _Scenes:
+    records = [record for record in (dataset[key].record for key in keys) if record is not None]
+    own = dataset.record.categories if dataset.record else records[0].categories if records else None
+    return _Scenes(own or (), max([1, *(len(record.sources or ()) for record in records)]))
 
 
 def _flag(name: str) -> str:
@@ -249,32 +364,52 @@ def _flag(name: str) -> str:
 
 
 def _together(name: str, values: list[Any], torch_: Any) -> Any:
-    if name in ("key", "category"):
+    if name in ("key", "category", "group"):
         return values[0]
     if isinstance(values[0], str):
         return values
     return torch_.stack([torch_.as_tensor(value) for value in values])
 
 
-def _facts(observation: Observation, places: Sequence[_Place]) -> _Facts:
+def _facts(observation: Observation, places: Sequence[_Place], scenes: _Scenes | None) -> _Facts:
     """Read what is known of some frames, from the observation's record (or its `sparse/0`), into small arrays."""
     # Not the frames that lie there now: a file that has vanished since is named when it is read.
     frames = [Frame(observation, place.name, place.index) for place in places]
     table = [frame_facts(frame) for frame in frames]
+    record = observation.record
     for facts in table:
         # An observation with a frame that COLMAP did not register has the same keys as the others in its batch.
         facts["camera_to_world"] = facts["camera_to_world"] or _NO_POSE
+        if record is not None and record.is_sound_scene:
+            facts |= {name: value for name, value in _NO_SOURCE.items() if facts[name] is None}
     numbers = {
         name: np.array([facts[name] for facts in table], dtype=kind)
         for name, kind in _NUMBERS.items()
         if all(facts[name] is not None for facts in table)
     }
-    if observation.category is not None:
-        numbers["category_index"] = np.full(len(frames), CATEGORIES.index(observation.category), dtype=np.int64)
+    classes = class_ids((record.categories if record else None) or (scenes.own if scenes else ()))
+    class_id = 0 if observation.category is None else classes[observation.category]
+    if record is not None:
+        numbers["category_index"] = np.full(len(frames), class_id - 1 if class_id else NO_CATEGORY, dtype=np.int64)
     texts = {
         name: tuple(str(facts[name]) for facts in table)
         for name in _TEXTS
         if all(facts[name] is not None for facts in table)
     }
+    if scenes is not None:
+        texts["group"] = (observation.group or observation.key,) * len(frames)
+        numbers["audible"] = np.array([_audible(record, frame, classes, class_id) for frame in frames], dtype=np.bool_)
+    stems = tuple(classes[source.category] for source in (record.sources if record else None) or ())
     rows = {frame.name: row for row, frame in enumerate(frames)}
-    return _Facts(rows, numbers, texts, file_kinds(observation, tuple(_READERS)))
+    kinds = file_kinds(observation, (*_READERS, _CATEGORIES, _STEMS))
+    return _Facts(rows, numbers, texts, kinds, class_id, stems)
+
+
+def _audible(
+    record: ObservationRecord | None, frame: Frame, classes: Mapping[str, int], class_id: int
+) -> NDArray[np.bool_]:
+    """(K,) whether a source of class c is audible, in place c − 1; in part_1 and part_2 the one source always is."""
+    heard = [class_id] if class_id else []
+    if record is not None and frame.record is not None and frame.record.audible is not None:
+        heard = [classes[record.source(entry.source).category] for entry in frame.record.audible]
+    return np.isin(np.arange(1, len(classes) + 1), heard)

@@ -29,7 +29,7 @@ import numpy as np
 
 from avs3d_bench import layout
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.exports.samples import ALL_KINDS, Sample, check_extras, check_split, select
+from avs3d_bench.exports.samples import ALL_KINDS, Sample, check_extras, check_split, described, select
 from avs3d_bench.exports.shards import Layout, ShardIndex, export_shards
 
 #: Megabytes of a shard: large enough to stream, small enough to shuffle and to resume.
@@ -96,7 +96,7 @@ def write_webdataset(
         split: ``train``, ``test`` or ``all``; shards never mix splits.
         shard_mb: a shard's size in megabytes (10⁶ bytes).
         only: shell patterns of observation keys.
-        extras: ``depth``, ``mono``, ``rirs``.
+        extras: ``depth``, ``mono``, ``rirs``, ``stems``.
         workers: processes; None: one per core. The bytes do not depend on it.
         progress: show bars on stderr.
 
@@ -106,7 +106,7 @@ def write_webdataset(
     """
     dataset, keys = select(root, only)
     chosen, wanted = check_split(split), check_extras(extras)
-    members = {kind.member: kind.what for kind in ALL_KINDS.values()} | {"json": "pose, camera, source, instances"}
+    members = described(ALL_KINDS) | {"json": "pose, camera, source, instances"}
     return export_shards(
         dataset, keys, folder, _LAYOUT, split=chosen, limit=shard_limit(shard_mb), extras=wanted, members=members,
         workers=workers, progress=progress,
@@ -133,7 +133,9 @@ def decode_sample(sample: Mapping[str, Any]) -> dict[str, Any]:
     Returns:
         ``facts`` (the JSON) and, where the sample has them, ``rgb`` (3, H, W) uint8, ``binaural`` (2, 44100) float32,
         ``mask`` (H, W) bool, ``instance_ids`` (H, W) int32, ``depth`` (H, W) float32 metres, ``mono`` (n,) float32,
-        ``impulse_response`` (2, n) float32; other keys (``__key__``, …) pass through. Arrays are numpy's.
+        ``impulse_response`` (2, n) float32; of part_3 ``category_mask`` (H, W) uint8 class ids, and by source's id
+        ``stems`` (2, 44100) float32, ``impulse_responses`` (2, n) float32. Other keys (``__key__``, …) pass through.
+        Arrays are numpy's.
 
     Raises:
         Avs3dError: if a member is damaged; the sample and the member are named.
@@ -159,12 +161,23 @@ def decode_sample(sample: Mapping[str, Any]) -> dict[str, Any]:
                 out["binaural"] = np.ascontiguousarray(soundfile.read(io.BytesIO(data), dtype="float32")[0].T)
             elif name == "mono.wav":
                 out["mono"] = soundfile.read(io.BytesIO(data), dtype="float32")[0]
+            elif name == "categories.png":
+                out["category_mask"] = _pixels(data, cv2.IMREAD_UNCHANGED)
             elif name == "rir.npz":
-                with np.load(io.BytesIO(data)) as archive:
-                    out["impulse_response"] = archive["rir"]
+                out["impulse_response"] = _response(data)
+            elif name.endswith(".rir.npz"):
+                out.setdefault("impulse_responses", {})[name.partition(".")[0]] = _response(data)
+            elif name.endswith(".stem.wav"):
+                samples = soundfile.read(io.BytesIO(data), dtype="float32")[0].T
+                out.setdefault("stems", {})[name.partition(".")[0]] = np.ascontiguousarray(samples)
         except Exception as error:
             raise Avs3dError(f"{sample.get('__key__')}.{name}: cannot be decoded: {error}") from None
     return out
+
+
+def _response(data: bytes) -> Any:
+    with np.load(io.BytesIO(data)) as archive:
+        return archive["rir"]
 
 
 def _pixels(data: bytes, flag: int) -> Any:
