@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tiny_scenes
+from tiny_scenes import FIRST, GROUP, SILENT
 
 from avs3d_bench.colmap import ColmapModel, read_model, write_model
 from avs3d_bench.dataset import Dataset
@@ -253,3 +255,88 @@ def test_a_clip_of_another_length_is_refused(tmp_path: Path):
 def test_arguments_that_mean_nothing(ours: Path, options: dict[str, Any], message: str):
     with pytest.raises(UsageError, match=message):
         AVS3DDataset(ours, **options)
+
+
+# --- sound scenes (part_3) ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("loading") / "scenes"
+    return tiny_scenes.write_sound_scenes(folder, frames=4, stems=True)
+
+
+@pytest.fixture(scope="module")
+def all_parts(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("loading") / "all"
+    tiny.write_dataset(root, frames=4)
+    return tiny_scenes.write_sound_scenes(root, frames=4, stems=True, keys=GROUP)
+
+
+def test_an_item_of_a_scene(scenes: Path):
+    dataset = AVS3DDataset(scenes, "all", stems=True)
+    seen = set()
+    for number, frame in enumerate(frame for observation in Dataset(scenes) for frame in observation.frames):
+        item, record, entry = dataset[number], frame.observation.record, frame.record
+        assert record is not None
+        assert entry is not None
+        np.testing.assert_array_equal(item["mask"].numpy(), frame.mask())
+        np.testing.assert_array_equal(item["category_mask"].numpy(), frame.category_mask())
+        assert item["category_mask"].dtype == torch.uint8
+        heard = {record.source(heard.source).category for heard in entry.audible or ()}
+        assert {CATEGORIES[c] for c in torch.nonzero(item["audible"]).flatten().tolist()} == heard
+        assert item["audible"].shape == (7,)
+        assert item["group"] == FIRST
+        assert item["stems"].shape == (3, 2, 44_100)
+        np.testing.assert_allclose((item["stems"].sum(dim=0) + item["background"]).numpy(), frame.audio(), atol=1e-6)
+        expected = [CATEGORIES.index(source.category) + 1 for source in record.sources or ()]
+        assert item["stem_classes"].tolist() == expected + [0] * (3 - len(expected))
+        seen.add((item["category_index"].item(), item["category"], item["sounding_instance"].item()))
+    assert seen == {(3, "microwave", 1), (3, "microwave", 3), (-1, "", -1), (6, "telephone", -1)}
+
+
+def test_nothing_sounds(scenes: Path):
+    item = AVS3DDataset(scenes, "all", only=[SILENT])[0]
+    assert item["category_index"] == -1
+    assert not item["audible"].any()
+    assert not item["mask"].any()
+    assert not item["binaural"].any()
+    for name in ("azimuth", "elevation", "distance", "source_position"):
+        assert torch.isnan(item[name]).all()
+    assert item["source_position"].shape == (3,)
+
+
+def test_items_of_all_parts_are_in_one_batch(all_parts: Path):
+    dataset = AVS3DDataset(all_parts, "all", stems=True)
+    batch = next(iter(DataLoader(dataset, batch_size=len(dataset))))
+    assert batch["audible"].shape == (len(dataset), 7)
+    assert batch["stems"].shape == (len(dataset), 3, 2, 44_100)
+    # An observation of part_1 is a scene of one source that is always audible.
+    assert batch["group"][0] == batch["key"][0] == tiny.SINGLE
+    assert torch.nonzero(batch["audible"][0]).flatten().tolist() == [CATEGORIES.index("microwave")]
+    torch.testing.assert_close(batch["stems"][0, 0], batch["binaural"][0])
+    torch.testing.assert_close(batch["category_mask"][0] == 4, batch["mask"][0])
+
+
+def test_stacks_of_scenes(scenes: Path):
+    item = AVS3DDataset(scenes, "all", stack=2, stems=True)[0]
+    assert item["stems"].shape == (2, 3, 2, 44_100)
+    assert item["group"] == FIRST
+    assert item["audible"].shape == (2, 7)
+
+
+def test_items_of_the_other_parts_alone_have_no_scene(all_parts: Path):
+    item = AVS3DDataset(all_parts, only=["part_1/*"], stems=True)[0]
+    assert not {"category_mask", "audible", "group", "stems", "background"} & item.keys()
+
+
+def test_what_is_not_read_is_not_there(scenes: Path):
+    item = AVS3DDataset(scenes, categories=False)[0]
+    assert not {"category_mask", "stems"} & item.keys()
+    assert item["audible"].shape == (7,)
+
+
+def test_stems_that_were_not_kept_are_one_line(tmp_path: Path):
+    root = tiny_scenes.write_sound_scenes(tmp_path / "data", frames=2)
+    with pytest.raises(Avs3dError, match=r"stems: missing; load with stems=False$"):
+        AVS3DDataset(root, "all", stems=True)
