@@ -49,8 +49,8 @@ from generators.paths.stage import Camera, Stage
 from generators.paths.watcher import line_of_sight, point_in_sight
 from generators.placement.placement import Placement
 from generators.plan import ObservationPlan
+from generators.programme import Interval, gated, intervals_of
 from generators.recording.hearing import PRE_ROLL, Listening
-from generators.recording.programme import Interval, gated, intervals_of
 from generators.recording.scene_writer import SceneWriter
 from generators.recording.stems import Clip, HeardSource, audible_sources, decibels, hear_sources, mixture, power
 from generators.recording.surface_points import SurfaceSampler

@@ -15,7 +15,7 @@ from avs3d_bench.layout import SAMPLE_RATE
 from generators.acoustics.analytic import AnalyticBackend
 from generators.acoustics.direct import DirectPath
 from generators.manifest import BurstsSpec, ProgrammeSpec, TurnSpec
-from generators.recording.programme import RAMP, gated, intervals_of
+from generators.programme import RAMP, gated, intervals_of
 from generators.recording.stems import HeardSource, audible_sources, direct_to_reverberant, mixture
 
 PRE_ROLL = 2.0
