@@ -48,7 +48,7 @@ TITLES = {
     SECOND: "microwave #3",
     BOTH: "3 sources",
     SILENT: "silence",
-    AWAY: "telephone, living room",
+    AWAY: "telephone, off-screen",
 }
 
 
@@ -397,15 +397,15 @@ def cards(page: Any) -> list[str]:
 def test_the_gallery_says_what_sounds_and_filters_by_it(site: Path, browser: Any) -> None:
     with visit(browser, site / "index.html") as opened:
         page = opened.page
-        assert cards(page) == ["Microwave #1", "Microwave #3", "3 sources", "Silence", "Telephone, living room"]
+        assert cards(page) == ["Microwave #1", "Microwave #3", "3 sources", "Silence", "Telephone, off-screen"]
         assert page.locator(".tag", has_text="group of 5").count() == 5
         assert "Part 3, sound scenes" in page.text_content("#filters")
         for value, expected in (
-            ("category=telephone", ["3 sources", "Telephone, living room"]),
+            ("category=telephone", ["3 sources", "Telephone, off-screen"]),
             ("category=_nothing", ["Silence"]),
-            ("scene=off-screen", ["Telephone, living room"]),
+            ("scene=off-screen", ["Telephone, off-screen"]),
             ("scene=several,silence", ["3 sources", "Silence"]),
-            ("q=living", ["Telephone, living room"]),
+            ("q=off-screen", ["Telephone, off-screen"]),
         ):
             page.evaluate("hash => { location.hash = hash; }", value)
             page.wait_for_timeout(80)
@@ -555,7 +555,7 @@ def test_siblings_change_the_sound_and_the_truth_and_keep_the_picture(root: Path
         assert page.locator("a[rel=next]").count() == 0
         page.reload()
         until(page, "Boolean(document.getElementById('screen').dataset.frame)")
-        assert page.text_content("#heading") == "Telephone, living room"
+        assert page.text_content("#heading") == "Telephone, off-screen"
         assert not said
 
 

@@ -18,10 +18,12 @@ from numpy.typing import NDArray
 from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.inspector.details import list_details, list_licences
+from avs3d_bench.inspector.moments import Moment
 from avs3d_bench.inspector.sound import read_clip
 from avs3d_bench.inspector.sound_scenes import ShownScene, read_sound_scene
 from avs3d_bench.levels import ild_db, level_db
-from avs3d_bench.schema import AttributionRecord, InstanceRecord, LicenceRecord, unique_attributions
+from avs3d_bench.schema import AttributionRecord, InstanceRecord
 
 #: The object fills at most this share of a thumbnail, so that something of the room is seen.
 _BEST_SHARE = 0.2
@@ -29,37 +31,6 @@ _BEST_SHARE = 0.2
 _AHEAD = 25.0
 #: Messages about single files before a page only counts them.
 NAMED = 5
-
-
-@dataclass(frozen=True)
-class Moment:
-    """One frame: what was there at its second. World coordinates are metres, Y up; angles are degrees.
-
-    Attributes:
-        name: ``frame_007``.
-        split: ``train``, ``test`` or None.
-        position: (x, y, z) of the sensor; None without a pose.
-        heading: (x, z) unit vector in the floor plane, where the camera looks; None without a pose.
-        source: (x, y, z) where the sound comes from at this time; None if unknown, and in a sound scene.
-        azimuth: of the source (in a sound scene of its only source), 0 ahead, positive right; None if unknown.
-        distance: to the same source, metres.
-        line_of_sight: nothing is between sensor and that source.
-        ild: level(right) − level(left) of the clip, dB; None without a clip.
-        level: RMS over both channels, dB re full scale.
-        visible: pixels of the sounding object (in a sound scene of all that are audible) in the frame.
-    """
-
-    name: str
-    split: str | None
-    position: tuple[float, float, float] | None
-    heading: tuple[float, float] | None
-    source: tuple[float, float, float] | None
-    azimuth: float | None
-    distance: float | None
-    line_of_sight: bool | None
-    ild: float | None
-    level: float | None
-    visible: int | None
 
 
 @dataclass(frozen=True)
@@ -139,9 +110,9 @@ def read_facts(dataset: Dataset, observation: Observation) -> Facts:
         instances=tuple(sorted(record.instances, key=lambda i: i.id)) if record else (),
         moves=bool(record and record.moves),
         t30=record.acoustics.t30 if record else None,
-        details=_details(dataset, observation, moments, hfov, scene),
+        details=list_details(dataset, observation, moments, hfov, scene),
         notes=tuple(n for n in (*record.notes, record.acoustics.notes) if n) if record else (),
-        licences=_licences(dataset, observation),
+        licences=list_licences(dataset, observation),
         missing=tuple(missing),
         problems=tuple(problems),
         hfov=hfov,
@@ -236,68 +207,6 @@ def _flat(ahead: NDArray[np.float64]) -> tuple[float, float]:
     """The horizontal direction of a vector, of unit length."""
     length = math.hypot(ahead[0], ahead[2])
     return (float(ahead[0] / length), float(ahead[2] / length)) if length > 1e-9 else (0.0, -1.0)
-
-
-def _details(
-    dataset: Dataset,
-    observation: Observation,
-    moments: tuple[Moment, ...],
-    hfov: float | None,
-    scene: ShownScene | None,
-) -> tuple[tuple[str, str], ...]:
-    record = observation.record
-    test = sum(moment.split == "test" for moment in moments)
-    rows = [("Frames", f"{len(moments)}, of which {test} are test frames")]
-    seen = [moment.visible for moment in moments if moment.visible is not None]
-    if seen:
-        rows.append(("In view", f"in {sum(v > 0 for v in seen)} of {len(seen)} frames"))
-    sight = [moment.line_of_sight for moment in moments if moment.line_of_sight is not None]
-    if sight:
-        rows.append(("Line of sight", f"in {sum(sight)} of {len(sight)} frames"))
-    if scene is not None and scene.background is not None:
-        background = scene.background
-        over = f", {background.snr_db:g} dB below the sources" if scene.sources else ""
-        level = f"{background.level_db:.0f} dB".replace("-", "−")
-        rows.append(("Background", f"{background.kind.replace('_', ' ')}, {level}{over}"))
-    away = [moment.distance for moment in moments if moment.distance is not None]
-    if away:
-        rows.append(("Distance", f"{min(away):.1f} to {max(away):.1f} m"))
-    if hfov is not None:
-        camera = observation.intrinsics
-        rows.append(("Camera", f"{camera.width} × {camera.height} pixels, {hfov:.0f}° wide"))
-    if record is not None:
-        if record.acoustics.t30:
-            rows.append(("Reverberation", f"T30 {record.acoustics.t30:.2f} s"))
-        rows.append(("Pictures", f"{record.vision.backend} {record.vision.version}"))
-        rows.append(("Sound", f"{record.acoustics.backend} {record.acoustics.version}"))
-        if record.sound:
-            rows.append(("Recording", record.sound.asset))
-        rows.append(("Seed", str(record.seed)))
-        if record.variant_of:
-            rows.append(("Acoustic variant of", record.variant_of))
-        if record.group:
-            rows.append(("Group", record.group))
-    if dataset.record is not None:
-        rows.append(("Dataset", f"{dataset.record.name} {dataset.record.version}"))
-        rows.append(("Licence of the dataset", dataset.record.licence))
-    return tuple(rows)
-
-
-def _licences(dataset: Dataset, observation: Observation) -> tuple[AttributionRecord, ...]:
-    """Of every instance and of the sound, as observation.json says; of the scan, as dataset.json says."""
-    found: list[AttributionRecord] = []
-    record = observation.record
-    if record is not None:
-        assets: list[tuple[str, LicenceRecord]] = [(i.asset, i.licence) for i in record.instances]
-        assets += [(record.sound.asset, record.sound.licence)] if record.sound else []
-        assets += [(source.asset, source.licence) for source in record.sources or ()]
-        for asset, licence in assets:
-            found.append(AttributionRecord(asset=asset, **licence.model_dump()))
-    if dataset.record is not None:
-        scan = observation.place.scan
-        pieces = (a for a in dataset.record.attributions if scan in a.asset.replace(":", "/").split("/"))
-        found += pieces
-    return unique_attributions(found)
 
 
 def best_frames(observation: Observation) -> list[Frame]:

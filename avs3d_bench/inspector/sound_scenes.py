@@ -27,7 +27,7 @@ from avs3d_bench.templates import words
 Colour = tuple[int, int, int]
 #: RGB of sources, after Okabe & Ito (2008) and IBM's palette; without the blues of predictions and of the agent.
 SOURCE_COLOURS: tuple[Colour, ...] = (
-    SOUNDING, (0, 158, 115), (204, 121, 167), (230, 159, 0), (120, 94, 240), (150, 96, 48), (90, 170, 60)
+    SOUNDING, (0, 158, 115), (204, 121, 167), (230, 159, 0), (150, 96, 48), (120, 94, 240)
 )  # fmt: skip
 #: RGB of objects that never sound.
 SILENT_COLOUR: Colour = (120, 126, 134)
@@ -185,12 +185,13 @@ def instance_names(record: ObservationRecord) -> dict[int, str]:
 
 
 def scene_title(record: ObservationRecord) -> str:
-    """What sounds, in a few words: ``microwave #3``, ``telephone, living room``, ``2 sources``, ``silence``."""
-    names = list(source_names(record).values())
-    if len(names) > 1:
-        return f"{len(names)} sources"
-    if names:
-        return names[0]
+    """What sounds, in a few words: ``microwave #3``, ``telephone, off-screen``, ``2 sources``, ``silence``."""
+    sources = record.sources or ()
+    if len(sources) > 1:
+        return f"{len(sources)} sources"
+    if sources:
+        alone = sources[0]
+        return source_names(record)[alone.id] if alone.instance is not None else f"{words(alone.category)}, off-screen"
     return f"silence, {words(record.background.kind)}" if record.background else "silence"
 
 

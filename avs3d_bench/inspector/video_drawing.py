@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.inspector.facts import Moment
+from avs3d_bench.inspector.moments import Moment
 from avs3d_bench.inspector.pictures import SOUNDING
 
 U8 = NDArray[np.uint8]
