@@ -1,6 +1,7 @@
 """Makes the pictures of the documentation from generated datasets.
 
     python -m benchmarks.pictures --demo data/demo -o docs/images
+    python -m benchmarks.pictures --scenes data/listen -o docs/images
     python -m benchmarks.pictures --moving data/moving-source --sh3d data/open-s34-o7-sh3d -o docs/images
 
 Needs Chromium, and the [inspect] and [dev] extras. `--demo` takes the folder that `make demo` writes, with its
@@ -50,9 +51,14 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stab
 @click.option(
     "--sh3d", type=click.Path(exists=True, path_type=Path), help="Dataset of scenes_manifest/open-s34-o7-sh3d.yaml."
 )
+@click.option(
+    "--scenes", type=click.Path(exists=True, path_type=Path), help="Dataset with sound scenes, made `--with stems`."
+)
 @click.option("--gallery", type=click.Path(exists=True, path_type=Path), help="Site that `avs3d view -o` wrote.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder to write the pictures to.")
-def main(demo: Path | None, moving: Path | None, sh3d: Path | None, gallery: Path | None, output: Path) -> None:
+def main(
+    demo: Path | None, moving: Path | None, sh3d: Path | None, scenes: Path | None, gallery: Path | None, output: Path
+) -> None:
     """Make the pictures of the docs that the given datasets allow."""
     if demo is not None:
         submissions = demo.parent / f"{demo.name}-submissions"
@@ -65,6 +71,10 @@ def main(demo: Path | None, moving: Path | None, sh3d: Path | None, gallery: Pat
     if sh3d is not None:
         for category, observation in _one_per_category(Dataset(sh3d)).items():
             _save(output / f"sh3d-{category}.jpg", _pair(_best_frame(observation)))
+    if scenes is not None:
+        shown = _richest_moment(Dataset(scenes))
+        _save(output / "player-scenes.jpg", _scene_player(scenes, shown), width=1100)
+        _save(output / "video-scenes.jpg", _film_picture(Dataset(scenes), shown))
     if gallery is not None:
         with _page(1360, 900) as page:
             page.goto((gallery / "index.html").resolve().as_uri())
@@ -97,18 +107,49 @@ def _sheet(observation: Observation, columns: int) -> bytes:
 
 def _film_frame(dataset: Dataset, submission: Path) -> np.ndarray:
     """A picture of the first observation's film, at the test frame that shows most of the source."""
+    shown = max((frame for frame in dataset[SINGLE].test if _covered(frame) <= MOST_COVERED), key=_covered)
+    return _film_picture(dataset, shown, submission)
+
+
+def _film_picture(dataset: Dataset, shown: Frame, submission: Path | None = None) -> np.ndarray:
+    """The picture of an observation's film in the middle of a frame's second."""
     import av
 
-    shown = max((frame for frame in dataset[SINGLE].test if _covered(frame) <= MOST_COVERED), key=_covered)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "film.mp4"
-        write_video(dataset, SINGLE, path, submission=submission, with_map=True)
+        write_video(dataset, shown.observation.key, path, submission=submission, with_map=True)
         with av.open(str(path)) as container:
             container.seek(int(shown.index * 1e6))
             for picture in container.decode(video=0):
                 if picture.time >= shown.index + 0.5:
                     return np.asarray(picture.to_ndarray(format="rgb24"))
-    raise Avs3dError(f"{SINGLE}: the film ends before {shown.name}")
+    raise Avs3dError(f"{shown.observation.key}: the film ends before {shown.name}")
+
+
+def _richest_moment(dataset: Dataset) -> Frame:
+    """The frame of a sound scene in which most audible instances are visible; of those, the one that shows most."""
+
+    def visible(frame: Frame) -> tuple[int, float]:
+        mask = frame.mask()
+        return len(np.unique(frame.instance_ids()[mask])), -abs(_covered(frame) - MOST_COVERED / 4)
+
+    frames = [frame for observation in dataset if observation.group is not None for frame in observation.frames]
+    if not frames:
+        raise Avs3dError(f"{dataset.root}: no sound scene; expected observations of part_3")
+    return max(frames, key=visible)
+
+
+def _scene_player(root: Path, frame: Frame) -> np.ndarray:
+    """The player of a sound scene with its truth."""
+    key = frame.observation.key
+    with _served("view", str(root), "--no-browser", "--port", "0") as url, _page(1360, 960) as page:
+        page.goto(f"{url}{key}/index.html#{frame.name}")
+        page.wait_for_timeout(3000)
+        page.keyboard.press("m")
+        page.wait_for_timeout(1500)
+        lanes = page.locator("#lanes").bounding_box()
+        below = {"x": 0, "y": 0, "width": 1360, "height": lanes["y"] + lanes["height"] + GAP // 4}
+        return _decoded(page.screenshot(full_page=True, clip=below))
 
 
 def _covered(frame: Frame) -> float:

@@ -41,6 +41,7 @@ from avs3d_bench.inspector.sound_scenes import (
     source_colours,
     stem_levels,
 )
+from avs3d_bench.schema import BackgroundRecord
 from avs3d_bench.submission import SubmissionWriter
 
 TITLES = {
@@ -90,6 +91,14 @@ def test_titles_say_what_sounds(root: Path) -> None:
     assert kinds[BOTH] == ("several", "background")
     assert kinds[SILENT] == ("silence",)
     assert kinds[AWAY] == ("one", "off-screen", "background")
+
+
+def test_room_tone_is_silence_and_noise_is_not(root: Path) -> None:
+    record = Dataset(root)[SILENT].record
+    assert record is not None
+    for kind, title in (("room_tone", "silence, room tone"), ("noise", "noise alone")):
+        background = BackgroundRecord(kind=kind, snr_db=20.0, level_db=-50.0)
+        assert scene_title(record.model_copy(update={"background": background})) == title
 
 
 def test_an_instance_has_one_colour_in_all_siblings_and_no_two_sources_share_one(root: Path) -> None:

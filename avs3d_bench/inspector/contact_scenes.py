@@ -47,7 +47,7 @@ def overlay_sources(
 def write_audible(axes: Any, scene: ShownScene, number: int) -> None:
     """Below a picture: the sources that are audible in frame ``number``, each in its colour, or that none is."""
     rows: list[tuple[str, Any]] = [(f"\N{BLACK CIRCLE} {s.name}", _rgb(s.colour)) for s in scene.audible(number)]
-    for row, (text, colour) in enumerate(rows or [("silence", _QUIET)]):
+    for row, (text, colour) in enumerate(rows or [(scene.nothing, _QUIET)]):
         axes.text(
             0.0, -0.03 - 0.09 * row, text, transform=axes.transAxes, va="top", fontsize=9.5, color=colour, weight="bold"
         )  # fmt: skip

@@ -231,6 +231,7 @@ def _scene_data(site: ObservationSite) -> dict[str, Any]:
     return {
         "sources": [_source_data(source, site.stem_levels.get(source.record.id)) for source in scene.sources],
         "background": background,
+        "nothing": scene.nothing,
         "stems": scene.stems,
         "gain": _round(site.track.gain, 3) if site.facts.has_sound else 0.0,
         "siblings": [{"key": sibling.key, "folder": f"../{sibling.index}/"} for sibling in site.siblings],

@@ -31,13 +31,14 @@ SOURCE_COLOURS: tuple[Colour, ...] = (
 )  # fmt: skip
 #: RGB of objects that never sound.
 SILENT_COLOUR: Colour = (120, 126, 134)
+SILENCE = "silence"
 #: What a scene is made of; a scene can be several of these.
 SEVERAL, ONE, OFF_SCREEN, NO_SOURCE, BACKGROUND = "several", "one", "off-screen", "silence", "background"
 SCENE_KINDS = {
     ONE: "one source",
     SEVERAL: "several sources",
     OFF_SCREEN: "off-screen",
-    NO_SOURCE: "silence",
+    NO_SOURCE: "no source",
     BACKGROUND: "background",
 }
 
@@ -121,6 +122,11 @@ class ShownScene:
             return ()
         return (*(s.record.id for s in self.sources), *((layout.BACKGROUND,) if self.background else ()))
 
+    @property
+    def nothing(self) -> str:
+        """What is heard in frames without an audible source."""
+        return without_source(self.background)
+
     def audible(self, number: int) -> tuple[ShownSource, ...]:
         """The sources that are audible in frame ``number``."""
         return tuple(source for source in self.sources if source.heard[number] is not None)
@@ -192,7 +198,13 @@ def scene_title(record: ObservationRecord) -> str:
     if sources:
         alone = sources[0]
         return source_names(record)[alone.id] if alone.instance is not None else f"{words(alone.category)}, off-screen"
-    return f"silence, {words(record.background.kind)}" if record.background else "silence"
+    nothing = without_source(record.background)
+    return f"{nothing}, room tone" if record.background and nothing == SILENCE else nothing
+
+
+def without_source(background: BackgroundRecord | None) -> str:
+    """What is heard where no source is audible: ``silence``, of which room tone is a part, or ``noise alone``."""
+    return "noise alone" if background is not None and background.kind == "noise" else SILENCE
 
 
 def scene_kinds(record: ObservationRecord) -> tuple[str, ...]:

@@ -142,6 +142,7 @@ def write_video(
                     loudness=_loudness(sound, number, gain),
                     method=predicted.name if predicted else None,
                     inset=inset.draw(number) if inset else None,
+                    nothing=facts.scene.nothing if facts.scene else "",
                     audible=_audible(frame, facts, number, marked=overlay != "none"),
                 ),
                 overlay,

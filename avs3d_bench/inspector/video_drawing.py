@@ -79,6 +79,7 @@ class Shown:
         method: of the submission; None without one.
         inset: (h, w, 3) the map of this moment, or None.
         audible: the audible sources of a sound scene, marked in place of ``truth``; None if it is none.
+        nothing: what is heard where none of them is audible.
     """
 
     rgb: U8
@@ -91,6 +92,7 @@ class Shown:
     method: str | None = None
     inset: U8 | None = None
     audible: tuple[AudibleNow, ...] | None = None
+    nothing: str = "silence"
 
     @property
     def marks(self) -> list[tuple[NDArray[np.bool_], Colour, str]]:
@@ -166,7 +168,7 @@ class Canvas:
         unit = self.width / 720
         rows = [(shown.what, TRUTH)] if shown.truth is not None else []
         if shown.audible is not None:
-            rows = [(source.name, source.colour) for source in shown.audible] or [("silence", _DIM)]
+            rows = [(source.name, source.colour) for source in shown.audible] or [(shown.nothing, _DIM)]
         if shown.method is not None:
             rows.append((shown.method, PREDICTED))
         # Measured as it is drawn, at twice the size: small letters are narrower than half of large ones.
@@ -227,7 +229,7 @@ def _whereabouts(shown: Shown) -> list[tuple[str, Colour]]:
     azimuth, distance = moment.azimuth, moment.distance
     if shown.audible is not None:
         if len(shown.audible) != 1:
-            out.append((f"{len(shown.audible)} audible sources" if shown.audible else "silence", _INK))
+            out.append((f"{len(shown.audible)} audible sources" if shown.audible else shown.nothing, _INK))
         alone = shown.audible[0] if len(shown.audible) == 1 else None
         azimuth, distance = (alone.azimuth, alone.distance) if alone else (None, None)
     if azimuth is not None:

@@ -30,6 +30,7 @@ from avs3d_bench.schema import InstanceRecord, ObservationRecord, SubmissionReco
 DEPTH_FRAMES, DEPTH_POINTS = 12, 25_000
 #: A predicted cloud that is larger is thinned for showing.
 MOST_PREDICTED = 200_000
+_NOT_MOVED = Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +55,7 @@ class Moment3D:
         source: where the sound comes from at this time; None if unknown.
         moved: takes the sounding object from where it is at the first frame to where it is now.
         audible: ids and names of the audible sources of a sound scene; None if it is none.
+        nothing: what is heard where there are none.
     """
 
     frame: Frame
@@ -61,6 +63,7 @@ class Moment3D:
     source: tuple[float, float, float] | None
     moved: Pose
     audible: dict[str, str] | None = None
+    nothing: str = "silence"
 
     @property
     def caption(self) -> str:
@@ -68,7 +71,7 @@ class Moment3D:
         pieces = [self.frame.name, *([self.frame.split] if self.frame.split else [])]
         record = self.frame.record
         if self.audible is not None:
-            pieces.append(", ".join(self.audible.values()) or "silence")
+            pieces.append(", ".join(self.audible.values()) or self.nothing)
         elif record is not None:
             pieces.append(f"{record.azimuth:+.0f}°, {record.distance:.2f} m")
             pieces += [] if record.line_of_sight else ["hidden"]
@@ -135,9 +138,7 @@ def read_scene(observation: Observation, submissions: Sequence[str | Path] = ())
     record = observation.record
     scene = read_sound_scene(observation)
     frames = tuple(
-        _moment(frame, record, {s.record.id: s.name for s in scene.audible(number)} if scene else None)
-        for number, frame in enumerate(observation.frames)
-        if frame.has_pose
+        _moment(frame, record, scene, number) for number, frame in enumerate(observation.frames) if frame.has_pose
     )
     if not frames:
         raise Avs3dError(f"{observation.path / layout.COLMAP}: no frame has a pose; expected a sparse model of them")
@@ -163,14 +164,17 @@ def read_scene(observation: Observation, submissions: Sequence[str | Path] = ())
     )
 
 
-def _moment(frame: Frame, record: ObservationRecord | None, audible: dict[str, str] | None) -> Moment3D:
-    source, moved = None, Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
-    if audible is None and record is not None and frame.record is not None:
+def _moment(frame: Frame, record: ObservationRecord | None, scene: ShownScene | None, number: int) -> Moment3D:
+    if scene is not None:
+        audible = {source.record.id: source.name for source in scene.audible(number)}
+        return Moment3D(frame, frame.pose, None, _NOT_MOVED, audible, scene.nothing)
+    source, moved = None, _NOT_MOVED
+    if record is not None and frame.record is not None:
         source = record.source_at(frame.record)
         now = frame.record.instance_pose
         if now is not None:
             moved = moved_from(Pose(record.sounding.position, record.sounding.rotation), now)
-    return Moment3D(frame, frame.pose, source, moved, audible)
+    return Moment3D(frame, frame.pose, source, moved)
 
 
 def moved_from(first: Pose, now: Pose) -> Pose:

@@ -9,7 +9,7 @@ window.AVS3D = window.AVS3D ?? {};
   // The lowest level at the top of a lane, dB re full scale.
   const LEAST_TOP = -24;
   // With more intervals, a lane only says how many they are.
-  const MOST_SPANS = 3;
+  const MOST_SPANS = 2;
   const WHY = "This dataset has no stems (the clips of the single sources), so that sources cannot be heard alone. Generate it with: avs3d generate … --with stems";
   const node = (name, attributes = {}, ...children) => {
     const element = document.createElement(name);
@@ -48,7 +48,7 @@ window.AVS3D = window.AVS3D ?? {};
       const title = node("h2", { class: "lanes-title" }, "Sources");
       if (!scene.stems && this.lanes.length) title.append(" ", node("span", { class: "why", title: WHY, tabindex: "0", role: "note", "aria-label": WHY }, "no solo and mute: no stems"));
       this.host.replaceChildren(title);
-      if (!scene.sources.length) this.host.append(node("p", { class: "absent" }, background ? `Silence: no source, ${background.name} alone.` : "Silence: nothing sounds in this observation."));
+      if (!scene.sources.length) this.host.append(node("p", { class: "absent" }, background ? `No source: ${background.name} alone.` : "Silence: nothing sounds in this observation."));
       for (const lane of this.lanes) this.add(lane);
       this.draw();
       this.show(this.index, this.time);

@@ -134,7 +134,7 @@
   screen.style.aspectRatio = `${screen.width} / ${screen.height}`;
   const sheet = () => { const c = document.createElement("canvas"); c.width = screen.width; c.height = screen.height; return c.getContext("2d"); };
   const first = sheet(), second = sheet();
-  const W = screen.width, H = screen.height, LINE = Math.max(1.5, W / 380);
+  const W = screen.width, H = screen.height, LINE = Math.max(1.5, W / 380), WIDER = 1.5;
   const hatch = (() => {
     const tile = document.createElement("canvas"), side = Math.max(8, Math.round(W / 80));
     tile.width = tile.height = side;
@@ -171,7 +171,7 @@
   // Without a colour, the outline has that of the mask itself.
   const outline = (mask, colour) => {
     for (const [width, ink, alpha] of [[2 * LINE, "#000", 0.55], [LINE, colour, 1]]) {
-      ring(mask, width);
+      ring(mask, colour ? width : WIDER * width);
       if (ink) fill(second, ink);
       pen.globalAlpha = alpha;
       pen.drawImage(second.canvas, 0, 0);
@@ -241,7 +241,7 @@
   const audible = (index) => data.scene.sources.filter((source) => source.audible[index]);
   const heardCell = () => {
     const { length } = data.scene.sources, now = audible(state.index).length;
-    return now ? [`${now} of ${length}`, now === 1 ? audible(state.index)[0].name : "sources"] : ["none", length ? `of ${length} source${length > 1 ? "s" : ""}` : "silence"];
+    return now ? [`${now} of ${length}`, now === 1 ? audible(state.index)[0].name : "sources"] : ["none", length ? `of ${length} source${length > 1 ? "s" : ""}` : data.scene.nothing];
   };
   readout.classList.toggle("of-scene", Boolean(data.scene));
   const cells = [
