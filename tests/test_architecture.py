@@ -140,8 +140,11 @@ HOUSE = {
         "recording": "core vision acoustics backends",
         "arrangement": "core assets placement paths manifest library plan",
         "observation": "core assets vision acoustics backends placement paths library plan homes recording arrangement",
-        "run": "core assets vision backends scans manifest library plan homes recording observation",
-        "regenerate": "core acoustics backends paths manifest plan recording observation",
+        "programme": "manifest",
+        "sound_scene": "core vision acoustics backends placement paths plan homes recording arrangement programme "
+        "observation",
+        "run": "core assets vision backends scans manifest library plan homes recording observation sound_scene",
+        "regenerate": "core acoustics backends paths manifest plan recording observation sound_scene",
         "cli": "core manifest run",
     },
     "evaluators": {

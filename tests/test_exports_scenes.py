@@ -1,4 +1,4 @@
-"""Exports of sound scenes (part_3): every form carries sources, audible, group, background, category masks and stems."""
+"""Exports of sound scenes (part_3): sources, audible, group, background, category masks and stems in every form."""
 
 from __future__ import annotations
 
