@@ -110,6 +110,25 @@ def best_frames(frames: Iterable[FrameScore], count: int = SHOWN_PER_OBSERVATION
 
 
 @dataclass(frozen=True)
+class SiblingFrame:
+    """A frame of a group of part_3 that a report shows for all siblings side by side.
+
+    Attributes:
+        group: key of the group.
+        keys: of the siblings.
+        name: of the frame.
+        pairs: how many pairs of siblings have truths that differ in it.
+        right: how many of these pairs are right.
+    """
+
+    group: str
+    keys: tuple[str, ...]
+    name: str
+    pairs: int
+    right: int
+
+
+@dataclass(frozen=True)
 class Outcome:
     """What scoring one observation gave.
 
@@ -141,12 +160,14 @@ class Evaluation:
         worst: frames with the largest badness, worst first, at most two per observation.
         best: frames with the object visible and the highest IoU, best first, at most two per observation, none of the
             worst.
+        groups: a frame of each group of part_3 in which truths differ, the groups with the most wrong pairs first.
         warnings: what is odd about the submission's files, though it can be scored.
     """
 
     scores: Scores
     worst: tuple[FrameScore, ...] = ()
     best: tuple[FrameScore, ...] = ()
+    groups: tuple[SiblingFrame, ...] = ()
     warnings: tuple[Problem, ...] = ()
 
 

@@ -154,7 +154,11 @@ def score(
     ordered_groups = [groups[unit.group] for unit in units if unit.group is not None]
     software = ProvenanceRecord.of(provenance(SCORING))
     record = score_record(submission, dataset, wanted, points, ordered_outcomes, ordered_groups, software)
-    return Evaluation(record, worst, best, tuple(ordered([*problems, *warnings])))
+    shown = sorted(
+        (group.shown for group in ordered_groups if group.shown is not None),
+        key=lambda one: (one.right - one.pairs, one.group),
+    )
+    return Evaluation(record, worst, best, tuple(shown), tuple(ordered([*problems, *warnings])))
 
 
 def _units(observations: Sequence[Observation]) -> list[Unit]:

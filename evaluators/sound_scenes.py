@@ -29,9 +29,9 @@ from evaluators.deaf import DeafOracles
 from evaluators.frames import Truth, reference_figures
 from evaluators.listen import listen_observation
 from evaluators.metrics import U8, FrameCounts, as_bytes, frame_counts
-from evaluators.pairs import CrossCounts, differ, sibling_scores
+from evaluators.pairs import CrossCounts, differ, right_pair, sibling_scores
 from evaluators.reading.reader import Reader
-from evaluators.records import FrameScore, Outcome, Submission, best_frames, worst_frames
+from evaluators.records import FrameScore, Outcome, SiblingFrame, Submission, best_frames, worst_frames
 
 
 @dataclass(frozen=True)
@@ -42,11 +42,13 @@ class GroupOutcome:
         outcomes: of each sibling, by key.
         siblings: the pairs; None if a file of the submission is bad.
         references: name of the reference → its pairs.
+        shown: a frame for the report; None if the truths of no pair differ.
     """
 
     outcomes: Mapping[str, Outcome]
     siblings: SiblingScores | None = None
     references: Mapping[str, SiblingScores] = field(default_factory=dict)
+    shown: SiblingFrame | None = None
 
 
 @dataclass
@@ -217,7 +219,18 @@ def _judge(
             warnings=reader.warnings,
             files=reader.files,
         )
-    return GroupOutcome(outcomes, siblings, pairs)
+    names_ = [siblings_[0].name for siblings_ in frames]
+    return GroupOutcome(outcomes, siblings, pairs, _shown(siblings, names_, counts))
+
+
+def _shown(siblings: SiblingScores, names: Sequence[str], counts: _GroupCounts) -> SiblingFrame | None:
+    """The frame with the most wrong pairs; of equals that in which the most truths differ, then the first."""
+    found = []
+    for name, pairs, frame in zip(names, counts.differing, counts.own.frames, strict=True):
+        right = sum(right_pair(frame, *pair) for pair in pairs)
+        found.append(SiblingFrame(siblings.group, siblings.observations, name, len(pairs), right))
+    worst = max(found, key=lambda one: (one.pairs - one.right, one.pairs))
+    return worst if worst.pairs else None
 
 
 def _scores(

@@ -163,7 +163,7 @@ HOUSE = {
         "sound_scenes": "metrics frames classes pairs listen deaf records reading",
         "summary": "bootstrap records protocols volume sound_scenes",
         "score": "metrics records volume frames protocols deaf reading sound_scenes summary",
-        "reporting": "bootstrap records reading",
+        "reporting": "bootstrap metrics pairs records reading",
         "cli": "records reading score reporting",
     },
     "baselines": {

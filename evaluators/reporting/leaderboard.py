@@ -106,7 +106,7 @@ def _read_entry(path: Path, reports: bool) -> Entry:
             f"{scores.dataset.scored}; score the submission again"
         )
     if not scores.avs3d_eval.protocols:
-        raise Avs3dError(f"{path}: avs3d_eval.protocols: empty, expected official or strict; score it again")
+        raise Avs3dError(f"{path}: avs3d_eval.protocols: empty, expected official, strict or listen; score it again")
     for protocol in scores.avs3d_eval.protocols:
         if getattr(scores.overall, protocol) is None:
             raise Avs3dError(

@@ -27,11 +27,14 @@ if TYPE_CHECKING:
 #: Decimals of every figure, so that a column of them lines up.
 DECIMALS = 3
 #: Text in place of a missing figure.
-PART_TITLES = {"overall": "Overall", "part_1": "Part 1", "part_2": "Part 2"}
-PART_NOTES = {"overall": "all observations", "part_1": "single-instance", "part_2": "multi-instance"}
+PART_TITLES = {"overall": "Overall", "part_1": "Part 1", "part_2": "Part 2", "part_3": "Part 3"}
+PART_NOTES = {
+    "overall": "all observations", "part_1": "single-instance", "part_2": "multi-instance", "part_3": "sound scenes",
+}  # fmt: skip
 REFERENCE_TITLES = {
     "all_black": "all black", "all_white": "all white", "centre_box": "centre box",
     "deaf_category": "deaf: every instance", "deaf_most_seen": "deaf: most seen",
+    "deaf_all": "deaf oracle: all", "deaf_single": "deaf oracle: best one",
 }  # fmt: skip
 #: Template → what its pages say that they are (``<meta name="generator">``).
 GENERATORS = {"report.html.j2": "avs3d-bench score report", "leaderboard.html.j2": "avs3d-bench leaderboard"}
@@ -86,8 +89,10 @@ def interval(group: GroupScores | None, metric: Metric) -> tuple[float, float] |
     scores = getattr(group, metric.protocol, None)
     if group is None or scores is None:
         return None
-    count = scores.counts.get(metric.name, 0) if metric.protocol == "strict" else group.observations
     pair: tuple[float, float] | None = scores.intervals.get(metric.name)
+    if metric.protocol == "listen":  # resampled by group
+        return pair
+    count = scores.counts.get(metric.name, 0) if metric.protocol == "strict" else group.observations
     return pair if count >= FEWEST else None
 
 

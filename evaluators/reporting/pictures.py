@@ -79,7 +79,7 @@ def draw_triple(score: FrameScore, dataset: Dataset, submission: Submission) -> 
     Raises:
         Avs3dError: if a picture cannot be read, or a mask has another size than the frame.
     """
-    frame = _frame(dataset, score)
+    frame = frame_of(dataset, score.key, score.name)
     rgb, truth = frame.rgb(), frame.mask()
     path = submission.mask_path(score.key, score.name)
     prediction = media.read_png_mask(path)
@@ -92,21 +92,26 @@ def draw_triple(score: FrameScore, dataset: Dataset, submission: Submission) -> 
     category = (frame.observation.category or "sounding object").replace("_", " ")
     return Triple(
         score,
-        _picture(_resized(rgb, SMALL), f"Camera frame {label}"),
-        _picture(truth_picture(rgb, truth, twins, SMALL), f"Truth in {label}: {_truth_words(truth, category, twins)}"),
-        _picture(
+        picture(resized(rgb, SMALL), f"Camera frame {label}"),
+        picture(truth_picture(rgb, truth, twins, SMALL), f"Truth in {label}: {_truth_words(truth, category, twins)}"),
+        picture(
             error_picture(rgb, truth, prediction, twins, LARGE),
-            f"Prediction in {label}: {_error_words(truth, prediction)}",
+            f"Prediction in {label}: {error_words(truth, prediction)}",
         ),
         len(twins),
         _note(score, truth, prediction),
     )
 
 
-def _frame(dataset: Dataset, score: FrameScore) -> Frame:
-    found = [frame for frame in dataset[score.key].frames if frame.name == score.name]
+def frame_of(dataset: Dataset, key: str, name: str) -> Frame:
+    """The frame of that name.
+
+    Raises:
+        Avs3dError: if there is none any more.
+    """
+    found = [frame for frame in dataset[key].frames if frame.name == name]
     if not found:
-        raise Avs3dError(f"{dataset.root / score.key}: no frame {score.name}; the dataset has changed since scoring")
+        raise Avs3dError(f"{dataset.root / key}: no frame {name}; the dataset has changed since scoring")
     return found[0]
 
 
@@ -131,7 +136,7 @@ def truth_picture(rgb: U8, truth: Mask, twins: list[Mask], side: int) -> U8:
         twins: (H, W) each.
         side: longer side of the picture that comes out, pixels.
     """
-    small = _resized(rgb, side)
+    small = resized(rgb, side)
     share = _share(truth, small)
     out = _blend(_muted(small), small.astype(np.float32), np.minimum(1, 2 * share))
     return _outlined(_to_bytes(out), truth, twins)
@@ -147,7 +152,7 @@ def error_picture(rgb: U8, truth: Mask, prediction: Mask, twins: list[Mask], sid
         twins: (H, W) each.
         side: longer side of the picture that comes out, pixels.
     """
-    small = _resized(rgb, side)
+    small = resized(rgb, side)
     out = _muted(small)
     rows, columns = np.indices(small.shape[:2])
     hatch = np.where((rows + columns) % _HATCH < _HATCH // 2 + 1, 1.0, 0.35).astype(np.float32)
@@ -162,7 +167,7 @@ def error_picture(rgb: U8, truth: Mask, prediction: Mask, twins: list[Mask], sid
     return _outlined(_to_bytes(out), truth, twins)
 
 
-def _resized(rgb: U8, side: int) -> U8:
+def resized(rgb: U8, side: int) -> U8:
     """Smaller by averaging, or larger by whole factors, which keeps pixels square."""
     height, width = rgb.shape[:2]
     scale = side / max(height, width)
@@ -227,7 +232,12 @@ def _dashed(out: U8, contour: NDArray[np.int32]) -> None:
         cv2.polylines(out, [points[start : start + _DASH]], False, (255, 255, 255), 2, cv2.LINE_AA)
 
 
-def _picture(pixels: U8, alt: str) -> Picture:
+def picture(pixels: U8, alt: str) -> Picture:
+    """A picture (H, W, 3) for a page, as JPEG.
+
+    Raises:
+        Avs3dError: if OpenCV cannot encode it.
+    """
     done, data = cv2.imencode(".jpg", np.ascontiguousarray(pixels[..., ::-1]), _JPEG)
     if not done:
         raise Avs3dError(f"OpenCV could not encode a picture of {pixels.shape} as JPEG")
@@ -252,7 +262,8 @@ def _truth_words(truth: Mask, category: str, twins: list[Mask]) -> str:
     return f"{what}; {len(twins)} silent {'twin' if len(twins) == 1 else 'twins'}"
 
 
-def _error_words(truth: Mask, prediction: Mask) -> str:
+def error_words(truth: Mask, prediction: Mask) -> str:
+    """What a prediction hits and marks wrongly, for those who do not see the picture."""
     false = f"{percent(float((prediction & ~truth).mean()))} of the picture marked wrongly"
     if not truth.any():
         return false
@@ -264,7 +275,8 @@ def _note(score: FrameScore, truth: Mask, prediction: Mask) -> str:
     if score.twins_marked:
         return "marks a silent twin" if score.twins_marked == 1 else f"marks {score.twins_marked} silent twins"
     if not truth.any():
-        return f"object not in view, {percent(float(prediction.mean()))} marked"
+        what = "nothing audible in view" if score.key.startswith("part_3/") else "object not in view"
+        return f"{what}, {percent(float(prediction.mean()))} marked"
     if not prediction.any():
         return "nothing marked"
     if not (truth & prediction).any():

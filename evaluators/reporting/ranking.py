@@ -14,11 +14,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from avs3d_bench.scores import BLIND_REFERENCES, REFERENCES, GroupScores, Metric, Scores, metrics_of
+from avs3d_bench.scores import (
+    ALL_REFERENCES,
+    BLIND_REFERENCES,
+    PROTOCOL_PARTS,
+    GroupScores,
+    Metric,
+    Scores,
+    metrics_of,
+)
 from evaluators.reporting.pages import PART_TITLES, REFERENCE_TITLES, figure
 from evaluators.reporting.report import authors_text, headline
 
-_PARTS = ("overall", "part_1", "part_2")
+_PARTS = ("overall", "part_1", "part_2", "part_3")
+#: Order of the protocols on a page; the first that there is is shown first.
+_PROTOCOLS = ("listen", "strict", "official")
 _DIGEST_LENGTH = 7
 
 
@@ -120,7 +130,7 @@ class View:
     """The rows of the page for a dataset, one part and one ruler.
 
     Attributes:
-        part: ``overall``, ``part_1`` or ``part_2``.
+        part: ``overall``, ``part_1``, ``part_2`` or ``part_3``.
         ruler: which.
         tables: one, or several where the truths differ, or none.
         left_out: methods that were scored against the dataset, but not with this ruler.
@@ -130,6 +140,12 @@ class View:
     ruler: Ruler
     tables: tuple[Table, ...]
     left_out: tuple[str, ...]
+
+    @property
+    def fits(self) -> bool:
+        """Whether the protocol scores the part at all."""
+        scored = {str(name): parts for name, parts in PROTOCOL_PARTS.items()}
+        return self.part == "overall" or self.part in scored.get(self.ruler.protocol, ())
 
 
 @dataclass(frozen=True)
@@ -173,6 +189,7 @@ def leaderboard_values(entries: Sequence[Entry]) -> dict[str, Any]:
         "rulers": [(ruler.id, labels[ruler.id]) for ruler in rulers],
         "labels": labels,
         "parts": [(name, PART_TITLES[name]) for name in parts],
+        "protocols": tuple(dict.fromkeys(ruler.protocol for ruler in rulers)),
     }
 
 
@@ -185,11 +202,11 @@ def rulers_of(entry: Entry) -> tuple[Ruler, ...]:
 
 
 def _ordered(rulers: Iterable[Ruler]) -> list[Ruler]:
-    """Strict before official, the newest version first."""
+    """Listen before strict before official, the newest version first."""
 
     def order(ruler: Ruler) -> tuple[Any, ...]:
         numbers = tuple(-int(piece) for piece in re.findall(r"\d+", ruler.version))
-        return (ruler.protocol != "strict", numbers, ruler.version, ruler.voxel_size or 0.0)
+        return (_PROTOCOLS.index(ruler.protocol), numbers, ruler.version, ruler.voxel_size or 0.0)
 
     return sorted(rulers, key=order)
 
@@ -225,7 +242,7 @@ def _sections(entries: Sequence[Entry], rulers: Sequence[Ruler], parts: Sequence
 
 def _tables(entries: Iterable[Entry], ruler: Ruler, part: str) -> tuple[Table, ...]:
     """Usually one; the entries without the part or the ruler are left out."""
-    members = [entry for entry in entries if ruler in rulers_of(entry) and _group(entry, part) is not None]
+    members = [entry for entry in entries if ruler in rulers_of(entry) and _scored(_group(entry, part), ruler)]
     truths: dict[Any, list[Entry]] = {}
     for entry in members:
         if entry.whole:
@@ -235,6 +252,11 @@ def _tables(entries: Iterable[Entry], ruler: Ruler, part: str) -> tuple[Table, .
         return (_table([], partial, ruler, part),)
     ordered = sorted(truths.values(), key=lambda group: (-len(group), group[0].digest))
     return tuple(_table(group, [] if number else partial, ruler, part) for number, group in enumerate(ordered))
+
+
+def _scored(group: GroupScores | None, ruler: Ruler) -> bool:
+    """Whether a group has scores of the ruler's protocol."""
+    return getattr(group, ruler.protocol, None) is not None
 
 
 def _left_out(entries: Iterable[Entry], ruler: Ruler) -> tuple[str, ...]:
@@ -258,16 +280,16 @@ def truth_figures(entry: Entry, ruler: Ruler) -> tuple[Any, ...]:
 
 def _table(entries: Sequence[Entry], partial: Sequence[Entry], ruler: Ruler, part: str) -> Table:
     ranking = headline(metrics_of(ruler.protocol))
-    assert ranking is not None  # both protocols have an IoU
+    assert ranking is not None  # every protocol has an IoU
     rows = [_row(entry, part) for entry in entries]
     values = [value for row in rows if _competes(row) and (value := figure(row.group, ranking)) is not None]
     rows = [
         Row(_rank(figure(r.group, ranking), values) if _competes(r) else None, r.title, r.entry, r.group) for r in rows
     ]
     beside = references_of(entries)
-    for name in REFERENCES:
+    for name in ALL_REFERENCES:
         group = beside.get(name, {}).get(part)
-        if group is not None:
+        if group is not None and _scored(group, ruler):
             rows.append(Row(None, REFERENCE_TITLES[name], None, group))
     below = [_row(entry, part) for entry in partial]
     metrics = tuple(

@@ -15,10 +15,11 @@ from typing import Any
 
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.scores import (
+    ALL_REFERENCES,
     BLIND_REFERENCES,
+    DEAF_ORACLES,
     DEAF_REFERENCES,
     METRICS,
-    REFERENCES,
     GroupScores,
     Metric,
     ObservationScores,
@@ -29,6 +30,10 @@ from avs3d_bench.templates import words
 from evaluators.records import Evaluation, FrameScore, Submission
 from evaluators.reporting.pages import PART_NOTES, PART_TITLES, REFERENCE_TITLES, figure, interval, write_page
 from evaluators.reporting.pictures import Triple, draw_triple
+from evaluators.reporting.siblings import draw_siblings
+
+#: Groups of siblings that a report shows, those with the most wrong pairs first.
+SHOWN_GROUPS = 6
 
 
 @dataclass(frozen=True)
@@ -116,7 +121,9 @@ def write_report(path: Path, evaluation: Evaluation, dataset: Dataset, submissio
         "best": _triples(evaluation.best, dataset, submission),
     }
     twins = any(triple.twins for triples in frames.values() for triple in triples)
-    write_page(Path(path), "report.html.j2", report_values(scores) | {"frames": frames, "has_twins": twins})
+    groups = [draw_siblings(shown, dataset, submission) for shown in evaluation.groups[:SHOWN_GROUPS]]
+    values = report_values(scores) | {"frames": frames, "has_twins": twins, "groups": groups}
+    write_page(Path(path), "report.html.j2", values)
 
 
 def _triples(frames: Iterable[FrameScore], dataset: Dataset, submission: Submission) -> tuple[Triple, ...]:
@@ -138,9 +145,11 @@ def report_values(scores: Scores) -> dict[str, Any]:
         "table": figure_rows(scores),
         "observations": scores.observations,
         "has_category": any(observation.category for observation in scores.observations),
-        "has_strict": any(observation.strict for observation in scores.observations),
+        "has_visible": any(observation.strict or observation.listen for observation in scores.observations),
+        "protocols": tuple(scores.avs3d_eval.protocols),
         "unavailable": unavailable(scores),
         "all_metrics": METRICS,
+        "groups": (),
         "runtime": runtime_text(scores.submission.runtime),
         "authors": authors_text(scores.submission.authors),
     }
@@ -160,9 +169,10 @@ def observation_figure(observation: ObservationScores, metric: Metric) -> float 
 
 
 def headline(known: Iterable[Metric]) -> Metric | None:
-    """The main figure: strict IoU, else the released mIoU."""
+    """The main figure: pair accuracy where there are sound scenes, else strict IoU, else the released mIoU."""
     by_name = {(metric.protocol, metric.name): metric for metric in known}
-    return by_name.get(("strict", "IoU")) or by_name.get(("official", "mIoU"))
+    order = (("listen", "pair_accuracy"), ("listen", "IoU"), ("strict", "IoU"), ("official", "mIoU"))
+    return next((by_name[each] for each in order if each in by_name), None)
 
 
 def in_order(known: tuple[Metric, ...]) -> tuple[Metric, ...]:
@@ -172,25 +182,29 @@ def in_order(known: tuple[Metric, ...]) -> tuple[Metric, ...]:
 
 
 def cards(scores: Scores, known: tuple[Metric, ...]) -> tuple[Card, ...]:
-    """Overall and each part at a glance."""
-    metric = headline(known)
-    if metric is None:
-        return ()
-    chosen = {("strict", "F"), ("strict", "boundary_F"), ("strict", "FP_rate"), ("strict", "wrong_instance_rate"),
+    """Overall and each part at a glance; the main figure of a part is one of a protocol that scores it."""
+    chosen = {("listen", "pair_accuracy"), ("listen", "IoU"), ("listen", "FP_rate"), ("listen", "class_mIoU"),
+              ("strict", "F"), ("strict", "boundary_F"), ("strict", "FP_rate"), ("strict", "wrong_instance_rate"),
               ("strict", "IoU_3D"), ("official", "mIoU"), ("official", "F")}  # fmt: skip
-    beside = tuple(m for m in known if (m.protocol, m.name) in chosen and m is not metric)
-    return tuple(
-        Card(
-            PART_TITLES[name],
-            PART_NOTES[name],
-            group,
-            metric,
-            beside,
-            best_reference(scores, name, metric),
-            best_reference(scores, name, metric, DEAF_REFERENCES) if name == "part_2" else None,
+    found = []
+    for name, group in _parts(scores).items():
+        scored = [m for m in known if getattr(group, m.protocol) is not None]
+        metric = headline(scored)
+        if metric is None:
+            continue
+        deaf = {"part_2": DEAF_REFERENCES, "part_3": DEAF_ORACLES}.get(name)
+        found.append(
+            Card(
+                PART_TITLES[name],
+                PART_NOTES[name],
+                group,
+                metric,
+                tuple(m for m in scored if (m.protocol, m.name) in chosen and m is not metric),
+                best_reference(scores, name, metric),
+                best_reference(scores, name, metric, deaf) if deaf else None,
+            )
         )
-        for name, group in _parts(scores).items()
-    )
+    return tuple(found)
 
 
 def _parts(scores: Scores) -> dict[str, GroupScores]:
@@ -217,7 +231,7 @@ def best_reference(
 def chart(scores: Scores, metric: Metric) -> Chart:
     """The bars of one figure: parts with their references, then categories and rooms."""
     groups = [*_parts(scores).values(), *scores.categories.values(), *scores.rooms.values()]
-    references = [scores.references.get(name, {}).get(part) for name in REFERENCES for part in _parts(scores)]
+    references = [scores.references.get(name, {}).get(part) for name in ALL_REFERENCES for part in _parts(scores)]
     top = scale_end(metric, [figure(group, metric) for group in (*groups, *references)],
                     [interval(group, metric) for group in groups])  # fmt: skip
 
@@ -229,7 +243,7 @@ def chart(scores: Scores, metric: Metric) -> Chart:
     blocks: list[tuple[str, tuple[Bar, ...]]] = []
     for name, group in _parts(scores).items():
         rows = [bar("submission", "", "own", group)]
-        for reference in REFERENCES:
+        for reference in ALL_REFERENCES:
             beside = scores.references.get(reference, {}).get(name)
             if figure(beside, metric) is not None:
                 rows.append(bar(REFERENCE_TITLES[reference], "reference", "reference", beside))
@@ -268,7 +282,7 @@ def figure_rows(scores: Scores) -> tuple[tuple[str, str, str, GroupScores], ...]
     rows: list[tuple[str, str, str, GroupScores]] = []
     for name, group in _parts(scores).items():
         rows.append(("part", PART_TITLES[name], PART_NOTES[name], group))
-        for reference in REFERENCES:
+        for reference in ALL_REFERENCES:
             beside = scores.references.get(reference, {}).get(name)
             if beside is not None:
                 rows.append(("reference", REFERENCE_TITLES[reference], "reference", beside))
@@ -279,13 +293,12 @@ def figure_rows(scores: Scores) -> tuple[tuple[str, str, str, GroupScores], ...]
 
 def unavailable(scores: Scores) -> tuple[tuple[Metric, str], ...]:
     """Figures that are null over all observations, and why."""
-    strict = scores.overall.strict
-    if strict is None:
-        return ()
+    reasons = {name: getattr(scores.overall, name).unavailable for name in ("strict", "listen")
+               if getattr(scores.overall, name) is not None}  # fmt: skip
     return tuple(
-        (metric, strict.unavailable.get(metric.name) or "not known")
+        (metric, reasons[metric.protocol].get(metric.name) or "not known")
         for metric in METRICS
-        if metric.protocol == "strict" and figure(scores.overall, metric) is None
+        if metric.protocol in reasons and figure(scores.overall, metric) is None
     )
 
 

@@ -11,7 +11,7 @@ from typing import Any
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.report import printable
 from avs3d_bench.schema import Scalar
-from avs3d_bench.scores import METRICS, REFERENCES, GroupScores, Metric, Scores
+from avs3d_bench.scores import ALL_REFERENCES, METRICS, GroupScores, Metric, Scores
 from avs3d_bench.taxonomy import PARTS
 from evaluators.reporting import paper
 from evaluators.reporting.pages import REFERENCE_TITLES, figure, interval
@@ -25,8 +25,11 @@ COLUMNS: tuple[Metric, ...] = tuple(
     metric
     for metric in METRICS
     if (metric.protocol, metric.name)
-    in {("official", "mIoU"), ("official", "F"), ("strict", "IoU"), ("strict", "F"), ("strict", "wrong_instance_rate")}
-)
+    in {
+        ("official", "mIoU"), ("official", "F"), ("strict", "IoU"), ("strict", "F"), ("strict", "wrong_instance_rate"),
+        ("listen", "pair_accuracy"), ("listen", "IoU"), ("listen", "FP_rate"), ("listen", "class_mIoU"),
+    }
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -36,7 +39,7 @@ class Row:
     Attributes:
         title: the method or reference, with a suffix if others have the same name.
         entry: None for a reference.
-        part: ``part_1``, ``part_2`` or ``overall``.
+        part: ``part_1``, ``part_2``, ``part_3`` or ``overall``.
         group: the scores in the row.
         match: the paper's row, or why there is none; None for a reference.
         paper: figure of the protocol ``official`` → the paper's.
@@ -136,7 +139,7 @@ def table_2(entries: Iterable[Entry]) -> Table:
                 group = _part(entry.scores.parts, part)
                 if group is not None:
                     match = paper.match(entry.scores.submission)
-                    figures = paper.TABLE_2[match.row][part] if match.row else {}
+                    figures = paper.TABLE_2[match.row].get(part, {}) if match.row else {}
                     rows.append(Row(titles[entry.digest], entry, part, group, match, figures))
             rows += _references(shown, part)
         sections.append(Section(len(sections) + 1, rulers, tuple(rows), len(swept)))
@@ -188,13 +191,15 @@ def _part(groups: Mapping[Any, GroupScores], part: str) -> GroupScores | None:
 def _references(entries: Iterable[Entry], part: str) -> list[Row]:
     """The reference rows; the same for every entry of a section, because one truth gives one figure."""
     references = references_of(entries)
-    beside = {name: references.get(name, {}).get(part) for name in REFERENCES}
+    beside = {name: references.get(name, {}).get(part) for name in ALL_REFERENCES}
     return [Row(REFERENCE_TITLES[name], None, part, group, None, {}) for name, group in beside.items() if group]
 
 
 def records(table: Table) -> list[dict[str, Scalar]]:
     """A table as in its CSV: one record per row and part, full precision, intervals as ``_low``, ``_high``."""
-    found = [_record(section, row, table) for section in table.sections for row in section.rows]
+    scenes = any(ruler.protocol == "listen" for section in table.sections for ruler in section.rulers)
+    columns = [metric for metric in COLUMNS if metric.protocol != "listen" or scenes]
+    found = [_record(section, row, table, columns) for section in table.sections for row in section.rows]
     return [{name: _inert(value) for name, value in record.items()} for record in found]
 
 
@@ -216,7 +221,7 @@ def csv(table: Table) -> str:
     return stream.getvalue()
 
 
-def _record(section: Section, row: Row, table: Table) -> dict[str, Scalar]:
+def _record(section: Section, row: Row, table: Table, columns: Iterable[Metric]) -> dict[str, Scalar]:
     data = section.scores.dataset
     out: dict[str, Scalar] = {
         "section": section.number,
@@ -233,7 +238,7 @@ def _record(section: Section, row: Row, table: Table) -> dict[str, Scalar]:
     }
     if table.name == "table3":
         out[THRESHOLD] = row.threshold
-    for metric in COLUMNS:
+    for metric in columns:
         low, high = interval(row.group, metric) or (None, None)
         name = f"{metric.protocol}_{metric.name}"
         out |= {name: figure(row.group, metric), f"{name}_low": low, f"{name}_high": high}

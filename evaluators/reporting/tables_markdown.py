@@ -112,7 +112,8 @@ def _paper(row: Row, metric: Metric, notes: list[tuple[str, ...]]) -> str:
 
 def _absent(rows: Sequence[Row], part: str) -> Iterable[str]:
     """The paper's methods that no file is of."""
-    if not any(figure(row.group, metric) is not None for row in rows for metric in metrics_of("official")):
+    known = any(figure(row.group, metric) is not None for row in rows for metric in metrics_of("official"))
+    if part not in ("part_1", "part_2") or not known:
         return
     present = {row.match.row for row in rows if row.match}
     absent = [
@@ -124,11 +125,16 @@ def _absent(rows: Sequence[Row], part: str) -> Iterable[str]:
         yield f"In the paper, and not among these files (mIoU / F): {', '.join(absent)}."
 
 
+def _listens(section: Section) -> bool:
+    return any(ruler.protocol == "listen" for ruler in section.rulers)
+
+
 def _legend(table: Table, section: Section, notes: Sequence[tuple[str, ...]]) -> Iterable[str]:
     lower = [f"{m.protocol} {m.title}" for m in section.columns if not m.higher_is_better]
     better = f"Higher is better, except {' and '.join(lower)}." if lower else "Higher is better."
     slanted = "*Slanted*: reference rows; deaf: true masks chosen without sound."
-    yield f"- {better} In brackets: 95 % interval, bootstrap over observations. {slanted}"
+    over = "observations (listen: over groups of siblings)" if _listens(section) else "observations"
+    yield f"- {better} In brackets: 95 % interval, bootstrap over {over}. {slanted}"
     if any(row.paper for row in section.rows):
         scene = f" ({paper.TABLE_3_SCENE} alone)" if table.name == "table3" else ""
         yield f"- paper: {paper.CITATION}; measured on {paper.DATASET}{scene}."

@@ -1,0 +1,97 @@
+"""Siblings of a group side by side in a report: the same picture, and under each what sounds, truth and prediction."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from avs3d_bench import layout
+from avs3d_bench.dataset import Dataset, Frame
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.media import read_png_mask
+from evaluators.metrics import frame_counts
+from evaluators.pairs import is_right
+from evaluators.records import SiblingFrame, Submission
+from evaluators.reporting.pictures import SMALL, Picture, error_picture, error_words, frame_of, picture, resized
+
+
+@dataclass(frozen=True)
+class Sibling:
+    """One sibling in one frame.
+
+    Attributes:
+        key: of the observation.
+        sounds: what is audible in the frame, in words.
+        picture: hit, missed and false pixels, with the outline of the truth.
+        right: whether the prediction is right by itself.
+        note: what went on, in a few words.
+    """
+
+    key: str
+    sounds: str
+    picture: Picture
+    right: bool
+    note: str
+
+
+@dataclass(frozen=True)
+class Siblings:
+    """A group in one frame.
+
+    Attributes:
+        shown: which group and frame.
+        frame: the camera's picture, the same for all siblings.
+        siblings: in the order of their keys.
+    """
+
+    shown: SiblingFrame
+    frame: Picture
+    siblings: tuple[Sibling, ...]
+
+
+def draw_siblings(shown: SiblingFrame, dataset: Dataset, submission: Submission) -> Siblings:
+    """Draw the pictures of a frame of a group.
+
+    Raises:
+        Avs3dError: if a picture cannot be read, or a mask has another size than the frame.
+    """
+    frames = [frame_of(dataset, key, shown.name) for key in shown.keys]
+    rgb = frames[0].rgb()
+    siblings = []
+    for frame in frames:
+        key = frame.observation.key
+        truth, path = frame.mask(), submission.mask_path(key, frame.name)
+        prediction = read_png_mask(path)
+        for where, mask in ((frame.path(layout.SEMANTIC_MASKS), truth), (path, prediction)):
+            if mask.shape != rgb.shape[:2]:
+                size, expected = "{1}×{0}".format(*mask.shape), "{1}×{0}".format(*rgb.shape)
+                raise Avs3dError(f"{where}: {size} pixels, expected the frame's {expected}")
+        counts = frame_counts(truth.view(np.uint8), prediction.view(np.uint8))
+        sounds = sounds_in(frame)
+        alt = f"{key}, {frame.name}: {sounds}; {error_words(truth, prediction)}"
+        drawn = picture(error_picture(rgb, truth, prediction, [], SMALL), alt)
+        if counts.truth:
+            note = f"IoU {counts.overlap / counts.union:.2f}"
+        else:
+            note = "nothing to mark" + (f", {counts.predicted:,} pixels marked" if counts.predicted else "")
+        siblings.append(Sibling(key, sounds, drawn, is_right(counts), note))
+    alt = f"Camera frame {shown.name}, the same for all siblings of {shown.group}"
+    return Siblings(shown, picture(resized(rgb, SMALL), alt), tuple(siblings))
+
+
+def sounds_in(frame: Frame) -> str:
+    """What is audible in a frame, in words: ``microwave and telephone``, ``clock in the living room``, ``silence``."""
+    record, entry = frame.observation.record, frame.record
+    if record is None or entry is None or entry.audible is None:
+        return "not known"
+    found: Counter[str] = Counter()
+    for one in entry.audible:
+        source = record.source(one.source)
+        name = source.category.replace("_", " ")
+        found[name if source.instance is not None else f"{name} in the {source.room.replace('_', ' ')}"] += 1
+    words = [name if count == 1 else f"{count} × {name}" for name, count in found.items()]
+    if record.background is not None:
+        words.append(f"background ({record.background.kind.replace('_', ' ')})")
+    return " and ".join(words) or "silence"
