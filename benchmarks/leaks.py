@@ -27,7 +27,7 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import write_json
 from avs3d_bench.geometry import Intrinsics, Pose
 from avs3d_bench.parallel import process_each
-from avs3d_bench.taxonomy import CATEGORIES
+from avs3d_bench.taxonomy import DISTRACTORS
 from benchmarks.unseen_homes import ROOMS, home_of, plans_of, sample_manifest
 from generators.arrangement import arrange, draw_sounding
 from generators.core.rays import RayCaster
@@ -121,7 +121,7 @@ def observe(plan: ObservationPlan, size: int, *, biased: bool = False) -> Seen |
     if plan.spec.part == "part_2":
         candidates = [n for n in everyone if seen.placements[n - 1].model.category == plan.spec.category]
     else:
-        candidates = [n for n in everyone if seen.placements[n - 1].model.category in CATEGORIES]
+        candidates = [n for n in everyone if seen.placements[n - 1].model.category not in DISTRACTORS]
     features = np.array([_features(n, ids, poses, seen.placements, points) for n in candidates])
     in_view = np.array([(ids == n).any(axis=(1, 2)).mean() for n in everyone])
     return Seen(plan.spec.part, plan.spec.scan, plan.key, features, candidates.index(sounding), in_view)

@@ -280,6 +280,16 @@ def test_twins_are_equal_and_observations_differ(tmp_path: Path) -> None:
     assert np.ptp(heights) > 0.03  # of a range of 0.15 m
 
 
+def test_a_model_is_the_same_whether_it_sounds_or_not(tmp_path: Path) -> None:
+    """Else its height would tell what sounds."""
+    entries = (ENTRY, ENTRY | {"category": "clock", "silent": ["oven", "hair_dryer"]})
+    heights = []
+    for entry in entries:
+        (plan,) = plans(tmp_path, document(observations=[entry]))
+        heights += [model.size for model in choose_models(plan) if model.category == "hair_dryer"]
+    assert heights[0] == heights[1]
+
+
 def test_the_height_of_a_file_goes_before_the_range(tmp_path: Path) -> None:
     objects = {"hair_dryer": [{"file": "dryer.glb", "height": 0.9, "licence": LICENCE}]}
     (plan,) = plans(tmp_path, document(objects=objects))
