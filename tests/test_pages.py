@@ -122,7 +122,7 @@ def test_manifests_are_read(block: Block, tmp_path: Path) -> None:
 
 
 def test_the_error_of_the_page_on_manifests_is_the_one_that_is_printed(tmp_path: Path) -> None:
-    whole, error = (block.code for block in blocks(ROOT / "docs/manifest.md"))
+    whole, error, *_ = (block.code for block in blocks(ROOT / "docs/manifest.md"))
     (tmp_path / "mine.yaml").write_text(whole.replace("category: microwave", "category: microwve"), encoding="utf-8")
     with pytest.raises(UsageError) as raised:
         read_manifest(tmp_path / "mine.yaml")
