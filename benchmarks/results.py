@@ -61,13 +61,14 @@ def train_one(context: Context, job: TrainJob) -> dict[str, Any]:
     from baselines.echosegnet.cache import Stages
     from baselines.echosegnet.jobs import device_of
     from baselines.echosegnet.pictures import view_psnr
+    from baselines.echosegnet.sound_scenes import work_folder
     from baselines.echosegnet.train import Report
     from baselines.echosegnet.training_stage import trained
     from baselines.echosegnet.views import load_views, test_views, train_views
 
     rasteriser = device_of(context, job.devices)
     observation = Observation(job.root, job.key)
-    views, stages = load_views(observation), Stages(job.work / job.key)
+    views, stages = load_views(observation), Stages(work_folder(job.work, observation))
     start = time.perf_counter()
     said: list[tuple[int, float, float, int]] = []
 

@@ -176,7 +176,7 @@ HOUSE = {
         "trivial": "",
         "owod_bind": "networks",
         "denseav": "networks",
-        "echosegnet": "oracle oracle_errors",
+        "echosegnet": "oracle oracle_errors oracle_scenes",
         "cli": "oracle_errors oracle deaf trivial owod_bind denseav echosegnet",
     },
 }

@@ -44,7 +44,7 @@ PHASE_BAND = (150.0, 1500.0)
 OCTAVE_EDGES = np.array([177.0, 354.0, 707.0, 1414.0, 2828.0, 5657.0, 11314.0, 18000.0])
 #: Octaves this far below the loudest are ignored (dB): they hold leakage and quantisation noise.
 _BAND_FLOOR_DB = 30.0
-_WINDOW, _HOP = 1024, 256  # 23 ms and 6 ms
+WINDOW, HOP = 1024, 256  # 23 ms and 6 ms
 #: A bin is an onset if it is this much louder (3 dB) than the mean of its past, forgotten with this time constant (s).
 _ONSET, _MEMORY = 2.0, 0.05
 #: Weight of a bin that is no onset, so that a steady tone counts as well.
@@ -88,23 +88,33 @@ def observe(clips: NDArray[np.floating]) -> Cues:
     Raises:
         Avs3dError: if the shape is another, a clip is shorter than 23 ms, or a sample is NaN or infinite.
     """
-    clips = np.asarray(clips)
-    if clips.ndim != 3 or clips.shape[1] != 2 or clips.shape[2] < _WINDOW:
-        raise Avs3dError(f"binaural clips: shape {clips.shape}, expected (views, 2, samples ≥ {_WINDOW})")
-    bad = np.flatnonzero(~np.isfinite(clips).all(axis=(1, 2)))
-    if len(bad):
-        raise Avs3dError(f"binaural clips: clip {bad[0]} holds NaN or infinite samples; regenerate the audio")
-    frequencies = rfftfreq(_WINDOW, 1 / SAMPLE_RATE)
+    clips = checked(clips)
+    frequencies = rfftfreq(WINDOW, 1 / SAMPLE_RATE)
     phase_bins = (frequencies >= PHASE_BAND[0]) & (frequencies < PHASE_BAND[1])
     edges = np.searchsorted(frequencies, OCTAVE_EDGES)
     phasors = np.zeros((len(clips), int(phase_bins.sum())), dtype=np.complex128)
     energy = np.zeros((len(clips), 2, len(OCTAVE_EDGES) - 1))
     for v, clip in enumerate(clips):
-        spectrum = _spectrogram(clip)
+        spectrum = spectrogram(clip)
         power = np.square(np.abs(spectrum))
         energy[v] = np.add.reduceat(power.sum(axis=1), edges, axis=1)[:, :-1]
         phasors[v] = _phasor(spectrum[..., phase_bins], power[..., phase_bins].sum(axis=0))
     return _cues(frequencies[phase_bins], phasors, energy)
+
+
+def checked(clips: NDArray[np.floating]) -> NDArray[np.floating]:
+    """The clips (V, 2, n), or a clear line.
+
+    Raises:
+        Avs3dError: if the shape is another, a clip is shorter than 23 ms, or a sample is NaN or infinite.
+    """
+    clips = np.asarray(clips)
+    if clips.ndim != 3 or clips.shape[1] != 2 or clips.shape[2] < WINDOW:
+        raise Avs3dError(f"binaural clips: shape {clips.shape}, expected (views, 2, samples ≥ {WINDOW})")
+    bad = np.flatnonzero(~np.isfinite(clips).all(axis=(1, 2)))
+    if len(bad):
+        raise Avs3dError(f"binaural clips: clip {bad[0]} holds NaN or infinite samples; regenerate the audio")
+    return clips
 
 
 def _cues(frequencies: Array, phasors: NDArray[np.complex128], energy: Array) -> Cues:
@@ -122,10 +132,10 @@ def _cues(frequencies: Array, phasors: NDArray[np.complex128], energy: Array) ->
     return Cues(frequencies, phasors, np.where(heard[:, None], ild, 0.0), level, bands)
 
 
-def _spectrogram(clip: NDArray[np.floating]) -> NDArray[np.complex128]:
+def spectrogram(clip: NDArray[np.floating]) -> NDArray[np.complex128]:
     """(2, frames, bins) short-time spectrum with a periodic Hann window."""
-    window = np.hanning(_WINDOW + 1)[:_WINDOW]
-    framed = np.lib.stride_tricks.sliding_window_view(clip.astype(np.float64), _WINDOW, axis=-1)[:, ::_HOP]
+    window = np.hanning(WINDOW + 1)[:WINDOW]
+    framed = np.lib.stride_tricks.sliding_window_view(clip.astype(np.float64), WINDOW, axis=-1)[:, ::HOP]
     return np.asarray(rfft(framed * window, axis=-1), dtype=np.complex128)
 
 
@@ -133,11 +143,16 @@ def _phasor(spectrum: NDArray[np.complex128], power: Array) -> NDArray[np.comple
     """(F,) sum of the unit phasors of right against left (2, frames, F), onsets (from ``power`` (frames, F)) first."""
     cross = spectrum[1] * np.conj(spectrum[0])
     unit = cross / np.maximum(np.abs(cross), np.finfo(float).tiny)
-    forget = np.exp(-_HOP / SAMPLE_RATE / _MEMORY)
+    return np.asarray((onset_weights(power) * unit).sum(axis=0))
+
+
+def onset_weights(power: Array) -> Array:
+    """(frames, F) weights of bins of a power (frames, F): those that follow an onset count most."""
+    forget = np.exp(-HOP / SAMPLE_RATE / _MEMORY)
     # Before the clip the past is taken to have been like its first frame: a clip's beginning is no onset.
     smooth, _ = lfilter([1 - forget], [1, -forget], power, axis=0, zi=forget * power[:1])
     past = np.concatenate([power[:1], smooth[:-1]])
-    return np.asarray(((_STEADY + (power > _ONSET * past)) * unit).sum(axis=0))
+    return np.asarray(_STEADY + (power > _ONSET * past))
 
 
 def lateral_angle(directions: ArrayLike) -> Array:

@@ -11,16 +11,21 @@ chosen Gaussians are decomposed. ``spatial`` is what we think it should do, and 
 by the splats' own transmittance, so that hidden points do not vote; fragments merged and the cluster chosen by the
 likelihood of what both ears heard; no decomposition; masks visible-only. Both share the training.
 
+On sound scenes (part_3, `sound_scenes`) ``official`` runs as it is. ``spatial`` infers which clusters sound in which
+frames, and draws the active ones of each test frame: nothing where none is.
+
 Training reads `images/` with the cameras of `sparse/0`. Masks, given and made, belong to `input/`: they meet the
 Gaussians through the camera of `input/` (`views.input_views`), at its own size, so that no mask is ever resampled.
-Test frames give their pose (and split); neither their truth nor their pictures are read.
+Test frames give their pose (and split), in sound scenes their clip as well; neither their truth nor their pictures are
+read.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
 
@@ -31,6 +36,7 @@ from scipy.spatial import cKDTree
 
 from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.file_lock import turn
 from avs3d_bench.geometry import flip_world
 from avs3d_bench.schema import Scalar
 from baselines.echosegnet import aisrm, clusters, spatial
@@ -39,11 +45,15 @@ from baselines.echosegnet.decompose import decompose
 from baselines.echosegnet.gaussians import Gaussians, write_ply
 from baselines.echosegnet.rasteriser.default import Rasteriser
 from baselines.echosegnet.render import amodal_mask, visible_mask
+from baselines.echosegnet.sound_scenes import Categories, class_votes, cluster_activity, is_sound_scene
 from baselines.echosegnet.sources import Mask, MaskSource
 from baselines.echosegnet.train import Progress, TrainingSettings
 from baselines.echosegnet.training_stage import trained
 from baselines.echosegnet.views import View, input_views, load_views, test_views, train_views
 from baselines.echosegnet.voting_stage import Variant, vote_share
+
+#: Successive train views whose votes are counted together in sound scenes: programmes last for some seconds.
+MASK_RUN = 8
 
 
 @dataclass(frozen=True)
@@ -77,11 +87,13 @@ class Prediction:
         masks: name of a test frame → (H, W) bool.
         points: (N, 3) float64 centres of the chosen Gaussians, metres, world of the dataset (Y up).
         figures: seconds per stage, numbers of Gaussians and clusters.
+        categories: name of a test frame of part_3 → (H, W) class ids; None elsewhere, and if the masks have no classes.
     """
 
     masks: dict[str, Mask]
     points: NDArray[np.float64]
     figures: dict[str, Scalar]
+    categories: dict[str, Categories] | None = None
 
 
 def predict(
@@ -100,42 +112,188 @@ def predict(
     """
     stages, clock = Stages(folder), _Clock()
     views = load_views(observation)
-    with clock("train"):
+    scene = is_sound_scene(observation)
+    with clock("masks"):
+        masks = _masks(observation, train_views(input_views(views)), source) if scene else []
+    if scene and not any(mask.any() for mask in masks):
+        return _nothing(observation, source, clock)  # nothing sounds in the train frames: there is nothing to lift
+    with clock("train"), turn(stages.folder / "training.lock"):
         gaussians, key, full_at = trained(observation, views, rasteriser, settings.training, stages, progress)
     views = input_views(views)
     seen = train_views(views)
-    with clock("masks"):
-        masks = _masks(observation, seen, source)
+    if not scene:
+        with clock("masks"):
+            masks = _masks(observation, seen, source)
+    by_frame = scene and settings.variant == "spatial" and settings.refine
     with clock("lift"):
-        share = vote_share(gaussians, seen, masks, rasteriser, settings.variant, stages, key)
+        run = MASK_RUN if by_frame else None
+        share = vote_share(gaussians, seen, masks, rasteriser, settings.variant, stages, key, run=run)
         labelled = share > settings.voting_threshold
-        part = gaussians.select(torch.as_tensor(np.flatnonzero(labelled)))
-    if settings.variant == "official":
-        with clock("refine"):
-            chosen, clusters = _refine_official(gaussians, part, seen, settings.refine, stages, key)
-            part = part.select(chosen)
-        with clock("decompose"):
-            part = decompose(part, seen, masks, every=settings.decompose_every)
-        with clock("render"):
-            drawn = {view.name: amodal_mask(rasteriser, part, view) for view in test_views(views)}
+    lifted = _Lifted(gaussians, np.flatnonzero(labelled), views, seen, masks, source)
+    if by_frame:
+        answer = _by_frame(lifted, rasteriser, clock)
+    elif settings.variant == "official":
+        answer = _official(lifted, rasteriser, settings, stages, key, clock)
     else:
-        with clock("refine"):
-            chosen, clusters = _refine_spatial(part, seen, settings.refine)
-            part = part.select(chosen)
-            index = np.flatnonzero(labelled)[chosen]
-        with clock("render"):
-            which = torch.zeros(len(gaussians), dtype=torch.bool, device=gaussians.device)
-            which[torch.as_tensor(index, device=gaussians.device)] = True
-            drawn = {view.name: visible_mask(rasteriser, gaussians, which, view) for view in test_views(views)}
+        answer = _one_cluster(lifted, rasteriser, settings, clock)
+    if scene and not by_frame:
+        answer = replace(answer, named=_one_class(answer.part, seen, source, answer.drawn))
     figures: dict[str, Scalar] = {
         "gaussians": len(gaussians),
         "memory_full_at": full_at,
         "labelled": int(labelled.sum()),
-        "chosen": len(part),
-        "clusters": clusters,
+        "chosen": len(answer.part),
+        "clusters": answer.clusters,
         **{f"{stage}_seconds": round(seconds, 2) for stage, seconds in clock.seconds.items()},
     }
-    return Prediction(_complete(observation, drawn), flip_world(_numpy(part.means)), figures)
+    return Prediction(
+        _complete(observation, answer.drawn), flip_world(_numpy(answer.part.means)), figures,
+        _complete_classes(observation, answer.named),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Lifted:
+    """What the stages after the lifting start from.
+
+    Attributes:
+        gaussians: of the whole scene.
+        index: (n,) the labelled ones among them.
+        views: all views, in the order of time.
+        seen: the train views among them.
+        masks: of the train views.
+        source: of the masks.
+    """
+
+    gaussians: Gaussians
+    index: NDArray[np.intp]
+    views: Sequence[View]
+    seen: Sequence[View]
+    masks: list[Mask]
+    source: MaskSource
+
+    @cached_property
+    def part(self) -> Gaussians:
+        """The labelled Gaussians."""
+        return self.gaussians.select(torch.as_tensor(self.index))
+
+    def selection(self, index: NDArray[np.intp]) -> torch.Tensor:
+        """(N,) bool: the scene's Gaussians at ``index``."""
+        which = torch.zeros(len(self.gaussians), dtype=torch.bool, device=self.gaussians.device)
+        which[torch.as_tensor(index, device=self.gaussians.device)] = True
+        return which
+
+
+@dataclass(frozen=True, eq=False)
+class _Answer:
+    """Masks of the test views that have a pose, the chosen Gaussians, the number of clusters, and class ids."""
+
+    drawn: dict[str, Mask]
+    part: Gaussians
+    clusters: int
+    named: dict[str, Categories] | None = None
+
+
+def _official(
+    lifted: _Lifted, rasteriser: Rasteriser, settings: Settings, stages: Stages, key: str, clock: _Clock
+) -> _Answer:
+    with clock("refine"):
+        chosen, kept = _refine_official(lifted.gaussians, lifted.part, lifted.seen, settings.refine, stages, key)
+        part = lifted.part.select(chosen)
+    with clock("decompose"):
+        part = decompose(part, lifted.seen, lifted.masks, every=settings.decompose_every)
+    with clock("render"):
+        drawn = {view.name: amodal_mask(rasteriser, part, view) for view in test_views(lifted.views)}
+    return _Answer(drawn, part, kept)
+
+
+def _one_cluster(lifted: _Lifted, rasteriser: Rasteriser, settings: Settings, clock: _Clock) -> _Answer:
+    with clock("refine"):
+        chosen, count = _refine_spatial(lifted.part, lifted.seen, settings.refine)
+    with clock("render"):
+        which = lifted.selection(lifted.index[chosen])
+        drawn = {
+            view.name: visible_mask(rasteriser, lifted.gaussians, which, view) for view in test_views(lifted.views)
+        }
+    return _Answer(drawn, lifted.part.select(chosen), count)
+
+
+def _nothing(observation: Observation, source: MaskSource, clock: _Clock) -> Prediction:
+    """Empty masks for every test frame, and no points."""
+    figures: dict[str, Scalar] = dict.fromkeys(("gaussians", "labelled", "chosen", "clusters"), 0)
+    figures |= {"memory_full_at": None, **{f"{stage}_seconds": round(s, 2) for stage, s in clock.seconds.items()}}
+    named: dict[str, Categories] | None = None if source.categories(observation.train[0]) is None else {}
+    return Prediction(_complete(observation, {}), np.zeros((0, 3)), figures, _complete_classes(observation, named))
+
+
+@dataclass(frozen=True, eq=False)
+class _Sounding:
+    """What sounds when.
+
+    Attributes:
+        labels: (n,) cluster of each labelled Gaussian; −1 for none.
+        active: (T, K) whether a cluster sounds in each view.
+        classes: (K,) class ids; None if the masks have none.
+    """
+
+    labels: NDArray[np.int64]
+    active: NDArray[np.bool_]
+    classes: NDArray[np.int64] | None
+
+    @property
+    def count(self) -> int:
+        """Number of clusters."""
+        return int(self.active.shape[1])
+
+    @property
+    def ever(self) -> NDArray[np.bool_]:
+        """(n,) whether a labelled Gaussian's cluster sounds in any view."""
+        return np.isin(self.labels, np.flatnonzero(self.active.any(axis=0)))
+
+
+def _sounding(lifted: _Lifted) -> _Sounding:
+    points = _numpy(lifted.part.means)
+    labels = clusters.candidates(points, eps=_reach(points)) if len(points) else np.zeros(0, np.int64)
+    classes = class_votes(points, labels, lifted.seen, lifted.source)
+    if not len(labels) or labels.max() < 0:
+        return _Sounding(labels, np.zeros((len(lifted.views), 0), np.bool_), classes)
+    return _Sounding(labels, cluster_activity(points, labels, lifted.views, clips_of(lifted.views)).active, classes)
+
+
+def _by_frame(lifted: _Lifted, rasteriser: Rasteriser, clock: _Clock) -> _Answer:
+    """The clusters that sound in each test view, and their class ids if they are known."""
+    with clock("refine"):
+        sounding = _sounding(lifted)
+    drawn: dict[str, Mask] = {}
+    named: dict[str, Categories] = {}
+
+    def draw(some: NDArray[np.intp], view: View) -> Mask:
+        which = lifted.selection(lifted.index[np.isin(sounding.labels, some)])
+        return visible_mask(rasteriser, lifted.gaussians, which, view)
+
+    with clock("render"):
+        for number, view in enumerate(lifted.views):
+            if view.split != "test":
+                continue
+            active = np.flatnonzero(sounding.active[number])
+            drawn[view.name] = draw(active, view)
+            if sounding.classes is not None:
+                ids = np.zeros(drawn[view.name].shape, np.uint8)
+                for value in np.unique(sounding.classes[active]):
+                    ids[draw(active[sounding.classes[active] == value], view) & drawn[view.name]] = value
+                named[view.name] = ids
+    part = lifted.part.select(sounding.ever)
+    return _Answer(drawn, part, sounding.count, None if sounding.classes is None else named)
+
+
+def _one_class(
+    part: Gaussians, seen: Sequence[View], source: MaskSource, drawn: dict[str, Mask]
+) -> dict[str, Categories] | None:
+    """The masks with the class of the chosen Gaussians as a whole."""
+    value = class_votes(_numpy(part.means), np.zeros(len(part), np.int64), seen, source)
+    if value is None:
+        return None
+    return {name: (mask * int(value[0] if len(value) else 0)).astype(np.uint8) for name, mask in drawn.items()}
 
 
 def _masks(observation: Observation, views: Sequence[View], source: MaskSource) -> list[Mask]:
@@ -148,7 +306,7 @@ def _masks(observation: Observation, views: Sequence[View], source: MaskSource) 
                 f"expected {view.camera.width}×{view.camera.height}"
             )
         masks.append(mask)
-    if not any(mask.any() for mask in masks):
+    if not is_sound_scene(observation) and not any(mask.any() for mask in masks):
         raise Avs3dError(f"{observation.key}: {source.name} marks nothing in any train frame; nothing can be lifted")
     return masks
 
@@ -212,6 +370,13 @@ def _complete(observation: Observation, drawn: dict[str, Mask]) -> dict[str, Mas
         frame.name: drawn.get(frame.name, np.zeros((camera.height, camera.width), np.bool_))
         for frame in observation.test
     }
+
+
+def _complete_classes(observation: Observation, named: dict[str, Categories] | None) -> dict[str, Categories] | None:
+    """The same for class ids."""
+    camera = observation.intrinsics
+    nothing = np.zeros((camera.height, camera.width), np.uint8)
+    return None if named is None else {frame.name: named.get(frame.name, nothing) for frame in observation.test}
 
 
 def _numpy(tensor: torch.Tensor) -> NDArray[np.float64]:

@@ -21,6 +21,7 @@ from avs3d_bench.submission import SubmissionFolder, SubmissionWriter
 from baselines.echosegnet.jobs import all_devices, device_of, run_each, spread
 from baselines.echosegnet.pipeline import Settings, predict
 from baselines.echosegnet.rasteriser.default import default_rasteriser
+from baselines.echosegnet.sound_scenes import work_folder
 from baselines.echosegnet.sources import MaskSource
 from baselines.echosegnet.train import Report
 
@@ -217,10 +218,10 @@ def predict_one(context: Context, job: Job) -> dict[str, Scalar]:
         for settings, folder in job.targets:
             teller = _Teller(context, job.key)
             prediction = predict(
-                observation, job.source, rasteriser, settings, job.work / job.key, progress=teller.tell
+                observation, job.source, rasteriser, settings, work_folder(job.work, observation), progress=teller.tell
             )
             for frame in observation.test:
-                folder.write_mask(frame, prediction.masks[frame.name])
+                folder.write_mask(frame, prediction.masks[frame.name], (prediction.categories or {}).get(frame.name))
             folder.write_points(observation, prediction.points)
             figures = {"key": job.key, **prediction.figures}
             told = {name.replace("_", " "): value for name, value in prediction.figures.items() if value is not None}

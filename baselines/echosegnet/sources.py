@@ -14,6 +14,7 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.media import read_png_mask
 from baselines.oracle import PERFECT, Instance, oracle_mask
 from baselines.oracle_errors import ErrorModel
+from baselines.oracle_scenes import scene_prediction
 
 Mask = NDArray[np.bool_]
 
@@ -27,6 +28,9 @@ class MaskSource(Protocol):
 
     def mask(self, frame: Frame) -> Mask:
         """(H, W) bool, of the frame's size."""
+
+    def categories(self, frame: Frame) -> NDArray[np.uint8] | None:
+        """(H, W) class ids of what the mask of a frame of part_3 marks; None if the source does not know them."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,13 @@ class OracleMasks:
             raise UsageError(f"{frame.observation.key}/{frame.name}: the truth of test frames is not for this baseline")
         return oracle_mask(frame, instance=self.instance, errors=self.errors)
 
+    def categories(self, frame: Frame) -> NDArray[np.uint8] | None:
+        """The oracle's class ids of a train frame of part_3."""
+        if frame.split != "train":
+            raise UsageError(f"{frame.observation.key}/{frame.name}: the truth of test frames is not for this baseline")
+        ids = scene_prediction(frame, category=self.instance == "category", errors=self.errors).categories
+        return None if ids is None else np.asarray(ids, np.uint8)
+
 
 @dataclass(frozen=True)
 class FolderMasks:
@@ -76,6 +87,9 @@ class FolderMasks:
                 raise Avs3dError(f"{path.parent}: no mask; expected {path.name} and on for the train frames")
             return np.zeros((frame.observation.intrinsics.height, frame.observation.intrinsics.width), np.bool_)
         return read_png_mask(path)
+
+    def categories(self, frame: Frame) -> None:
+        """Masks in a folder have no classes."""
 
     def _path(self, frame: Frame) -> Path:
         return self.folder / frame.observation.key / f"{frame.name}.png"

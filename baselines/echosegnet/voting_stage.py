@@ -31,14 +31,30 @@ def vote_share(
     variant: Variant,
     stages: Stages,
     key: str,
+    *,
+    run: int | None = None,
 ) -> NDArray[np.float64]:
     """(N,) share of each Gaussian's votes that are for it; 0 for Gaussians without votes.
 
     ``official``: one vote per train view that has the centre in its picture. ``spatial``: a view's vote weighs as much
     as the Gaussian contributes to its pixels, so that hidden points do not vote.
+
+    Args:
+        gaussians: N of them.
+        views: train views in the order of time.
+        masks: one for each.
+        rasteriser: what draws.
+        variant: of the votes.
+        stages: where they are kept.
+        key: of the Gaussians' file.
+        run: where an object is marked in some frames only, the largest share over runs of so many successive views in
+            which the Gaussian has votes enough, instead of that over all views. None: over all. Only ``spatial``.
     """
     software = software_digest(LIFTING, rasteriser)
-    name = digest({"gaussians": key, "masks": arrays_digest(masks), "votes": variant, "software": software})
+    said = {"gaussians": key, "masks": arrays_digest(masks), "votes": variant, "software": software}
+    if run is not None:
+        return _largest_share(gaussians, views, masks, rasteriser, stages, said, run)
+    name = digest(said)
     kept = stages.load_arrays("votes", name)
     if kept is None:
         if variant == "official":
@@ -48,6 +64,33 @@ def vote_share(
         kept = dict(zip(("inside", "total"), counts, strict=True))
         stages.save_arrays("votes", name, kept)
     return lift.vote_share(kept["inside"], kept["total"])
+
+
+#: A run counts for a Gaussian if it has at least this share of the votes of the run in which it has most.
+_ENOUGH_VOTES = 0.1
+
+
+def _largest_share(
+    gaussians: Gaussians,
+    views: Sequence[View],
+    masks: Sequence[Mask],
+    rasteriser: Rasteriser,
+    stages: Stages,
+    said: dict[str, str],
+    run: int,
+) -> NDArray[np.float64]:
+    name = digest(said | {"run": run})
+    kept = stages.load_arrays("votes", name)
+    if kept is None:
+        counts = [
+            _weighted_votes(gaussians, views[start : start + run], masks[start : start + run], rasteriser)
+            for start in range(0, len(views), run)
+        ]
+        inside, total = (np.stack(column) for column in zip(*counts, strict=True))
+        share = np.where(total >= _ENOUGH_VOTES * total.max(axis=0), lift.vote_share(inside, total), 0.0)
+        kept = {"share": share.max(axis=0)}
+        stages.save_arrays("votes", name, kept)
+    return np.asarray(kept["share"], np.float64)
 
 
 def _weighted_votes(
