@@ -11,12 +11,15 @@ import soundfile
 import trimesh
 import yaml
 from click.testing import CliRunner
+from homes import write_manifest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.taxonomy import CATEGORIES, DISTRACTORS, MOST_OWN_CATEGORIES, check_category, class_ids
+from avs3d_bench.validation.tree import validate
 from generators.arrangement import choose_models, placement_rules
 from generators.categories import SUPPORTS, CategorySpec, check_name, declared
 from generators.library.cli import assets
@@ -24,6 +27,7 @@ from generators.library.lock import LOCK_NAME
 from generators.manifest import Manifest
 from generators.placement.placement import RULES
 from generators.plan import ObservationPlan, make_plans, read_manifest
+from generators.run.generation import generate
 
 LICENCE = {"name": "CC0-1.0", "author": "Jane Doe"}
 DRYER: dict[str, Any] = {"stands_on": ["table", "worktop"], "height": [0.15, 0.3]}
@@ -379,3 +383,45 @@ def test_a_missing_file_of_a_declared_category_is_named(tmp_path: Path) -> None:
     (tmp_path / "dryer.glb").unlink()
     with pytest.raises(Avs3dError, match=r"dryer\.glb: mesh for hair_dryer not found"):
         choose_models(plan)
+
+
+# ---- a dataset ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_declared_categories_on_the_wall_on_the_floor_and_on_their_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A fan hangs on the wall, or moves about on the floor, where it cannot hang; beside it stands a silent twin."""
+    monkeypatch.setenv("AVS3D_CACHE", str(tmp_path / "cache"))
+    fan = {"stands_on": ["wall", "floor"], "height": [0.2, 0.3], "free": True, "wall_height": [1.4, 1.7]}
+    place = {"scan": "box", "room": "kitchen", "category": "fan"}
+    write_manifest(
+        tmp_path,
+        camera={"size": 64, "frames": 9},
+        light="preview",
+        categories={"fan": fan},
+        objects={"fan": [{"file": "dryer.glb", "licence": LICENCE}]},
+        sounds={"fan": [{"file": "dryer.wav", "licence": LICENCE}]},
+        observations=[
+            place | {"part": "part_2", "index": 1, "instances": 2, "silent": ["oven"]},
+            place | {"part": "part_1", "index": 1, "source_motion": "path"},
+        ],
+    )
+    plans(tmp_path, document())  # writes the two files
+    root = tmp_path / "data"
+    outcome = generate(tmp_path / "tiny.yaml", root, audio="analytic", workers=1)
+    assert len(outcome.made) == 2, outcome
+    assert validate(root, deep=True).valid
+    moving, hanging = Dataset(root)
+    assert hanging.record is not None
+    assert moving.record is not None
+    assert hanging.record.class_ids["fan"] == 8
+    for instance in hanging.record.instances:
+        low, high = instance.bounds
+        if instance.category == "fan":
+            assert 1.4 - 1e-3 <= (low[1] + high[1]) / 2 <= 1.7 + 1e-3
+            assert 0.2 - 1e-6 <= high[1] - low[1] <= 0.3 + 1e-6
+    assert moving.record.moves
+    assert moving.record.sounding.bounds[0][1] == pytest.approx(0.0, abs=0.005)
+    assert len({frame.source_position for frame in moving.record.frames}) > 1
