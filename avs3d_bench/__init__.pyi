@@ -12,6 +12,7 @@ from .geometry import Intrinsics as Intrinsics
 from .geometry import Pose as Pose
 from .report import Problem as Problem
 from .report import Report as Report
+from .submission import Prediction as Prediction
 from .submission import SubmissionWriter as SubmissionWriter
 from .validate import validate as validate
 

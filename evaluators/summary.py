@@ -55,7 +55,9 @@ def score_record(
     siblings = [group.siblings for group in groups if group.siblings is not None]
     record = dataset.record
     known, missing = _references(outcomes)
-    categories = class_ids(record.categories or () if record else ())
+    known_categories = class_ids(record.categories or () if record else ())
+    others = {scores.category for scores in scored if scores.category is not None} - known_categories.keys()
+    categories = [*known_categories, *sorted(others)]
     return Scores(
         avs3d_eval=Evaluator(
             version=__version__,

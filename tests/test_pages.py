@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 import soundfile
 import tiny
+import tiny_scenes
 import yaml
 from markdown_code import ROOT, RUN, Block, blocks, calls, indented, run, unknown
 
@@ -53,6 +54,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     dataset = Dataset(folder / "data/demo")
     write_oracle(dataset, folder / "data/demo-submissions/oracle")
     write_trivial("centre-box", dataset, folder / "data/demo-submissions/centre-box")
+    tiny_scenes.write_sound_scenes(folder / "data/listen", frames=9, stems=True)
     shutil.copytree(ROOT / "scenes_manifest", folder / "scenes_manifest")
     (folder / "models").mkdir()
     soundfile.write(folder / "models/ring.wav", np.random.default_rng(0).normal(0, 0.1, 44_100), 44_100)

@@ -340,3 +340,16 @@ def test_stems_that_were_not_kept_are_one_line(tmp_path: Path):
     root = tiny_scenes.write_sound_scenes(tmp_path / "data", frames=2)
     with pytest.raises(Avs3dError, match=r"stems: missing; load with stems=False$"):
         AVS3DDataset(root, "all", stems=True)
+
+
+def test_a_category_of_the_manifests_own_has_the_next_class(tmp_path: Path):
+    root = tiny.write_dataset(tmp_path / "data", frames=2, keys=(tiny.SINGLE,))
+
+    def own(data: dict[str, Any]) -> None:
+        data.update(schema_version="1.1", categories=["fan", "hair_dryer"], category="hair_dryer")
+        data["instances"][0]["category"] = "hair_dryer"
+
+    tiny.edit_record(root, tiny.SINGLE, own)
+    item = AVS3DDataset(root, "all")[0]
+    assert item["category"] == "hair_dryer"
+    assert item["category_index"] == 8  # after the seven of the paper and the fan
