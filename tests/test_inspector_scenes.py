@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import re
 import shutil
 from collections.abc import Iterator
@@ -272,6 +273,26 @@ def test_a_damaged_stem_is_named_and_the_rest_is_shown(root: Path, tmp_path: Pat
     page = (tmp_path / "site" / BOTH / "index.html").read_text(encoding="utf-8")
     assert "stems/source_2/frame_4.wav" in page
     assert str(copy) not in page
+
+
+def test_a_fifo_among_the_stems_does_not_hang_the_server(root: Path, tmp_path: Path) -> None:
+    copy = copied(root, tmp_path / "copy")
+    path = copy / BOTH / layout.stem_path("background", 0)
+    path.unlink()
+    os.mkfifo(path)
+    dataset = Dataset(copy)
+    live = LiveSite(dataset, dataset.keys, ())
+    assert "stems/background/frame_0.wav" in live.read(f"{BOTH}/index.html").decode()
+    assert live.read(f"{BOTH}/stems/background.js").startswith(b"window.AVS3D.stem(")
+
+
+def test_a_file_in_the_place_of_the_stems_is_as_if_there_were_none(root: Path, tmp_path: Path) -> None:
+    copy = copied(root, tmp_path / "copy")
+    shutil.rmtree(copy / BOTH / layout.STEMS)
+    (copy / BOTH / layout.STEMS).write_bytes(b"")
+    site = ObservationSite(Dataset(copy), BOTH, ())
+    assert site.card().problem is None
+    assert site.stem_files == ()
 
 
 def test_submissions_agree_with_the_union_of_the_audible_instances(root: Path, tmp_path: Path) -> None:
@@ -586,6 +607,41 @@ def test_a_sibling_goes_on_playing_where_the_one_before_was(site: Path, browser:
         until(page, "document.getElementById('sound').src.includes('/2/sound.flac')")
         until(page, "!document.getElementById('sound').paused && document.getElementById('sound').currentTime > 1.6")
         assert page.get_attribute("#stage", "data-stems") is None
+        assert not said
+
+
+def test_a_choice_made_while_other_stems_are_loading_is_kept(site: Path, browser: Any) -> None:
+    with player(browser, (site / BOTH / "index.html").as_uri()) as (page, said, _):
+        page.hover(f"a[data-key='{AWAY}']")
+        until(page, "document.scripts.length > 0")
+        page.wait_for_timeout(300)
+        page.evaluate(
+            """(key) => {
+              document.querySelector('[data-lane=source_1] [data-kind=solo]').click();
+              document.querySelector(`a[data-key='${key}']`).click();
+            }""",
+            AWAY,
+        )
+        until(page, "document.getElementById('key').textContent.endsWith('/5')")
+        page.click("[data-lane=background] [data-kind=mute]")
+        until(page, f"document.getElementById('stage').dataset.stems === '{AWAY}'")
+        assert page.get_attribute("[data-lane=background] [data-kind=mute]", "aria-pressed") == "true"
+        assert not said
+
+
+def test_text_of_a_sibling_is_text(root: Path, tmp_path: Path, browser: Any) -> None:
+    copy = copied(root, tmp_path / "copy")
+    path = copy / SECOND / layout.OBSERVATION_JSON
+    evil = "</script><img src=x onerror=alert(1)>"
+    data = json.loads(path.read_text())
+    data["sources"][0]["asset"] = evil
+    path.write_text(json.dumps(data))
+    folder = build_site(Dataset(copy), [FIRST, SECOND], (), tmp_path / "site", workers=1).folder
+    with player(browser, (folder / FIRST / "index.html").as_uri()) as (page, said, _):
+        page.keyboard.press("g")
+        until(page, "document.getElementById('key').textContent.endsWith('/2')")
+        assert evil in page.text_content("#facts")
+        assert page.locator("#facts img").count() == 0
         assert not said
 
 

@@ -81,6 +81,8 @@ window.AVS3D = window.AVS3D ?? {};
       this.host.append(lane.row);
     }
 
+    get chosen() { return this.solo.size + this.muted.size > 0; }
+
     on(id) { return this.solo.size ? this.solo.has(id) : !this.muted.has(id); }
 
     press(kind, id) {

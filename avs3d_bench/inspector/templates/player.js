@@ -385,15 +385,19 @@
     try {
       const names = [...scene.sources.map((source) => source.id), ...(scene.background ? [scene.background.id] : [])];
       const stems = await window.AVS3D.StemPlayer.open(folder, key, names, scene.gain);
-      if (data.key !== key) { stems.close(); return; }
-      clock.use(stems);
-      stems.choose((name) => lanes.on(name));
-      stage.dataset.stems = key;
-      tell("");
+      if (data.key !== key) stems.close();
+      else {
+        clock.use(stems);
+        stems.choose((name) => lanes.on(name));
+        stage.dataset.stems = key;
+        tell("");
+      }
     } catch (error) {
-      lanes.clear();
+      if (data.key === key) lanes.clear();
       tell(`The stems cannot be played: ${error.message}`);
     } finally { opening = null; }
+    // Another sibling is shown since, and a choice was made there.
+    if (data.key !== key && lanes.chosen) listen((name) => lanes.on(name));
   };
   const swap = (payload, where) => {
     const other = payload.data;
