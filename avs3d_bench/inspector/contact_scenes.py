@@ -122,6 +122,7 @@ def draw_azimuths(axes: Any, scene: ShownScene, times: list[float]) -> None:
 
 def scene_summary(scene: ShownScene, record: ObservationRecord) -> str:
     """What sounds, for the title of the sheet."""
-    names = ", ".join(_label(source) for source in scene.sources) or scene.title
+    away = sum(source.off_screen for source in scene.sources)
+    names = f"{scene.title}, {away} off-screen" if away and len(scene.sources) > 1 else scene.title
     tail = f" over {words(record.background.kind)}" if record.background and scene.sources else ""
     return f"{names}{tail}"

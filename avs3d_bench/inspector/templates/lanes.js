@@ -58,7 +58,7 @@ window.AVS3D = window.AVS3D ?? {};
       const swatch = node("i", { class: "swatch", "aria-hidden": "true" });
       if (lane.colour) swatch.style.background = lane.colour;
       lane.state = node("span", { class: "lane-state" });
-      const name = node("span", { class: "lane-name" }, swatch, node("b", {}, lane.name)), now = node("span", { class: "lane-now" }, lane.state);
+      const name = node("span", { class: "lane-name" }, node("b", {}, swatch, lane.name)), now = node("span", { class: "lane-now" }, lane.state);
       if (lane.room) name.append(node("span", { class: "tag away" }, "off-screen"));
       name.append(node("span", { class: "lane-note" }, lane.note));
       const head = node("div", { class: "lane-head" }, name, now);

@@ -336,7 +336,7 @@
     for (const button of buttons) button.setAttribute("aria-pressed", String(Number(button.dataset.number) === state.submission));
     const rows = [];
     if (state.instances && data.has.instances) for (const thing of data.instances) rows.push([thing.colour, `${thing.name}${thing.sounding ? ", sounds" : thing.twin ? ", silent twin" : ""}`]);
-    if (state.mask && data.scene && !(state.errors && state.submission)) for (const source of data.scene.sources) if (!source.room) rows.push([source.colour, `truth: ${source.name}`]);
+    if (state.mask && data.scene && !state.instances && !(state.errors && state.submission)) for (const source of data.scene.sources) if (!source.room) rows.push([source.colour, `truth: ${source.name}`]);
     if (state.errors && state.submission) rows.push([HIT, "hit"], [MISSED, "missed (hatched)"], [FALSE, "false positive"]);
     else {
       if (state.mask && data.has.masks && !data.scene) rows.push([TRUTH, "truth, white outline"]);
