@@ -100,7 +100,7 @@ def train_one(context: Context, job: TrainJob) -> dict[str, Any]:
 def train_all(
     dataset: Dataset, work: Path, settings: TrainingSettings, devices: tuple[str, ...], only: tuple[str, ...]
 ) -> dict[str, Any]:
-    """Train every observation and return the record for training.json.
+    """Train every observation, but only one of siblings, and return the record for training.json.
 
     Raises:
         Avs3dError: if a training failed, after all others are done.
@@ -109,8 +109,10 @@ def train_all(
 
     from baselines.echosegnet.jobs import run_each, spread
     from baselines.echosegnet.rasteriser.default import default_rasteriser
+    from baselines.echosegnet.sound_scenes import work_folder
 
-    keys = [observation.key for observation in dataset.select(*only)]
+    # Siblings have the same pictures and the same folder.
+    keys = list({work_folder(work, one): one.key for one in reversed(dataset.select(*only))}.values())[::-1]
     workers = spread(devices, len(keys))
     for device in dict.fromkeys(workers):
         default_rasteriser(device)
@@ -184,11 +186,13 @@ def main(
         times[name] = round(time.perf_counter() - begin, 1)
         scores = evaluate(work / "submissions" / name, root, only=only, workers=None).scores
         write_json(output / f"{name}.json", scores)
-        parts = {
+        parts: dict[str, tuple[float | None, ...]] = {
             part: (round(group.official.mIoU, 3), round(group.strict.IoU or 0, 3), group.strict.wrong_instance_rate)
             for part, group in scores.parts.items()
             if group.official and group.strict
         }
+        if listen := scores.overall.listen:
+            parts["listen"] = (listen.pair_accuracy, listen.IoU, listen.FP_rate, listen.class_mIoU)
         print(name, times[name], parts, flush=True)
     if sweep:
         write_sweep(
