@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import shutil
 from pathlib import Path
@@ -19,6 +20,7 @@ from avs3d_bench.dataset import Observation
 from avs3d_bench.schema import AudibleRecord, FrameRecord, ObservationRecord
 from avs3d_bench.validate import check_observation, validate
 from avs3d_bench.validation import background, scenes
+from avs3d_bench.validation.catalogue import read_facts
 from avs3d_bench.validation.interaural import hearings
 from avs3d_bench.validation.sound import Sound
 
@@ -219,3 +221,51 @@ def test_a_source_whose_programme_was_cut_off_is_silent(tmp_path: Path, root: Pa
 
     tiny.edit_record(copy, FIRST, silence)
     assert validate(copy, deep=True).problems == ()
+
+
+# --- dataset.json against the manifest in it ------------------------------------------------------------------------
+
+MANIFEST = """
+name: tiny-scenes
+version: "1"
+seed: 1
+categories:
+  hair_dryer: {stands_on: [table, worktop], height: [0.15, 0.3]}
+  fan:
+    stands_on: [floor]
+    height: [1.0, 1.4]
+scans: {tiny: {seed: 1}}
+observations:
+  - {part: part_3, scan: tiny, room: kitchen, index: 1, instances: {microwave: 2}, sources: [{category: microwave}]}
+  - {like: part_3/tiny/kitchen/1, index: 2, sources: [{category: microwave, instance: 2, programme: [[0, 1]]}]}
+  - {part: part_1, scan: tiny, room: kitchen, index: 7, category: hair_dryer}
+"""
+
+
+def test_what_is_read_of_a_manifest():
+    facts = read_facts(MANIFEST)
+    assert facts is not None
+    assert facts.own == ("hair_dryer", "fan")
+    assert facts.like == {SECOND: FIRST}
+    assert facts.categories == {FIRST: "", SECOND: "", "part_1/tiny/kitchen/7": "hair_dryer"}
+    assert facts.scalars == {"name": "tiny-scenes", "version": "1", "seed": "1"}
+
+
+def test_groups_and_categories_are_those_of_the_manifest(tmp_path: Path):
+    root = tiny_scenes.write_sound_scenes(tmp_path / "data", frames=2, keys=(FIRST, SECOND))
+
+    def manifest(text: str) -> list[str]:
+        data = media.read_json(root / "dataset.json")
+        data.update(manifest=text, manifest_sha256=hashlib.sha256(text.encode()).hexdigest())
+        tiny.write_sealed(root, data)
+        return [f"{p.path}: {p.message}" for p in validate(root).problems]
+
+    own = MANIFEST[MANIFEST.index("categories:") : MANIFEST.index("scans:")]
+    assert manifest(MANIFEST.replace(own, "")) == []
+    assert manifest(MANIFEST) == [
+        "dataset.json: categories of the manifest's own are none, the manifest in it adds hair_dryer, fan"
+    ]
+    alone = MANIFEST.replace(own, "").replace(f"like: {FIRST}", "part: part_3, scan: tiny, room: kitchen")
+    assert manifest(alone) == [
+        f"dataset.json: {SECOND} is in the group {FIRST}, in the manifest in it in that of {SECOND}"
+    ]

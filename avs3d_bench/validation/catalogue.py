@@ -24,11 +24,15 @@ class ManifestFacts:
 
     Attributes:
         scalars: its top-level entries, e.g. name, version, seed.
-        categories: key of each observation → category.
+        categories: key of each observation → category; empty in part_3.
+        like: key of each variant or sibling → key of its original.
+        own: the categories that it adds, in its order.
     """
 
     scalars: Mapping[str, str] = field(default_factory=dict)
     categories: Mapping[str, str] = field(default_factory=dict)
+    like: Mapping[str, str] = field(default_factory=dict)
+    own: tuple[str, ...] = ()
 
 
 def read_facts(text: str) -> ManifestFacts | None:
@@ -41,6 +45,7 @@ def read_facts(text: str) -> ManifestFacts | None:
         return None
     scalars: dict[str, str] = {}
     observations: list[dict[str, str]] = []
+    own: list[str] = []
     # For every open collection: the key under which it stands, and the key inside it that waits for its value.
     opened: list[str | None] = []
     waiting: list[str | None] = []
@@ -48,6 +53,7 @@ def read_facts(text: str) -> ManifestFacts | None:
         for event in yaml.parse(text, Loader=_LOADER):
             depth = len(opened)
             listed = opened[1:2] == ["observations"]
+            named = depth == 2 and opened[1:2] == ["categories"]
             if isinstance(event, yaml.AliasEvent):
                 return None
             if isinstance(event, yaml.CollectionStartEvent):
@@ -59,23 +65,27 @@ def read_facts(text: str) -> ManifestFacts | None:
             elif isinstance(event, yaml.CollectionEndEvent):
                 opened.pop()
                 waiting.pop()
-            elif isinstance(event, yaml.ScalarEvent) and (depth == 1 or (depth == 3 and listed and observations)):
+            elif isinstance(event, yaml.ScalarEvent) and (
+                named or depth == 1 or (depth == 3 and listed and observations)
+            ):
                 key = waiting[-1]
-                if key is not None:
+                if named and key is None:
+                    own.append(event.value)
+                elif not named and key is not None:
                     (scalars if depth == 1 else observations[-1])[key] = event.value
                 waiting[-1] = event.value if key is None else None
     except yaml.YAMLError:
         return None
-    return ManifestFacts(scalars, _categories(observations))
-
-
-def _categories(observations: list[dict[str, str]]) -> dict[str, str]:
-    found: dict[str, str] = {}
+    categories: dict[str, str] = {}
+    originals: dict[str, str] = {}
     for entry in observations:
         like = entry.get("like", "")
         head = like.rpartition("/")[0] if like else "/".join(entry.get(name, "") for name in ("part", "scan", "room"))
-        found[f"{head}/{entry.get('index', '')}"] = found.get(like, "") if like else entry.get("category", "")
-    return found
+        key = f"{head}/{entry.get('index', '')}"
+        categories[key] = categories.get(like, "") if like else entry.get("category", "")
+        if like:
+            originals[key] = like
+    return ManifestFacts(scalars, categories, originals, tuple(own))
 
 
 def check_catalogue(record: DatasetRecord, records: Mapping[str, ObservationRecord]) -> Iterator[Problem]:
@@ -117,13 +127,20 @@ def _against_manifest(record: DatasetRecord, records: Mapping[str, ObservationRe
         other = sorted(key for key, found in records.items() if found.seed != int(seed))
         if other:
             yield f"the seed of the manifest in it is {seed}, that of {other[0]} is {records[other[0]].seed}"
+    if facts.own != (record.categories or ()):
+        own, listed = (", ".join(names or ("none",)) for names in (facts.own, record.categories))
+        yield f"categories of the manifest's own are {listed}, the manifest in it adds {own}"
+    for key, found in sorted(records.items()):
+        original = facts.like.get(key, key)
+        if found.group is not None and facts.categories and found.group != original:
+            yield f"{key} is in the group {found.group}, in the manifest in it in that of {original}"
     if not facts.categories:
         return
     for entry in record.observations:
         category = facts.categories.get(entry.key)
         if category is None:
             yield f"{entry.key} is not in the manifest in it"
-        elif category and category != entry.category and entry.part != "part_3":
+        elif category and category != entry.category:
             yield f"{entry.key} is {category} in the manifest in it, {entry.category} here"
 
 
