@@ -130,10 +130,10 @@ def _against_manifest(record: DatasetRecord, records: Mapping[str, ObservationRe
     if facts.own != (record.categories or ()):
         own, listed = (", ".join(names or ("none",)) for names in (facts.own, record.categories))
         yield f"categories of the manifest's own are {listed}, the manifest in it adds {own}"
-    for key, found in sorted(records.items()):
+    for key, one in sorted(records.items()):
         original = facts.like.get(key, key)
-        if found.group is not None and facts.categories and found.group != original:
-            yield f"{key} is in the group {found.group}, in the manifest in it in that of {original}"
+        if one.group is not None and facts.categories and one.group != original:
+            yield f"{key} is in the group {one.group}, in the manifest in it in that of {original}"
     if not facts.categories:
         return
     for entry in record.observations:
