@@ -11,6 +11,7 @@ from avs3d_bench import __version__
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import write_bytes, write_json
+from avs3d_bench.inspector.cards import Card
 from avs3d_bench.inspector.facts import few
 from avs3d_bench.inspector.pages import PageOf, gallery_page, observation_page, problem_page, sibling_script
 from avs3d_bench.inspector.site import (
@@ -19,7 +20,6 @@ from avs3d_bench.inspector.site import (
     SCRIPTS,
     SOUND,
     STYLES,
-    Card,
     DamagedError,
     ObservationSite,
     static_asset,

@@ -11,6 +11,7 @@ from typing import IO
 
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.inspector.cards import Card
 from avs3d_bench.inspector.pages import PageOf, gallery_page, observation_page, problem_page, sibling_script
 from avs3d_bench.inspector.site import (
     FLOOR,
@@ -18,7 +19,6 @@ from avs3d_bench.inspector.site import (
     SCENE,
     SOUND,
     THUMBNAIL,
-    Card,
     DamagedError,
     NotThereError,
     ObservationSite,

@@ -14,10 +14,11 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from avs3d_bench.dataset import Dataset
+from avs3d_bench.inspector.cards import Card
 from avs3d_bench.inspector.facts import few
 from avs3d_bench.inspector.floorplan import map_bounds
 from avs3d_bench.inspector.moments import Moment
-from avs3d_bench.inspector.site import Card, ObservationSite
+from avs3d_bench.inspector.site import ObservationSite
 from avs3d_bench.inspector.sound_scenes import SCENE_KINDS, ShownSource
 from avs3d_bench.layout import BACKGROUND
 from avs3d_bench.taxonomy import PARTS, ROOMS

@@ -20,8 +20,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from contextlib import contextmanager
+from dataclasses import replace
 from functools import cached_property
 from importlib.resources import files as package_files
 from pathlib import Path
@@ -31,11 +31,12 @@ from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import os_error_line, read_bytes
 from avs3d_bench.inspector import pictures
+from avs3d_bench.inspector.cards import Card, read_card
 from avs3d_bench.inspector.facts import Facts, best_frames, read_facts, without_path
 from avs3d_bench.inspector.floorplan import draw_floorplan
 from avs3d_bench.inspector.links import check_links
 from avs3d_bench.inspector.sound import Track, read_stem_track, read_track, stem_script
-from avs3d_bench.inspector.sound_scenes import Sibling, find_siblings, scene_kinds, scene_title, stem_levels
+from avs3d_bench.inspector.sound_scenes import Sibling, find_siblings, stem_levels
 from avs3d_bench.inspector.submissions import Agreement, ShownSubmission
 
 THUMBNAIL, FLOOR, SOUND, PAGE = "thumbnail.webp", "floor.png", "sound.flac", "index.html"
@@ -69,41 +70,6 @@ class DamagedError(Avs3dError):
         """Without ``page`` the message is all there is."""
         super().__init__(message)
         self.page = page
-
-
-@dataclass(frozen=True)
-class Card:
-    """An observation in the gallery.
-
-    Attributes:
-        place: the key's pieces.
-        category: of the sounding object; None if unknown or if there is none.
-        frames: how many.
-        seen: in how many of them the object is in view; None if unknown.
-        twins: silent instances of the same category.
-        t30: reverberation time, seconds.
-        moves: whether the source moves.
-        outline: SVG path of the object in the thumbnail, in a square of 1000 × 1000.
-        problem: why the observation cannot be shown; None where it can.
-        scene: what sounds, in part_3; None in the other parts.
-        kinds: of the scene, see `sound_scenes.SCENE_KINDS`.
-        categories: of everything that sounds.
-        group: key of the observation of part_3 whose pictures this one has.
-    """
-
-    place: layout.ObservationKey
-    category: str | None = None
-    frames: int = 0
-    seen: int | None = None
-    twins: int = 0
-    t30: float | None = None
-    moves: bool = False
-    outline: str = ""
-    problem: str | None = None
-    scene: str | None = None
-    kinds: tuple[str, ...] = ()
-    categories: tuple[str, ...] = ()
-    group: str | None = None
 
 
 class ObservationSite:
@@ -350,25 +316,7 @@ class ObservationSite:
             return Card(self.observation.place, problem=self.without_paths(str(error)))
 
     def _card(self) -> Card:
-        place, frames, record = self.observation.place, self.observation.frames, self.observation.record
-        _ = self.observation.splits
-        poster = self.poster
-        outline = ""
-        with suppress(Avs3dError):
-            outline = pictures.outline_path(poster.mask())
-        if record is None:
-            return Card(place, frames=len(frames), outline=outline)
-        seen = sum(frame.visible_pixels > 0 for frame in record.frames)
-        if record.is_sound_scene:
-            categories = tuple(sorted({source.category for source in record.sources or ()}))
-            return Card(
-                place, record.category, len(frames), seen, 0, record.acoustics.t30, False, outline, None,
-                scene_title(record), scene_kinds(record), categories, record.group,
-            )  # fmt: skip
-        twins = sum(i.category == record.category and not i.sounding for i in record.instances)
-        return Card(
-            place, record.category, len(frames), seen, twins, record.acoustics.t30, record.moves, outline
-        )  # fmt: skip
+        return read_card(self.observation, self.poster)
 
 
 def static_asset(name: str) -> bytes:

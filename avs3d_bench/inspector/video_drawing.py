@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.inspector.moments import Moment
 from avs3d_bench.inspector.pictures import SOUNDING
+from avs3d_bench.inspector.video_text import U8, Colour, at_pixel, fitting, halved, text_width, twice, write_text
 
-U8 = NDArray[np.uint8]
-Colour = tuple[int, int, int]
 Overlay = Literal["outline", "tint", "none"]
 
 #: RGB. The prediction's blue and the truth's vermilion differ for every kind of colour vision (Okabe & Ito 2008).
@@ -33,7 +32,6 @@ TINT = 0.35
 _CAPTION = 0.125
 #: Range of the level meters (dB re full scale).
 _QUIET_DB = -60.0
-_FONT = cv2.FONT_HERSHEY_DUPLEX
 
 
 @dataclass(frozen=True)
@@ -178,12 +176,12 @@ class Canvas:
         tail = "" if shown.predicted is None or shown.predicted.any() else ": nothing"
         tail = ": no mask" if shown.predicted is None else tail
         most -= text_width(tail, size)
-        rows = [(_fitting(text, size, most) + tail * (colour == PREDICTED), colour) for text, colour in rows]
+        rows = [(fitting(text, size, most) + tail * (colour == PREDICTED), colour) for text, colour in rows]
         width = round((max(text_width(text, size) for text, _ in rows) + margin) / 2)
         height, edge = round((len(rows) * 24 + 10) * unit), round(13 * unit)
         panel = picture[edge : edge + height, edge : edge + min(width, self.width - 2 * edge)]
         panel[:] = np.rint(panel * 0.25 + np.array(GROUND) * 0.75).astype(np.uint8)
-        big = _twice(panel)
+        big = twice(panel)
         for number, (text, colour) in enumerate(rows):
             y = (21 + 24 * number) * unit * 2
             cv2.line(
@@ -207,7 +205,7 @@ class Canvas:
             if shown.loudness is not None or moment.azimuth is not None or shown.audible is not None
             else 2 * self.width
         )
-        title = _fitting(shown.title, 14 * unit, room - x - 24 * unit)
+        title = fitting(shown.title, 14 * unit, room - x - 24 * unit)
         write_text(big, title, (x + 22 * unit, 38 * unit), 14 * unit, _DIM)
         x = 18 * unit
         for text, colour in _whereabouts(shown):
@@ -276,59 +274,3 @@ def _meters(big: U8, loudness: Loudness, left: float, unit: float) -> None:
         if share > 0:
             cv2.rectangle(big, at_pixel(start, y), at_pixel(start + share * length, y + 12 * unit), (0, 158, 115), -1)
     write_text(big, f"sound {loudness.gain_db:+d} dB", (left, 72 * unit), 14 * unit, _DIM)
-
-
-def at_pixel(x: float, y: float) -> tuple[int, int]:
-    """Whole pixels, as OpenCV requires."""
-    return round(x), round(y)
-
-
-def _twice(picture: U8) -> U8:
-    return np.asarray(cv2.resize(picture, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR), np.uint8)
-
-
-def halved(picture: U8, shape: tuple[int, ...]) -> U8:
-    """A picture that was drawn at twice the size (H, W, …), averaged."""
-    return np.asarray(cv2.resize(picture, (shape[1], shape[0]), interpolation=cv2.INTER_AREA), np.uint8)
-
-
-def _plain(text: str) -> str:
-    """What OpenCV's font has: other letters become question marks."""
-    return text.encode("ascii", "replace").decode()
-
-
-def _scale(height: float) -> float:
-    """Of the font, for capitals of about 0.7 of this height in pixels."""
-    return height / 30
-
-
-def text_width(text: str, height: float) -> float:
-    """Width of a line in pixels, as `write_text` writes it."""
-    pieces = text.split("°")
-    width = sum(cv2.getTextSize(_plain(piece), _FONT, _scale(height), 1)[0][0] for piece in pieces if piece)
-    return float(width + (len(pieces) - 1) * 0.4 * height)
-
-
-def _fitting(text: str, height: float, room: float) -> str:
-    """The text, cut in its middle where it is too long."""
-    if text_width(text, height) <= room:
-        return text
-    for kept in range(len(text) - 1, 4, -1):
-        short = f"{text[: kept // 2]}...{text[len(text) - (kept - kept // 2) :]}"
-        if text_width(short, height) <= room:
-            return short
-    return ""
-
-
-def write_text(picture: U8, text: str, at: tuple[float, float], height: float, colour: Colour) -> float:
-    """Write a line whose base starts at ``at``; OpenCV's font has no degree sign, which is drawn. Returns its end."""
-    x, thick = at[0], max(1, round(height / 22))
-    for number, piece in enumerate(text.split("°")):
-        if number:
-            centre = at_pixel(x + 0.16 * height, at[1] - 0.58 * height)
-            cv2.circle(picture, centre, max(1, round(0.11 * height)), colour, thick, cv2.LINE_AA)
-            x += 0.4 * height
-        if piece:
-            cv2.putText(picture, _plain(piece), at_pixel(x, at[1]), _FONT, _scale(height), colour, thick, cv2.LINE_AA)
-            x += cv2.getTextSize(_plain(piece), _FONT, _scale(height), thick)[0][0]
-    return x

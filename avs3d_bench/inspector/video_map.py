@@ -12,7 +12,8 @@ from avs3d_bench.dataset import Observation
 from avs3d_bench.inspector.facts import Facts
 from avs3d_bench.inspector.floorplan import EYES, Bounds, map_bounds, rasterise
 from avs3d_bench.inspector.sound_scenes import ShownSource
-from avs3d_bench.inspector.video_drawing import GROUND, TRUTH, U8, Colour, at_pixel, halved, text_width, write_text
+from avs3d_bench.inspector.video_drawing import GROUND, TRUTH
+from avs3d_bench.inspector.video_text import U8, Colour, at_pixel, halved, text_width, write_text
 
 #: Longer side of the map, in widths of the picture.
 SIDE = 0.3

@@ -43,7 +43,12 @@ window.AVS3D = window.AVS3D ?? {};
 
     load(link) { return fetched(new URL(".", link.href), link.dataset.key); }
 
-    step(by) { this.go(this.links[(this.current + by + this.links.length) % this.links.length]); }
+    beside(by) { return this.links[(this.current + by + this.links.length) % this.links.length]; }
+
+    async step(by) {
+      await this.go(this.beside(by));
+      this.load(this.beside(by)).catch(() => null); // perhaps the next to be asked for
+    }
 
     async go(link) {
       if (link.getAttribute("aria-current")) return;

@@ -31,10 +31,10 @@ window.AVS3D = window.AVS3D ?? {};
     static async open(folder, key, names, gain) {
       const context = new AudioContext({ sampleRate: RATE }), stems = new Map();
       try {
-        for (const name of names) {
+        await Promise.all(names.map(async (name) => {
           const stem = await read(folder, key, name);
           stems.set(name, { buffer: await context.decodeAudioData(bytes(stem.data)), scale: 10 ** ((gain - stem.gain) / 20) });
-        }
+        }));
       } catch (error) {
         context.close();
         throw error;
