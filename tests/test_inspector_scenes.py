@@ -42,6 +42,7 @@ from avs3d_bench.inspector.sound_scenes import (
     source_colours,
     stem_levels,
 )
+from avs3d_bench.inspector.submissions import ShownSubmission, open_submissions
 from avs3d_bench.schema import BackgroundRecord
 from avs3d_bench.submission import SubmissionWriter
 
@@ -295,16 +296,22 @@ def test_a_file_in_the_place_of_the_stems_is_as_if_there_were_none(root: Path, t
     assert site.stem_files == ()
 
 
-def test_submissions_agree_with_the_union_of_the_audible_instances(root: Path, tmp_path: Path) -> None:
-    dataset = Dataset(root)
-    with SubmissionWriter(tmp_path / "s", dataset, method="right") as writer:
+@pytest.fixture(scope="module")
+def right(root: Path) -> tuple[ShownSubmission, ...]:
+    """A submission that is right everywhere."""
+    dataset, folder = Dataset(root), root.parent / "right"
+    with SubmissionWriter(folder, dataset, method="right") as writer:
         for observation in writer.observations:
             for frame in observation.test:
                 writer.write_mask(frame, frame.mask())
-    from avs3d_bench.inspector.submissions import open_submissions
+    return open_submissions(dataset, [folder])
 
-    shown = open_submissions(dataset, [tmp_path / "s"])
-    (agreements,) = ObservationSite(dataset, BOTH, shown).agreements.values()
+
+def test_submissions_agree_with_the_union_of_the_audible_instances(
+    root: Path, right: tuple[ShownSubmission, ...]
+) -> None:
+    (agreements,) = ObservationSite(Dataset(root), BOTH, right).agreements.values()
+    assert len(agreements) == 2
     assert {agreement.iou for agreement in agreements.values()} <= {1.0, None}
 
 
@@ -586,6 +593,22 @@ def test_siblings_change_the_sound_and_the_truth_and_keep_the_picture(root: Path
         page.reload()
         until(page, "Boolean(document.getElementById('screen').dataset.frame)")
         assert page.text_content("#heading") == "Telephone, off-screen"
+        assert not said
+
+
+def test_predictions_are_those_of_the_sibling(root: Path, right: tuple[ShownSubmission, ...], browser: Any) -> None:
+    with served(root, right) as server, player(browser, f"{server.url}{FIRST}/index.html") as (page, said, asked):
+        page.keyboard.press("1")
+        page.keyboard.press("e")
+        layers(page, "frame mask prediction")
+        assert page.text_content(".submission small") == "IoU 1.00"
+        page.keyboard.press("g")
+        until(page, "document.getElementById('key').textContent.endsWith('/2')")
+        layers(page, "frame mask prediction")
+        assert f"{server.url}{SECOND}/predictions/1/frame_000.png" in asked
+        page.click(f"a[data-key='{SILENT}']")
+        until(page, "document.getElementById('key').textContent.endsWith('/4')")
+        assert page.text_content(".submission small") == "", "where nothing is marked, there is no IoU"
         assert not said
 
 
