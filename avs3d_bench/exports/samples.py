@@ -209,14 +209,13 @@ _PER_SOURCE = ("stems", "rirs")
 def file_kinds(observation: Observation, names: Sequence[str]) -> dict[str, Kind]:
     """Which of the named kinds the observation has a folder of; pictures of a release may lie in `images/` alone."""
     found = {}
-    record = observation.record
     for name in names:
         kind = ALL_KINDS[name]
         if name == "rgb" and not (observation.path / kind.folder).is_dir():
             kind = _RELEASE_RGB
-        if record is not None and record.sources is not None and name in _PER_SOURCE:
-            sources = tuple(source.id for source in record.sources)
-            noise = (layout.BACKGROUND,) if name == "stems" and record.background is not None else ()
+        if name in _PER_SOURCE and observation.place.part == "part_3" and observation.record is not None:
+            sources = tuple(source.id for source in observation.record.sources or ())
+            noise = (layout.BACKGROUND,) if name == "stems" and observation.record.background is not None else ()
             kind = replace(kind, sources=sources + noise)
         if (observation.path / kind.folder).is_dir():
             found[name] = kind

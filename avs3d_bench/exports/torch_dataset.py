@@ -50,7 +50,7 @@ transform that shall give the same result for any number of workers takes its ow
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -59,8 +59,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import layout, media
-from avs3d_bench.dataset import Dataset, Frame, Observation
+from avs3d_bench import media
+from avs3d_bench.dataset import Frame, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.needs import need
 from avs3d_bench.exports.samples import (
@@ -73,7 +73,16 @@ from avs3d_bench.exports.samples import (
     has_sound_scenes,
     select,
 )
-from avs3d_bench.schema import ObservationRecord
+from avs3d_bench.exports.torch_scenes import (
+    CATEGORIES,
+    NO_CATEGORY,
+    NO_SOURCE,
+    STEMS,
+    SceneFiles,
+    Scenes,
+    audible_classes,
+    read_binaural,
+)
 from avs3d_bench.taxonomy import class_ids
 
 if TYPE_CHECKING:
@@ -95,17 +104,6 @@ _NUMBERS = {
 }
 _NO_POSE = [[float("nan")] * 4] * 4
 _TEXTS = ("category", "key", "frame", "split")
-#: What these are in part_3 where there is no source; the shapes are the same as where there is one.
-_NO_SOURCE: dict[str, Any] = {
-    "source_position": [float("nan")] * 3,
-    "azimuth": float("nan"),
-    "elevation": float("nan"),
-    "distance": float("nan"),
-    "sounding_instance": -1,
-    "category": "",
-}
-#: Value of ``category_index`` where nothing sounds.
-NO_CATEGORY = -1
 
 
 @dataclass(frozen=True)
@@ -119,17 +117,13 @@ class _Place:
 
 @dataclass(frozen=True, eq=False)
 class _Facts:
-    """An observation in small arrays: (n, …) per number, by frame name; and the folders of its files.
-
-    ``class_id`` is that of the (first) source's category, ``stems`` holds that of each source; 0 is none.
-    """
+    """An observation in small arrays: (n, …) per number, by frame name; and the folders of its files."""
 
     rows: dict[str, int]
     numbers: dict[str, NDArray[Any]]
     texts: dict[str, tuple[str, ...]]
     kinds: dict[str, Kind]
-    class_id: int
-    stems: tuple[int, ...]
+    scene: SceneFiles
 
 
 def read_planes(path: str | Path) -> NDArray[np.uint8]:
@@ -149,15 +143,6 @@ def read_planes(path: str | Path) -> NDArray[np.uint8]:
     return planes
 
 
-def _read_binaural(path: str | Path) -> NDArray[np.float32]:
-    clip = media.read_wav(path)
-    shape = (2, layout.BINAURAL_SAMPLES)
-    if clip.samples.shape != shape or clip.rate != layout.SAMPLE_RATE:
-        found = f"{clip.samples.shape} at {clip.rate} Hz"
-        raise Avs3dError(f"{path}: sound {found}, expected {shape} at {layout.SAMPLE_RATE} Hz")
-    return clip.samples
-
-
 def _read_ids(path: str | Path) -> NDArray[np.int32]:
     return media.read_png_ids(path).astype(np.int32)
 
@@ -165,13 +150,11 @@ def _read_ids(path: str | Path) -> NDArray[np.int32]:
 #: Flag of the constructor → (kind of file, key of the item, reader).
 _READERS: dict[str, tuple[str, Callable[[Path], NDArray[Any]]]] = {
     "rgb": ("rgb", read_planes),
-    "binaural": ("binaural", _read_binaural),
+    "binaural": ("binaural", read_binaural),
     "mask": ("mask", media.read_png_mask),
     "instances": ("instance_ids", _read_ids),
     "depth": ("depth", media.read_png_depth),
 }
-#: Those of part_3, which items of the other parts have beside it.
-_CATEGORIES, _STEMS = "categories", "stems"
 
 
 class AVS3DDataset(_TorchDataset[Item]):
@@ -227,15 +210,15 @@ class AVS3DDataset(_TorchDataset[Item]):
             raise UsageError(f"stack={stack!r}: expected a number of frames from 1 on, or None")
         asked = {"rgb": frames, "binaural": audio, "mask": mask, "instances": instances, "depth": depth}
         self._read = tuple(name for name, wanted in asked.items() if wanted)
-        self._scenes = _scenes_among(dataset, self.keys) if has_sound_scenes(self.keys) else None
-        self._categories = categories and self._scenes is not None
-        self._stems = stems and self._scenes is not None
+        self._scenes: Scenes | None = None
+        if has_sound_scenes(self.keys):
+            self._scenes = Scenes.among(dataset, self.keys, categories=categories, stems=stems)
         self._facts: dict[int, _Facts] = {}
         self._places: list[tuple[_Place, ...]] = []
         self._windows: list[tuple[_Place, ...]] = []
         for number, key in enumerate(self.keys):
             observation = Observation(self.root, key)
-            names = (*self._read, *self._of_scene(observation))
+            names = (*self._read, *(self._scenes.kinds(observation) if self._scenes else ()))
             found = file_kinds(observation, names)
             for name in names:
                 if name not in found:
@@ -248,14 +231,6 @@ class AVS3DDataset(_TorchDataset[Item]):
         if not self._windows:
             what = "frame" if stack is None else f"stack of {stack} frames"
             raise UsageError(f"{root}: no {what} in split {split}; expected at least one")
-
-    def _of_scene(self, observation: Observation) -> tuple[str, ...]:
-        """The kinds of files of part_3 that are read of an observation; one without any sound has no stems."""
-        record = observation.record
-        if record is None or record.sources is None:
-            return ()
-        stems = self._stems and (record.sources or record.background is not None)
-        return ((_CATEGORIES,) if self._categories else ()) + ((_STEMS,) if stems else ())
 
     def __len__(self) -> int:
         """Number of items."""
@@ -304,59 +279,9 @@ class AVS3DDataset(_TorchDataset[Item]):
         out |= {name: values[row] for name, values in facts.texts.items()}
         out["frame_index"] = place.index
         if self._scenes is not None:
-            out |= {name: torch.from_numpy(value) for name, value in self._scene(facts, base, place).items()}
+            scene = facts.scene.read(self._scenes, base, place.name, place.index)
+            out |= {name: torch.from_numpy(value) for name, value in scene.items()}
         return out
-
-    def _scene(self, facts: _Facts, base: Path, place: _Place) -> dict[str, NDArray[Any]]:
-        """What is read of a frame's sound scene; the other parts are scenes of one source."""
-        assert self._scenes is not None
-        out: dict[str, NDArray[Any]] = {}
-        in_scene = _CATEGORIES in facts.kinds
-        if self._categories and in_scene:
-            path = facts.kinds[_CATEGORIES].file(base, place.name, place.index)
-            out["category_mask"] = media.read_png_categories(path)
-        elif self._categories:
-            mask = media.read_png_mask(facts.kinds["mask"].file(base, place.name, place.index))
-            out["category_mask"] = mask.astype(np.uint8) * np.uint8(facts.class_id)
-        if not self._stems:
-            return out
-        stems = np.zeros((self._scenes.most_sources, 2, layout.BINAURAL_SAMPLES), dtype=np.float32)
-        classes = np.zeros(len(stems), dtype=np.int64)
-        out |= {"stems": stems, "stem_classes": classes, "background": np.zeros_like(stems[0])}
-        if not in_scene:
-            stems[0] = _read_binaural(facts.kinds["binaural"].file(base, place.name, place.index))
-            classes[0] = facts.class_id
-            return out
-        classes[: len(facts.stems)] = facts.stems
-        kind = facts.kinds.get(_STEMS)
-        if kind is None:
-            return out
-        for number, source in enumerate(kind.sources or ()):
-            clip = _read_binaural(kind.file(base, place.name, place.index, source))
-            if source == layout.BACKGROUND:
-                out["background"] = clip
-            else:
-                stems[number] = clip
-        return out
-
-
-@dataclass(frozen=True)
-class _Scenes:
-    """What items of a dataset with part_3 have in common.
-
-    Attributes:
-        own: categories that the manifest adds.
-        most_sources: most sources of one observation, at least 1.
-    """
-
-    own: tuple[str, ...]
-    most_sources: int
-
-
-def _scenes_among(dataset: Dataset, keys: Sequence[str]) -> _Scenes:
-    records = [record for record in (dataset[key].record for key in keys) if record is not None]
-    own = dataset.record.categories if dataset.record else records[0].categories if records else None
-    return _Scenes(own or (), max([1, *(len(record.sources or ()) for record in records)]))
 
 
 def _flag(name: str) -> str:
@@ -371,7 +296,7 @@ def _together(name: str, values: list[Any], torch_: Any) -> Any:
     return torch_.stack([torch_.as_tensor(value) for value in values])
 
 
-def _facts(observation: Observation, places: Sequence[_Place], scenes: _Scenes | None) -> _Facts:
+def _facts(observation: Observation, places: Sequence[_Place], scenes: Scenes | None) -> _Facts:
     """Read what is known of some frames, from the observation's record (or its `sparse/0`), into small arrays."""
     # Not the frames that lie there now: a file that has vanished since is named when it is read.
     frames = [Frame(observation, place.name, place.index) for place in places]
@@ -381,7 +306,7 @@ def _facts(observation: Observation, places: Sequence[_Place], scenes: _Scenes |
         # An observation with a frame that COLMAP did not register has the same keys as the others in its batch.
         facts["camera_to_world"] = facts["camera_to_world"] or _NO_POSE
         if record is not None and record.is_sound_scene:
-            facts |= {name: value for name, value in _NO_SOURCE.items() if facts[name] is None}
+            facts |= {name: value for name, value in NO_SOURCE.items() if facts[name] is None}
     numbers = {
         name: np.array([facts[name] for facts in table], dtype=kind)
         for name, kind in _NUMBERS.items()
@@ -398,18 +323,8 @@ def _facts(observation: Observation, places: Sequence[_Place], scenes: _Scenes |
     }
     if scenes is not None:
         texts["group"] = (observation.group or observation.key,) * len(frames)
-        numbers["audible"] = np.array([_audible(record, frame, classes, class_id) for frame in frames], dtype=np.bool_)
-    stems = tuple(classes[source.category] for source in (record.sources if record else None) or ())
+        numbers["audible"] = np.array([audible_classes(record, frame, classes, class_id) for frame in frames])
+    sounding = tuple(classes[source.category] for source in (record.sources if record else None) or ())
     rows = {frame.name: row for row, frame in enumerate(frames)}
-    kinds = file_kinds(observation, (*_READERS, _CATEGORIES, _STEMS))
-    return _Facts(rows, numbers, texts, kinds, class_id, stems)
-
-
-def _audible(
-    record: ObservationRecord | None, frame: Frame, classes: Mapping[str, int], class_id: int
-) -> NDArray[np.bool_]:
-    """(K,) whether a source of class c is audible, in place c − 1; in part_1 and part_2 the one source always is."""
-    heard = [class_id] if class_id else []
-    if record is not None and frame.record is not None and frame.record.audible is not None:
-        heard = [classes[record.source(entry.source).category] for entry in frame.record.audible]
-    return np.isin(np.arange(1, len(classes) + 1), heard)
+    kinds = file_kinds(observation, (*_READERS, CATEGORIES, STEMS))
+    return _Facts(rows, numbers, texts, kinds, SceneFiles(kinds, class_id, sounding))

@@ -115,7 +115,7 @@ def _audible(record: ObservationRecord, frame: FrameRecord) -> Iterator[str]:
         if heard.snr_db is not None and heard.snr_db < AUDIBLE_SNR_DB - LEVEL_TOLERANCE_DB:
             yield f"{heard.source} has an SNR of {heard.snr_db:.1f} dB, below {AUDIBLE_SNR_DB:g} dB it is not audible"
         if not sounds_during(source, frame.time, frame.time + 1 / layout.FRAME_RATE, tail):
-            yield f"{heard.source} is audible, but its programme has no interval here or in the {tail:g} s before"
+            yield f"{heard.source} is audible, but its programme has no interval here or in the {tail:.2g} s before"
 
 
 def _clip(record: ObservationRecord, frame: FrameRecord) -> Iterator[str]:

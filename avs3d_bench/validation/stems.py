@@ -204,7 +204,7 @@ def _check_programme(source: SourceRecord, power: NDArray[np.float64], tail: flo
     loud = np.flatnonzero(~allowed & (power > max(SILENCE**2, loudest * OUTSIDE_SHARE**2)))
     if len(loud):
         at = loud[0] / second
-        text = f"sounds at {at:.2f} s, outside its programme and its reverberation of {tail:g} s"
+        text = f"sounds at {at:.2f} s, outside its programme and its reverberation of {tail:.2g} s"
         findings.add(path, f"{text} ({len(loud)} blocks of {1000 / second:g} ms in all)")
     for start, end in source.programme:
         first, last = round(max(start, 0.0) * second), round(min(end, len(power) / second) * second)
