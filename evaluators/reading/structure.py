@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import stat
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
 from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset, Observation
-from avs3d_bench.report import Problem, Severity, printable
+from avs3d_bench.report import Problem, printable
 from avs3d_bench.taxonomy import PARTS
+from evaluators.reading.tree import Tree
 from evaluators.records import Submission
 
 #: Files that are allowed at the top beside submission.json.
@@ -20,8 +19,6 @@ _COMPANIONS = ("README", "LICENCE", "LICENSE", "CITATION")
 _SURPLUS = 100_000
 #: What an observation adds to that at most: its test frames, its folders, its points.
 _ENTRIES = layout.MAX_FRAMES // layout.TEST_EVERY + 6
-#: Names in the longest path that is looked at; a mask of the released pipeline has eight.
-_DEEPEST = 12
 _SOUND_SCENES = "part_3"
 
 
@@ -136,90 +133,13 @@ def _categories(submission: Submission, observations: Iterable[Observation]) -> 
     }
 
 
-# Walking the tree
-
-
-@dataclass
-class _Tree:
-    """The contents of a submission's folder, links not followed.
-
-    Attributes:
-        root: the submission's folder.
-        left: entries that may still be looked at.
-        found: path relative to the root → file, folder, link or other.
-        problems: what kept the walk from going on.
-    """
-
-    root: Path
-    left: int
-    found: dict[str, str] = field(default_factory=dict)
-    problems: list[Problem] = field(default_factory=list)
-
-    def walk(self, top: str, severity: Severity, skip: Collection[str] = ()) -> bool:
-        """Look at everything below the folder ``top`` but ``skip``; False if there is absurdly much.
-
-        What cannot be looked at becomes a finding of that severity.
-        """
-        folders = [top]
-        while folders:
-            folder = folders.pop()
-            below = []
-            try:
-                with os.scandir(self.root / folder) as entries:
-                    for entry in entries:
-                        path = f"{folder}/{entry.name}" if folder else entry.name
-                        if path in skip:
-                            continue
-                        self.left -= 1
-                        if self.left < 0:
-                            message = f"more than {_SURPLUS:,} surplus files and folders; the rest is not looked at"
-                            self.problems.append(Problem(severity, printable(top) or ".", message))
-                            return False
-                        self.found[path] = kind = _kind(os.lstat(entry))
-                        if kind == "folder":
-                            below.append(path)
-            except OSError as error:
-                message = f"cannot be looked into ({error.strerror}); change its permissions"
-                self.problems.append(Problem(severity, printable(folder) or ".", message))
-            for path in below:
-                if path.count("/") + 1 < _DEEPEST:
-                    folders.append(path)
-                elif severity == "error":
-                    message = f"a folder nested {_DEEPEST} deep, not looked into; expected masks four folders down"
-                    self.problems.append(Problem(severity, printable(path), message))
-        return True
-
-    def look_up(self, path: str) -> None:
-        """Note the file or folder at one relative path, if it exists and no link leads there."""
-        place = self.root
-        *folders, name = path.split("/")
-        try:
-            for folder in folders:
-                place /= folder
-                if not stat.S_ISDIR(os.lstat(place).st_mode):
-                    return
-            self.found[path] = _kind(os.lstat(place / name))
-        except OSError:
-            return
-
-
-def _kind(found: os.stat_result) -> str:
-    if stat.S_ISLNK(found.st_mode):
-        return "link"
-    if stat.S_ISDIR(found.st_mode):
-        return "folder"
-    return "file" if stat.S_ISREG(found.st_mode) else "other"
-
-
-def _walk(
-    submission: Submission, observations: Sequence[Observation], expected: Collection[str], surplus: int
-) -> _Tree:
+def _walk(submission: Submission, observations: Sequence[Observation], expected: Collection[str], surplus: int) -> Tree:
     """Everything in the submission, up to ``surplus`` entries that are not expected.
 
-    In the official layout the folder is the pipeline's own: only the masks' folders are looked at. In ours the two
+    In the official layout the folder is the pipeline's own: only the masks' folders are looked at. In ours the
     parts come first, so that other contents of the top folder (a virtual environment, a .git) cannot hide them.
     """
-    tree = _Tree(submission.root, len(expected) + len(observations) * _ENTRIES + surplus)
+    tree = Tree(submission.root, len(expected) + len(observations) * _ENTRIES + surplus, _SURPLUS)
     points = [f"{o.key}/{layout.SUBMISSION_POINTS}" for o in observations]
     if submission.layout == "official":
         folders = [f"{o.key}/{submission.masks}" for o in observations]

@@ -24,7 +24,7 @@ from evaluators.reading.archive import check_directory, top_folder, unpack, vet
 from evaluators.records import InvalidSubmission, Submission
 
 _EXPECTED = (
-    f"expected {layout.SUBMISSION_JSON} and part_1|part_2|part_3/<scan>/<room>/<index>/{layout.SUBMISSION_MASKS}/ with "
+    f"expected {layout.SUBMISSION_JSON} and {'|'.join(PARTS)}/<scan>/<room>/<index>/{layout.SUBMISSION_MASKS}/ with "
     f"one PNG per test frame (or {layout.RELEASED_MASKS[0]}/ in place of {layout.SUBMISSION_MASKS}/)"
 )
 _JSON = '{"method": …, "dataset": …, "dataset_version": …}'
