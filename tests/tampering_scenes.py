@@ -1,11 +1,15 @@
 """Named falsifications of sound scenes (part_3), after which all digests are computed again; see tests/tampering.py.
 
-`SCENE_MUTATIONS` says of each what `avs3d validate --deep` must say about which file, or why it cannot be seen.
+`SCENE_MUTATIONS` says of each what `avs3d validate --deep` must say about which file, or why it cannot be seen. Run as
+a program it prints them with what is found of each:
+
+    python tests/tampering_scenes.py
 """
 
 from __future__ import annotations
 
 import shutil
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -370,3 +374,22 @@ def tampered(pristine: Path, target: Path, one: SceneMutation) -> tuple[Problem,
     one.change(tree)
     tree.finish()
     return validate(target, deep=True).problems
+
+
+def main() -> None:
+    """Print the table of docs/validation.md, with what is found first."""
+    folder = Path(tempfile.mkdtemp())
+    try:
+        options = {"": {"stems": False}, "stems": {}, "rirs": {"rirs": True}}
+        trees = {name: write_scenes(folder / f"pristine{name}", **more) for name, more in options.items()}
+        for number, one in enumerate(SCENE_MUTATIONS):
+            problems = tampered(trees[one.needs], folder / str(number), one)
+            found = next((p for p in problems if one.words and one.words in p.message), None)
+            said = f"{found.path.split('/', 4)[-1]}: {found.message}" if found else f"not seen: {one.unseen or '???'}"
+            print(f"| {one.group} | {one.name} | {said[:150]} |", flush=True)
+    finally:
+        shutil.rmtree(folder)
+
+
+if __name__ == "__main__":
+    main()
