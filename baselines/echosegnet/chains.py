@@ -27,7 +27,6 @@ class Chains:
             off: probability that a source that is on stops.
         """
         self.states = tuple(product((False, True), repeat=count))
-        self._on = np.array(self.states, dtype=np.float64).reshape(len(self.states), count)
         step, start = np.ones((1, 1)), np.ones(1)
         for _ in range(count):
             step = np.kron(step, np.array([[1 - on, on], [off, 1 - off]]))
@@ -53,15 +52,15 @@ class Chains:
             out[t] = state
         return out, total
 
-    def smooth(self, emission: Array) -> Array:
-        """(T, count) probability that each source is on, given log-likelihoods (T, states) of all frames."""
+    def posterior(self, emission: Array) -> Array:
+        """(T, states) probability of each joint state, given log-likelihoods (T, states) of all frames."""
         filtered = self._forward(emission[:, :, None])[0][:, :, 0]
         likelihood = np.exp(emission - logsumexp(emission, axis=1, keepdims=True))
         later = np.ones(len(self.states))
-        out = np.empty((len(emission), self._on.shape[1]))
+        out = np.empty_like(filtered)
         for t in range(len(emission) - 1, -1, -1):
             joint = filtered[t] * later
-            out[t] = joint @ self._on / joint.sum()
+            out[t] = joint / joint.sum()
             later = self._step @ (likelihood[t] * later)
             later /= later.sum()
         return out

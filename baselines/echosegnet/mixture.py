@@ -146,6 +146,13 @@ def set_likelihoods(weights: Array, places: Array, diffuse: Array, sets: NDArray
     return np.maximum(out, 0.0)
 
 
+def band_starts(frequencies: Array) -> NDArray[np.intp]:
+    """(bands,) index of the first cell of each band: of each phase's bin, then of each octave of level differences."""
+    phases = np.arange(len(frequencies)) * PHASE_LEVELS
+    octaves = len(binaural.OCTAVE_EDGES) - 1 - FIRST_OCTAVE
+    return np.concatenate([phases, len(frequencies) * PHASE_LEVELS + np.arange(octaves) * len(ILD_LEVELS)])
+
+
 def cell_weights(cells: Cells, phase: float, ild: float) -> Array:
     """(T, C) the cells' weights, scaled to ``phase`` and ``ild`` effective independent bins per clip."""
     return np.concatenate(

@@ -1,0 +1,265 @@
+"""A pool of sources fitted to all clips: what each sounds like, and when it is on.
+
+Every source k of the pool has a share s_kf of each band f, the same in all frames, and a level E_kb in each octave b.
+While the set S is on, the cells of band f have the density
+
+    p(cell | S) = (s_0f·D + Σ_{k ∈ S} s_kf·A_k) / (s_0f + Σ_{k ∈ S} s_kf)
+
+with the densities of `mixture`, and the level of octave b is 10·lg(B_b + Σ_{k ∈ S} E_kb) with an error of Student's t
+distribution (4 degrees of freedom), because sources fluctuate and the listener moves. B is the background: a spectrum
+that some frames have so exactly that nothing but stationary noise is left as their explanation. Shares, levels and the
+probabilities of the sets are found in turn (expectation maximisation with a hidden Markov chain per source). Half of
+the prior probability is that of a pool whose sources always sound.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from baselines.echosegnet import binaural
+from baselines.echosegnet.chains import Chains
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+
+#: Log-likelihood of a source that is on in silence, and of sound without a source or a background.
+_UNLIKELY = -30.0
+#: Steps of the shares for a pool whose sources always sound.
+_ALWAYS_STEPS = 12
+#: Steps of the shares, which converge slowest, in each round of expectation maximisation: few before it is known when
+#: the sources are on.
+_STEPS = (1, 1, 1, 2, 4, 4)
+#: Weight of cells that each component of a band has beforehand, so that none dies out.
+_LEAST_WEIGHT = 1e-3
+#: Spacing of the levels of a background that are tried (dB), and how far frames of one level may differ from it.
+_LEVEL_STEP, _LEVEL_WIDTH = 1.0, 1.0
+#: Level of an octave of stationary Gaussian noise of bandwidth B in T seconds: its standard deviation is 4.34/√(BT) dB
+#: (J. S. Bendat, A. G. Piersol, *Random Data*, Wiley 2010, §8.2); what no background falls below.
+_NOISE_DB, _LEAST_ERROR = 10 / np.log(10), 0.15
+#: Deviation of an octave's level from that of the sources that are on (dB).
+_SOURCE_ERROR = 3.0
+#: Octaves this far below the loudest of a background do not count (dB); level of an octave without sound (dB).
+_OCTAVE_FLOOR, _NO_SOUND = 50.0, -150.0
+#: Frames that must have the spectrum of a background; how far below it a frame may be (standard deviations), and the
+#: share of frames that may be farther.
+_LEAST_FRAMES, _MOST_BELOW, _MOST_CONTRADICTIONS = 3, 5.0, 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Heard:
+    """What was heard in T frames.
+
+    Attributes:
+        weights: (T, C) of the cells; one effective bin per frame.
+        places: (T, J, C) densities of the cells for a source at each of J places, over that of diffuse sound.
+        bands: (bands,) index of the first cell of each band.
+        frames: (T,) whether a frame is loud enough for anything to be audible.
+        octave_db: (T, B) levels, dB re full scale.
+    """
+
+    weights: Array
+    places: Array
+    bands: NDArray[np.intp]
+    frames: NDArray[np.bool_]
+    octave_db: Array
+
+    @cached_property
+    def used(self) -> NDArray[np.intp]:
+        """(c,) the cells that have a weight in any frame."""
+        return np.flatnonzero(self.weights.any(axis=0))
+
+    @cached_property
+    def band(self) -> NDArray[np.intp]:
+        """(c,) the band of each used cell."""
+        return np.asarray(np.searchsorted(self.bands, self.used, side="right") - 1)
+
+    @cached_property
+    def compact(self) -> tuple[Single, Single]:
+        """(T, c) weights and (J, T, c) densities of the used cells."""
+        densities = self.places[:, :, self.used].transpose(1, 0, 2)
+        return self.weights[:, self.used].astype(np.float32), np.ascontiguousarray(densities, dtype=np.float32)
+
+    @cached_property
+    def levels(self) -> Array:
+        """(T, B) levels of the octaves, finite."""
+        return np.maximum(self.octave_db, _NO_SOUND)
+
+    @cached_property
+    def background(self) -> Array | None:
+        """(B,) the spectrum that most frames have exactly, dB; None if there is none."""
+        best, found = 0.0, None
+        total = 10 * np.log10((10 ** (self.levels / 10)).sum(axis=1))
+        heard = total[self.frames]
+        for level in np.arange(heard.min(), heard.max() + _LEVEL_STEP, _LEVEL_STEP) if len(heard) else ():
+            near = self.frames & (np.abs(total - level) <= _LEVEL_WIDTH)
+            if near.sum() < _LEAST_FRAMES:
+                continue
+            spectrum = np.median(self.levels[near], axis=0)
+            if _contradicted(self.levels, spectrum):
+                continue
+            gain = steady(self.levels[near], spectrum) - _density(self.levels[near] - spectrum, _SOURCE_ERROR)
+            if (gain > 0).sum() >= _LEAST_FRAMES and (support := float(np.maximum(gain, 0.0).sum())) > best:
+                best, found = support, spectrum
+        return found
+
+
+def steady(levels: Array, spectrum: Array) -> Array:
+    """(T,) mean log-density over octaves of levels (T, B) of stationary noise with a spectrum (B,)."""
+    used = spectrum >= spectrum.max() - _OCTAVE_FLOOR
+    return _density((levels - spectrum)[:, used], _steady_error()[used])
+
+
+def _steady_error() -> Array:
+    """(B,) standard deviation of the levels of stationary noise, dB."""
+    return np.asarray(np.hypot(_NOISE_DB / np.sqrt(np.diff(binaural.OCTAVE_EDGES)), _LEAST_ERROR))
+
+
+def _contradicted(levels: Array, spectrum: Array) -> bool:
+    """Whether frames are quieter than a background that is always there can be."""
+    used = spectrum >= spectrum.max() - _OCTAVE_FLOOR
+    below = ((levels - spectrum)[:, used] < -_MOST_BELOW * _steady_error()[used]).any(axis=1)
+    return bool(below.mean() > _MOST_CONTRADICTIONS)
+
+
+def _density(error: Array, scale: Array | float) -> Array:
+    """Mean over the last axis of the logarithm of Student's t density, 4 degrees of freedom, without its constant."""
+    return np.asarray((-2.5 * np.log1p(np.square(error / scale) / 4) - np.log(scale)).mean(axis=-1))
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fitted pool of m sources.
+
+    Attributes:
+        evidence: log-likelihood of all frames, without the pool's prior.
+        on: (T, m) probability that each source is on.
+    """
+
+    evidence: float
+    on: Array
+
+
+def fit(heard: Heard, pool: tuple[int, ...], *, bins: float, octaves: float, on: float, off: float) -> Fit:
+    """Fit a pool.
+
+    Args:
+        heard: what was heard.
+        pool: places of its sources.
+        bins: effective number of independent bins per frame.
+        octaves: effective number of independent levels per frame.
+        on: probability that a source that is off starts between two frames.
+        off: probability that a source that is on stops.
+    """
+    chains = Chains(len(pool), on, off)
+    states = np.array(chains.states, dtype=np.bool_).reshape(len(chains.states), len(pool))
+    empty = _empty(heard, octaves)
+    if not pool:
+        return Fit(float(empty.sum()), np.zeros((len(heard.frames), 0)))
+    count = int(heard.band.max(initial=-1)) + 1
+    share = np.full((1 + len(pool), count), 1.0 / (1 + len(pool)))
+    typical = np.median(heard.levels[heard.frames], axis=0) if heard.frames.any() else heard.levels[0]
+    level = np.tile(typical - 10 * np.log10(len(pool)), (len(pool), 1))
+    start = np.zeros((len(heard.frames), len(states)))
+    start[:, -1] = 1.0
+
+    def improve(steps: int, probability: Array, share: Array, level: Array) -> tuple[Array, Array, Array]:
+        for _ in range(steps):
+            share = _shares(heard, pool, states, share, probability)
+        level = _levels(heard, states, level, probability)
+        emission = _emission(heard, pool, states, share, level, bins=bins, octaves=octaves)
+        emission[:, 0] = empty
+        return share, level, emission
+
+    *_, emission = improve(_ALWAYS_STEPS, start, share, level)
+    always = float(emission[:, -1].sum())
+    probability = start
+    for steps in _STEPS:
+        share, level, emission = improve(steps, probability, share, level)
+        probability = chains.posterior(emission)
+    evidence = float(np.logaddexp(always, chains.evidence(emission[:, :, None])[0]))
+    share_always = float(np.exp(always - evidence))
+    return Fit(evidence - np.log(2), share_always + (1 - share_always) * (probability @ states))
+
+
+def _empty(heard: Heard, octaves: float) -> Array:
+    """(T,) log-likelihood of each frame if nothing is on."""
+    out = np.where(heard.frames, _UNLIKELY, 0.0)
+    if heard.background is not None:
+        noise = octaves * steady(heard.levels, heard.background)
+        out[heard.frames] = np.maximum(noise, _UNLIKELY)[heard.frames]
+    return out
+
+
+def _mix(heard: Heard, pool: tuple[int, ...], on: NDArray[np.bool_], share: Array) -> tuple[Single, Single]:
+    """(T, c) density of the cells over that of diffuse sound, and (1 + m, c) shares of the components."""
+    weight = (share * np.concatenate([[1.0], on])[:, None]).astype(np.float32)
+    weight = (weight / weight.sum(axis=0))[:, heard.band]
+    densities = heard.compact[1]
+    out = np.broadcast_to(weight[0], densities.shape[1:]).copy()
+    for item in np.flatnonzero(on):
+        out += weight[1 + item] * densities[pool[item]]
+    return out, weight
+
+
+def _shares(heard: Heard, pool: tuple[int, ...], states: NDArray[np.bool_], share: Array, probability: Array) -> Array:
+    """(1 + m, bands) the next shares."""
+    weights, densities = heard.compact
+    count = np.full_like(share, _LEAST_WEIGHT)
+    for state, on in enumerate(states):
+        if not on.any() or probability[:, state].sum() < _LEAST_WEIGHT:
+            continue
+        mixed, part = _mix(heard, pool, on, share)
+        ratio = weights * probability[:, state, None].astype(np.float32) / mixed
+        count[0] += np.bincount(heard.band, part[0] * ratio.sum(axis=0), share.shape[1])
+        for item in np.flatnonzero(on):
+            found = np.einsum("tc,tc->c", ratio, densities[pool[item]])
+            count[1 + item] += np.bincount(heard.band, part[1 + item] * found, share.shape[1])
+    # A source that is on in few frames has a small count; what counts is its share while it is on.
+    time = np.concatenate([[probability[:, 1:].sum()], (probability @ states).sum(axis=0)])
+    count = count / np.maximum(time, _LEAST_WEIGHT)[:, None]
+    return np.asarray(count / count.sum(axis=0))
+
+
+def _predicted(heard: Heard, states: NDArray[np.bool_], level: Array) -> Array:
+    """(S, B) levels of the octaves in each state, dB."""
+    floor = heard.background if heard.background is not None else np.full(level.shape[1], _NO_SOUND)
+    return np.asarray(10 * np.log10(states @ 10 ** (level / 10) + 10 ** (floor / 10)))
+
+
+def _levels(heard: Heard, states: NDArray[np.bool_], level: Array, probability: Array) -> Array:
+    """(m, B) the next levels: each source takes its part of the error of the states in which it is on."""
+    predicted = _predicted(heard, states, level)
+    error = heard.levels[:, None] - predicted
+    weight = probability[:, :, None] / (1 + np.square(error / _SOURCE_ERROR) / 4) * heard.frames[:, None, None]
+    out = level.copy()
+    for item in range(len(level)):
+        part = states[:, [item]] * 10 ** ((level[item] - predicted) / 10)
+        total = (weight * part).sum(axis=(0, 1))
+        out[item] += (weight * part * error).sum(axis=(0, 1)) / np.maximum(total, 1e-9)
+    return out
+
+
+def _emission(
+    heard: Heard,
+    pool: tuple[int, ...],
+    states: NDArray[np.bool_],
+    share: Array,
+    level: Array,
+    *,
+    bins: float,
+    octaves: float,
+) -> Array:
+    """(T, S) log-likelihood of each frame in each state; that of the first, in which nothing is on, is left 0."""
+    predicted = _predicted(heard, states, level)
+    out = np.zeros((len(heard.frames), len(states)))
+    for state, on in enumerate(states):
+        if on.any():
+            mixed, _ = _mix(heard, pool, on, share)
+            out[:, state] = bins * np.einsum("tc,tc->t", heard.compact[0], np.log(mixed))
+            out[:, state] += octaves * _density(heard.levels - predicted[state], _SOURCE_ERROR)
+            out[~heard.frames, state] = _UNLIKELY
+    return out
