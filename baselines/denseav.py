@@ -129,7 +129,12 @@ class DenseAv:
         return list(clip_map(similarity.float().cpu().numpy().astype(np.float64)))
 
     def masks(self, frames: Sequence[Frame]) -> list[Mask]:
-        """The mask (H, W) of each of the frames of one observation."""
+        """The mask (H, W) of each of the frames of one observation; empty where the clip is digital silence."""
+        heard = [check_clip(frame.mono(), _where(frame)).any() for frame in frames]
+        if not all(heard):
+            found = iter(self.masks([frame for frame, sounds in zip(frames, heard, strict=True) if sounds]))
+            empty = [np.zeros(frame_size(frame), np.bool_) for frame in frames]
+            return [next(found) if sounds else nothing for nothing, sounds in zip(empty, heard, strict=True)]
         maps = self.similarity(frames)
         groups = [maps] if self.normalise == "observation" else [[values] for values in maps]
         sizes = [frame_size(frame) for frame in frames]

@@ -24,7 +24,7 @@ from tests import tiny
 torch = pytest.importorskip("torch", reason="torch is not installed: the learned baselines cannot run")
 pytest.importorskip("huggingface_hub", reason="huggingface_hub is not installed: the learned baselines cannot run")
 
-from tests import tiny_models  # noqa: E402
+from tests import tiny_models, tiny_scenes  # noqa: E402
 
 torch.set_num_threads(1)
 CPU = torch.device("cpu")
@@ -239,3 +239,17 @@ def test_the_first_version_of_the_package_keeps_its_network_elsewhere(
     monkeypatch.delitem(sys.modules, "denseav.train")
     model = denseav.load_denseav(tiny_models.write_denseav(tmp_path), device="cpu")
     assert isinstance(model.network, tiny_models.TinyAligner)
+
+
+def test_digital_silence_gives_empty_masks_without_asking_the_network(tmp_path: Path) -> None:
+    class Refusing:
+        def forward_audio(self, batch: dict[str, Any]) -> dict[str, Any]:
+            raise AssertionError("asked")
+
+        forward_image = forward_audio
+
+    dataset = Dataset(tiny_scenes.write_sound_scenes(tmp_path / "data", frames=9))
+    silent = dataset[tiny_scenes.SILENT]
+    masks = denseav.DenseAv(Refusing(), CPU).masks(silent.test)  # type: ignore[arg-type]
+    assert len(masks) == len(silent.test)
+    assert not any(mask.any() for mask in masks)

@@ -28,7 +28,7 @@ pytest.importorskip("transformers", reason="transformers is not installed: the l
 
 from baselines.networks.device import enough_memory, pick_device  # noqa: E402
 from baselines.owod_bind import run  # noqa: E402
-from tests import tiny_models  # noqa: E402
+from tests import tiny_models, tiny_scenes  # noqa: E402
 
 torch.set_num_threads(1)
 CPU = torch.device("cpu")
@@ -420,6 +420,16 @@ def test_rule_an_empty_mask_is_written_where_nothing_passes_or_nothing_is_detect
             masks = [media.read_png_mask(path) for path in target.rglob("*.png")]
             assert len(masks) == sum(len(getattr(o, split)) for o in Dataset(root))
             assert not any(mask.any() for mask in masks)
+
+
+def test_digital_silence_gives_an_empty_mask_without_asking_for_similarity(tmp_path: Path) -> None:
+    class Refusing(Squares):
+        def logits(self, *_: Any) -> Any:
+            raise AssertionError("asked")
+
+    dataset = Dataset(tiny_scenes.write_sound_scenes(tmp_path / "data", frames=9))
+    model = with_squares(Refusing(LEFT))
+    assert not any(mask.any() for mask in model.masks_of(dataset[tiny_scenes.SILENT].test))
 
 
 def test_settings_outside_of_0_and_1_are_refused() -> None:

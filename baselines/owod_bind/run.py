@@ -90,7 +90,7 @@ class OwodBind:
         where, size = _where(frame), (picture.shape[0], picture.shape[1])
         clip = check_clip(frame.mono(), where)
         kept = select.keep_boxes(found, size, min_score=self.min_score, max_side=self.max_side)
-        if not len(kept):
+        if not len(kept) or not clip.any():  # digital silence: nothing sounds, and a network may answer NaN
             return np.zeros(size, dtype=np.bool_)
         blurred = select.blur(picture)
         with inference(self.device, where):
