@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -243,11 +243,18 @@ def make_plans(
     audio: str = "soundspaces",
     frames: int | None = None,
     size: int | None = None,
-    depth: bool = False,
-    rirs: bool = False,
-    stems: bool = False,
+    extras: Collection[str] = (),
 ) -> tuple[ObservationPlan, ...]:
-    """One plan per selected observation; ``frames`` and ``size`` override the manifest's camera.
+    """One plan per selected observation.
+
+    Args:
+        source: the manifest.
+        only: shell patterns of observation keys; none: all observations.
+        vision: name of the renderer.
+        audio: name of the acoustic engine.
+        frames: frames per observation; None: the manifest's.
+        size: side of the pictures (pixels); None: the manifest's.
+        extras: names of the optional folders: depth, rirs, stems.
 
     Raises:
         UsageError: if a pattern of ``only`` matches nothing, or the lock file lacks an asset.
@@ -282,10 +289,10 @@ def make_plans(
             sounds=manifest.sounds,
             vision=vision,
             audio=audio,
-            depth=depth,
-            rirs=rirs,
+            depth="depth" in extras,
+            rirs="rirs" in extras,
             backends=backends,
-            stems=stems,
+            stems="stems" in extras,
             categories=manifest.categories,
         )
 

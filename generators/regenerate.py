@@ -95,9 +95,8 @@ def _plan(source: ManifestFile, observation: Observation, dataset: DatasetRecord
         audio=record.acoustics.backend,
         frames=len(record.frames),
         size=camera.width,
-        depth=layout.image_path(layout.DEPTH, 0) in record.files,
-        rirs=any(path.startswith(f"{layout.RIRS}/") for path in record.files),
-        stems=any(path.startswith(f"{layout.STEMS}/") for path in record.files),
+        # The optional folders have the names of their options.
+        extras={path.partition("/")[0] for path in record.files} & {layout.DEPTH, layout.RIRS, layout.STEMS},
     )
     if plan.digest != record.plan_sha256:
         raise UsageError(f"{observation.key}: {_difference(plan, record, dataset)}")

@@ -132,8 +132,8 @@ def test_a_plan_digest_changes_with_everything_that_decides_bytes_and_nothing_el
     others = [
         make_plans(source, audio="analytic", frames=16)[0],
         make_plans(source, audio="analytic", size=64)[0],
-        make_plans(source, audio="analytic", depth=True)[0],
-        make_plans(source, audio="analytic", rirs=True)[0],
+        make_plans(source, audio="analytic", extras=("depth",))[0],
+        make_plans(source, audio="analytic", extras=("rirs",))[0],
         make_plans(source, audio="analytic")[1],
     ]
     for changed in ({"seed": 2}, {"light": "preview"}, {"scans": {"flat": {"source": "apartment", "seed": 4}}}):
@@ -168,6 +168,6 @@ def test_stems_count_only_where_something_can_be_heard(tmp_path: Path) -> None:
         {"like": first, "index": 3, "sources": [], "background": {"kind": "noise", "snr_db": 20}},
     ]
     source = read_manifest(written(tmp_path, content))
-    plain, stems = (make_plans(source, audio="analytic", stems=stems) for stems in (False, True))
+    plain, stems = (make_plans(source, audio="analytic", extras=extras) for extras in ((), ("stems",)))
     assert [a.digest == b.digest for a, b in zip(plain, stems, strict=True)] == [False, True, False]
     assert [plan.keeps_stems for plan in stems] == [True, False, True]

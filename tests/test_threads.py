@@ -40,7 +40,7 @@ def test_threads_change_no_byte(tmp_path: Path, audio: str) -> None:
         pytest.importorskip("rlr_audio_propagation", reason="the SoundSpaces engine is not installed")
     plan = make_plans(
         read_manifest(write_manifest(tmp_path)), only=["part_2/*"], frames=10, size=96, audio=audio,
-        depth=True, rirs=True,
+        extras=("depth", "rirs"),
     )[0]  # fmt: skip
     constant = {str(n): repeat(n) for n in (1, 2, 3, 4, 32)}
     changing = {"growing": chain([1, 1, 1, 2, 2], repeat(32)), "shrinking": chain([1, 4, 4], repeat(1))}

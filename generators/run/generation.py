@@ -83,9 +83,7 @@ def plans_of(source: ManifestFile, options: GenerateOptions) -> tuple[Observatio
         audio=options.audio,
         frames=options.frames,
         size=options.size,
-        depth="depth" in options.extras,
-        rirs="rirs" in options.extras,
-        stems="stems" in options.extras,
+        extras=options.extras,
     )
 
 
