@@ -80,10 +80,11 @@ def make_observation(context: Context, plan: ObservationPlan, place: Place) -> s
     what = record.category or "no source"
     if len(record.sources or ()) > 1:
         what = f"{len(record.sources or ())} sources"
+    t30 = f"T30 {record.acoustics.t30:.2f} s, " if record.acoustics.t30 else ""
     visible = sum(frame.visible_pixels > 0 for frame in record.frames)
     return (
         f"{what}, {len(record.instances)} objects, visible in {visible} of {len(record.frames)} frames, "
-        f"T30 {record.acoustics.t30 or float('nan'):.2f} s, {time.perf_counter() - started:.0f} s"
+        f"{t30}{time.perf_counter() - started:.0f} s"
     )
 
 
