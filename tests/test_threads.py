@@ -214,7 +214,7 @@ def _cores_seen(context: Context, seconds: float) -> list[int]:
 class _Nothing:
     """A record with no frames."""
 
-    category, instances, frames, acoustics = "clock", (), (), SimpleNamespace(t30=None)
+    category, sources, instances, frames, acoustics = "clock", None, (), (), SimpleNamespace(t30=None)
 
 
 def _count(until: int) -> Generator[int]:
