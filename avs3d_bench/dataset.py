@@ -334,6 +334,11 @@ class Observation:
         return self.record.category if self.record else None
 
     @property
+    def is_sound_scene(self) -> bool:
+        """Whether it belongs to part_3."""
+        return self.place.is_sound_scene
+
+    @property
     def group(self) -> str | None:
         """Key of the observation of part_3 whose pictures this one has; None in the other parts."""
         return self.record.group if self.record else None

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.taxonomy import PARTS, check_room
+from avs3d_bench.taxonomy import PARTS, SOUND_SCENES, check_room
 
 DATASET_JSON = "dataset.json"
 OBSERVATION_JSON = "observation.json"
@@ -42,6 +42,9 @@ GT_3D = "gt_3d"
 SOUNDING_OBJECT = f"{GT_3D}/sounding_object.ply"
 COLMAP = "sparse/0"
 COLMAP_FILES = tuple(f"{COLMAP}/{name}.bin" for name in ("cameras", "images", "points3D"))
+
+#: Folders that have the same bytes in all siblings of a group of part_3.
+SIBLING_FOLDERS = (INPUT, IMAGES, INSTANCE_MASKS, DEPTH, COLMAP)
 
 #: Folders of a submission's observation.
 SUBMISSION_MASKS = "masks"
@@ -96,6 +99,11 @@ class ObservationKey:
 
     def __str__(self) -> str:
         return f"{self.part}/{self.scan}/{self.room}/{self.index}"
+
+    @property
+    def is_sound_scene(self) -> bool:
+        """Whether it belongs to part_3."""
+        return self.part == SOUND_SCENES
 
 
 def observation_key(part: str, scan: str, room: str, index: int) -> str:

@@ -44,6 +44,13 @@ def check_file(path: Path, most: int) -> None:
         raise Avs3dError(f"{path}: {found.st_size:,} bytes, expected at most {most:,}")
 
 
+def _check_size(path: Path, header: PngHeader, width: int, height: int) -> None:
+    if (header.width, header.height) != (width, height):
+        raise Avs3dError(
+            f"{path}: {header.width}×{header.height} pixels, expected {width}×{height}, the size of the frame"
+        )
+
+
 def read_mask(path: Path, width: int, height: int, *, released: bool) -> NDArray[np.uint8]:
     """A predicted mask.
 
@@ -62,10 +69,7 @@ def read_mask(path: Path, width: int, height: int, *, released: bool) -> NDArray
     check_file(path, 4 * width * height + 65_536)
 
     def check(header: PngHeader) -> None:
-        if (header.width, header.height) != (width, height):
-            raise Avs3dError(
-                f"{path}: {header.width}×{header.height} pixels, expected {width}×{height}, the size of the frame"
-            )
+        _check_size(path, header, width, height)
         grey = header.colour_type == _GREY and header.bits in (1, 8)
         if not grey and not (released and header.colour_type == _RGB and header.bits == 8):
             raise Avs3dError(f"{path}: {header.mode}; expected a mask: grey, 8 bit, 0 or 255")
@@ -100,10 +104,7 @@ def read_categories(path: Path, width: int, height: int, classes: int) -> NDArra
     check_file(path, 4 * width * height + 65_536)
 
     def check(header: PngHeader) -> None:
-        if (header.width, header.height) != (width, height):
-            raise Avs3dError(
-                f"{path}: {header.width}×{header.height} pixels, expected {width}×{height}, the size of the frame"
-            )
+        _check_size(path, header, width, height)
         if header.colour_type != _GREY or header.bits != 8:
             raise Avs3dError(f"{path}: {header.mode}; expected class ids: grey, 8 bit, 0 to {classes}")
 

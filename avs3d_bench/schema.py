@@ -28,7 +28,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from avs3d_bench import __version__, layout
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
-from avs3d_bench.taxonomy import CATEGORIES, CATEGORY_PATTERN, DISTRACTORS, class_ids
+from avs3d_bench.taxonomy import CATEGORIES, CATEGORY_PATTERN, DISTRACTORS, SOUND_SCENES, class_ids
 from avs3d_bench.text import printable
 
 if TYPE_CHECKING:
@@ -384,7 +384,7 @@ class ObservationRecord(Record):
     @property
     def is_sound_scene(self) -> bool:
         """Whether this is an observation of part_3."""
-        return self.part == "part_3"
+        return self.part == SOUND_SCENES
 
     @property
     def sounding(self) -> InstanceRecord:
@@ -644,9 +644,9 @@ class DatasetRecord(Record):
             head = f"{entry.part}/{entry.scan}/{entry.room}/"
             if not (entry.key.startswith(head) and entry.key[len(head) :].isdigit()):
                 raise ValueError(f"key {entry.key!r} does not fit its part, scan and room: expected {head}<index>")
-            if entry.category is None and entry.part != "part_3":
+            if entry.category is None and entry.part != SOUND_SCENES:
                 raise ValueError(f"{entry.key}: category is missing; only an observation of part_3 may have none")
-        newer = bool(self.categories) or any(entry.part == "part_3" for entry in self.observations)
+        newer = bool(self.categories) or any(entry.part == SOUND_SCENES for entry in self.observations)
         expected = SOUND_SCENES_VERSION if newer else SCHEMA_VERSION
         if self.schema_version != expected:
             raise ValueError(f"schema_version is {self.schema_version}, expected {expected}")

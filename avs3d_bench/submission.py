@@ -35,14 +35,12 @@ from avs3d_bench.files import write_json
 from avs3d_bench.media import png_header, write_ply_points, write_png_categories, write_png_mask
 from avs3d_bench.schema import ProvenanceRecord, Scalar, SubmissionRecord, describe
 from avs3d_bench.staging import staged_folder
-from avs3d_bench.taxonomy import class_ids
+from avs3d_bench.taxonomy import SOUND_SCENES, class_ids
 
 #: `dataset_version` of a submission for data without dataset.json (the official release).
 UNVERSIONED = "unversioned"
 #: A cloud larger than this is no object any more.
 MAX_POINTS = 2_000_000
-#: The part in which a submission may hold class ids beside its masks.
-SOUND_SCENES = "part_3"
 #: Names in a message before it only counts.
 _NAMED = 5
 _OWN_FILE = re.compile(
@@ -172,7 +170,7 @@ class SubmissionFolder:
         size = frame_size(frame)
         marked = as_mask(mask, size, where)
         if categories is not None:
-            if frame.observation.place.part != SOUND_SCENES:
+            if not frame.observation.is_sound_scene:
                 raise UsageError(f"{where}: class ids belong to {SOUND_SCENES}; leave out categories")
             record = frame.observation.record
             named = as_categories(categories, size, record.class_ids if record else class_ids(), where)
@@ -340,7 +338,7 @@ class SubmissionWriter:
                 f"{self.path}: not written: no points for {_some(without)}; expected points for every observation or "
                 "none (an empty cloud says that nothing was found)"
             )
-        scenes = [frame for o in self.observations if o.place.part == SOUND_SCENES for frame in o.test]
+        scenes = [frame for o in self.observations if o.is_sound_scene for frame in o.test]
         bare = [f for f in scenes if not self.folder.categories_path(f.observation.key, f.name).exists()]
         if 0 < len(bare) < len(scenes):
             names = _some([f"{frame.observation.key}/{frame.name}" for frame in bare])

@@ -25,7 +25,8 @@ DISTRACTORS = ("oven",)
 ROOMS = ("bathroom", "kitchen", "living_room")
 #: part_1: one instance of the category that sounds; part_2: several, one sounds; part_3: sound scenes (any number of
 #: sources, programmes, off-screen sound, silence).
-PARTS = ("part_1", "part_2", "part_3")
+SOUND_SCENES = "part_3"
+PARTS = ("part_1", "part_2", SOUND_SCENES)
 #: What a category is called: a name of its own must fit this, too.
 CATEGORY_PATTERN = r"^[a-z][a-z0-9_]{0,63}$"
 #: Largest number of names that a message lists.

@@ -25,7 +25,7 @@ from avs3d_bench.method import Method, write_submission
 from avs3d_bench.parallel import advance, process_each
 from avs3d_bench.schema import ObservationRecord
 from avs3d_bench.submission import Prediction, SubmissionWriter
-from baselines.oracle_scenes import is_sound_scene, paint
+from baselines.oracle_scenes import paint
 
 Which = Literal["all", "single"]
 #: `truth` of submission.json: leaderboards do not rank such submissions.
@@ -116,7 +116,7 @@ def _group(observation: Observation) -> str:
     Raises:
         UsageError: if it has none, or no instance masks.
     """
-    if not is_sound_scene(observation):
+    if not observation.is_sound_scene:
         raise UsageError(
             f"{observation.key}: --deaf compares siblings, which only part_3 has; use --instance category, or --only "
             "'part_3/*'"

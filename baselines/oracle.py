@@ -25,7 +25,7 @@ from avs3d_bench.method import Method, write_submission
 from avs3d_bench.schema import InstanceRecord, ObservationRecord
 from avs3d_bench.submission import Prediction, SubmissionWriter, frame_size
 from baselines.oracle_errors import CONFUSABLE, ErrorModel
-from baselines.oracle_scenes import is_sound_scene, scene_prediction
+from baselines.oracle_scenes import scene_prediction
 
 Instance = Literal["category", "sounding"]
 Mask = NDArray[np.bool_]
@@ -60,7 +60,7 @@ def oracle_mask(frame: Frame, *, instance: Instance, errors: ErrorModel = PERFEC
     """
     observation = frame.observation
     check_truth(observation, instance=instance, errors=errors)
-    if is_sound_scene(observation):
+    if observation.is_sound_scene:
         return np.asarray(scene_prediction(frame, category=instance == "category", errors=errors).mask, np.bool_)
     if errors.happens("drop", observation.key, frame.name):
         return np.zeros(frame_size(frame), dtype=np.bool_)
@@ -111,7 +111,7 @@ def check_truth(
 def _is_silent(observation: Observation) -> bool:
     """Whether it is an observation of part_3 in which no instance of the room sounds: then there is no mesh."""
     record = observation.record
-    return is_sound_scene(observation) and record is not None and not record.sounding_instances
+    return observation.is_sound_scene and record is not None and not record.sounding_instances
 
 
 def _record(observation: Observation) -> ObservationRecord:
@@ -264,7 +264,7 @@ def write_oracle(
 
 def _masks(instance: Instance, errors: ErrorModel, frames: tuple[Frame, ...]) -> Iterator[Mask | Prediction]:
     for frame in frames:
-        if is_sound_scene(frame.observation):
+        if frame.observation.is_sound_scene:
             yield scene_prediction(frame, category=instance == "category", errors=errors)
         else:
             yield oracle_mask(frame, instance=instance, errors=errors)

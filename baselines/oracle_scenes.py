@@ -23,11 +23,6 @@ from baselines.oracle_errors import CONFUSABLE, ErrorModel
 _HIGHEST_ID = 65_535
 
 
-def is_sound_scene(observation: Observation) -> bool:
-    """Whether it belongs to part_3."""
-    return observation.place.part == "part_3"
-
-
 def scene_prediction(frame: Frame, *, category: bool, errors: ErrorModel) -> Prediction:
     """The prediction of the oracle for a frame of part_3.
 

@@ -207,7 +207,7 @@ def score(path: Path, dataset: Dataset, choices: Sequence[Choice]) -> dict[str, 
 def main(root: Path, output: Path, only: tuple[str, ...], workers: int | None, report: Path | None) -> None:
     """Choose in all observations of part_3 of ROOT, write and score both submissions, print the figures."""
     dataset = Dataset(root)
-    keys = [one.key for one in dataset.select(*only) if one.place.part == "part_3"]
+    keys = [one.key for one in dataset.select(*only) if one.is_sound_scene]
     found = dict(process_each(partial(choose, root), keys, workers=workers, label="choice", progress=True))
     choices = {key: found[key] for key in keys}
     table = Table("", "pair_accuracy", "one source", "IoU", "FP_rate", "by kind", title="choice alone, listen")

@@ -27,7 +27,7 @@ from pydantic import (
 from avs3d_bench.errors import Avs3dError, UsageError, excerpt
 from avs3d_bench.layout import observation_key
 from avs3d_bench.schema import Category, Part, Room
-from avs3d_bench.taxonomy import MOST_OWN_CATEGORIES, check_room
+from avs3d_bench.taxonomy import MOST_OWN_CATEGORIES, SOUND_SCENES, check_room
 from avs3d_bench.yamlfile import read_yaml, step
 from generators.categories import CategoryName, CategorySpec, check_name, declared, missing_files
 from generators.core.limits import FRAMES, SIZE
@@ -286,7 +286,7 @@ class SourceSpec(_Model):
 
 
 class BackgroundSpec(_Model):
-    """Diffuse background ``snr_db`` below the mean level of all sources (see docs/manifest.md)."""
+    """Diffuse background ``snr_db`` below the mean level of all sources (see docs/sound-scenes.md)."""
 
     kind: Literal["room_tone", "noise"]
     snr_db: Annotated[Finite, Field(ge=-30.0, le=80.0)]
@@ -384,7 +384,7 @@ class ObservationSpec(_Model):
     @property
     def is_sound_scene(self) -> bool:
         """Whether it belongs to part_3."""
-        return self.part == "part_3"
+        return self.part == SOUND_SCENES
 
     @property
     def objects(self) -> dict[str, int]:

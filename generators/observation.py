@@ -230,17 +230,27 @@ def describe_observation(
         intrinsics=IntrinsicsRecord.of(ready.intrinsics),
         instances=ready.instances,
         sound=ready.sound.record,
-        acoustics=AcousticsRecord(
-            backend=ready.engine.name,
-            version=ready.engine.version,
-            sample_rate=layout.SAMPLE_RATE,
-            gain=GAIN,
-            settings=ready.engine.describe(),
-            t30=reverberation_time(decays, layout.SAMPLE_RATE),
-        ),
+        acoustics=describe_acoustics(ready.engine, decays),
         vision=VisionRecord(backend=ready.sight.name, version=ready.sight.version),
         frames=tuple(frames),
         files={},
+    )
+
+
+def describe_acoustics(engine: AcousticBackend, decays: list[NDArray[np.float32]]) -> AcousticsRecord:
+    """The record of the acoustic simulation in observation.json.
+
+    Args:
+        engine: the acoustic engine.
+        decays: impulse responses (2, n) from which the reverberation time is read; none where nothing sounds.
+    """
+    return AcousticsRecord(
+        backend=engine.name,
+        version=engine.version,
+        sample_rate=layout.SAMPLE_RATE,
+        gain=GAIN,
+        settings=engine.describe(),
+        t30=reverberation_time(decays, layout.SAMPLE_RATE) if decays else None,
     )
 
 

@@ -24,7 +24,6 @@ from generators.acoustics.base import AcousticBackend
 from generators.acoustics.clips import mono_clip
 from generators.backends import observation_provenance
 from generators.core.folders import default_cache
-from generators.core.rays import RayCaster
 from generators.manifest import ManifestFile, read_manifest
 from generators.observation import describe_frame, licence_record, prepare_observation
 from generators.paths.stage import Camera, Stage
@@ -197,10 +196,9 @@ def _compare_scene(
         clips: list[NDArray[np.float32]] = [np.zeros((2, layout.BINAURAL_SAMPLES), dtype=np.float32) for _ in poses]
         for index in needed:
             clips[index], _ = mix(plan, ready, index, heard[index], noise)
-        sight = RayCaster(ready.scene)
         for index in indices:
             writer.add_pictures(index, view.render(index, poses[index]))
-            _, described = write_second(plan, ready, writer, index, heard[index], noise, sight)
+            _, described = write_second(plan, ready, writer, index, heard[index], noise)
             yield from _fields(observation.key, f"frames[{index}]", {"frames": described}, record, index)
             writer.add_mono(index, mono_clip(clips, index))
         if ready.sounding:

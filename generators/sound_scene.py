@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,6 @@ from avs3d_bench.ahead import moved_beside
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose, direction_to
 from avs3d_bench.schema import (
-    AcousticsRecord,
     AudibleRecord,
     BackgroundRecord,
     FrameRecord,
@@ -36,15 +36,22 @@ from avs3d_bench.schema import (
 from avs3d_bench.taxonomy import class_ids
 from generators.acoustics.background import diffuse_noise
 from generators.acoustics.base import AcousticBackend
-from generators.acoustics.clips import GAIN, check_clip, mono_clip, rms
-from generators.acoustics.decay import reverberation_time
+from generators.acoustics.clips import check_clip, mono_clip, rms
 from generators.arrangement import Arrangement, arrange
 from generators.backends import acoustic_backend, vision_backend
 from generators.core.freespace import FreeSpace
 from generators.core.rays import RayCaster
 from generators.core.scene import Scene
 from generators.homes.store import open_home
-from generators.observation import T30_RESPONSES, Lent, Sound, choose_sound, describe_instance, licence_record
+from generators.observation import (
+    T30_RESPONSES,
+    Lent,
+    Sound,
+    choose_sound,
+    describe_acoustics,
+    describe_instance,
+    licence_record,
+)
 from generators.paths.stage import Camera, Stage
 from generators.paths.watcher import line_of_sight, point_in_sight
 from generators.placement.placement import Placement
@@ -61,7 +68,7 @@ Vector = tuple[float, float, float]
 #: Height of an off-screen source above the floor (m), about that of a table top or a person's mouth.
 OFF_SCREEN_HEIGHT = 1.2
 #: Without sources, a background's SNR refers to this level (dB re full scale): about the mean level of one source in a
-#: room of the open benchmark (docs/manifest.md).
+#: room of the open benchmark (docs/sound-scenes.md).
 REFERENCE_LEVEL_DB = -35.0
 
 
@@ -133,6 +140,11 @@ class PreparedScene:
     engine: AcousticBackend
     scene: Scene
 
+    @cached_property
+    def caster(self) -> RayCaster:
+        """Rays against the home with the objects."""
+        return RayCaster(self.scene)
+
     @property
     def sounding(self) -> dict[int, Placement]:
         """Id of an instance that sounds → its placement, sorted."""
@@ -198,9 +210,8 @@ def generate_sound_scene(
                     on_frame(index)
         background, noise = make_background(plan, [[one.stem for one in second] for second in heard])
         frames, clips = [], []
-        sight = RayCaster(ready.scene)
         for index, second in enumerate(heard):
-            clip, frame = write_second(plan, ready, writer, index, second, noise, sight)
+            clip, frame = write_second(plan, ready, writer, index, second, noise)
             clips.append(clip)
             frames.append(frame)
         for index in range(len(clips)):
@@ -217,7 +228,6 @@ def write_second(
     index: int,
     second: Sequence[HeardSource],
     noise: NDArray[np.float32],
-    sight: RayCaster,
 ) -> tuple[Clip, FrameRecord]:
     """Write what follows from the sound of one frame, whose pictures are written already: clip, stems and masks.
 
@@ -228,7 +238,6 @@ def write_second(
         index: of the frame.
         second: what is heard of each source.
         noise: samples of the background over all frames; see `make_background`.
-        sight: rays against the scene.
 
     Returns:
         The clip (2, 44100), and the frame's record.
@@ -237,7 +246,7 @@ def write_second(
     writer.add_clip(index, clip)
     writer.add_stems(index, stems_of(ready, second, noise, index))
     visible = writer.add_masks(index, class_table(ready, audible, plan.own_categories or ()))
-    return clip, describe_scene_frame(ready, index, visible, clip, audible, sight)
+    return clip, describe_scene_frame(ready, index, visible, clip, audible)
 
 
 def prepare_scene(plan: ObservationPlan, cache: Path) -> PreparedScene:
@@ -452,7 +461,6 @@ def describe_scene_frame(
     visible: int,
     clip: Clip,
     audible: Sequence[AudibleRecord],
-    sight: RayCaster,
 ) -> FrameRecord:
     """The record of one frame in observation.json; its direction is that of the first source."""
     pose = ready.seen.poses[index]
@@ -468,17 +476,17 @@ def describe_scene_frame(
         azimuth=direction.azimuth if direction else None,
         elevation=direction.elevation if direction else None,
         distance=direction.distance if direction else None,
-        line_of_sight=_is_in_sight(ready, first, sight, pose) if first else None,
+        line_of_sight=_is_in_sight(ready, first, pose) if first else None,
         rms_left=float(left),
         rms_right=float(right),
         audible=tuple(audible),
     )
 
 
-def _is_in_sight(ready: PreparedScene, source: SceneSource, sight: RayCaster, pose: Pose) -> bool:
+def _is_in_sight(ready: PreparedScene, source: SceneSource, pose: Pose) -> bool:
     if source.instance is None:
-        return point_in_sight(sight, pose, source.position)
-    return line_of_sight(sight, pose, ready.seen.placements[source.instance - 1])
+        return point_in_sight(ready.caster, pose, source.position)
+    return line_of_sight(ready.caster, pose, ready.seen.placements[source.instance - 1])
 
 
 def describe_scene(
@@ -509,14 +517,7 @@ def describe_scene(
         group=spec.like or plan.key,
         intrinsics=IntrinsicsRecord.of(ready.intrinsics),
         instances=ready.instances,
-        acoustics=AcousticsRecord(
-            backend=ready.engine.name,
-            version=ready.engine.version,
-            sample_rate=layout.SAMPLE_RATE,
-            gain=GAIN,
-            settings=ready.engine.describe(),
-            t30=reverberation_time(decays, layout.SAMPLE_RATE) if decays else None,
-        ),
+        acoustics=describe_acoustics(ready.engine, decays),
         vision=VisionRecord(backend=ready.sight.name, version=ready.sight.version),
         frames=tuple(frames),
         files={},

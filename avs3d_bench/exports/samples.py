@@ -193,7 +193,7 @@ def frames_of(observation: Observation, split: SplitChoice) -> tuple[Frame, ...]
 
 def has_sound_scenes(keys: Iterable[str]) -> bool:
     """Whether an observation of part_3 is among these."""
-    return any(layout.parse_key(key).part == "part_3" for key in keys)
+    return any(layout.parse_key(key).is_sound_scene for key in keys)
 
 
 def described(kinds: Mapping[str, Kind]) -> dict[str, str]:
@@ -213,7 +213,7 @@ def file_kinds(observation: Observation, names: Sequence[str]) -> dict[str, Kind
         kind = ALL_KINDS[name]
         if name == "rgb" and not (observation.path / kind.folder).is_dir():
             kind = _RELEASE_RGB
-        if name in _PER_SOURCE and observation.place.part == "part_3" and observation.record is not None:
+        if name in _PER_SOURCE and observation.is_sound_scene and observation.record is not None:
             sources = tuple(source.id for source in observation.record.sources or ())
             noise = (layout.BACKGROUND,) if name == "stems" and observation.record.background is not None else ()
             kind = replace(kind, sources=sources + noise)

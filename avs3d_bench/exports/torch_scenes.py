@@ -60,7 +60,7 @@ class Scenes:
 
     def kinds(self, observation: Observation) -> tuple[str, ...]:
         """The kinds of files of part_3 that are read of an observation; one without any sound has no stems."""
-        record = observation.record if observation.place.part == "part_3" else None
+        record = observation.record if observation.is_sound_scene else None
         if record is None:
             return ()
         stems = self.stems and (record.sources or record.background is not None)

@@ -9,14 +9,7 @@ from avs3d_bench.report import Problem
 from avs3d_bench.schema import InstanceRecord, ObservationRecord
 
 #: Folders and files that are the same, byte for byte, in all siblings.
-SHARED = (
-    f"{layout.INPUT}/",
-    f"{layout.IMAGES}/",
-    f"{layout.INSTANCE_MASKS}/",
-    f"{layout.DEPTH}/",
-    f"{layout.COLMAP}/",
-    layout.SPLITS_JSON,
-)
+SHARED = (*(f"{folder}/" for folder in layout.SIBLING_FOLDERS), layout.SPLITS_JSON)
 
 
 def check_groups(records: Mapping[str, ObservationRecord], keys: frozenset[str]) -> Iterator[Problem]:

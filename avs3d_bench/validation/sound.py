@@ -44,11 +44,6 @@ def _sound_problems(
     return np.asarray(rms)
 
 
-def _in_scene(frame: Frame) -> bool:
-    """Whether the frame is of part_3, where silence is allowed; its record says whether something is to be heard."""
-    return frame.observation.place.part == "part_3"
-
-
 def check_clip(frame: Frame, files: set[str], findings: Findings) -> Sound | None:
     """Read a binaural clip and hold it to its record; None if it is missing or has another format."""
     path = layout.audio_path(layout.BINAURAL, frame.index)
@@ -56,7 +51,7 @@ def check_clip(frame: Frame, files: set[str], findings: Findings) -> Sound | Non
     if clip is None or clip.samples.shape != (2, layout.BINAURAL_SAMPLES):
         return None  # format: named by the shallow check
     entry = frame.record
-    rms = _sound_problems(path, clip.samples, findings, may_be_silent=_in_scene(frame))
+    rms = _sound_problems(path, clip.samples, findings, may_be_silent=frame.observation.is_sound_scene)
     if entry:
         relative, absolute = RMS_TOLERANCE
         for side, found, noted in zip(("left", "right"), rms, (entry.rms_left, entry.rms_right), strict=True):
@@ -85,7 +80,7 @@ def check_mono(
     clip = read(findings, files, path, lambda: media.read_wav(frame.observation.path / path))
     if clip is None or clip.samples.shape != (1, layout.MONO_SAMPLES):
         return
-    _sound_problems(path, clip.samples, findings, may_be_silent=_in_scene(frame))
+    _sound_problems(path, clip.samples, findings, may_be_silent=frame.observation.is_sound_scene)
     if own is None:
         return
     mono, mix, n = clip.samples[0], own.samples.mean(axis=0), layout.BINAURAL_SAMPLES

@@ -107,7 +107,7 @@ def _check_missing(expected: set[str], files: set[str], findings: Findings) -> N
 
 def _sound_scene(observation: Observation, record: ObservationRecord | None, files: set[str]) -> SoundScene | None:
     """What decides the files of an observation of part_3: its record, or the folders where that cannot be read."""
-    if observation.place.part != "part_3":
+    if not observation.is_sound_scene:
         return None
     stems = has_stems(files)
     if record is not None and record.sources is not None:

@@ -45,7 +45,7 @@ from baselines.echosegnet.decompose import decompose
 from baselines.echosegnet.gaussians import Gaussians, write_ply
 from baselines.echosegnet.rasteriser.default import Rasteriser
 from baselines.echosegnet.render import amodal_mask, visible_mask
-from baselines.echosegnet.sound_scenes import Categories, class_votes, cluster_activity, is_sound_scene
+from baselines.echosegnet.sound_scenes import Categories, class_votes, cluster_activity
 from baselines.echosegnet.sources import Mask, MaskSource
 from baselines.echosegnet.train import Progress, TrainingSettings
 from baselines.echosegnet.training_stage import trained
@@ -112,7 +112,7 @@ def predict(
     """
     stages, clock = Stages(folder), _Clock()
     views = load_views(observation)
-    scene = is_sound_scene(observation)
+    scene = observation.is_sound_scene
     with clock("masks"):
         masks = _masks(observation, train_views(input_views(views)), source) if scene else []
     if scene and not any(mask.any() for mask in masks):
@@ -306,7 +306,7 @@ def _masks(observation: Observation, views: Sequence[View], source: MaskSource) 
                 f"expected {view.camera.width}×{view.camera.height}"
             )
         masks.append(mask)
-    if not is_sound_scene(observation) and not any(mask.any() for mask in masks):
+    if not observation.is_sound_scene and not any(mask.any() for mask in masks):
         raise Avs3dError(f"{observation.key}: {source.name} marks nothing in any train frame; nothing can be lifted")
     return masks
 

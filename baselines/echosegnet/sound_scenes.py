@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.dataset import Observation
-from avs3d_bench.submission import SOUND_SCENES
 from baselines.echosegnet import activity, clusters
 from baselines.echosegnet.activity import Activity
 from baselines.echosegnet.lift import pixels_of
@@ -23,11 +22,6 @@ from baselines.echosegnet.sources import MaskSource
 from baselines.echosegnet.views import View
 
 Categories = NDArray[np.uint8]
-
-
-def is_sound_scene(observation: Observation) -> bool:
-    """Whether it belongs to part_3."""
-    return observation.place.part == SOUND_SCENES
 
 
 def work_folder(work: Path, observation: Observation) -> Path:

@@ -19,7 +19,7 @@ from avs3d_bench.parallel import advance, process_each
 from avs3d_bench.report import Problem, Report, ordered
 from avs3d_bench.taxonomy import class_ids
 from evaluators.reading.reader import Reader, problem_of
-from evaluators.reading.structure import check_structure, is_sound_scene
+from evaluators.reading.structure import check_structure
 from evaluators.reading.submission import open_submission
 from evaluators.records import InvalidSubmission, Submission
 
@@ -97,7 +97,7 @@ def has_categories(submission: Submission, observations: Iterable[Observation]) 
     """Whether the submission holds class ids (categories/) of an observation of part_3."""
     if submission.layout == "official":
         return False
-    folders = (submission.root / o.key / layout.SUBMISSION_CATEGORIES for o in observations if is_sound_scene(o))
+    folders = (submission.root / o.key / layout.SUBMISSION_CATEGORIES for o in observations if o.is_sound_scene)
     return any(folder.is_dir() and any(folder.iterdir()) for folder in folders)
 
 
@@ -141,7 +141,7 @@ def _look(
     """(files read, findings) of one observation."""
     observation = Observation(root, key)
     reader = Reader(submission, key)
-    classes = _class_count(observation) if categories and is_sound_scene(observation) else None
+    classes = _class_count(observation) if categories and observation.is_sound_scene else None
 
     def sound(path: Path) -> bool:
         """Whether nothing is known against a file, a folder behind a link, or a part that is missing as a whole."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.report import Problem, printable
-from avs3d_bench.taxonomy import PARTS
+from avs3d_bench.taxonomy import PARTS, SOUND_SCENES
 from evaluators.reading.tree import Tree
 from evaluators.records import Submission
 
@@ -19,7 +19,6 @@ _COMPANIONS = ("README", "LICENCE", "LICENSE", "CITATION")
 _SURPLUS = 100_000
 #: What an observation adds to that at most: its test frames, its folders, its points.
 _ENTRIES = layout.MAX_FRAMES // layout.TEST_EVERY + 6
-_SOUND_SCENES = "part_3"
 
 
 def check_structure(submission: Submission, dataset: Dataset, observations: Sequence[Observation]) -> list[Problem]:
@@ -36,7 +35,7 @@ def check_structure(submission: Submission, dataset: Dataset, observations: Sequ
     expected, categories = _expected(submission, observations), _categories(submission, observations)
     others = {*dataset.keys}.difference(observation.key for observation in observations)
     # Observations of part_3 may have as many files again.
-    entries = sum(_ENTRIES * (2 if key.startswith(f"{_SOUND_SCENES}/") else 1) for key in others)
+    entries = sum(_ENTRIES * (2 if key.startswith(f"{SOUND_SCENES}/") else 1) for key in others)
     tree = _walk(submission, observations, {**expected, **categories}, _SURPLUS + entries)
     problems += tree.problems
     misplaced = _wrong_parts(dataset, observations, tree.found)
@@ -52,11 +51,6 @@ def check_structure(submission: Submission, dataset: Dataset, observations: Sequ
     return problems
 
 
-def is_sound_scene(observation: Observation) -> bool:
-    """Whether it belongs to part_3, where class ids may stand beside the masks."""
-    return observation.place.part == _SOUND_SCENES
-
-
 def _wrong_parts(dataset: Dataset, observations: Sequence[Observation], found: Collection[str]) -> list[Problem]:
     """One line for each part of a submission that was made for the other kind of dataset.
 
@@ -66,8 +60,8 @@ def _wrong_parts(dataset: Dataset, observations: Sequence[Observation], found: C
     parts = {key.split("/")[0] for key in dataset.keys}
     asked = sorted({observation.place.part for observation in observations})
     there = [part for part in PARTS if part in found]
-    foreign = [part for part in there if part not in parts and (part == _SOUND_SCENES) not in _kinds(parts)]
-    absent = [part for part in asked if (part == _SOUND_SCENES) not in _kinds(there)] if foreign else []
+    foreign = [part for part in there if part not in parts and (part == SOUND_SCENES) not in _kinds(parts)]
+    absent = [part for part in asked if (part == SOUND_SCENES) not in _kinds(there)] if foreign else []
     problems = [
         Problem("error", part, f"masks of {part}, but the dataset has only {' and '.join(sorted(parts))}")
         for part in foreign
@@ -82,7 +76,7 @@ def _wrong_parts(dataset: Dataset, observations: Sequence[Observation], found: C
 
 def _kinds(parts: Iterable[str]) -> set[bool]:
     """Whether sound scenes, other observations or both are among the parts."""
-    return {part == _SOUND_SCENES for part in parts}
+    return {part == SOUND_SCENES for part in parts}
 
 
 def _check_record(submission: Submission, dataset: Dataset) -> Iterator[Problem]:
@@ -128,7 +122,7 @@ def _categories(submission: Submission, observations: Iterable[Observation]) -> 
     return {
         submission.categories_path(o.key, frame.name).relative_to(submission.root).as_posix(): None
         for o in observations
-        if is_sound_scene(o)
+        if o.is_sound_scene
         for frame in o.test
     }
 
@@ -196,7 +190,7 @@ def _check_entries(
                 yield Problem("error", name, "no such observation in the dataset")
             elif len(pieces) > 4 and key in asked and not _leads_to(inside, submission.masks):
                 yield from _surplus_folder(asked[key], submission, name, inside)
-        elif key in asked and not is_sound_scene(asked[key]) and pieces[4] == layout.SUBMISSION_CATEGORIES:
+        elif key in asked and not asked[key].is_sound_scene and pieces[4] == layout.SUBMISSION_CATEGORIES:
             continue  # one line for the folder is enough
         elif key in asked:
             yield Problem("error", name, _surplus(asked[key], submission, inside))
@@ -207,11 +201,11 @@ def _check_entries(
 def _surplus_folder(observation: Observation, submission: Submission, name: str, inside: str) -> Iterator[Problem]:
     categories = layout.SUBMISSION_CATEGORIES
     if inside == categories and submission.layout == "avs3d":
-        if not is_sound_scene(observation):
+        if not observation.is_sound_scene:
             part = observation.place.part
             yield Problem("error", name, f"class ids belong to part_3; expected {submission.masks}/ only in {part}")
         return
-    expected = f"{submission.masks}/ and {categories}/" if is_sound_scene(observation) else f"{submission.masks}/"
+    expected = f"{submission.masks}/ and {categories}/" if observation.is_sound_scene else f"{submission.masks}/"
     yield Problem("error", name, f"surplus folder; expected {expected} only")
 
 

@@ -35,9 +35,8 @@ class SceneWriter(ObservationWriter):
             sibling: folder of the finished observation.
             record: its observation.json.
         """
-        folders = {layout.INPUT, layout.IMAGES, layout.INSTANCE_MASKS, layout.COLMAP.partition("/")[0]}
-        folders |= {layout.DEPTH} if self._depth else set()
-        self._linked = {path: digest for path, digest in record.files.items() if path.partition("/")[0] in folders}
+        shared = tuple(f"{folder}/" for folder in layout.SIBLING_FOLDERS)
+        self._linked = {path: digest for path, digest in record.files.items() if path.startswith(shared)}
         for path in self._linked:
             files.link_or_copy(sibling / path, self.folder / path)
 

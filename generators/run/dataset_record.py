@@ -27,6 +27,7 @@ from avs3d_bench.schema import (
     parse_record,
     unique_attributions,
 )
+from avs3d_bench.taxonomy import SOUND_SCENES
 from generators.library.licences import conditions
 from generators.library.lock import LOCK_NAME, read_lock
 from generators.manifest import AssetSpec, ManifestFile, ScanSpec
@@ -127,7 +128,7 @@ def _record(
         *conditions(attribution.name for attribution in attributions),
     ]
     entries = tuple(entries)
-    newer = bool(source.manifest.categories) or any(entry.part == "part_3" for entry in entries)
+    newer = bool(source.manifest.categories) or any(entry.part == SOUND_SCENES for entry in entries)
     return DatasetRecord(
         schema_version=SOUND_SCENES_VERSION if newer else SCHEMA_VERSION,
         name=source.manifest.name,
