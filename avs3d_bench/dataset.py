@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import fnmatch
 import operator
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -458,3 +458,25 @@ def find_keys(root: str | Path) -> tuple[str, ...]:
             if path.is_dir():
                 found.append(key)
     return tuple(sorted(found))
+
+
+def sibling_frames(siblings: Sequence[Observation]) -> list[tuple[Frame, ...]]:
+    """The test frames of observations that share their pictures: for each frame, that of every sibling.
+
+    Args:
+        siblings: of one group of part_3, at least one.
+
+    Raises:
+        Avs3dError: if there is no test frame, or siblings have other test frames than the first.
+    """
+    first, *others = siblings
+    names = [frame.name for frame in first.test]
+    if not names:
+        raise Avs3dError(f"{first.path}: no test frame; expected some in {layout.SPLITS_JSON}")
+    for other in others:
+        if [frame.name for frame in other.test] != names:
+            raise Avs3dError(
+                f"{other.path / layout.SPLITS_JSON}: other test frames than {first.key}, whose pictures it shares; "
+                "regenerate the dataset"
+            )
+    return list(zip(*(sibling.test for sibling in siblings), strict=True))

@@ -4,9 +4,9 @@
     deaf_single  one instance is marked: the one with the highest mean IoU over the frames of all siblings in which
                  something audible is visible
 
-The siblings of a group differ in sound alone, so that a method without ears answers alike for all of them. The oracles
-bound what it can reach: ``deaf_single`` is chosen with the truth. The evaluator prints their scores as reference rows,
-`avs3d baseline oracle --deaf` writes them as submissions.
+The siblings of a group differ in sound alone, so that a method that does not use the sound gives the same answer to
+all of them. The oracles are two such answers, made of perfect masks; ``deaf_single`` is chosen with the truth. The
+evaluator prints their scores as reference rows, `avs3d baseline oracle --deaf` writes them as submissions.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from avs3d_bench import layout
+from avs3d_bench.dataset import Frame
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.schema import InstanceRecord, ObservationRecord
 from avs3d_bench.taxonomy import DISTRACTORS
@@ -30,6 +32,23 @@ def can_sound(record: ObservationRecord) -> tuple[InstanceRecord, ...]:
     """The instances of a category that can sound, whether they sound here or not, by id: all but distractors."""
     found = (instance for instance in record.instances if instance.category not in DISTRACTORS)
     return tuple(sorted(found, key=lambda instance: instance.id))
+
+
+def instance_ids_of(frame: Frame, size: tuple[int, int]) -> NDArray[np.uint16]:
+    """(H, W) instance ids of a frame.
+
+    Args:
+        frame: to read.
+        size: (height, width) of its masks.
+
+    Raises:
+        Avs3dError: if the file is missing, damaged or of another size.
+    """
+    ids = frame.instance_ids()
+    if ids.shape != size:
+        path = frame.path(layout.INSTANCE_MASKS)
+        raise Avs3dError(f"{path}: shape {ids.shape}, expected that of the mask, {size}; regenerate the dataset")
+    return ids
 
 
 def instance_table(ids: NDArray[np.uint16], numbers: Sequence[int], labels: NDArray[np.uint8], count: int) -> Table:

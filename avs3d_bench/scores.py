@@ -37,7 +37,7 @@ BLIND_REFERENCES = ("all_black", "all_white", "centre_box")
 #: … and submissions with true masks that do not use the sound: under ``strict``, if the instances are known.
 DEAF_REFERENCES = ("deaf_category", "deaf_most_seen")
 REFERENCES = (*BLIND_REFERENCES, *DEAF_REFERENCES)
-#: Under ``listen``: true masks of instances, the same for all siblings of a group; see `avs3d_bench.deaf`.
+#: Under ``listen``: true masks of instances, the same for all siblings of a group; see `avs3d_bench.deaf_oracles`.
 DEAF_ORACLES = ("deaf_all", "deaf_single")
 LISTEN_REFERENCES = (*BLIND_REFERENCES, *DEAF_ORACLES)
 #: Every reference row, in the order of tables.

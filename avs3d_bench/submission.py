@@ -175,6 +175,8 @@ class SubmissionFolder:
             record = frame.observation.record
             named = as_categories(categories, size, record.class_ids if record else class_ids(), where)
             write_png_categories(self.categories_path(key, frame.name), named)
+        else:
+            self.categories_path(key, frame.name).unlink(missing_ok=True)  # of an earlier mask of this frame
         write_png_mask(self.mask_path(key, frame.name), marked)
 
     def write_points(self, observation: Observation, points: ArrayLike) -> None:

@@ -4,8 +4,8 @@
     single   one instance, the same in all frames of all siblings: that with the highest mean IoU over the frames in
              which something audible is visible
 
-Siblings differ in sound alone, so that these are the best that a method without ears can give, and their pair accuracy
-is 0. Both use the instance masks of test frames, ``single`` the masks as well. See `avs3d_bench.deaf_oracles`.
+Siblings differ in sound alone: these are answers of a perfect segmentation that does not use the sound, and their pair
+accuracy is 0. Both use the instance masks of test frames, ``single`` the masks as well. See `avs3d_bench.deaf_oracles`.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from typing import Literal
 import numpy as np
 
 from avs3d_bench import layout
-from avs3d_bench.dataset import Dataset, Frame, Observation
-from avs3d_bench.deaf_oracles import best_single, can_sound, instance_table
+from avs3d_bench.dataset import Dataset, Frame, Observation, sibling_frames
+from avs3d_bench.deaf_oracles import best_single, can_sound, instance_ids_of, instance_table
 from avs3d_bench.errors import UsageError
 from avs3d_bench.method import Method, write_submission
 from avs3d_bench.parallel import advance, process_each
@@ -96,16 +96,19 @@ def choose_single(root: Path, keys: Sequence[str]) -> int | None:
     Args:
         root: the dataset's.
         keys: of the siblings.
+
+    Raises:
+        Avs3dError: if the dataset is damaged.
     """
     siblings = [Observation(root, key) for key in keys]
     numbers = [instance.id for instance in can_sound(_record(siblings[0]))]
     tables = []
-    for position, frame in enumerate(siblings[0].test):
-        advance(position, len(siblings[0].test))
-        ids = frame.instance_ids()
-        for sibling in siblings:
-            mask = next(other for other in sibling.test if other.name == frame.name).mask()
-            tables.append(instance_table(ids, numbers, mask.view(np.uint8), 1))
+    frames = sibling_frames(siblings)
+    for position, same in enumerate(frames):
+        advance(position, len(frames))
+        masks = [frame.mask() for frame in same]
+        ids = instance_ids_of(same[0], masks[0].shape)
+        tables += [instance_table(ids, numbers, mask.view(np.uint8), 1) for mask in masks]
     row = best_single(tables)
     return None if row is None else numbers[row - 1]
 

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
 
 from avs3d_bench.scores import PairScores, SiblingScores
-from evaluators.metrics import FrameCounts, mean
+from evaluators.metrics import FrameCounts
 
 #: Counts of every prediction against every truth of a frame: row a, column b is prediction a against truth b.
 CrossCounts = Sequence[Sequence[FrameCounts]]
@@ -97,8 +97,3 @@ def group_accuracies(siblings: Iterable[SiblingScores], keys: Iterable[str]) -> 
     wanted = frozenset(keys)
     found = {one.group: pair_accuracy(pairs_of(one, wanted))[0] for one in siblings}
     return {group: value for group, value in found.items() if value is not None}
-
-
-def mean_accuracy(siblings: Iterable[SiblingScores], keys: Iterable[str]) -> float | None:
-    """Unweighted mean over groups; None where no group has a frame of a pair."""
-    return mean(group_accuracies(siblings, keys).values())

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench import layout
-from avs3d_bench.dataset import Frame, Observation
-from avs3d_bench.deaf_oracles import can_sound
+from avs3d_bench.dataset import Frame, Observation, sibling_frames
+from avs3d_bench.deaf_oracles import can_sound, instance_ids_of
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.parallel import advance
 from avs3d_bench.schema import ObservationRecord
@@ -166,7 +166,7 @@ def score_group(
         Avs3dError: if the dataset is damaged.
     """
     observations = [Observation(root, key) for key in keys]
-    frames = _common_frames(observations)
+    frames = sibling_frames(observations)
     record = observations[0].record
     ids = record.class_ids if record else class_ids()
     highest = len(ids) if categories else None
@@ -182,7 +182,7 @@ def score_group(
             marks = zip(readers, read, strict=True)
             classes = [reader.categories(name, truth.size, highest, mask) for reader, mask in marks]
         if not any(reader.problems for reader in readers):  # Else there is no score: only look for further bad files.
-            instances = None if record is None else siblings[0].instance_ids()
+            instances = None if record is None else instance_ids_of(siblings[0], truth.size)
             counts.add(truth, [m for m in read if m is not None], [c for c in classes if c is not None], instances)
     for reader in readers if points else ():
         reader.points()
@@ -261,25 +261,6 @@ def _alike(counts: list[FrameCounts]) -> CrossCounts:
         counts: of the prediction against the truth of each sibling.
     """
     return [counts] * len(counts)
-
-
-def _common_frames(observations: Sequence[Observation]) -> list[list[Frame]]:
-    """The test frames; of each, that of every sibling.
-
-    Raises:
-        Avs3dError: if there are none, or siblings have others.
-    """
-    first, *others = observations
-    names = [frame.name for frame in first.test]
-    if not names:
-        raise Avs3dError(f"{first.path}: no test frame; expected some in {layout.SPLITS_JSON}")
-    for other in others:
-        if [frame.name for frame in other.test] != names:
-            raise Avs3dError(
-                f"{other.path / layout.SPLITS_JSON}: other test frames than {first.key}, whose pictures it shares; "
-                "regenerate the dataset"
-            )
-    return [list(siblings) for siblings in zip(*(observation.test for observation in observations), strict=True)]
 
 
 def _read_truth(siblings: Sequence[Frame], highest: int | None) -> _FrameTruth:

@@ -186,6 +186,30 @@ def test_parts_that_a_protocol_does_not_score_have_no_rows(data: Path, tmp_path:
     }  # fmt: skip
 
 
+def test_sound_scenes_without_siblings_are_ranked_by_iou(data: Path, tmp_path: Path):
+    """Without observation.json no observation has a sibling, so that nobody has a pair accuracy."""
+    root = tiny.clone(data, tmp_path / "data")
+    for key in tiny_scenes.GROUP:
+        (root / key / layout.OBSERVATION_JSON).unlink()
+    (root / layout.DATASET_JSON).unlink()
+    files = []
+    for name, predict in (("better", true_mask), ("alike", true_mask), ("worse", lambda frame: ~frame.mask())):
+        folder = submit(tmp_path / name, root, predict)
+        record = media.read_json(folder / layout.SUBMISSION_JSON)
+        (folder / layout.SUBMISSION_JSON).unlink()
+        media.write_json(folder / layout.SUBMISSION_JSON, {**record, "method": name})
+        files.append(tmp_path / f"{name}.json")
+        media.write_json(files[-1], evaluate(folder, root).scores)
+    (table,) = tables_of(leaderboard_values(read_entries(files)), "part_3", "listen")
+    assert table.ranking.name == "IoU"
+    assert "pair_accuracy" not in {metric.name for metric in table.metrics}
+    assert [(row.rank, row.title) for row in table.rows if row.rank] == [(1, "alike"), (1, "better"), (3, "worse")]
+    write_tables(tmp_path / "t", files, plot=False)
+    with (tmp_path / "t" / "table2.csv").open() as stream:
+        methods = [row["method"] for row in csv.DictReader(stream) if row["kind"] == "method"]
+    assert methods == ["alike", "better", "worse"]
+
+
 # --- The tables -------------------------------------------------------------------------------------------------------
 
 

@@ -46,6 +46,7 @@ from evaluators.metrics import f_measure, frame_counts, iou
 from evaluators.pairs import differ, sibling_scores
 from evaluators.protocols import official_observation, strict_observation, summarise
 from evaluators.volume import VolumeScore, score_points, true_volume
+from generators.manifest import read_manifest
 
 DOCUMENT = Path(__file__).parent.parent / "docs" / "metrics.md"
 TEXT = DOCUMENT.read_text(encoding="utf-8")
@@ -639,3 +640,23 @@ def test_the_snippet_reads_a_file_of_scores(
     assert re.match(
         r"IoU 0\.\d{3} over \d+ observations\n95 % interval 0\.\d{3} to 0\.\d{3}\n", capsys.readouterr().out
     )
+
+
+def test_the_text_on_pairs_of_twins_is_that_of_the_recorded_scores():
+    """What is said about `listen.yaml` and the category oracle, from the manifest and the oracle's file of scores."""
+    assert "about a tenth of the pair-frames are of two twins that sound alone" in " ".join(TEXT.split())
+    assert "a pair_accuracy of about two thirds there, and none of these pair-frames right" in " ".join(TEXT.split())
+    root = DOCUMENT.parent.parent
+    manifest = read_manifest(root / "scenes_manifest" / "listen.yaml").manifest
+    alone = {
+        str(spec.key): spec.sources[0].category
+        for spec in manifest.observations
+        if spec.sources and len(spec.sources) == 1 and spec.sources[0].room is None
+    }
+    scores = Scores.model_validate_json((root / "docs" / "results" / "listen-oracle-category.json").read_bytes())
+    pairs = [pair for group in scores.siblings or () for pair in group.pairs]
+    twins = [pair for pair in pairs if alone.get(pair.first, "") == alone.get(pair.second)]
+    assert sum(p.frames for p in twins) / sum(p.frames for p in pairs) == pytest.approx(0.1, abs=0.02)
+    assert sum(pair.right for pair in twins) == 0
+    assert scores.overall.listen is not None
+    assert scores.overall.listen.pair_accuracy == pytest.approx(2 / 3, abs=0.05)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from tiny_scenes import AWAY, BOTH, FIRST, GROUP, SECOND, SILENT
 from avs3d_bench import layout, media
 from avs3d_bench.cli import main
 from avs3d_bench.dataset import Dataset, Frame
-from avs3d_bench.errors import UsageError
+from avs3d_bench.errors import Avs3dError, UsageError
 from baselines.deaf import choose_single, write_deaf
 from baselines.oracle import oracle_mask, oracle_points, write_oracle
 from baselines.oracle_errors import ErrorModel
@@ -141,6 +142,20 @@ def test_the_single_instance_is_chosen_among_the_siblings_asked_for(data: Path, 
     write_deaf(Dataset(data), tmp_path / "s", "single", only=[SECOND, SILENT])
     mask = media.read_png_mask(tmp_path / "s" / SILENT / "masks" / "frame_000.png")
     np.testing.assert_array_equal(mask, frame(data, SILENT).instance_ids() == 3)
+
+
+def test_the_single_instance_of_a_damaged_dataset(data: Path, tmp_path: Path):
+    """Siblings with other test frames, or instance masks of another size: one line that names the file."""
+    root = tiny.clone(data, tmp_path / "data")
+    splits = {"train": [f"frame_{i:03d}" for i in range(1, FRAMES)], "test": ["frame_000"]}
+    tiny.replace(root / SECOND / layout.SPLITS_JSON, json.dumps(splits).encode())
+    with pytest.raises(Avs3dError, match=f"{SECOND}/camera_splits.json: other test frames than {FIRST}"):
+        write_deaf(Dataset(root), tmp_path / "s", "single")
+    ids = root / FIRST / layout.INSTANCE_MASKS / "frame_000.png"
+    ids.unlink()
+    media.write_png_ids(ids, np.zeros((8, 8), int))
+    with pytest.raises(Avs3dError, match=rf"{FIRST}/instance_masks/frame_000.png: shape \(8, 8\), expected that of"):
+        write_deaf(Dataset(root), tmp_path / "s", "single", only=[FIRST])
 
 
 def test_processes_change_nothing(data: Path, tmp_path: Path):

@@ -110,6 +110,14 @@ def test_class_ids_for_some_frames_only_are_not_written(data: Path, tmp_path: Pa
         write_submission(Dataset(data), tmp_path / "s", Method("m", predict))
 
 
+def test_a_second_mask_without_class_ids_takes_those_of_the_first_away(data: Path, tmp_path: Path):
+    with SubmissionWriter(tmp_path / "s", data, method="m") as writer:
+        for frame in (frame for observation in writer.observations for frame in observation.test):
+            writer.write_mask(frame, frame.mask(), categories=frame.category_mask())
+            writer.write_mask(frame, ~frame.mask())
+    assert not list((tmp_path / "s").rglob(f"{layout.SUBMISSION_CATEGORIES}/*"))
+
+
 def test_class_ids_belong_to_part_3(tmp_path: Path):
     root = tiny.write_dataset(tmp_path / "data", frames=9)
     frame = Dataset(root)[tiny.SINGLE].test[0]
@@ -198,9 +206,12 @@ def test_class_ids_in_part_1_are_one_line_per_observation(tmp_path: Path, capsys
 def test_other_folders_of_part_3_are_surplus(submission: Path, data: Path):
     (submission / FIRST / "classes").mkdir()
     (submission / FIRST / "categories" / "frame_001.png").write_bytes(b"")
+    (submission / FIRST / "categories" / "notes.txt").write_bytes(b"")
     found = errors(submission, data)
     assert found[f"{FIRST}/classes"] == "surplus folder; expected masks/ and categories/ only"
     assert found[ids("frame_001")] == "class ids of a train frame; expected test frames only"
+    expected = "surplus file; expected masks/frame_000.png, categories/frame_000.png and points.ply only"
+    assert found[f"{FIRST}/categories/notes.txt"] == expected
 
 
 # --- The wrong layout -------------------------------------------------------------------------------------------------

@@ -227,7 +227,10 @@ def _surplus(observation: Observation, submission: Submission, inside: str) -> s
         return f"{known[folder]} of a train frame; expected test frames only"
     if folder == submission.masks:
         return "surplus file; expected one mask per test frame, named as the frame (frame_000.png)"
-    return f"surplus file; expected {submission.masks}/frame_000.png and {layout.SUBMISSION_POINTS} only"
+    files = [f"{submission.masks}/frame_000.png", layout.SUBMISSION_POINTS]
+    if observation.is_sound_scene:
+        files.insert(1, f"{layout.SUBMISSION_CATEGORIES}/frame_000.png")
+    return f"surplus file; expected {', '.join(files[:-1])} and {files[-1]} only"
 
 
 def _link_fault(root: Path, path: Path) -> str | None:

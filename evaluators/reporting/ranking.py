@@ -279,22 +279,26 @@ def truth_figures(entry: Entry, ruler: Ruler) -> tuple[Any, ...]:
 
 
 def _table(entries: Sequence[Entry], partial: Sequence[Entry], ruler: Ruler, part: str) -> Table:
-    ranking = headline(metrics_of(ruler.protocol))
-    assert ranking is not None  # every protocol has an IoU
     rows = [_row(entry, part) for entry in entries]
+    below = [_row(entry, part) for entry in partial]
+    beside = references_of(entries)
+    references = [
+        Row(None, REFERENCE_TITLES[name], None, group)
+        for name in ALL_REFERENCES
+        if (group := beside.get(name, {}).get(part)) is not None and _scored(group, ruler)
+    ]
+    everything = metrics_of(ruler.protocol)
+    metrics = tuple(
+        m for m in everything if any(figure(row.group, m) is not None for row in (*rows, *references, *below))
+    )
+    # A figure that no row has ranks nothing: sound scenes without siblings have no pair accuracy.
+    ranking = headline(metrics) or headline(everything)
+    assert ranking is not None  # every protocol has an IoU
     values = [value for row in rows if _competes(row) and (value := figure(row.group, ranking)) is not None]
     rows = [
         Row(_rank(figure(r.group, ranking), values) if _competes(r) else None, r.title, r.entry, r.group) for r in rows
     ]
-    beside = references_of(entries)
-    for name in ALL_REFERENCES:
-        group = beside.get(name, {}).get(part)
-        if group is not None and _scored(group, ruler):
-            rows.append(Row(None, REFERENCE_TITLES[name], None, group))
-    below = [_row(entry, part) for entry in partial]
-    metrics = tuple(
-        m for m in metrics_of(ruler.protocol) if any(figure(row.group, m) is not None for row in (*rows, *below))
-    )
+    rows += references
     count = max(row.group.observations for row in (rows or below))
     return Table(_best_first(rows, ranking), _best_first(below, ranking), metrics or (ranking,), ranking, count)
 

@@ -47,7 +47,8 @@ def _best_first(entries: Iterable[Entry]) -> tuple[Entry, ...]:
     """By the figure that ranks in the leaderboard, over all observations."""
 
     def order(entry: Entry) -> tuple[Any, ...]:
-        metric = headline(m for name in entry.scores.avs3d_eval.protocols for m in metrics_of(name))
+        known = (m for name in entry.scores.avs3d_eval.protocols for m in metrics_of(name))
+        metric = headline(m for m in known if figure(entry.scores.overall, m) is not None)
         value = figure(entry.scores.overall, metric) if metric else None
         return value is None, -(value or 0.0), entry.scores.submission.method, entry.digest
 
