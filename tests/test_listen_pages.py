@@ -18,11 +18,13 @@ from avs3d_bench import layout, media
 from avs3d_bench.dataset import Dataset, Frame
 from baselines.deaf import write_deaf
 from evaluators.reading.submission import open_submission
-from evaluators.records import SiblingFrame
+from evaluators.records import FrameScore, SiblingFrame
 from evaluators.reporting.leaderboard import read_entries, write_leaderboard
+from evaluators.reporting.pictures import draw_triple
 from evaluators.reporting.ranking import leaderboard_values
 from evaluators.reporting.report_check import read_report
-from evaluators.reporting.siblings import draw_siblings, sounds_in
+from evaluators.reporting.siblings import draw_siblings
+from evaluators.reporting.sounds import silent_twins, sounds_in
 from evaluators.reporting.tables import write_tables
 from evaluators.score import evaluate
 
@@ -75,7 +77,26 @@ def test_what_sounds_in_words(data: Path):
     assert sounds_in(dataset[FIRST].frames[0]) == "microwave"
     assert sounds_in(dataset[SILENT].frames[0]) == "silence"
     assert sounds_in(dataset[AWAY].frames[0]) == "telephone in the living room and background (noise)"
-    assert sounds_in(dataset[BOTH].frames[0]) == "microwave and telephone and background (noise)"
+    assert sounds_in(dataset[BOTH].frames[0]) == "microwave, telephone and background (noise)"
+
+
+def test_silent_twins_are_those_of_what_is_audible_in_the_frame(data: Path):
+    dataset = Dataset(data)
+    # In BOTH the two microwaves (1 and 3) take turns, in AWAY a telephone sounds in the next room.
+    found = [
+        silent_twins(dataset[key].frames[i]) for key, i in ((FIRST, 0), (SILENT, 0), (AWAY, 0), (BOTH, 0), (BOTH, 3))
+    ]
+    assert found == [(3,), (), (2,), (3,), (1,)]
+
+
+def test_a_frame_of_a_sound_scene_says_what_sounds(data: Path, written: Path):
+    with open_submission(written / "confused") as opened:
+        both = draw_triple(FrameScore(BOTH, "frame_000", True, 1.0, 0.1), Dataset(data), opened)
+        silent = draw_triple(FrameScore(SILENT, "frame_000", False, None, 0.1), Dataset(data), opened)
+    assert both.sounds == "microwave, telephone and background (noise)"
+    assert "what is audible (microwave, telephone and background (noise)) covers" in both.truth.alt
+    assert silent.truth.alt == f"Truth in frame_000 of {SILENT}: nothing to mark (silence)"
+    assert "sound: silence" in text_of((written / "confused.html").read_text())
 
 
 def test_the_frame_with_the_most_wrong_pairs_is_shown(data: Path, written: Path):

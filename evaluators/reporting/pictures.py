@@ -18,6 +18,7 @@ from avs3d_bench import layout, media
 from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.errors import Avs3dError
 from evaluators.records import FrameScore, Submission
+from evaluators.reporting.sounds import silent_twins, sounds_in
 
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
@@ -63,6 +64,7 @@ class Triple:
         prediction: hit, missed and false pixels.
         twins: how many silent twins are in the frame.
         note: what went on, in a few words.
+        sounds: what is audible in the frame, in words; empty in part_1 and part_2, where it is the object.
     """
 
     score: FrameScore
@@ -71,6 +73,7 @@ class Triple:
     prediction: Picture
     twins: int
     note: str
+    sounds: str = ""
 
 
 def draw_triple(score: FrameScore, dataset: Dataset, submission: Submission) -> Triple:
@@ -89,17 +92,19 @@ def draw_triple(score: FrameScore, dataset: Dataset, submission: Submission) -> 
             raise Avs3dError(f"{where}: {size} pixels, expected the frame's {expected}")
     twins = _twins(frame)
     label = f"{score.name} of {score.key}"
-    category = (frame.observation.category or "sounding object").replace("_", " ")
+    sounds = sounds_in(frame) if frame.observation.is_sound_scene else ""
+    words = _truth_words(truth, frame.observation.category or "sounding object", sounds, twins)
     return Triple(
         score,
         picture(resized(rgb, SMALL), f"Camera frame {label}"),
-        picture(truth_picture(rgb, truth, twins, SMALL), f"Truth in {label}: {_truth_words(truth, category, twins)}"),
+        picture(truth_picture(rgb, truth, twins, SMALL), f"Truth in {label}: {words}"),
         picture(
             error_picture(rgb, truth, prediction, twins, LARGE),
             f"Prediction in {label}: {error_words(truth, prediction)}",
         ),
         len(twins),
         _note(score, truth, prediction),
+        sounds,
     )
 
 
@@ -116,12 +121,9 @@ def frame_of(dataset: Dataset, key: str, name: str) -> Frame:
 
 
 def _twins(frame: Frame) -> list[Mask]:
-    """The visible silent instances of the sounding category; none if the data do not identify them."""
-    record = frame.observation.record
-    if record is None or not (frame.observation.path / layout.INSTANCE_MASKS).is_dir():
-        return []
-    numbers = [i.id for i in record.instances if i.category == record.category and not i.sounding]
-    if not numbers:
+    """The visible silent twins; none if the data do not identify them."""
+    numbers = silent_twins(frame)
+    if not numbers or not (frame.observation.path / layout.INSTANCE_MASKS).is_dir():
         return []
     ids = frame.instance_ids()
     return [mask for mask in (ids == number for number in numbers) if mask.any()]
@@ -255,8 +257,11 @@ def percent(share: float) -> str:
     return f"{value:.1f} %" if 0 < value < 10 else f"{value:.0f} %"
 
 
-def _truth_words(truth: Mask, category: str, twins: list[Mask]) -> str:
-    what = f"the {category} covers {percent(float(truth.mean()))}" if truth.any() else f"the {category} is not in view"
+def _truth_words(truth: Mask, category: str, sounds: str, twins: list[Mask]) -> str:
+    """The truth, for those who do not see the picture; ``sounds`` is empty in part_1 and part_2."""
+    name = f"what is audible ({sounds})" if sounds else f"the {category.replace('_', ' ')}"
+    absent = f"nothing to mark ({sounds})" if sounds else f"{name} is not in view"
+    what = f"{name} covers {percent(float(truth.mean()))}" if truth.any() else absent
     if not twins:
         return what
     return f"{what}; {len(twins)} silent {'twin' if len(twins) == 1 else 'twins'}"

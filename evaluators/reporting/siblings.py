@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
 
 from avs3d_bench import layout
-from avs3d_bench.dataset import Dataset, Frame
+from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.media import read_png_mask
 from evaluators.metrics import frame_counts
 from evaluators.pairs import is_right
 from evaluators.records import SiblingFrame, Submission
 from evaluators.reporting.pictures import SMALL, Picture, error_picture, error_words, frame_of, picture, resized
+from evaluators.reporting.sounds import sounds_in
 
 
 @dataclass(frozen=True)
@@ -79,19 +79,3 @@ def draw_siblings(shown: SiblingFrame, dataset: Dataset, submission: Submission)
         siblings.append(Sibling(key, sounds, drawn, is_right(counts), note))
     alt = f"Camera frame {shown.name}, the same for all siblings of {shown.group}"
     return Siblings(shown, picture(resized(rgb, SMALL), alt), tuple(siblings))
-
-
-def sounds_in(frame: Frame) -> str:
-    """What is audible in a frame, in words: ``microwave and telephone``, ``clock in the living room``, ``silence``."""
-    record, entry = frame.observation.record, frame.record
-    if record is None or entry is None or entry.audible is None:
-        return "not known"
-    found: Counter[str] = Counter()
-    for one in entry.audible:
-        source = record.source(one.source)
-        name = source.category.replace("_", " ")
-        found[name if source.instance is not None else f"{name} in the {source.room.replace('_', ' ')}"] += 1
-    words = [name if count == 1 else f"{count} × {name}" for name, count in found.items()]
-    if record.background is not None:
-        words.append(f"background ({record.background.kind.replace('_', ' ')})")
-    return " and ".join(words) or "silence"
