@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -109,12 +112,30 @@ def draw_lanes(axes: Any, scene: ShownScene, frames: int) -> None:
         axes.spines[side].set_visible(False)
 
 
+def azimuth_line(times: Sequence[float], azimuths: Sequence[float]) -> tuple[list[float], list[float]]:
+    """A line of azimuths (degrees), interrupted by NaN where they wrap from −180° to 180°.
+
+    Examples:
+        >>> azimuth_line([0, 1, 2], [-150, -170, 175])
+        ([0, 1, 1.5, 2], [-150, -170, nan, 175])
+    """
+    xs, ys = [*times[:1]], [*azimuths[:1]]
+    for (t0, a0), (t1, a1) in itertools.pairwise(zip(times, azimuths, strict=True)):
+        if abs(a1 - a0) > 180:
+            xs.append((t0 + t1) / 2)
+            ys.append(math.nan)
+        xs.append(t1)
+        ys.append(a1)
+    return xs, ys
+
+
 def draw_azimuths(axes: Any, scene: ShownScene, times: list[float]) -> None:
     """The azimuth of every source, degrees; dots where it is audible."""
     for source in scene.sources:
         colour = _rgb(source.colour)
         known = [(t, a, e) for t, a, e in zip(times, source.azimuth, source.heard, strict=True) if a is not None]
-        axes.plot([t for t, _, _ in known], [a for _, a, _ in known], color=(*colour, 0.45), linewidth=1.2)
+        line = azimuth_line([t for t, _, _ in known], [a for _, a, _ in known])
+        axes.plot(*line, color=(*colour, 0.45), linewidth=1.2)
         heard = [(t, a) for t, a, entry in known if entry is not None]
         axes.plot([t for t, _ in heard], [a for _, a in heard], ".", color=colour, markersize=5)
     axes.plot([], [], ".-", color=_QUIET, label="azimuth of each source, dots where it is audible")

@@ -14,6 +14,7 @@ from avs3d_bench import files
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.inspector.contact_scenes import (
+    azimuth_line,
     draw_azimuths,
     draw_lanes,
     instance_style,
@@ -212,8 +213,8 @@ def _sound(figure: Any, observation: Observation, record: ObservationRecord, sce
     upper.set_ylabel("ILD (dB)")
     side = upper.twinx()
     if scene is None:
-        azimuth = [frame.azimuth for frame in record.frames]
-        side.plot(times, azimuth, color=SOURCE, linewidth=1.6, label="azimuth of the source")
+        azimuth = [frame.azimuth for frame in record.frames if frame.azimuth is not None]
+        side.plot(*azimuth_line(times, azimuth), color=SOURCE, linewidth=1.6, label="azimuth of the source")
     else:
         draw_azimuths(side, scene, times)
     side.set_ylim(-190, 190)

@@ -81,7 +81,7 @@ class ShownSource:
         if self.always:
             return "always"
         return (
-            ", ".join(f"{round(start, 1):g}–{round(end, 1):g} s" for start, end in self.spans)
+            ", ".join(f"{round(start, 2):g}–{round(end, 2):g} s" for start, end in self.spans)
             or "never within the frames"
         )
 

@@ -88,10 +88,10 @@
       this.show(this.index, this.time);
     }
 
-    // In a sound scene each source has a line of its own; hollow where it is not audible.
+    // In a sound scene each source has a line of its own, hollow where it is not audible; what is the clip's has no source's colour.
     lines(spec) {
       const { frames, scene } = this.data;
-      if (!scene || !spec.ofSource) return [{ values: frames.map((frame) => frame[spec.value]), colour: null, hollow: (i) => !scene && frames[i].sight === false }];
+      if (!scene || !spec.ofSource) return [{ values: frames.map((frame) => frame[spec.value]), colour: scene ? "var(--bar)" : null, hollow: (i) => !scene && frames[i].sight === false }];
       return scene.sources.map((source) => ({ values: source[spec.value].map((v) => v ?? undefined), colour: source.colour, hollow: (i) => !source.audible[i] }));
     }
 
