@@ -94,9 +94,21 @@ def _range(value: Any) -> Any:
     return value
 
 
-Height = Annotated[float, Field(gt=HEIGHTS[0], lt=HEIGHTS[1], allow_inf_nan=False)]
-Gap = Annotated[float, Field(ge=0.0, le=WIDEST_GAP, allow_inf_nan=False)]
-Hanging = Annotated[float, Field(ge=HANGING[0], le=HANGING[1], allow_inf_nan=False)]
+def check_number(value: Any) -> Any:
+    """Refuse true and false, which pydantic takes for 1 and 0.
+
+    Raises:
+        ValueError: pydantic adds the field's name.
+    """
+    if isinstance(value, bool):
+        raise ValueError(f"expected a number, found {str(value).lower()}")
+    return value
+
+
+Number = Annotated[float, BeforeValidator(check_number), Field(allow_inf_nan=False)]
+Height = Annotated[Number, Field(gt=HEIGHTS[0], lt=HEIGHTS[1])]
+Gap = Annotated[Number, Field(ge=0.0, le=WIDEST_GAP)]
+Hanging = Annotated[Number, Field(ge=HANGING[0], le=HANGING[1])]
 Range = BeforeValidator(_range)
 CategoryName = Annotated[str, BeforeValidator(_new_name)]
 Supports = Annotated[
@@ -124,8 +136,8 @@ class CategorySpec(BaseModel):
     free: Annotated[bool, Field(strict=True)] = False
     wall_gap: Annotated[tuple[Gap, Gap], Range] = (0.01, 0.03)
     wall_height: Annotated[tuple[Hanging, Hanging], Range] = (1.5, 1.9)
-    turn: Annotated[float, Field(ge=0.0, le=180.0, allow_inf_nan=False)] = 5.0
-    source_height: Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)] = 0.5
+    turn: Annotated[Number, Field(ge=0.0, le=180.0)] = 5.0
+    source_height: Annotated[Number, Field(ge=0.0, le=1.0)] = 0.5
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

@@ -18,8 +18,10 @@ from pydantic import (
     BaseModel,
     BeforeValidator,
     ConfigDict,
+    Discriminator,
     Field,
     ModelWrapValidatorHandler,
+    Tag,
     ValidationError,
     model_validator,
 )
@@ -29,7 +31,7 @@ from avs3d_bench.layout import observation_key
 from avs3d_bench.schema import Category, Part, Room
 from avs3d_bench.taxonomy import MOST_OWN_CATEGORIES, SOUND_SCENES, check_room
 from avs3d_bench.yamlfile import read_yaml, step
-from generators.categories import CategoryName, CategorySpec, check_name, declared, missing_files
+from generators.categories import CategoryName, CategorySpec, Number, check_name, declared, missing_files
 from generators.core.limits import FRAMES, SIZE
 
 #: Largest coordinate of a room's box (m): far beyond any home, and small enough for millimetres in single precision.
@@ -40,6 +42,8 @@ MOST_SILENT = 16
 MOST_COPIES, MOST_SOURCES = 4, 8
 #: Shortest time for which a source sounds or pauses (s): far longer than the ramps at both ends.
 SHORTEST_SOUND = 0.05
+#: Tolerance of the shortest interval (s): 0.15 − 0.1 is a little less than 0.05 in floating point.
+ROUNDING = 1e-9
 
 
 def _one_line(value: str) -> str:
@@ -74,8 +78,7 @@ def _named(check: Callable[[str], str], value: Any) -> str:
         raise ValueError(str(error)) from None
 
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Coordinate = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST, allow_inf_nan=False)]
+Coordinate = Annotated[Number, Field(ge=-FARTHEST, le=FARTHEST)]
 Slug = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=200)]
 Line = Annotated[str, Field(max_length=1000), AfterValidator(_one_line)]
 Source = Annotated[str, Field(max_length=1000), AfterValidator(_one_line_if_any)]
@@ -93,8 +96,8 @@ class CameraSpec(_Model):
     """The camera: square frames of ``size`` pixels, ``hfov`` degrees wide, ``height`` metres above the floor."""
 
     size: Annotated[int, Field(ge=SIZE[0], le=SIZE[1])] = 1008
-    hfov: Annotated[Finite, Field(gt=10.0, lt=170.0)] = 90.0
-    height: Annotated[Finite, Field(gt=0.2, lt=2.4)] = 1.5
+    hfov: Annotated[Number, Field(gt=10.0, lt=170.0)] = 90.0
+    height: Annotated[Number, Field(gt=0.2, lt=2.4)] = 1.5
     frames: Annotated[int, Field(ge=FRAMES[0], le=FRAMES[1])] = 120
 
 
@@ -168,7 +171,7 @@ class AssetSpec(_Model):
 class ObjectSpec(AssetSpec):
     """A mesh that replaces a category's procedural models; ``height`` (m) is for a ``file`` (GLB or OBJ)."""
 
-    height: Finite | None = Field(None, gt=0.02, lt=5)
+    height: Number | None = Field(None, gt=0.02, lt=5)
 
 
 class SoundSpec(AssetSpec):
@@ -182,12 +185,27 @@ class AcousticsSpec(_Model):
     more reverberant, above 1 less. Unlike a plain product, α' stays in [0, 1).
     """
 
-    absorption_scale: Annotated[Finite, Field(ge=0.05, le=20.0)] = 1.0
+    absorption_scale: Annotated[Number, Field(ge=0.05, le=20.0)] = 1.0
 
 
 SourceMotion = Literal["static", "path"]
-Seconds = Annotated[Finite, Field(ge=0.0, le=float(FRAMES[1]))]
+Seconds = Annotated[Number, Field(ge=0.0, le=float(FRAMES[1]))]
 Count = Annotated[int, Field(ge=1, le=MOST_COPIES, strict=True)]
+
+
+def _kind_of_instances(value: Any) -> str | None:
+    """Tag of the type that `instances` has; errors name it, and `_finding` leaves it out."""
+    return "[objects]" if isinstance(value, dict) else "[number]" if isinstance(value, int) else None
+
+
+Instances = Annotated[
+    Annotated[Count, Tag("[number]")] | Annotated[dict[InstanceName, Count], Tag("[objects]")],
+    Discriminator(
+        _kind_of_instances,
+        custom_error_type="instances",
+        custom_error_message="expected a number, or in part_3 the objects of the room, e.g. {microwave: 2}",
+    ),
+]
 
 
 class BurstsSpec(_Model):
@@ -219,12 +237,18 @@ class TurnSpec(_Model):
             raise ValueError(f"turn {self.number} of {self.of} does not exist; expected 1 to {self.of}")
         return self
 
+    @property
+    def start(self) -> float:
+        """When the source sounds for the first time, seconds from the first frame."""
+        return (self.number - 1) * (self.seconds + self.pause)
+
 
 def _intervals(value: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
     last = 0.0
     for start, end in value:
-        if end - start < SHORTEST_SOUND:
-            raise ValueError(f"interval [{start:g}, {end:g}] is empty; expected at least {SHORTEST_SOUND} s")
+        if end - start < SHORTEST_SOUND - ROUNDING:
+            what = "is empty" if end <= start else "is too short"
+            raise ValueError(f"interval [{start:g}, {end:g}] {what}; expected at least {SHORTEST_SOUND} s")
         if start < last:
             raise ValueError(f"interval [{start:g}, {end:g}] begins before {last:g} s, where the one before ends")
         last = end
@@ -237,9 +261,7 @@ Intervals = Annotated[tuple[tuple[Seconds, Seconds], ...], Field(min_length=1), 
 class ProgrammeSpec(_Model):
     """When a source sounds: exactly one of intervals [start, end) in seconds, random bursts, a turn."""
 
-    intervals: (
-        Annotated[tuple[tuple[Seconds, Seconds], ...], Field(min_length=1), AfterValidator(_intervals)] | None
-    ) = None
+    intervals: Intervals | None = None
     bursts: BurstsSpec | None = None
     turn: TurnSpec | None = None
 
@@ -251,6 +273,23 @@ class ProgrammeSpec(_Model):
                 f"found {' and '.join(kinds) or 'nothing'}; expected exactly one of intervals, bursts, turn"
             )
         return self
+
+    def check_within(self, seconds: int) -> None:
+        """Check that it fits an observation of this length: it begins in it, and its intervals end in it.
+
+        Raises:
+            ValueError: with the time that was found and the one that was expected.
+        """
+        if self.intervals is not None:
+            start, end = self.intervals[-1]
+            if end > seconds:
+                raise ValueError(
+                    f"interval [{start:g}, {end:g}] ends after the last frame; expected at most {seconds} s"
+                )
+            return
+        earliest = self.turn.start if self.turn else self.bursts.pause[0] if self.bursts else 0.0
+        if earliest > seconds - SHORTEST_SOUND + ROUNDING:
+            raise ValueError(f"programme begins at {earliest:g} s at the earliest; expected less than {seconds} s")
 
 
 def _programme(value: Any) -> Any:
@@ -276,7 +315,7 @@ class SourceSpec(_Model):
     instance: int | None = Field(None, ge=1, strict=True)
     room: RoomName | None = None
     programme: Annotated[ProgrammeSpec | None, BeforeValidator(_programme)] = None
-    gain_db: Annotated[Finite, Field(ge=-40.0, le=20.0)] = 0.0
+    gain_db: Annotated[Number, Field(ge=-40.0, le=20.0)] = 0.0
 
     @model_validator(mode="after")
     def _seen_or_not(self) -> Self:
@@ -289,7 +328,7 @@ class BackgroundSpec(_Model):
     """Diffuse background ``snr_db`` below the mean level of all sources (see docs/sound-scenes.md)."""
 
     kind: Literal["room_tone", "noise"]
-    snr_db: Annotated[Finite, Field(ge=-30.0, le=80.0)]
+    snr_db: Annotated[Number, Field(ge=-30.0, le=80.0)]
 
 
 #: Fields of an entry of part_3, and of the other parts.
@@ -312,7 +351,7 @@ class ObservationSpec(_Model):
     room: Annotated[Room, BeforeValidator(_room)]
     index: int = Field(ge=1, le=99, strict=True)
     category: Annotated[Category, BeforeValidator(_category)] | None = None
-    instances: Count | dict[InstanceName, Count] | None = None
+    instances: Instances | None = None
     silent: tuple[InstanceName, ...] = Field((), max_length=MOST_SILENT)
     sources: tuple[SourceSpec, ...] | None = Field(None, max_length=MOST_SOURCES)
     background: BackgroundSpec | None = None
@@ -324,7 +363,7 @@ class ObservationSpec(_Model):
     @model_validator(mode="after")
     def _counts(self) -> ObservationSpec:
         foreign = _ONE_SOURCE_FIELDS if self.is_sound_scene else _SCENE_FIELDS
-        surplus = [name for name in foreign if getattr(self, name) not in (None, ())]
+        surplus = [name for name in foreign if getattr(self, name) != type(self).model_fields[name].default]
         if surplus:
             raise ValueError(f"{surplus[0]} does not belong to {self.part}; leave it out, or write another part")
         if self.is_sound_scene:
@@ -480,14 +519,11 @@ class Manifest(_Model):
                 raise ValueError(f"{entry.key} is listed twice")
             seen.add(entry.key)
             for number, source in enumerate(entry.sources or ()):
-                if source.programme is None or source.programme.intervals is None:
-                    continue
-                start, end = source.programme.intervals[-1]
-                if end > self.camera.frames:
-                    raise ValueError(
-                        f"{entry.key}: sources.{number}: interval [{start:g}, {end:g}] ends after the last frame; "
-                        f"expected at most {self.camera.frames} s"
-                    )
+                try:
+                    if source.programme is not None:
+                        source.programme.check_within(self.camera.frames)
+                except ValueError as error:
+                    raise ValueError(f"{entry.key}: sources.{number}: {error}") from None
         return self
 
     @model_validator(mode="after")
@@ -522,7 +558,13 @@ def _original(entry: dict[str, Any], number: int, originals: dict[str, dict[str,
     Raises:
         ValueError: if there is none, or ``entry`` has fields that a variant may not have.
     """
-    scene = str(entry["like"]).startswith("part_3/")
+    original = originals.get(str(entry["like"]))
+    if original is None:
+        raise ValueError(
+            f"observations.{number}: like {excerpt(entry['like'])} names no observation of this manifest that is not a "
+            f"variant itself; expected a key like {excerpt(next(iter(originals), 'part_1/scan/kitchen/1'))}"
+        )
+    scene = original.get("part") == SOUND_SCENES
     own = (*_VARIANT_FIELDS, *_SIBLING_FIELDS) if scene else _VARIANT_FIELDS
     surplus = sorted(step(name) for name in set(entry) - set(own))
     if surplus:
@@ -530,12 +572,6 @@ def _original(entry: dict[str, Any], number: int, originals: dict[str, dict[str,
         raise ValueError(
             f"observations.{number}: an entry with like cannot have {_listed(surplus)}; a variant takes "
             f"everything except {what} from its original; leave them out"
-        )
-    original = originals.get(str(entry["like"]))
-    if original is None:
-        raise ValueError(
-            f"observations.{number}: like {excerpt(entry['like'])} names no observation of this manifest that is not a "
-            f"variant itself; expected a key like {excerpt(next(iter(originals), 'part_1/scan/kitchen/1'))}"
         )
     left = {"index", "background"} if "sources" in entry else {"index"}
     return {name: value for name, value in original.items() if name not in left}
@@ -589,10 +625,18 @@ def _fields() -> tuple[str, ...]:
 _FIELDS = _fields()
 
 
+#: Parts of pydantic's locations that are no fields of the file: a key that is wrong, the tags of `Instances`.
+_NO_STEPS = ("[key]", "[number]", "[objects]")
+#: Type of an error of pydantic → what a YAML file calls the type that was expected.
+_EXPECTED = {"dict_type": "a mapping", "model_type": "a mapping", "tuple_type": "a list", "list_type": "a list"}
+
+
 def _finding(error: ValidationError) -> str:
     """Describe pydantic's first error in one line, and the number of further errors."""
-    first, *rest = error.errors(include_url=False)
-    place = ".".join(step(key) for key in first["loc"] if key != "[key]") or "manifest"
+    found = error.errors(include_url=False)
+    # A list counts only its valid entries: it is not too short where one of them is wrong.
+    first, *rest = [one for one in found if one["type"] != "too_short"] or found
+    place = ".".join(step(key) for key in first["loc"] if str(key) not in _NO_STEPS) or "manifest"
     kind, message = first["type"], first["msg"].removeprefix("Value error, ")
     if kind == "extra_forbidden":
         name = str(first["loc"][-1])
@@ -600,6 +644,12 @@ def _finding(error: ValidationError) -> str:
         message = "unknown field; " + (f"did you mean {near[0]!r}?" if near else "correct its name, or leave it out")
     elif kind == "missing":
         message = "is missing"
+    elif kind in _EXPECTED:
+        message = f"expected {_EXPECTED[kind]}, found {excerpt(first['input'])}"
+    elif kind == "too_short":
+        message = f"too few entries; expected at least {first['ctx']['min_length']}"
+    elif kind == "too_long":
+        message = f"too many entries; expected at most {first['ctx']['max_length']}"
     elif kind != "value_error":  # the project's own messages already contain the value found
         message += f" (found {excerpt(first['input'])})"
     return f"{place}: {message}" + (f" (and {len(rest)} more)" if rest else "")

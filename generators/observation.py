@@ -254,19 +254,30 @@ def describe_acoustics(engine: AcousticBackend, decays: list[NDArray[np.float32]
     )
 
 
-def choose_sound(plan: ObservationPlan, category: str, rng: np.random.Generator) -> Sound:
-    """The signal of a source, as long as the observation and the pre-roll before its first frame."""
+def choose_sound(plan: ObservationPlan, category: str, rng: np.random.Generator, *, shifted: bool = False) -> Sound:
+    """The signal of a source, as long as the observation and the pre-roll before its first frame.
+
+    Args:
+        plan: of the observation.
+        category: of the source.
+        rng: the only source of randomness.
+        shifted: begin a recording at a random place. Two sources that play one recording in step would be one coherent
+            source with two places, which machines never are.
+    """
     seconds = plan.camera.frames + PRE_ROLL
     files = plan.sounds.get(category, ())
     if files:
         chosen = files[int(rng.integers(len(files)))]
+        start = float(rng.random()) if shifted else 0.0
         if chosen.asset is not None:
             path, entry = open_asset(plan.lock, chosen.asset)
             return Sound(
-                load_sound(path, seconds), entry.id, Licence(entry.licence, entry.author, entry.url or entry.ref)
+                load_sound(path, seconds, start=start),
+                entry.id,
+                Licence(entry.licence, entry.author, entry.url or entry.ref),
             )
         path = resolve_file(plan.base, str(chosen.file), f"sound for {category}")
-        return Sound(load_sound(path, seconds), str(chosen.file), file_licence(chosen))
+        return Sound(load_sound(path, seconds, start=start), str(chosen.file), file_licence(chosen))
     return Sound(synthesise(category, seconds, rng), f"procedural:{category}", Licence(source="synthesised"))
 
 

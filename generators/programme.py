@@ -9,14 +9,12 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from avs3d_bench.layout import SAMPLE_RATE
-from generators.manifest import SHORTEST_SOUND, BurstsSpec, ProgrammeSpec, TurnSpec
+from generators.manifest import ROUNDING, SHORTEST_SOUND, BurstsSpec, ProgrammeSpec, TurnSpec
 
 Interval = tuple[float, float]
 
 #: Duration of the raised-cosine ramps at the start and the end of an interval (s): no click, and still one onset.
 RAMP = 0.005
-#: Tolerance of the shortest interval (s), for sums that are rounded.
-_ROUNDING = 1e-9
 
 
 def intervals_of(
@@ -39,7 +37,7 @@ def intervals_of(
     else:
         found = programme.intervals or ()
     cut = ((start, min(end, seconds)) for start, end in found)
-    return tuple((start, end) for start, end in cut if end - start > SHORTEST_SOUND - _ROUNDING)
+    return tuple((start, end) for start, end in cut if end - start > SHORTEST_SOUND - ROUNDING)
 
 
 def _bursts(spec: BurstsSpec, seconds: float, rng: Generator) -> Iterator[Interval]:
@@ -52,7 +50,7 @@ def _bursts(spec: BurstsSpec, seconds: float, rng: Generator) -> Iterator[Interv
 
 def _turns(spec: TurnSpec, seconds: float) -> Iterator[Interval]:
     step = spec.seconds + spec.pause
-    start = (spec.number - 1) * step
+    start = spec.start
     while start < seconds:
         yield start, start + spec.seconds
         start += spec.of * step

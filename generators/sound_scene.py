@@ -9,6 +9,7 @@ written does not depend on that, since all random draws behind a picture are tho
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -283,22 +284,25 @@ def _arranged(plan: ObservationPlan, cache: Path, sight: VisionBackend) -> tuple
 
 
 def choose_sources(plan: ObservationPlan, home: Scene, placements: Sequence[Placement]) -> tuple[SceneSource, ...]:
-    """The sources of a plan; the n-th one of a category plays the same signal in all siblings.
+    """The sources of a plan.
 
-    Instances that the manifest does not name are drawn among those that no other source takes.
+    In all siblings the n-th one of a category plays the same signal, and the n-th off-screen one of a room is at the
+    same place. Instances that the manifest does not name are drawn among those that no other source takes.
     """
     specs = plan.spec.sources or ()
     same: dict[str, list[int]] = {}
     for number, placement in enumerate(placements, start=1):
         same.setdefault(placement.model.category, []).append(number)
     taken = {same[s.category][s.instance - 1] for s in specs if s.room is None and s.instance is not None}
-    count: dict[str, int] = {}
+    of_category: Counter[str] = Counter()
+    of_room: Counter[str] = Counter()
     sources = []
     for number, spec in enumerate(specs, start=1):
-        nth = count[spec.category] = count.get(spec.category, 0) + 1
+        of_category[spec.category] += 1
         if spec.room is not None:
             instance, room = None, spec.room
-            position = _off_screen(plan, home, room, nth)
+            of_room[room] += 1
+            position = _off_screen(plan, home, room, of_room[room])
         else:
             room = plan.spec.room
             if spec.instance is not None:
@@ -311,6 +315,7 @@ def choose_sources(plan: ObservationPlan, home: Scene, placements: Sequence[Plac
         seconds = float(plan.camera.frames)
         bursts = spec.programme.bursts if spec.programme else None
         rng = plan.rng(f"programme/{number}/{bursts.seed if bursts else 0}")
+        nth = of_category[spec.category]
         sources.append(
             SceneSource(
                 id=f"source_{number}",
@@ -320,14 +325,14 @@ def choose_sources(plan: ObservationPlan, home: Scene, placements: Sequence[Plac
                 position=position,
                 intervals=intervals_of(spec.programme, seconds, PRE_ROLL, rng),
                 gain_db=spec.gain_db,
-                sound=choose_sound(plan, spec.category, plan.rng(f"sound/{spec.category}/{nth}")),
+                sound=choose_sound(plan, spec.category, plan.rng(f"sound/{spec.category}/{nth}"), shifted=nth > 1),
             )
         )
     return tuple(sources)
 
 
 def _off_screen(plan: ObservationPlan, home: Scene, room: str, nth: int) -> Vector:
-    """A point above the free floor of another room.
+    """A point above the free floor of another room, for the ``nth`` source in it.
 
     Raises:
         Avs3dError: if the room does not exist, or has no free floor.

@@ -250,10 +250,10 @@ HOSTILE: dict[str, tuple[Any, list[str]]] = {
     "field of nine lines": (document(**{"a\n" * 9: 1}), ["'a\\na\\n", "unknown field"]),
     "observations as a number": (document(observations=5), ["observations: ", "found 5"]),
     "observations of null": (document(observations=[None]), ["observations.0", "found None"]),
-    "like as a list": (observation(like=[1]), ["observations.0: ", "an entry with like cannot have "]),
+    "like as a list": (observation(like=[1]), ["observations.0: like [1] names no observation"]),
     "mixed keys beside like": (
-        document(observations=[{"like": "x", 5: 1, "y": 2}]),
-        ["observations.0: an entry with like cannot have 5, y;"],
+        document(observations=[*document()["observations"], {"like": "part_1/flat/kitchen/1", 5: 1, "y": 2}]),
+        ["observations.1: an entry with like cannot have 5, y;"],
     ),
     "alias bomb": (
         "k0: &k0 [x, x]\n" + "".join(f"k{n}: &k{n} [*k{n - 1}, *k{n - 1}]\n" for n in range(1, 60)),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
 from pathlib import Path
@@ -9,6 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+import soundfile
+import yaml
 from click.testing import CliRunner
 
 from avs3d_bench import layout, media
@@ -16,9 +19,12 @@ from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import UsageError
 from avs3d_bench.schema import AUDIBLE_LEVEL_DB, AUDIBLE_SNR_DB
 from avs3d_bench.validate import validate
+from generators.apartments.apartment import build_apartment
+from generators.assets.sounds import load_sound
 from generators.cli import generate
 from generators.plan import make_plans, read_manifest
 from generators.regenerate import regenerate
+from generators.sound_scene import SceneSource, choose_sources
 from tests.homes import tree_digest, write_manifest
 from tests.tiny import clone, replace
 
@@ -226,9 +232,6 @@ def test_gain_is_a_level(manifest: Path, group: Dataset, tmp_path: Path) -> None
     """−12 dB of the clock in sibling 5 against a sibling in which it always sounds at 0 dB."""
     loud = {"like": FIRST, "index": 7, "sources": [{"category": "clock"}]}
     path = manifest.parent / "loud.yaml"
-    path.write_text(manifest.read_text().replace("observations:\n", "observations:\n", 1))
-    import yaml
-
     document = yaml.safe_load(manifest.read_text())
     document["observations"].append(loud)
     path.write_text(yaml.safe_dump(document, sort_keys=False))
@@ -280,6 +283,18 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
         r"interval \[2, 5\] begins before 3 s, where the one before ends",
     ),
     "an empty interval": ({"sources": [{"category": "clock", "programme": [[3, 3]]}]}, r"interval \[3, 3\] is empty"),
+    "an interval that is too short": (
+        {"sources": [{"category": "clock", "programme": [[3, 3.04]]}]},
+        r"interval \[3, 3.04\] is too short; expected at least 0.05 s",
+    ),
+    "a turn that never comes": (
+        {"sources": [{"category": "clock", "programme": {"turn": {"number": 3, "of": 3, "seconds": 5, "pause": 1}}}]},
+        r"kitchen/2: sources.0: programme begins at 12 s at the earliest; expected less than 12 s",
+    ),
+    "bursts that never come": (
+        {"sources": [{"category": "clock", "programme": {"bursts": {"sound": [1, 2], "pause": [20, 30]}}}]},
+        r"kitchen/2: sources.0: programme begins at 20 s at the earliest; expected less than 12 s",
+    ),
     "no interval": ({"sources": [{"category": "clock", "programme": []}]}, r"programme"),
     "a programme of another kind": (
         {"sources": [{"category": "clock", "programme": "sometimes"}]},
@@ -333,6 +348,16 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
         {"sources": [], "background": {"kind": "music", "snr_db": 3}},
         r"background.kind.*'music'",
     ),
+    "an SNR that is no number": (
+        {"sources": [], "background": {"kind": "noise", "snr_db": True}},
+        r"background.snr_db: expected a number, found true$",
+    ),
+    "an interval of three times": (
+        {"sources": [{"category": "clock", "programme": [[1, 2, 3]]}]},
+        r"programme.intervals.0: too many entries; expected at most 2$",
+    ),
+    "a source that is a name": ({"sources": ["clock"]}, r"2.sources.0: expected a mapping, found 'clock'$"),
+    "a like that is no key": ({"like": None, "sources": []}, r"observations.2: like None names no observation"),
     "a gain of 90 dB": ({"sources": [{"category": "clock", "gain_db": 90}]}, r"gain_db.*90"),
     "a chain of siblings": (
         {"like": "part_3/box/kitchen/9", "sources": []},
@@ -358,10 +383,16 @@ def test_bad_scenes_are_one_line(case: str, tmp_path: Path) -> None:
 def test_fields_of_the_other_parts_are_refused(tmp_path: Path) -> None:
     for change, message in (
         ({"category": "clock"}, "category does not belong to part_3"),
+        ({"instances": {"microwave": 0}}, r"observations.0.instances.microwave: Input .* equal to 1 \(found 0\)$"),
+        ({"instances": ["clock"]}, r"instances: expected a number, or in part_3 the objects of the room.*\['clock'\]"),
         ({"instances": 2}, r"instances: expected the objects of the room, e.g. \{microwave: 2"),
         ({"sources": None}, r"sources is missing; expected a list, \[\] for silence"),
         ({"source_motion": "path"}, "source_motion belongs to part_1 and part_2"),
         ({"part": "part_1", "category": "clock", "instances": None}, "sources does not belong to part_1"),
+        (
+            {"part": "part_1", "category": "clock", "instances": None, "sources": []},
+            "sources does not belong to part_1",
+        ),
     ):
         with pytest.raises(UsageError, match=message):
             read_manifest(write_manifest(tmp_path, observations=[FIRST_ENTRY | change]))
@@ -378,6 +409,34 @@ def test_an_off_screen_room_that_this_home_lacks_is_one_line(tmp_path: Path) -> 
 
 def media_files(root: Path) -> list[Path]:
     return [path for path in root.rglob("*") if path.suffix in (".png", ".wav")]
+
+
+def away(folder: Path, *categories: str, **changes: object) -> tuple[SceneSource, ...]:
+    """Off-screen sources of these categories in the living room of an apartment."""
+    entry = FIRST_ENTRY | {
+        "scan": "flat",
+        "sources": [{"category": name, "room": "living_room"} for name in categories],
+    }
+    scans = {"flat": {"source": "apartment", "seed": 11}}
+    path = write_manifest(folder, scans=scans, observations=[entry], **changes)
+    (plan,) = make_plans(read_manifest(path), audio="analytic")
+    return choose_sources(plan, build_apartment("flat", 11), ())
+
+
+def test_off_screen_sources_of_one_room_stand_apart(tmp_path: Path) -> None:
+    both, alone = away(tmp_path, "clock", "telephone"), away(tmp_path, "telephone")
+    assert math.dist(both[0].position, both[1].position) > 0.2
+    assert both[0].position == alone[0].position, "the first of a room is at the same place in all siblings"
+
+
+def test_twins_do_not_play_a_recording_in_step(tmp_path: Path) -> None:
+    noise = np.random.default_rng(1).normal(0, 0.1, 3 * RATE)
+    soundfile.write(tmp_path / "hum.wav", noise, RATE, subtype="FLOAT")
+    licence = {"name": "CC0-1.0", "author": "avs3d-bench"}
+    sounds = {"microwave": [{"file": "hum.wav", "licence": licence}]}
+    first, second = (source.sound.samples for source in away(tmp_path, "microwave", "microwave", sounds=sounds))
+    np.testing.assert_array_equal(first, load_sound(tmp_path / "hum.wav", FRAMES + 2))
+    assert abs(np.corrcoef(first, second)[0, 1]) < 0.05
 
 
 def test_fewer_frames_cut_programmes_off(manifest: Path, tmp_path: Path) -> None:

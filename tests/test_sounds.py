@@ -147,6 +147,14 @@ def test_recording_is_mixed_resampled_looped_and_levelled(tmp_path, suffix):
     assert np.fft.rfftfreq(len(source), 1 / SR)[power.argmax()] == pytest.approx(1000, abs=0.5)
 
 
+def test_recording_may_begin_anywhere(tmp_path):
+    noise = np.random.default_rng(0).normal(0, 0.1, 4 * SR)
+    soundfile.write(tmp_path / "noise.wav", noise, SR, subtype="FLOAT")
+    source = load_sound(tmp_path / "noise.wav", 2, start=0.25)
+    assert np.corrcoef(source, noise[SR : 3 * SR])[0, 1] > 0.999
+    assert load_sound(tmp_path / "noise.wav", 6, start=0.9).shape == (6 * SR,)
+
+
 def test_loop_has_no_gap_and_no_jump():
     noise = np.random.default_rng(0).standard_normal(10_000)
     out = loop(noise, 45_000, 2000)

@@ -14,7 +14,7 @@ from avs3d_bench.geometry import Pose
 from avs3d_bench.layout import SAMPLE_RATE
 from generators.acoustics.analytic import AnalyticBackend
 from generators.acoustics.direct import DirectPath
-from generators.manifest import BurstsSpec, ProgrammeSpec, TurnSpec
+from generators.manifest import SHORTEST_SOUND, BurstsSpec, ProgrammeSpec, TurnSpec
 from generators.programme import RAMP, gated, intervals_of
 from generators.recording.stems import HeardSource, audible_sources, direct_to_reverberant, mixture
 
@@ -37,6 +37,12 @@ def clip(amplitude: float, seed: int = 0) -> np.ndarray:
 
 def test_always_begins_before_the_first_frame() -> None:
     assert intervals(None) == ((-PRE_ROLL, 20.0),)
+
+
+def test_the_shortest_interval_may_be_a_rounded_difference() -> None:
+    assert SHORTEST_SOUND > 0.15 - 0.1
+    programme = ProgrammeSpec(intervals=((0.1, 0.15),))
+    assert intervals(programme) == ((0.1, 0.15),)
 
 
 def test_turns_fill_the_time_without_overlap() -> None:

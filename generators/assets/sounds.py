@@ -64,13 +64,16 @@ def second_levels(signal: NDArray[np.floating], sample_rate: int = SAMPLE_RATE) 
         return np.asarray(10 * np.log10(np.mean(np.square(blocks), axis=1)))
 
 
-def load_sound(path: Path | str, seconds: float, sample_rate: int = SAMPLE_RATE) -> NDArray[np.float32]:
+def load_sound(
+    path: Path | str, seconds: float, sample_rate: int = SAMPLE_RATE, *, start: float = 0.0
+) -> NDArray[np.float32]:
     """A recording as a source: mixed to mono, resampled, looped with a cross-fade, brought to `TARGET_LUFS`.
 
     Args:
         path: any WAV or FLAC.
         seconds: length of the source; a longer recording is cut, a shorter one looped.
         sample_rate: rate of the source, Hz.
+        start: where the source begins, as a share of the recording, in [0, 1).
 
     Returns:
         (seconds · sample_rate,) float32.
@@ -89,7 +92,8 @@ def load_sound(path: Path | str, seconds: float, sample_rate: int = SAMPLE_RATE)
     if rate != sample_rate:
         divisor = int(np.gcd(rate, sample_rate))
         mono = resample_poly(mono, sample_rate // divisor, rate // divisor)
-    looped = loop(mono, round(seconds * sample_rate), round(_CROSS_FADE * sample_rate))
+    first = int(start * len(mono))
+    looped = loop(mono, first + round(seconds * sample_rate), round(_CROSS_FADE * sample_rate))[first:]
     loudness = integrated_loudness(looped, sample_rate)
     if loudness < _SILENCE:
         raise Avs3dError(f"{file}: the recording is silent ({loudness:.1f} LUFS); expected at least {_SILENCE:g} LUFS")
