@@ -171,7 +171,9 @@ def score_group(
     ids = record.class_ids if record else class_ids()
     highest = len(ids) if categories else None
     readers = [Reader(submission, key) for key in keys]
-    counts = _GroupCounts.start(len(keys), record, ids, categories)
+    # The instances of all siblings are those of the first: they have the same pictures.
+    known = record is not None and (observations[0].path / layout.INSTANCE_MASKS).is_dir()
+    counts = _GroupCounts.start(len(keys), record if known else None, ids, categories)
     for number, siblings in enumerate(frames):
         advance(number, len(frames))
         truth = _read_truth(siblings, highest)
@@ -182,7 +184,7 @@ def score_group(
             marks = zip(readers, read, strict=True)
             classes = [reader.categories(name, truth.size, highest, mask) for reader, mask in marks]
         if not any(reader.problems for reader in readers):  # Else there is no score: only look for further bad files.
-            instances = None if record is None else instance_ids_of(siblings[0], truth.size)
+            instances = instance_ids_of(siblings[0], truth.size) if known else None
             counts.add(truth, [m for m in read if m is not None], [c for c in classes if c is not None], instances)
     for reader in readers if points else ():
         reader.points()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from fractions import Fraction
 from itertools import combinations
 from pathlib import Path
@@ -22,7 +23,14 @@ from avs3d_bench import layout, media
 from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.deaf_oracles import best_single, can_sound, instance_table
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.scores import ALL_REFERENCES, LISTEN_REFERENCES, ListenObservation, Scores, SiblingScores
+from avs3d_bench.scores import (
+    ALL_REFERENCES,
+    BLIND_REFERENCES,
+    LISTEN_REFERENCES,
+    ListenObservation,
+    Scores,
+    SiblingScores,
+)
 from evaluators import bootstrap, listen, protocols
 from evaluators.classes import class_ious, confusion
 from evaluators.deaf import DeafOracles
@@ -438,6 +446,17 @@ def test_without_records_every_observation_is_alone(data: Path, tmp_path: Path):
     assert scores.overall.listen.IoU == 1
     assert scores.overall.listen.pair_accuracy is None
     assert scores.overall.listen.groups == len(GROUP)
+    assert scores.references_unavailable == dict.fromkeys(("deaf_all", "deaf_single"), protocols.NO_INSTANCE_MASKS)
+
+
+def test_without_instance_masks_there_are_no_deaf_rows(data: Path, tmp_path: Path):
+    root = tiny.clone(data, tmp_path / "data")
+    for key in GROUP:
+        shutil.rmtree(root / key / layout.INSTANCE_MASKS)
+    scores = evaluate(submit(tmp_path / "s", root, true_mask), root).scores
+    assert scores.overall.listen is not None
+    assert scores.overall.listen.pair_accuracy == 1
+    assert list(scores.references) == list(BLIND_REFERENCES)
     assert scores.references_unavailable == dict.fromkeys(("deaf_all", "deaf_single"), protocols.NO_INSTANCE_MASKS)
 
 

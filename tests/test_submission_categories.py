@@ -132,7 +132,20 @@ def test_class_ids_belong_to_part_3(tmp_path: Path):
 def test_class_ids_are_all_there_or_none(submission: Path, data: Path):
     (submission / ids()).unlink()
     message = errors(submission, data)[ids()]
-    assert message.startswith("missing, but 9 other frames have one; expected class ids of every test frame of part_3")
+    assert message.startswith("missing, but 9 other frames have class ids; expected class ids of every test frame of")
+    (submission / ids("frame_008")).unlink()
+    folder = f"{FIRST}/{layout.SUBMISSION_CATEGORIES}"
+    for _ in ("empty", "missing"):
+        (path,) = errors(submission, data)
+        assert path == folder
+        assert errors(submission, data)[path].startswith(
+            "missing or empty, but 8 other frames have class ids; expected"
+        )
+        if (submission / folder).is_dir():
+            (submission / folder).rmdir()
+    (submission / folder).write_bytes(b"")
+    assert {path: m.split(";")[0] for path, m in errors(submission, data).items()} == {folder: "surplus file"}
+    (submission / folder).unlink()
     for folder in submission.rglob(layout.SUBMISSION_CATEGORIES):
         shutil.rmtree(folder)
     assert checked(submission, data).valid

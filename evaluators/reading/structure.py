@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import stat
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from avs3d_bench import layout
@@ -262,11 +262,19 @@ def _check_points(
             )  # fmt: skip
 
 
-def _check_categories(categories: Collection[str], found: Collection[str]) -> Iterator[Problem]:
-    missing = [path for path in categories if path not in found]
-    if len(missing) < len(categories):
-        for path in missing:
-            yield Problem(
-                "error", path, f"missing, but {len(categories) - len(missing)} other frames have one; expected class "
-                "ids of every test frame of part_3 or of none (all 0 means that nothing sounds)",
-            )  # fmt: skip
+def _check_categories(categories: Collection[str], found: Mapping[str, str]) -> Iterator[Problem]:
+    """Class ids of some frames only: one line for a folder without any, else one for each frame."""
+    there: dict[str, list[str]] = {}
+    missing: dict[str, list[str]] = {}
+    for path in categories:
+        (there if path in found else missing).setdefault(path.rpartition("/")[0], []).append(path)
+    count = sum(map(len, there.values()))
+    if not count:
+        return
+    expected = "expected class ids of every test frame of part_3 or of none; 0 everywhere if there is nothing to mark"
+    others = f"{count} other frame{' has' if count == 1 else 's have'} class ids"
+    for folder, paths in missing.items():
+        if folder in there:
+            yield from (Problem("error", path, f"missing, but {others}; {expected}") for path in paths)
+        elif found.get(folder, "folder") == "folder":  # Else it is named already, as a file or a link.
+            yield Problem("error", folder, f"missing or empty, but {others}; {expected}")
