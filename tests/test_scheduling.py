@@ -315,6 +315,30 @@ def test_all_that_follows_a_failed_task_fails_untried() -> None:
     assert (ledger.left, ledger.unstarted) == (0, 0)
 
 
+def test_what_comes_after_any_end_is_tried_after_a_failure_but_not_after_a_task_that_was_not_tried() -> None:
+    first = Task("first", work.nothing, (), after="home")
+    sibling = Task("sibling", work.nothing, (), after="first", after_any=True)
+    tasks = [Task("home", work.nothing, ()), first, sibling]
+    refused = Attempt("here", "refused", "no")
+
+    ledger = Ledger(tasks, retries=0, ahead=4)
+    home = ledger.take()
+    assert home is not None
+    ledger.done(home.task)
+    tried = ledger.take()
+    assert tried is not None
+    assert [failure.task.name for failure in ledger.failed(tried, refused)] == ["first"]
+    assert ledger.take() == Next(sibling)
+    ledger.done(sibling)
+    assert ledger.finished
+
+    ledger = Ledger(tasks, retries=0, ahead=4)
+    home = ledger.take()
+    assert home is not None
+    assert [failure.task.name for failure in ledger.failed(home, refused)] == ["home", "first", "sibling"]
+    assert ledger.finished
+
+
 def test_tasks_that_wait_for_one_another_are_a_mistake() -> None:
     with pytest.raises(ValueError, match="one another"):
         Ledger([Task("a", work.nothing, (), after="b"), Task("b", work.nothing, (), after="a")], retries=0, ahead=1)

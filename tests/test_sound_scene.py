@@ -411,6 +411,25 @@ def media_files(root: Path) -> list[Path]:
     return [path for path in root.rglob("*") if path.suffix in (".png", ".wav")]
 
 
+def test_siblings_of_one_that_fails_are_made(group: Dataset, tmp_path: Path) -> None:
+    """The sound of the first cannot be made; that is no reason for its siblings, which sound of something else."""
+    licence = {"name": "CC0-1.0", "author": "avs3d-bench"}
+    sounds = {"clock": [{"file": "missing.wav", "licence": licence}]}
+    entry = FIRST_ENTRY | {"sources": [{"category": "clock"}]}
+    silent = {"like": FIRST, "index": 4, "sources": []}
+    path = write_manifest(tmp_path, observations=[entry, silent], sounds=sounds)
+    root = tmp_path / "out"
+    outcome = CliRunner().invoke(generate, [str(path), "-o", str(root), "--audio", "analytic", "--with", "depth"])
+    assert outcome.exit_code == 1
+    lines = [line for line in outcome.output.splitlines() if line.startswith("avs3d: error: ")]
+    assert len(lines) == 1
+    assert lines[0].startswith(f"avs3d: error: {FIRST}: ")
+    assert "missing.wav: sound for clock not found" in lines[0]
+    made, expected = (tree_digest(each / "part_3/box/kitchen/4") for each in (root, group.root))
+    del made[layout.OBSERVATION_JSON], expected[layout.OBSERVATION_JSON]  # its plan is of another manifest
+    assert made == expected
+
+
 def away(folder: Path, *categories: str, **changes: object) -> tuple[SceneSource, ...]:
     """Off-screen sources of these categories in the living room of an apartment."""
     entry = FIRST_ENTRY | {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from avs3d_bench.scheduling.tasks import Attempt, Failure, Task
@@ -81,19 +81,25 @@ class Ledger:
     def done(self, task: Task) -> None:
         """Note that ``task`` is done; what waited for it is ready, and comes first if others wait for it in turn."""
         self._open -= 1
-        followers = [Next(follower) for follower in self._waiting.pop(task.name, ())]
+        self._release(self._waiting.pop(task.name, ()))
+
+    def _release(self, tasks: Iterable[Task]) -> None:
+        """Make tasks ready that have waited; those come first for which others wait."""
+        followers = [Next(follower) for follower in tasks]
         self._ready.extendleft(reversed([item for item in followers if item.task.name in self._waiting]))
         self._ready.extend(item for item in followers if item.task.name not in self._waiting)
 
     def failed(self, item: Next, attempt: Attempt) -> Iterator[Failure]:
-        """Note a failed attempt: the task is put at the head of the queue, or given up with all that wait for it."""
+        """Note a failed attempt: the task is put at the head of the queue, or given up with all that need it."""
         attempts = (*item.failed, attempt)
         if attempt.cause != "refused" and len(attempts) <= self._retries:
             self.give_back(Next(item.task, attempts))
             return
         self._open -= 1
+        followers = self._waiting.pop(item.task.name, ())
+        self._release(follower for follower in followers if follower.after_any)
         yield Failure(item.task, attempts)
-        doomed = list(self._waiting.pop(item.task.name, ()))
+        doomed = [follower for follower in followers if not follower.after_any]
         for follower in doomed:  # grows while it is walked through
             doomed += self._waiting.pop(follower.name, ())
             self._open -= 1

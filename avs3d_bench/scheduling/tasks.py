@@ -40,6 +40,7 @@ class Task:
         call: a function of a module that every worker can import.
         arguments: whatever can be pickled.
         after: name of the task that must be done first; if that fails, so does this one, untried.
+        after_any: it is tried even if that task was tried and failed (as Slurm's dependency ``afterany``).
         limit: seconds after which an attempt is ended; None: never.
         most_cores: how many cores it can make use of (see `Context`).
     """
@@ -48,6 +49,7 @@ class Task:
     call: Callable[..., Any]
     arguments: tuple[Any, ...]
     after: str | None = None
+    after_any: bool = False
     limit: float | None = None
     most_cores: int = 1
 

@@ -210,11 +210,11 @@ def _tasks(todo: Sequence[ObservationPlan], place: Place, *, threads: int, limit
         home = Task(f"home {digest[:16]}", prepare, (group[0], place, each), limit=home_limit)
         tasks.append(home)
         for plan in group:
-            # A sibling links the pictures of the first of its group.
-            after = plan.first.key if plan.first and plan.first.key in keys else home.name
-            tasks.append(
-                Task(plan.key, make_observation, (plan, place), after=after, limit=limit, most_cores=MOST_CORES)
-            )
+            task = Task(plan.key, make_observation, (plan, place), after=home.name, limit=limit, most_cores=MOST_CORES)
+            if plan.first is not None and plan.first.key in keys:
+                # It links the pictures of the first of its group, or renders them if that one has failed.
+                task = replace(task, after=plan.first.key, after_any=True)
+            tasks.append(task)
     return tasks
 
 
