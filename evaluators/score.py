@@ -163,17 +163,13 @@ def score(
 
 def _units(observations: Sequence[Observation]) -> list[Unit]:
     """What is scored together, in the order of the first observation of each."""
-    found: dict[str, list[Observation]] = {}
-    for observation in observations:
-        scene = observation.place.part in PROTOCOL_PARTS["listen"]
-        found.setdefault((scene and observation.group) or observation.key, []).append(observation)
+    found: dict[tuple[bool, str], list[Observation]] = {}
+    for o in observations:
+        group = o.group if o.is_sound_scene else None  # which reads observation.json
+        found.setdefault((o.is_sound_scene, group or o.key), []).append(o)
     return [
-        Unit(
-            tuple(o.key for o in some),
-            sum(len(o.test) for o in some),
-            group if some[0].place.part in PROTOCOL_PARTS["listen"] else None,
-        )
-        for group, some in found.items()
+        Unit(tuple(o.key for o in some), sum(len(o.test) for o in some), name if is_scene else None)
+        for (is_scene, name), some in found.items()
     ]
 
 

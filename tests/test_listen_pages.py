@@ -246,6 +246,7 @@ def test_tables_of_sound_scenes(written: Path, tmp_path: Path):
     assert "### Part 3, sound scenes (n = 5)" in text
     assert "listen pair accuracy" in text or "pair accuracy" in text
     assert "In the paper, and not among these files" not in text
+    assert "No row of the paper" not in text
     assert (tmp_path / "t" / "table2.svg").exists()
 
 
