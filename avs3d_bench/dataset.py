@@ -210,7 +210,8 @@ class Observation:
         self.place = layout.parse_key(key)
         self.key = key
         self._use_record = use_record
-        self.path = Path(root) / key
+        self.root = Path(root)
+        self.path = self.root / key
         if not self.path.is_dir():
             raise Avs3dError(f"{self.path}: missing; expected the folder of an observation")
 

@@ -202,6 +202,33 @@ def test_copies_of_the_pictures_are_as_good_as_links(tmp_path: Path, root: Path)
     assert validate(copy, deep=True).problems == ()
 
 
+@pytest.mark.parametrize(
+    "path", ["input/frame_002.png", "instance_masks/frame_002.png", "sparse/0/points3D.bin", "camera_splits.json"]
+)
+def test_damage_to_a_file_that_siblings_share_is_named_once(tmp_path: Path, root: Path, path: str):
+    """With the first of the group; a sibling that is checked alone is checked whole."""
+    copy = tiny.clone(root, tmp_path / "data")
+    content = bytearray((copy / FIRST / path).read_bytes())
+    content[-20] ^= 0xFF
+    tiny.replace(copy / FIRST / path, bytes(content))
+    for key in GROUP:
+        if key != FIRST:
+            (copy / key / path).unlink()
+            (copy / key / path).hardlink_to(copy / FIRST / path)
+    changed = {p.path for p in validate(copy, deep=True).problems if "file changed" in p.message}
+    assert changed == {f"{FIRST}/{path}"}
+    assert f"{SECOND}/{path}" in {p.path for p in check_observation(copy, SECOND, deep=True)}
+
+
+def test_a_damaged_copy_in_a_sibling_is_named(tmp_path: Path, root: Path):
+    copy = tiny.clone(root, tmp_path / "data")
+    path = copy / SECOND / "input" / "frame_002.png"
+    content = bytearray(path.read_bytes())
+    content[-20] ^= 0xFF
+    tiny.replace(path, bytes(content))
+    assert f"{SECOND}/input/frame_002.png" in {p.path for p in validate(copy, deep=True).problems}
+
+
 def test_a_source_whose_programme_was_cut_off_is_silent(tmp_path: Path, root: Path):
     """Bursts may all begin after the last frame: the source is listed, and never sounds."""
     copy = tiny.clone(root, tmp_path / "data")

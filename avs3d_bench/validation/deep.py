@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from avs3d_bench import layout, media
 from avs3d_bench.dataset import Frame, Observation
 from avs3d_bench.errors import Avs3dError
@@ -23,6 +21,7 @@ from avs3d_bench.validation.model import check_model
 from avs3d_bench.validation.off_screen import check_off_screen
 from avs3d_bench.validation.pictures import check_twin
 from avs3d_bench.validation.scenes import has_stems
+from avs3d_bench.validation.siblings import same_files
 from avs3d_bench.validation.sightings import Labels, Sightings, colour_problem, depth_problem, sightings_by_frame
 from avs3d_bench.validation.solid import Boxes, Tally, check_solid
 from avs3d_bench.validation.sound import Sound, check_clip, check_mono, check_response
@@ -30,7 +29,13 @@ from avs3d_bench.validation.stems import Stems, check_source_response
 
 
 def check_contents(
-    observation: Observation, record: ObservationRecord | None, files: set[str], findings: Findings, *, ours: bool
+    observation: Observation,
+    record: ObservationRecord | None,
+    files: set[str],
+    findings: Findings,
+    *,
+    ours: bool,
+    with_group: bool = False,
 ) -> None:
     """All deep checks; problems go to ``findings``.
 
@@ -40,9 +45,11 @@ def check_contents(
         files: the files found, relative.
         findings: where problems go.
         ours: a tree of this toolkit; else what we ask beyond the release is not asked.
+        with_group: the first of the observation's group is checked as well, and with it the files that both share.
     """
+    known = same_files(observation, record) if record and with_group else frozenset()
     if record:
-        _check_hashes(observation, record, files, findings)
+        _check_hashes(observation, record, files - known, findings)
     try:
         frames = observation.frames
     except Avs3dError:
@@ -54,7 +61,7 @@ def check_contents(
     visible: dict[str, frozenset[int]] = {}
     for number, frame in enumerate(frames):
         advance(number, len(frames))
-        found = read_contents(frame, record, files, findings)
+        found = read_contents(frame, record, files, findings, known)
         if ours:
             check_twin(frame, files, findings)
         entry, seen = frame.record, sightings.get(frame.name)
@@ -62,12 +69,12 @@ def check_contents(
             continue
         check_masks(frame, entry, record, found, findings)
         if found.ids is not None:
-            visible[frame.name] = frozenset(np.unique(found.ids).tolist())
+            visible[frame.name] = frozenset(found.instances)
         if mesh is not None:
             check_solid(frame, entry, record, found, mesh, seen, tally, findings)
         if seen is not None:
             _check_witnesses(frame, entry, found, seen, findings)
-            if found.ids is not None and boxes is not None:
+            if found.ids is not None and boxes is not None and frame_paths(frame)[layout.INSTANCE_MASKS] not in known:
                 labels.add(frame.name, seen, found.ids)
                 boxes.add(frame, seen, found.ids, findings)
     _check_labels(labels, findings)
@@ -95,7 +102,8 @@ def check_contents(
         if record and not record.moves and response is not None and clip is not None:
             clip_path = layout.audio_path(layout.BINAURAL, frame.index)
             check_response(path, clip_path, clip.samples, response, findings)
-    check_model(observation, record, files, findings, ours=ours)
+    if not known.issuperset(layout.COLMAP_FILES):
+        check_model(observation, record, files, findings, ours=ours)
 
 
 def _check_stems(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -67,6 +67,11 @@ class Contents:
     depth: NDArray[np.float32] | None
     categories: NDArray[np.uint8] | None = None
 
+    @cached_property
+    def instances(self) -> tuple[int, ...]:
+        """The values of ``ids``, 0 among them; none without ids."""
+        return () if self.ids is None else tuple(np.unique(self.ids).tolist())
+
 
 def frame_paths(frame: Frame) -> dict[str, str]:
     """The paths of a frame's pictures by folder, relative to the observation."""
@@ -74,12 +79,27 @@ def frame_paths(frame: Frame) -> dict[str, str]:
     return {folder: f"{folder}/{frame.name}.png" for folder in folders}
 
 
-def read_contents(frame: Frame, record: ObservationRecord | None, files: set[str], findings: Findings) -> Contents:
-    """Decode the pictures of one frame, naming what cannot be read."""
+def read_contents(
+    frame: Frame,
+    record: ObservationRecord | None,
+    files: set[str],
+    findings: Findings,
+    known: frozenset[str] = frozenset(),
+) -> Contents:
+    """Decode the pictures of one frame, naming what cannot be read.
+
+    Args:
+        frame: the frame.
+        record: observation.json, for the size of the pictures.
+        files: the files found, relative.
+        findings: where problems go.
+        known: files that were looked at with another observation: their RGB is not decoded again.
+    """
     paths = frame_paths(frame)
     for path in paths.values():
-        read(findings, files, path, partial(media.check_png, frame.observation.path / path))
-    rgb = read(findings, files, paths[layout.INPUT], frame.rgb)
+        if path not in known:
+            read(findings, files, path, partial(media.check_png, frame.observation.path / path))
+    rgb = None if paths[layout.INPUT] in known else read(findings, files, paths[layout.INPUT], frame.rgb)
     if rgb is not None and int(rgb.max()) == int(rgb.min()):
         findings.add(paths[layout.INPUT], f"every value is {int(rgb.min())}: an empty picture", "warning")
     mask = read(findings, files, paths[layout.SEMANTIC_MASKS], frame.mask)
@@ -113,13 +133,13 @@ def check_masks(
     paths = frame_paths(frame)
     mask, ids = found.mask, found.ids
     if ids is not None:
-        strange = sorted(set(np.unique(ids).tolist()) - {0} - {instance.id for instance in record.instances})
+        strange = sorted(set(found.instances) - {0} - {instance.id for instance in record.instances})
         if strange:
             text = f"ids {strange} are no instances of {layout.OBSERVATION_JSON}"
             findings.add(paths[layout.INSTANCE_MASKS], text)
         _check_line_of_sight(frame, entry, record, ids, findings)
         if found.categories is not None:
-            for text in _category_problems(record, record.audible_instances(entry), ids, found.categories):
+            for text in _category_problems(record, record.audible_instances(entry), found):
                 findings.add(paths[layout.CATEGORY_MASKS], text)
     if mask is None:
         return
@@ -141,25 +161,34 @@ def _audible_problems(
     name: str, audible: tuple[int, ...], ids: NDArray[np.uint16], mask: NDArray[np.bool_]
 ) -> Iterator[str]:
     """The mask of a frame of part_3 marks the visible pixels of its audible instances, and no others."""
-    surplus = ids[mask & ~np.isin(ids, audible)]
+    sounding = np.isin(ids, audible)
+    if np.array_equal(mask, sounding):
+        return
+    surplus = ids[mask & ~sounding]
     for number, count in zip(*np.unique(surplus, return_counts=True), strict=True):
         what = f"instance {number}, which is not audible in {name}" if number else "no instance"
         yield f"{count} marked pixels are on {what}"
-    lacking = ids[~mask & np.isin(ids, audible)]
+    lacking = ids[~mask & sounding]
     for number, count in zip(*np.unique(lacking, return_counts=True), strict=True):
         yield f"{count} pixels of instance {number}, which is audible in {name}, are not marked"
 
 
-def _category_problems(
-    record: ObservationRecord, audible: tuple[int, ...], ids: NDArray[np.uint16], categories: NDArray[np.uint8]
-) -> Iterator[str]:
+def _category_problems(record: ObservationRecord, audible: tuple[int, ...], found: Contents) -> Iterator[str]:
     """The category mask has the class id of each audible instance on its pixels, and 0 elsewhere."""
+    ids, categories = found.ids, found.categories
+    if ids is None or categories is None:
+        return
     classes = record.class_ids
     known = {instance.id: classes.get(instance.category, 0) for instance in record.instances}
+    table = np.zeros(max(*found.instances, *known, 0) + 1, dtype=np.uint8)
+    for number in {*audible} & {*known}:
+        table[number] = known[number]
+    if np.array_equal(table[ids], categories):
+        return
     strange = sorted(set(np.unique(categories).tolist()) - {0, *classes.values()})
     if strange:
         yield f"values {strange} are no class ids; expected 0 to {max(classes.values())}"
-    for number in sorted({0, *known} & set(np.unique(ids).tolist())):
+    for number in sorted({0, *known} & set(found.instances)):
         expected = known.get(number, 0) if number in audible else 0
         wrong = categories[(ids == number) & (categories != expected)]
         if len(wrong):

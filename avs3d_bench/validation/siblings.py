@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from avs3d_bench import layout
+from avs3d_bench.dataset import Observation
+from avs3d_bench.errors import Avs3dError
 from avs3d_bench.report import Problem
 from avs3d_bench.schema import InstanceRecord, ObservationRecord
 
@@ -74,3 +76,29 @@ def _files(record: ObservationRecord, first: ObservationRecord) -> Iterator[tupl
             yield path, f"is not in {first.key}, the first of its group"
         elif mine[path] != others[path]:
             yield path, f"differs from that of {first.key}, the first of its group; expected the same bytes"
+
+
+def same_files(observation: Observation, record: ObservationRecord) -> frozenset[str]:
+    """The files of a sibling that are hard links to those of the first of its group, and recorded with their digests.
+
+    What is checked of such a file alone is checked with the first; in a copy without hard links there are none.
+    """
+    if record.group is None or record.group == record.key:
+        return frozenset()
+    try:
+        first = Observation(observation.root, record.group)
+        digests = first.record.files if first.record and first.record.group == record.group else {}
+    except Avs3dError:
+        return frozenset()  # the first of the group is named itself
+    return frozenset(
+        path
+        for path, digest in record.files.items()
+        if path.startswith(SHARED) and digests.get(path) == digest and _same_file(observation, first, path)
+    )
+
+
+def _same_file(observation: Observation, first: Observation, path: str) -> bool:
+    try:
+        return (observation.path / path).samefile(first.path / path)
+    except OSError:
+        return False  # one is missing: already named

@@ -64,7 +64,7 @@ def validate(root: str | Path, *, deep: bool = False, workers: int | None = 1, p
         problems += found
     else:
         problems.append(Problem("note", layout.DATASET_JSON, "absent: read as the official release"))
-    look = partial(_look, base, ours=ours, deep=deep)
+    look = partial(_look, base, ours=ours, deep=deep, with_group=True)
     count = workers if deep else workers or 1
     sizes = [len(dataset[key]) for key in dataset.keys]
     looked = process_each(look, dataset.keys, workers=count, label="checking frames", progress=progress, sizes=sizes)
@@ -88,7 +88,7 @@ def check_observation(root: str | Path, key: str, *, ours: bool = True, deep: bo
     return ordered(list(_look(root, key, ours, deep).problems))
 
 
-def _look(root: str | Path, key: str, ours: bool, deep: bool) -> _Outcome:
+def _look(root: str | Path, key: str, ours: bool, deep: bool, with_group: bool = False) -> _Outcome:
     observation = Observation(root, key)
     findings, record, files = check_structure(observation, ours=ours)
     if deep:
@@ -96,7 +96,7 @@ def _look(root: str | Path, key: str, ours: bool, deep: bool) -> _Outcome:
 
         if ours and record is None:
             observation = Observation(root, key, use_record=False)  # broken: check the files for themselves
-        check_contents(observation, record, files, findings, ours=ours)
+        check_contents(observation, record, files, findings, ours=ours, with_group=with_group)
     return _Outcome(tuple(findings.problems), len(files), record)
 
 
