@@ -1,0 +1,153 @@
+"""`python -m benchmarks.listen_chance ROOT`: the pair accuracy of guesses, to compare a method's with.
+
+A guess has perfect masks and uses a part of what can be heard; the rest is drawn at random, independently for each
+sibling. Nothing is sampled: the probability that both predictions of a frame are right is the product of two shares of
+equally likely answers. Pairs of twins are those of siblings in which one object sounds alone, another of its category
+in each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from itertools import combinations, product
+from pathlib import Path
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from avs3d_bench.dataset import Dataset, Observation, sibling_frames
+from avs3d_bench.deaf_oracles import can_sound, instance_ids_of
+from avs3d_bench.errors import UsageError
+from avs3d_bench.files import write_json
+from avs3d_bench.parallel import process_each
+from avs3d_bench.schema import FrameRecord, ObservationRecord
+from evaluators.metrics import as_bytes, frame_counts, mean
+from evaluators.pairs import agrees_better, differ, is_right
+
+#: Ids of the instances that are marked.
+Answer = tuple[int, ...]
+#: The equally likely answers in a frame.
+Guess = Callable[[ObservationRecord, FrameRecord], Sequence[Answer]]
+
+
+def any_instance(record: ObservationRecord, _frame: FrameRecord) -> Sequence[Answer]:
+    """Uses no sound: one instance that can sound."""
+    return [(instance.id,) for instance in can_sound(record)]
+
+
+def presence(record: ObservationRecord, frame: FrameRecord) -> Sequence[Answer]:
+    """Knows whether a source is audible, here or in another room: nothing, or one instance that can sound."""
+    return any_instance(record, frame) if frame.audible else [()]
+
+
+def category(record: ObservationRecord, frame: FrameRecord) -> Sequence[Answer]:
+    """Knows which categories are audible: one instance in the room of each of them."""
+    heard = {record.source(one.source).category for one in frame.audible or ()}
+    here = [[one.id for one in record.instances if one.category == name] for name in sorted(heard)]
+    return list(product(*filter(None, here)))
+
+
+def every_of_category(record: ObservationRecord, frame: FrameRecord) -> Sequence[Answer]:
+    """Knows which categories are audible: all their instances in the room, as `--instance category` of the oracle."""
+    heard = {record.source(one.source).category for one in frame.audible or ()}
+    return [tuple(one.id for one in record.instances if one.category in heard)]
+
+
+GUESSES: Mapping[str, Guess] = {
+    "instance": any_instance,
+    "presence, instance": presence,
+    "category, one": category,
+    "category, all": every_of_category,
+}
+
+
+def sounds_alone(record: ObservationRecord) -> str | None:
+    """Category of the only source of an observation, if it is an instance of the room."""
+    sources = record.sources or ()
+    return sources[0].category if len(sources) == 1 and sources[0].instance is not None else None
+
+
+def group_chance(root: Path, keys: Sequence[str]) -> dict[str, tuple[float | None, float | None]]:
+    """Guess → expected pair accuracy of a group, over all pairs and over those of twins; None without such a frame.
+
+    Args:
+        root: the dataset's.
+        keys: of the siblings.
+
+    Raises:
+        UsageError: if an observation has no observation.json.
+        Avs3dError: if the dataset is damaged.
+    """
+    siblings = [Observation(root, key) for key in keys]
+    records = [sibling.record for sibling in siblings if sibling.record is not None]
+    if len(records) < len(siblings):
+        raise UsageError(f"{root}: an observation of the group {keys[0]} has no observation.json")
+    alone = [sounds_alone(record) for record in records]
+    right = {name: {False: 0.0, True: 0.0} for name in GUESSES}
+    count = {False: 0, True: 0}
+    for same in sibling_frames(siblings):
+        masks = [as_bytes(frame.mask()) for frame in same]
+        ids = instance_ids_of(same[0], masks[0].shape)
+        entries = [frame.record for frame in same if frame.record is not None]
+        answers = {n: [guess(r, e) for r, e in zip(records, entries, strict=True)] for n, guess in GUESSES.items()}
+        for a, b in combinations(range(len(siblings)), 2):
+            if not differ(frame_counts(masks[a], masks[b])):
+                continue
+            twins = alone[a] is not None and alone[a] == alone[b]
+            count[twins] += 1
+            for name, of in answers.items():
+                both = _share_right(ids, of[a], masks[a], masks[b]) * _share_right(ids, of[b], masks[b], masks[a])
+                right[name][twins] += both
+    total = sum(count.values())
+    return {
+        name: (
+            sum(found.values()) / total if total else None,
+            found[True] / count[True] if count[True] else None,
+        )
+        for name, found in right.items()
+    }
+
+
+def _share_right(
+    ids: NDArray[np.uint16], answers: Sequence[Answer], own: NDArray[np.uint8], other: NDArray[np.uint8]
+) -> float:
+    """Share of the answers that are right in a frame of a pair; ``own`` and ``other`` are its truths."""
+    found = []
+    for answer in answers:
+        marked = np.isin(ids, answer)
+        mine, theirs = frame_counts(own, marked), frame_counts(other, marked)
+        found.append(is_right(mine) and agrees_better(mine, theirs))
+    return sum(found) / len(found)
+
+
+@click.command()
+@click.argument("root", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.option("--workers", type=int, default=None, help="Processes [one per core].")
+@click.option("--json", "report", type=click.Path(path_type=Path), default=None, help="Also write the figures here.")
+def main(root: Path, workers: int | None, report: Path | None) -> None:
+    """Print what guesses reach on part_3 of ROOT: means over groups, as `pair_accuracy`."""
+    groups: dict[str, list[str]] = {}
+    for observation in Dataset(root):
+        if observation.is_sound_scene:
+            groups.setdefault(observation.group or observation.key, []).append(observation.key)
+    if not groups:
+        raise click.UsageError(f"{root}: no observation of part_3")
+    keys = [tuple(some) for some in groups.values()]
+    found = [out for _, out in process_each(partial(group_chance, root), keys, workers=workers, label="groups")]
+    table = Table("guess", "pair_accuracy", "pairs of twins", title="chance under listen")
+    document = {}
+    for name in GUESSES:
+        every, twins = (mean(value for one in found if (value := one[name][i]) is not None) for i in (0, 1))
+        document[name] = {"pair_accuracy": every, "twins": twins}
+        table.add_row(name, *("–" if value is None else f"{value:.3f}" for value in (every, twins)))
+    Console().print(table)
+    if report is not None:
+        write_json(report, {"groups": len(groups), "guesses": document})
+
+
+if __name__ == "__main__":
+    main()
