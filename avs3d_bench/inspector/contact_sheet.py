@@ -24,7 +24,7 @@ from avs3d_bench.inspector.contact_scenes import (
     write_audible,
 )
 from avs3d_bench.inspector.sound_scenes import ShownScene, read_sound_scene
-from avs3d_bench.layout import is_test
+from avs3d_bench.layout import FRAME_RATE, is_test
 from avs3d_bench.levels import ild_db
 from avs3d_bench.schema import ObservationRecord
 from avs3d_bench.templates import words
@@ -206,7 +206,7 @@ def _sound(figure: Any, observation: Observation, record: ObservationRecord, sce
     else:
         lanes, upper, lower = figure.subplots(3, 1, height_ratios=[max(1.0, 0.4 * len(scene.sources) + 0.4), 1.2, 1.6])
         draw_lanes(lanes, scene, len(record.frames))
-    times = [frame.time for frame in record.frames]
+    times = [frame.time + 0.5 / FRAME_RATE for frame in record.frames]  # the middle of each clip
     difference = [ild_db(frame.rms_left, frame.rms_right) for frame in record.frames]
     upper.axhline(0, color=MUTED, linewidth=0.8)
     upper.bar(times, difference, width=0.9, color=PATH, label="ILD (right − left)")
@@ -222,6 +222,7 @@ def _sound(figure: Any, observation: Observation, record: ObservationRecord, sce
     side.set_ylabel("azimuth (°), right positive")
     limit = 1.15 * max(1.0, *(abs(value) for value in difference))
     upper.set_ylim(-limit, limit)
+    upper.set_xlim(0, len(record.frames))
     upper.set_xlabel("time (s)")
     bars, lines = upper.get_legend_handles_labels(), side.get_legend_handles_labels()
     upper.legend([*bars[0], *lines[0]], [*bars[1], *lines[1]], loc="upper right", fontsize=9)
