@@ -3,7 +3,7 @@
 For every figure and part, it prints the mean of each method and the difference of each pair, with 95 % intervals by
 resampling the observations (`evaluators.bootstrap`: 10,000 times, percentiles). Differences are paired: the same
 observations are drawn for both methods. A difference is stated only if its interval excludes 0 and there are enough
-observations.
+observations. Under ``listen`` whole groups of siblings are drawn, and `listen.pair_accuracy` has one value per group.
 
 `strict.wrong_observation` is the share of observations in which the wrong object was chosen: a silent twin is marked in
 some test frame, and the sounding object is missed (IoU below 0.1).
@@ -27,15 +27,18 @@ from avs3d_bench.files import write_json
 from avs3d_bench.media import read_record
 from avs3d_bench.scores import METRICS, ObservationScores, Scores
 from avs3d_bench.taxonomy import PARTS
-from evaluators.bootstrap import FEWEST, interval
+from evaluators.bootstrap import FEWEST, clustered_interval, interval
+from evaluators.pairs import group_accuracies
 
 Verdict = Literal["higher", "lower", "equal", "undecided"]
 
 WRONG_OBSERVATION = "strict.wrong_observation"
 #: Figures that are compared by default.
 FIGURES = ("strict.IoU", "strict.wrong_instance_rate", WRONG_OBSERVATION, "official.mIoU", "official.F")
-#: Without those of part_3, whose observations come in groups and are not independent.
-_KNOWN = frozenset((metric.protocol, metric.name) for metric in METRICS if metric.protocol != "listen")
+#: As above, of files that have scores of part_3.
+LISTEN_FIGURES = ("listen.pair_accuracy", "listen.IoU", "listen.FP_rate", "listen.class_mIoU")
+_PAIRS = "listen.pair_accuracy"
+_KNOWN = frozenset((metric.protocol, metric.name) for metric in METRICS)
 #: IoU below which the sounding object counts as missed.
 MISSED = 0.1
 
@@ -46,9 +49,9 @@ class Estimate:
 
     Attributes:
         mean: mean of the values.
-        low: lower end of its 95 % interval; None for fewer than six observations.
+        low: lower end of its 95 % interval; None for fewer than six observations (under ``listen``: groups).
         high: upper end of the interval; None likewise.
-        observations: number of observations.
+        observations: number of values: observations, or groups for the pair accuracy.
     """
 
     mean: float
@@ -57,9 +60,21 @@ class Estimate:
     observations: int
 
     @classmethod
-    def of(cls, values: Sequence[float]) -> Estimate:
-        """The estimate from one value per observation; at least one value is needed."""
-        low, high = interval(values) or (None, None)
+    def of(cls, values: Sequence[float], groups: Sequence[str] | None = None) -> Estimate:
+        """The estimate from at least one value.
+
+        Args:
+            values: one per observation.
+            groups: of each value, the group that is drawn as a whole; None: the values are independent.
+        """
+        if groups is None:
+            found = interval(values)
+        else:
+            clusters: dict[str, list[float]] = {}
+            for value, group in zip(values, groups, strict=True):
+                clusters.setdefault(group, []).append(value)
+            found = clustered_interval(list(clusters.values()))
+        low, high = found or (None, None)
         return cls(float(np.mean(values)), low, high, len(values))
 
     def text(self, sign: Literal["", "+"] = "") -> str:
@@ -75,7 +90,7 @@ class Difference:
 
     Attributes:
         figure: e.g. ``strict.IoU``.
-        part: ``part_1``, ``part_2`` or ``overall``.
+        part: ``part_1``, ``part_2``, ``part_3`` or ``overall``.
         first: name of the first method.
         second: name of the second method.
         estimate: first − second.
@@ -107,27 +122,42 @@ def figure_of(observation: ObservationScores, figure: str) -> float | None:
     if figure == WRONG_OBSERVATION:
         rate, iou = (figure_of(observation, f"strict.{known}") for known in ("wrong_instance_rate", "IoU"))
         return None if rate is None or iou is None else float(rate > 0 and iou < MISSED)
-    if protocol not in ("official", "strict") or (protocol, name) not in _KNOWN:
+    if (protocol, name) not in _KNOWN:
         raise UsageError(f"figure {figure!r}: expected one of {', '.join(sorted({*map('.'.join, _KNOWN), *FIGURES}))}")
     value: float | None = getattr(getattr(observation, protocol), name, None)
     return value
 
 
 def values_of(scores: Scores, figure: str, part: str) -> dict[str, float]:
-    """Key → figure, of the observations of a part (or ``overall``) that have it."""
+    """Key → figure, of the observations of a part (or ``overall``) that have it.
+
+    For the pair accuracy: of the groups, whose keys are those of all siblings that were scored.
+    """
+    if figure == _PAIRS:
+        keys = [o.key for o in scores.observations if part in ("overall", o.part)]
+        names = {one.group: " ".join(one.observations) for one in scores.siblings or ()}
+        return {names[group]: value for group, value in group_accuracies(scores.siblings or (), keys).items()}
     found = ((o.key, figure_of(o, figure)) for o in scores.observations if part in ("overall", o.part))
     return {key: value for key, value in found if value is not None}
+
+
+def _estimate(scores: Scores, figure: str, values: Mapping[str, float]) -> Estimate:
+    """The estimate from values by key, as `values_of` returns them."""
+    if not figure.startswith("listen."):
+        return Estimate.of(list(values.values()))
+    groups = {o.key: o.group or o.key for o in scores.observations}
+    return Estimate.of(list(values.values()), [groups.get(key, key) for key in values])
 
 
 def difference(figure: str, part: str, first: tuple[str, Scores], second: tuple[str, Scores]) -> Difference | None:
     """First minus second over the observations that both have; None without common observations."""
     (name, scores), (other, others) = first, second
     mine, theirs = values_of(scores, figure, part), values_of(others, figure, part)
-    paired = [mine[key] - theirs[key] for key in sorted(mine.keys() & theirs.keys())]
+    paired = {key: mine[key] - theirs[key] for key in sorted(mine.keys() & theirs.keys())}
     if not paired:
         return None
-    estimate = Estimate.of(paired)
-    return Difference(figure, part, name, other, estimate, _verdict(paired, estimate))
+    estimate = _estimate(scores, figure, paired)
+    return Difference(figure, part, name, other, estimate, _verdict(list(paired.values()), estimate))
 
 
 def _verdict(paired: Sequence[float], estimate: Estimate) -> Verdict:
@@ -178,20 +208,25 @@ def differences(methods: Mapping[str, Scores], figures: Sequence[str], parts: Se
 
 
 def _means(methods: Mapping[str, Scores], figure: str, part: str) -> dict[str, Estimate]:
-    values = {name: list(values_of(scores, figure, part).values()) for name, scores in methods.items()}
-    return {name: Estimate.of(found) for name, found in values.items() if found}
+    values = {name: values_of(scores, figure, part) for name, scores in methods.items()}
+    return {name: _estimate(methods[name], figure, found) for name, found in values.items() if found}
 
 
 @click.command()
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SCORES.json…")
 @click.option("--part", "parts", multiple=True, type=click.Choice([*PARTS, "overall"]), help="Repeatable [every].")
-@click.option("--figure", "figures", multiple=True, default=FIGURES, show_default=True, help="Repeatable.")
+@click.option(
+    "--figure", "figures", multiple=True,
+    help=f"Repeatable [{', '.join(FIGURES)}; with part_3 also {', '.join(LISTEN_FIGURES)}].",
+)  # fmt: skip
 @click.option("--json", "output", type=click.Path(path_type=Path), help="Also write the figures to this file.")
 def main(files: tuple[Path, ...], parts: tuple[str, ...], figures: tuple[str, ...], output: Path | None) -> None:
     """Print means and paired differences of files of scores, with intervals over resampled observations."""
     try:
         methods = read_scores(files)
         wanted = parts or (*PARTS, "overall")
+        scenes = any(scores.siblings is not None for scores in methods.values())
+        figures = figures or (*FIGURES, *(LISTEN_FIGURES if scenes else ()))
         means = {part: {figure: _means(methods, figure, part) for figure in figures} for part in wanted}
         found = differences(methods, figures, wanted)
         if output is not None:

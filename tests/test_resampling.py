@@ -86,7 +86,8 @@ def test_observations_without_the_figure_are_left_out_of_both():
 
 def test_an_unknown_figure_is_named():
     with pytest.raises(
-        UsageError, match=r"figure 'strict.iou': expected one of official.F, .*strict.wrong_observation"
+        UsageError,
+        match=r"figure 'strict.iou': expected one of listen.FP_area, .*official.F, .*strict.wrong_observation",
     ):
         figure_of(scores_of([0.5]).observations[0], "strict.iou")
 
@@ -117,3 +118,60 @@ def test_the_command_prints_means_differences_and_writes_them(tmp_path: Path):
     assert iou["estimate"]["observations"] == 8
     assert f"official − spatial: {iou['estimate']['mean']:+.3f}" in found.output
     assert "holds: the first is lower" in found.output
+
+
+# --- Sound scenes: groups are drawn ----------------------------------------------------------------------------------
+
+
+def scenes_of(rights: Sequence[int], ious: Sequence[float]) -> Scores:
+    """Groups of two siblings with one pair of four frames, of which so many are right; both siblings have that IoU."""
+    data = example_scores(keys_of(4)).model_dump(mode="json")
+    keys = [[f"part_3/flat_{group}/kitchen/{index}" for index in (1, 2)] for group in range(len(rights))]
+    counts = {"visible_frames": 4, "absent_frames": 0, "pair_frames": 4, "class_IoU": {}}
+    data["observations"] = [
+        {
+            "key": key, "part": "part_3", "scan": key.split("/")[1], "room": "kitchen", "category": None,
+            "group": siblings[0], "frames": 4,
+            "listen": counts | {"pair_accuracy": right / 4, "IoU": iou, "FP_rate": None, "FP_area": None,
+                                "class_mIoU": None},
+        }
+        for siblings, right, iou in zip(keys, rights, ious, strict=True)
+        for key in siblings
+    ]  # fmt: skip
+    data["siblings"] = [
+        {
+            "group": first, "observations": [first, second],
+            "pairs": [{"first": first, "second": second, "frames": 4, "right": right}],
+        }
+        for (first, second), right in zip(keys, rights, strict=True)
+    ]  # fmt: skip
+    return Scores.model_validate(data)
+
+
+def test_under_listen_groups_are_drawn():
+    """Siblings add nothing: the interval is that of one value per group, as worked out in docs/metrics.md."""
+    first, second = scenes_of([1, 1, 4, 1, 1, 1], [0.2, 0.2, 1.0, 0.2, 0.2, 0.2]), scenes_of([0] * 6, [0.0] * 6)
+    found = difference("listen.IoU", "part_3", ("a", first), ("b", second))
+    assert found is not None
+    assert (found.estimate.mean, found.estimate.observations) == (pytest.approx(1 / 3), 12)
+    assert (found.estimate.low, found.estimate.high) == pytest.approx((0.2, 0.6))
+    pairs = difference("listen.pair_accuracy", "overall", ("a", first), ("b", second))
+    assert pairs is not None
+    assert (pairs.estimate.mean, pairs.estimate.observations) == (pytest.approx((5 * 0.25 + 1) / 6), 6)
+    assert (pairs.estimate.low, pairs.estimate.high) == pytest.approx((0.25, 0.25 + 0.75 * 3 / 6))
+    assert pairs.verdict == "higher"
+    # Five groups of two have ten values and no interval.
+    few = difference("listen.IoU", "part_3", ("a", scenes_of([1] * 5, [0.2] * 5)), ("b", scenes_of([0] * 5, [0.1] * 5)))
+    assert few is not None
+    assert (few.estimate.low, few.verdict) == (None, "undecided")
+    assert difference("listen.pair_accuracy", "part_1", ("a", first), ("b", second)) is None
+
+
+def test_the_program_compares_sound_scenes(tmp_path: Path):
+    for name, right in (("a", 4), ("b", 1)):
+        media.write_json(tmp_path / f"{name}.json", scenes_of([right] * 6, [0.1 * right] * 6))
+    done = CliRunner().invoke(main, [str(tmp_path / "a.json"), str(tmp_path / "b.json")])
+    assert done.exit_code == 0, done.output
+    assert "part_3, listen.pair_accuracy" in done.output
+    assert "a − b: +0.750 (+0.750 to +0.750; n = 6); holds: the first is higher" in done.output
+    assert "strict" not in done.output
