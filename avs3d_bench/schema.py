@@ -40,10 +40,9 @@ SOUND_SCENES_VERSION: Final = "1.1"
 
 Part = Literal["part_1", "part_2", "part_3"]
 Room = Literal["bathroom", "kitchen", "living_room"]
-#: A category of the taxonomy, or one that the manifest adds (`ObservationRecord.categories`).
+#: A category of the taxonomy, or one that the manifest adds (`ObservationRecord.categories`); of an instance, also one
+#: that is always silent.
 Category = Annotated[str, Field(pattern=CATEGORY_PATTERN)]
-#: The same, or a category that is always silent.
-InstanceCategory = Category
 SourceId = Annotated[str, Field(pattern=r"^source_[1-9][0-9]*$")]
 Scalar = bool | int | float | str | None
 Text = Annotated[str, Field(min_length=1)]
@@ -151,7 +150,7 @@ class InstanceRecord(Record):
     """
 
     id: Annotated[int, Field(ge=1, le=65535)]
-    category: InstanceCategory
+    category: Category
     sounding: bool
     position: Vector3 = Field(description="origin of the model in the world, metres")
     rotation: Quaternion = Field(description="model-to-world (w, x, y, z)")

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from avs3d_bench.cli import missing_extra
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.listing import describe_sound
 from avs3d_bench.scheduling.errors import UnfitError
 from avs3d_bench.scheduling.lock import holder_of
 from avs3d_bench.scheduling.software import check_software
@@ -77,9 +78,7 @@ def make_observation(context: Context, plan: ObservationPlan, place: Place) -> s
             )
         else:
             record = generate_observation(plan, place.root, place.cache, on_frame, cores=context.cores)
-    what = record.category or "no source"
-    if len(record.sources or ()) > 1:
-        what = f"{len(record.sources or ())} sources"
+    what = describe_sound(record) or record.category
     t30 = f"T30 {record.acoustics.t30:.2f} s, " if record.acoustics.t30 else ""
     visible = sum(frame.visible_pixels > 0 for frame in record.frames)
     return (
