@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from avs3d_bench import layout, media
 from avs3d_bench.dataset import Frame, Observation
 from avs3d_bench.errors import Avs3dError
@@ -84,6 +86,31 @@ def check_contents(
     check_visibility(observation, record, files, findings)
     if record:
         check_off_screen(record, sightings, findings)
+    _check_sound(observation, record, visible, files, findings, ours=ours)
+    if not known.issuperset(layout.COLMAP_FILES):
+        check_model(observation, record, files, findings, ours=ours)
+
+
+def _check_sound(
+    observation: Observation,
+    record: ObservationRecord | None,
+    visible: Mapping[str, frozenset[int]],
+    files: set[str],
+    findings: Findings,
+    *,
+    ours: bool,
+) -> None:
+    """Check clips, stems and impulse responses.
+
+    Args:
+        observation: see `check_contents`, as for the other arguments.
+        record: its observation.json.
+        visible: frame name → ids of the instances that its picture shows.
+        files: the files found.
+        findings: where problems go.
+        ours: a tree of this toolkit.
+    """
+    frames = observation.frames
     clips = [check_clip(frame, files, findings) for frame in frames]
     heard = hearings(record, frames, clips, visible)
     check_levels(heard, findings)
@@ -102,8 +129,6 @@ def check_contents(
         if record and not record.moves and response is not None and clip is not None:
             clip_path = layout.audio_path(layout.BINAURAL, frame.index)
             check_response(path, clip_path, clip.samples, response, findings)
-    if not known.issuperset(layout.COLMAP_FILES):
-        check_model(observation, record, files, findings, ours=ours)
 
 
 def _check_stems(
