@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ast
 import itertools
+import json
 import math
 import re
 from collections.abc import Callable, Iterator
@@ -660,3 +661,20 @@ def test_the_text_on_pairs_of_twins_is_that_of_the_recorded_scores():
     assert sum(pair.right for pair in twins) == 0
     assert scores.overall.listen is not None
     assert scores.overall.listen.pair_accuracy == pytest.approx(2 / 3, abs=0.05)
+
+
+def test_the_table_of_guesses_is_that_of_the_recorded_figures():
+    found = json.loads((DOCUMENT.parent / "results" / "listen-chance.json").read_text(encoding="utf-8"))
+    table = TEXT.split("| known from the sound |")[1].split("\n\n")[0]
+    rows = [tuple(map(float, row)) for row in re.findall(r"\| (\d\.\d{3}) \| (\d\.\d{3}) \|$", table, re.M)]
+    names = ("instance", "presence, instance", "category, one", "category, all")
+    assert rows == [
+        (round(one["pair_accuracy"], 3), round(one["twins"], 3)) for one in (found["guesses"][name] for name in names)
+    ]
+    assert found["groups"] == 16
+
+
+def test_sources_of_other_rooms_are_of_categories_that_are_not_in_the_room():
+    assert "are of categories that do not stand in the room" in " ".join(TEXT.split())
+    for spec in read_manifest(DOCUMENT.parent.parent / "scenes_manifest" / "listen.yaml").manifest.observations:
+        assert {one.category for one in spec.sources or () if one.room is not None}.isdisjoint(spec.objects), spec.key
