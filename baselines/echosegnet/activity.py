@@ -3,15 +3,17 @@
 `spatial` asks which one candidate always sounds. Here any number may sound, each from time to time, and the sound may
 come from none of them: from another room, or from everywhere. The answer is a posterior over hypotheses of this kind:
 
-- A *pool* of sources: up to `LARGEST_POOL` of the candidates, and at most one source *elsewhere*, at a place without a
-  candidate that is found in the sound itself (a door through which another room is heard, an object that nobody
-  marked). Beside it there may be a diffuse *background* of constant level. Each has a prior probability.
+- A *pool* of sources: up to `LARGEST_POOL` of the candidates, and sources *elsewhere*, at up to two places without a
+  candidate that are found in the sound itself (a door through which another room is heard, an object that nobody
+  marked). A place that is in the pool twice is one source that is soft at times and loud at others: without that, a
+  second object would be blamed for every change of the recording. Beside them there may be a diffuse *background* of
+  constant level. Each has a prior probability.
 - Every source of the pool is on or off in each frame: a Markov chain of its own, because programmes last for seconds.
 - Given the set that is on, each time–frequency bin of the clip is dominated by one of these sources, in the direction
   in which it lies from that pose, or by diffuse sound (`mixture`). How much of a frequency is a source's is a property
-  of the source, the same in all frames (`sources_of_sound`): a wrong place may fit some frames, but not the same
-  frequencies in all. The clip's level in octaves is the sum of the sources' own. A clip that is all but silent needs an
-  empty set; one that is not needs a source, or a background of its spectrum.
+  of the source, the same in all frames but for the distance (`sources_of_sound`): a wrong place may fit some frames,
+  but not the same frequencies in all. The clip's level in octaves is the sum of the sources' own. A clip that is all
+  but silent needs an empty set; one that is not needs a source, or a background of its spectrum.
 
 Pools are compared by the forward algorithm (L. R. Rabiner, Proc. IEEE 77 (1989) 257), so that the evidence for a source
 that stays where it is adds up over all frames; the posterior of each frame is that of the forward–backward algorithm,
@@ -42,14 +44,22 @@ Array = NDArray[np.float64]
 
 #: Most candidates that sound in one observation.
 LARGEST_POOL = 4
-#: Pools of one size that are extended by one more source.
-_BEAM = 3
+#: Most places elsewhere.
+_MOST_ELSEWHERE = 2
+#: Pools of one size that are extended by one more source, if their posterior odds to the best pool found so far are at
+#: least exp(−this): single sources, larger pools.
+_BEAM, _HOPELESS_ALONE, _HOPELESS = 3, 30.0, 5.0
 #: Grid of places elsewhere: spacing, margin around the walk and the candidates, distance from all candidates (m).
 _SPACING, _MARGIN, _CLEARANCE = 0.4, 1.5, 0.6
+#: Nearer than this the direct sound grows no further (m): objects are no points.
+_LEAST_DISTANCE = 0.7
 #: Share of the phases in a frame's effective bins; the rest are level differences.
 _PHASE_SHARE = 0.75
 #: Posterior from which on a candidate is marked.
 DECIDED = 0.5
+
+#: Places of the sources, ascending; a place may be there twice.
+Pool = tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -60,13 +70,15 @@ class ActivityWeights:
         bins: effective number of independent time–frequency bins per frame.
         source: natural logarithm of the prior odds of one more source in the pool.
         elsewhere: the same of a source elsewhere.
+        louder: the same of a source's being soft at times and loud at others, and of a second place elsewhere.
         on, off: probability that a source of the pool starts, and stops, between two frames.
         octaves: effective number of independent levels of octaves per frame.
     """
 
-    bins: float = 6.0
-    source: float = -3.0
-    elsewhere: float = -5.0
+    bins: float = 4.0
+    source: float = -4.0
+    elsewhere: float = -7.0
+    louder: float = -2.0
     on: float = 0.07
     off: float = 0.07
     octaves: float = 1.0
@@ -157,8 +169,20 @@ def gather(candidates: Sequence[Array], rotation: Array, position: Array, cells:
     places = np.concatenate([densities, mixture.place_densities(table, found, rotation, position)], axis=1)
     bands = mixture.band_starts(cells.frequencies)
     return Evidence(
-        len(candidates), Heard(bins, places / diffuse, bands, cells.level_db >= AUDIBLE_LEVEL_DB, cells.octave_db)
-    )
+        len(candidates),
+        Heard(
+            bins, places / diffuse, bands, cells.level_db >= AUDIBLE_LEVEL_DB, cells.octave_db,
+            _nearness([*candidates, *found], position),
+        ),
+    )  # fmt: skip
+
+
+def _nearness(places: Sequence[Array], position: Array) -> Array:
+    """(T, J) direct energy of a source at each place, over its geometric mean over the walk."""
+    centres = np.stack([points.mean(axis=0) for points in places]) if places else np.zeros((0, 3))
+    distance = np.maximum(np.linalg.norm(position[:, None] - centres, axis=2), _LEAST_DISTANCE)
+    logarithm = -2 * np.log(distance)
+    return np.exp(logarithm - logarithm.mean(axis=0))
 
 
 def _prominence(alone: Array) -> Array:
@@ -203,50 +227,60 @@ def _elsewhere(grid: Array, scores: Array, alone: Array) -> list[Array]:
 def decide(evidence: Evidence, weights: ActivityWeights) -> Activity:
     """The posterior, by a beam search over pools."""
     places = range(evidence.heard.places.shape[1])
-    found: dict[tuple[int, ...], tuple[float, Fit]] = {}
+    found: dict[Pool, tuple[float, Fit]] = {}
 
-    def consider(pool: tuple[int, ...]) -> None:
-        away = sum(place >= evidence.count for place in pool)
-        if pool not in found and away <= 1 and len(pool) - away <= LARGEST_POOL:
+    def consider(pool: Pool) -> None:
+        if pool not in found and _allowed(pool, evidence.count):
             answer = fit(
                 evidence.heard, pool, bins=weights.bins, octaves=weights.octaves, on=weights.on, off=weights.off
             )
-            found[pool] = weights.source * (len(pool) - away) + weights.elsewhere * away + answer.evidence, answer
+            found[pool] = _prior(pool, evidence.count, weights) + answer.evidence, answer
 
-    layer: list[tuple[int, ...]] = [()]
+    layer: list[Pool] = [()]
     consider(())
     for _ in range(LARGEST_POOL + 1 if evidence.heard.frames.any() else 0):
         for pool in layer:
             for place in places:
-                if place not in pool:
-                    consider(tuple(sorted((*pool, place))))
+                consider(tuple(sorted((*pool, place))))
         size = len(layer[0]) + 1
         grown = sorted((pool for pool in found if len(pool) == size), key=lambda pool: -found[pool][0])
         if not grown:
             break
         best = max(score for score, _ in found.values())
-        layer = [pool for pool in grown[:_BEAM] if found[pool][0] > best - _NEGLIGIBLE]
+        margin = _HOPELESS_ALONE if size == 1 else _HOPELESS
+        layer = [pool for pool in grown[:_BEAM] if found[pool][0] > best - margin]
         if not layer:
             break
     return _average(found, evidence)
 
 
-#: Pools whose posterior odds to the best are less than exp(−this) do not count, and are not extended.
-_NEGLIGIBLE = 10.0
+def _allowed(pool: Pool, count: int) -> bool:
+    away = sum(place >= count for place in pool)
+    twice = max((pool.count(place) for place in pool), default=0) <= 2
+    return twice and away <= _MOST_ELSEWHERE and len({p for p in pool if p < count}) <= LARGEST_POOL
 
 
-def _average(found: dict[tuple[int, ...], tuple[float, Fit]], evidence: Evidence) -> Activity:
+def _prior(pool: Pool, count: int, weights: ActivityWeights) -> float:
+    """Logarithm of the pool's prior odds to silence."""
+    room = [place for place in pool if place < count]
+    away = len(pool) - len(room)
+    sources = len(set(room))
+    louder = len(room) - sources + max(away - 1, 0)
+    return weights.source * sources + weights.elsewhere * (away > 0) + weights.louder * louder
+
+
+def _average(found: dict[Pool, tuple[float, Fit]], evidence: Evidence) -> Activity:
     total = logsumexp([score for score, _ in found.values()])
-    frames = len(evidence.heard.frames)
-    posterior, elsewhere, ever = np.zeros((frames, evidence.count)), np.zeros(frames), np.zeros(evidence.count)
+    posterior = np.zeros((len(evidence.heard.frames), evidence.count + 1))
+    ever = np.zeros(evidence.count + 1)
     for pool, (score, answer) in found.items():
         share = float(np.exp(score - total))
-        for item, place in enumerate(pool):
-            if place < evidence.count:
-                posterior[:, place] += share * answer.on[:, item]
-                ever[place] += share
-            else:
-                elsewhere += share * answer.on[:, item]
-    return Activity(
-        np.minimum(posterior, 1.0), np.minimum(elsewhere, 1.0), np.minimum(ever, 1.0), evidence.heard.frames
-    )
+        # What lies elsewhere is one, wherever; a place that is there twice is on if either of both is.
+        place = np.minimum(np.array(pool, dtype=np.intp), evidence.count)
+        silent = np.ones_like(posterior)
+        for item, where in enumerate(place):
+            silent[:, where] *= 1 - answer.on[:, item]
+        posterior += share * (1 - silent)
+        ever[np.unique(place)] += share
+    posterior, ever = np.minimum(posterior, 1.0), np.minimum(ever, 1.0)
+    return Activity(posterior[:, :-1], posterior[:, -1], ever[:-1], evidence.heard.frames)

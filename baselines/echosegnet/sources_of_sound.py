@@ -3,10 +3,12 @@
 Every source k of the pool has a share s_kf of each band f, the same in all frames, and a level E_kb in each octave b.
 While the set S is on, the cells of band f have the density
 
-    p(cell | S) = (s_0f·D + Σ_{k ∈ S} s_kf·A_k) / (s_0f + Σ_{k ∈ S} s_kf)
+    p(cell | S) = (s_0f·D + Σ_{k ∈ S} s_kf·n_k·A_k) / (s_0f + Σ_{k ∈ S} s_kf·n_k)
 
-with the densities of `mixture`, and the level of octave b is 10·lg(B_b + Σ_{k ∈ S} E_kb) with an error of Student's t
-distribution (4 degrees of freedom), because sources fluctuate and the listener moves. B is the background: a spectrum
+with the densities of `mixture` and the nearness n_k ∝ 1/distance², because a room's diffuse sound is equally loud
+everywhere and direct sound is not (H. Kuttruff, *Room Acoustics*, 6th ed., CRC 2016, §5.5): a source at a wrong place
+would have to be direct where it is far. The level of octave b is 10·lg(B_b + Σ_{k ∈ S} E_kb) with an error of Student's
+t distribution (4 degrees of freedom), because sources fluctuate and the listener moves. B is the background: a spectrum
 that some frames have so exactly that nothing but stationary noise is left as their explanation. Shares, levels and the
 probabilities of the sets are found in turn (expectation maximisation with a hidden Markov chain per source). Half of
 the prior probability is that of a pool whose sources always sound.
@@ -17,6 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -59,6 +62,7 @@ class Heard:
         bands: (bands,) index of the first cell of each band.
         frames: (T,) whether a frame is loud enough for anything to be audible.
         octave_db: (T, B) levels, dB re full scale.
+        nearness: (T, J) direct over diffuse energy of a source at each place, over its mean in dB: 1/distance².
     """
 
     weights: Array
@@ -66,6 +70,7 @@ class Heard:
     bands: NDArray[np.intp]
     frames: NDArray[np.bool_]
     octave_db: Array
+    nearness: Array
 
     @cached_property
     def used(self) -> NDArray[np.intp]:
@@ -82,6 +87,11 @@ class Heard:
         """(T, c) weights and (J, T, c) densities of the used cells."""
         densities = self.places[:, :, self.used].transpose(1, 0, 2)
         return self.weights[:, self.used].astype(np.float32), np.ascontiguousarray(densities, dtype=np.float32)
+
+    def of(self, pool: tuple[int, ...]) -> tuple[Single, Single, NDArray[np.intp], Array]:
+        """Weights (T, c), densities (m, T, c) and band (c,) of the used cells, and nearness (T, m), of a pool."""
+        weights, densities = self.compact
+        return weights, densities[list(pool)], self.band, self.nearness[:, list(pool)]
 
     @cached_property
     def levels(self) -> Array:
@@ -168,7 +178,8 @@ def fit(heard: Heard, pool: tuple[int, ...], *, bins: float, octaves: float, on:
 
     def improve(steps: int, probability: Array, share: Array, level: Array) -> tuple[Array, Array, Array]:
         for _ in range(steps):
-            share = _shares(heard, pool, states, share, probability)
+            share = _counts(*heard.of(pool), states, share, probability, _LEAST_WEIGHT)
+            share /= share.sum(axis=0)
         level = _levels(heard, states, level, probability)
         emission = _emission(heard, pool, states, share, level, bins=bins, octaves=octaves)
         emission[:, 0] = empty
@@ -177,12 +188,29 @@ def fit(heard: Heard, pool: tuple[int, ...], *, bins: float, octaves: float, on:
     *_, emission = improve(_ALWAYS_STEPS, start, share, level)
     always = float(emission[:, -1].sum())
     probability = start
+    if len(set(pool)) < len(pool):
+        probability, level = _two_levels(heard, pool, states, level)
     for steps in _STEPS:
         share, level, emission = improve(steps, probability, share, level)
         probability = chains.posterior(emission)
     evidence = float(np.logaddexp(always, chains.evidence(emission[:, :, None])[0]))
     share_always = float(np.exp(always - evidence))
     return Fit(evidence - np.log(2), share_always + (1 - share_always) * (probability @ states))
+
+
+def _two_levels(heard: Heard, pool: tuple[int, ...], states: NDArray[np.bool_], level: Array) -> tuple[Array, Array]:
+    """(T, S) probabilities and (m, B) levels to start from where a place is in the pool twice: soft, and loud."""
+    again = np.array([place in pool[:item] for item, place in enumerate(pool)])
+    total = 10 * np.log10((10 ** (heard.levels / 10)).sum(axis=1))
+    low, high = np.percentile(total[heard.frames], [10, 90]) if heard.frames.any() else (0.0, 0.0)
+    loud = total > (low + high) / 2
+    probability = np.zeros((len(total), len(states)))
+    probability[loud, -1] = 1.0
+    probability[~loud, int(np.flatnonzero((states == ~again).all(axis=1))[0])] = 1.0
+    if loud.any() and (~loud & heard.frames).any():
+        soft = np.median(heard.levels[~loud & heard.frames], axis=0)
+        level = np.where(again[:, None], np.median(heard.levels[loud], axis=0), soft - 10 * np.log10((~again).sum()))
+    return probability, level
 
 
 def _empty(heard: Heard, octaves: float) -> Array:
@@ -194,34 +222,85 @@ def _empty(heard: Heard, octaves: float) -> Array:
     return out
 
 
-def _mix(heard: Heard, pool: tuple[int, ...], on: NDArray[np.bool_], share: Array) -> tuple[Single, Single]:
-    """(T, c) density of the cells over that of diffuse sound, and (1 + m, c) shares of the components."""
-    weight = (share * np.concatenate([[1.0], on])[:, None]).astype(np.float32)
-    weight = (weight / weight.sum(axis=0))[:, heard.band]
-    densities = heard.compact[1]
-    out = np.broadcast_to(weight[0], densities.shape[1:]).copy()
-    for item in np.flatnonzero(on):
-        out += weight[1 + item] * densities[pool[item]]
-    return out, weight
+@numba.njit(cache=True)
+def _sets(
+    weights: Single, densities: Single, band: NDArray[np.intp], nearness: Array, states: NDArray[np.bool_], share: Array
+) -> Array:
+    """(T, S) log-likelihood of the cells (T, c) while each set of states (S, m) of sources sounds; see `fit`."""
+    frames, cells = weights.shape
+    out = np.zeros((frames, len(states)))
+    bands = share.shape[1]
+    total = np.empty(bands)
+    for t in range(frames):
+        for s in range(len(states)):
+            for b in range(bands):
+                total[b] = share[0, b]
+                for k in range(states.shape[1]):
+                    if states[s, k]:
+                        total[b] += nearness[t, k] * share[1 + k, b]
+            value = 0.0
+            for c in range(cells):
+                if weights[t, c] > 0:
+                    b = band[c]
+                    mixed = share[0, b]
+                    for k in range(states.shape[1]):
+                        if states[s, k]:
+                            mixed += nearness[t, k] * share[1 + k, b] * densities[k, t, c]
+                    value += weights[t, c] * np.log(mixed / total[b])
+            out[t, s] = value
+    return out
 
 
-def _shares(heard: Heard, pool: tuple[int, ...], states: NDArray[np.bool_], share: Array, probability: Array) -> Array:
-    """(1 + m, bands) the next shares."""
-    weights, densities = heard.compact
-    count = np.full_like(share, _LEAST_WEIGHT)
-    for state, on in enumerate(states):
-        if not on.any() or probability[:, state].sum() < _LEAST_WEIGHT:
-            continue
-        mixed, part = _mix(heard, pool, on, share)
-        ratio = weights * probability[:, state, None].astype(np.float32) / mixed
-        count[0] += np.bincount(heard.band, part[0] * ratio.sum(axis=0), share.shape[1])
-        for item in np.flatnonzero(on):
-            found = np.einsum("tc,tc->c", ratio, densities[pool[item]])
-            count[1 + item] += np.bincount(heard.band, part[1 + item] * found, share.shape[1])
-    # A source that is on in few frames has a small count; what counts is its share while it is on.
-    time = np.concatenate([[probability[:, 1:].sum()], (probability @ states).sum(axis=0)])
-    count = count / np.maximum(time, _LEAST_WEIGHT)[:, None]
-    return np.asarray(count / count.sum(axis=0))
+@numba.njit(cache=True)
+def _counts(
+    weights: Single,
+    densities: Single,
+    band: NDArray[np.intp],
+    nearness: Array,
+    states: NDArray[np.bool_],
+    share: Array,
+    probability: Array,
+    least: float,
+) -> Array:
+    """(1 + m, bands) the next shares from the probabilities (T, S) of the states.
+
+    Minorisation and maximisation (D. R. Hunter, Annals of Statistics 32 (2004) 384, eq. 6): a component's share is its
+    count of cells over the count that a share of 1 would be due.
+    """
+    frames, cells = weights.shape
+    sources, bands = states.shape[1], share.shape[1]
+    count, due = np.full_like(share, least), np.full_like(share, least)
+    total, amount = np.empty(bands), np.empty(bands)
+    for t in range(frames):
+        amount[:] = 0.0
+        for c in range(cells):
+            amount[band[c]] += weights[t, c]
+        for s in range(len(states)):
+            if probability[t, s] < least or not states[s].any():
+                continue
+            for b in range(bands):
+                total[b] = share[0, b]
+                for k in range(sources):
+                    if states[s, k]:
+                        total[b] += nearness[t, k] * share[1 + k, b]
+                part = probability[t, s] * amount[b] / total[b]
+                due[0, b] += part
+                for k in range(sources):
+                    if states[s, k]:
+                        due[1 + k, b] += part * nearness[t, k]
+            for c in range(cells):
+                if weights[t, c] > 0:
+                    b = band[c]
+                    mixed = share[0, b]
+                    for k in range(sources):
+                        if states[s, k]:
+                            mixed += nearness[t, k] * share[1 + k, b] * densities[k, t, c]
+                    ratio = probability[t, s] * weights[t, c] / mixed
+                    count[0, b] += share[0, b] * ratio
+                    for k in range(sources):
+                        if states[s, k]:
+                            count[1 + k, b] += nearness[t, k] * share[1 + k, b] * densities[k, t, c] * ratio
+    return count / due
 
 
 def _predicted(heard: Heard, states: NDArray[np.bool_], level: Array) -> Array:
@@ -254,12 +333,10 @@ def _emission(
     octaves: float,
 ) -> Array:
     """(T, S) log-likelihood of each frame in each state; that of the first, in which nothing is on, is left 0."""
+    out = bins * _sets(*heard.of(pool), states, share)
     predicted = _predicted(heard, states, level)
-    out = np.zeros((len(heard.frames), len(states)))
     for state, on in enumerate(states):
         if on.any():
-            mixed, _ = _mix(heard, pool, on, share)
-            out[:, state] = bins * np.einsum("tc,tc->t", heard.compact[0], np.log(mixed))
             out[:, state] += octaves * _density(heard.levels - predicted[state], _SOURCE_ERROR)
             out[~heard.frames, state] = _UNLIKELY
     return out
