@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import lfilter
 from test_spatial import Listener, free_field, looking
 
 from avs3d_bench.errors import Avs3dError
-from baselines.echosegnet import cells, mixture
+from baselines.echosegnet import cells, mixture, sources_of_sound
 from baselines.echosegnet.activity import ActivityWeights, infer
 from baselines.echosegnet.chains import Chains
+from baselines.echosegnet.sources_of_sound import Heard
 
 SPOTS = [np.array([[2.0, -0.9, 1.0]]), np.array([[-1.8, -0.5, 2.0]]), np.array([[0.3, -1.0, -2.5]])]
 
@@ -145,3 +147,83 @@ def test_bad_input_is_said_in_one_line():
     clips[1, 0, 5] = np.nan
     with pytest.raises(Avs3dError, match="clip 1 holds NaN"):
         infer(SPOTS, *poses(walk), clips)
+
+
+def test_an_object_wins_over_the_crumbs_beside_it():
+    walk = listeners()
+    clips = free_field(SPOTS[0][0], walk, samples=22_050)
+    beside = [SPOTS[0], SPOTS[0] + [0.03, 0.0, 0.03], SPOTS[1]]
+    found = infer(beside, *poses(walk), clips, size=np.array([5000.0, 100.0, 3000.0]))
+    assert found.active[:, 0].all()
+    assert not found.active[:, 1:].any()
+    swapped = infer(beside, *poses(walk), clips, size=np.array([100.0, 5000.0, 3000.0]))
+    assert swapped.active[:, 1].all()
+    assert not swapped.active[:, 0].any()
+
+
+@pytest.mark.parametrize("size", [[1.0, 2.0], [1.0, 2.0, 0.0], [1.0, 2.0, np.nan]])
+def test_sizes_are_numbers_above_0(size: list[float]):
+    walk = listeners(4)
+    with pytest.raises(Avs3dError, match="expected 3 finite numbers above 0"):
+        infer(SPOTS, *poses(walk), np.zeros((4, 2, 22_050)), size=np.array(size))
+
+
+def test_a_source_that_grows_loud_is_one_source():
+    """Its louder part has another spectrum, as that of an appliance that heats for a while."""
+    walk = listeners(30)
+    soft = free_field(SPOTS[0][0], walk, seed=1, samples=22_050)
+    hum = free_field(SPOTS[0][0], walk, seed=2, samples=22_050)
+    hum = lfilter([0.02], [1, -0.98], hum, axis=-1) * 20
+    hum[:10], hum[20:] = 0, 0
+    found = infer(SPOTS, *poses(walk), soft + 3 * hum)
+    assert found.active[:, 0].all()
+    assert not found.active[:, 1:].any()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_mixtures_are_those_of_the_formula(seed: int):
+    """p = (s_0 + Σ s_k·n_k·A_k) / (s_0 + Σ s_k·n_k) in every cell, over that of diffuse sound."""
+    rng = np.random.default_rng(seed)
+    frames, places, bands, width = 5, 3, 4, 6
+    heard = Heard(
+        weights=rng.random((frames, bands * width)) * (rng.random((frames, bands * width)) > 0.3),
+        places=rng.uniform(0.1, 3.0, (frames, places, bands * width)),
+        bands=np.arange(bands) * width,
+        frames=np.ones(frames, np.bool_),
+        octave_db=np.full((frames, 7), -30.0),
+        nearness=rng.uniform(0.3, 3.0, (frames, places)),
+    )
+    states = np.array(list(itertools.product((False, True), repeat=2)))
+    share = rng.dirichlet(np.ones(3), bands).T
+    pool = (2, 0)
+    found = sources_of_sound._sets(*heard.of(pool), states, share)
+    band = np.repeat(np.arange(bands), width)
+    for s, state in enumerate(states):
+        part = share[1:, band] * (state[:, None] * heard.nearness[:, list(pool)][:, :, None]).transpose(0, 1, 2)
+        mixed = share[0, band] + (part * heard.places[:, list(pool)]).sum(axis=1)
+        expected = (heard.weights * np.log(mixed / (share[0, band] + part.sum(axis=1)))).sum(axis=1)
+        np.testing.assert_allclose(found[:, s], expected, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_every_step_of_the_shares_raises_the_likelihood(seed: int):
+    rng = np.random.default_rng(seed)
+    frames, places, bands, width = 6, 2, 3, 8
+    heard = Heard(
+        weights=rng.random((frames, bands * width)),
+        places=rng.uniform(0.1, 3.0, (frames, places, bands * width)),
+        bands=np.arange(bands) * width,
+        frames=np.ones(frames, np.bool_),
+        octave_db=np.full((frames, 7), -30.0),
+        nearness=rng.uniform(0.3, 3.0, (frames, places)),
+    )
+    states = np.array(list(itertools.product((False, True), repeat=2)))
+    probability = rng.dirichlet(np.ones(4), frames)
+    share = np.full((3, bands), 1 / 3)
+    before = -np.inf
+    for _ in range(20):
+        value = float((probability * sources_of_sound._sets(*heard.of((0, 1)), states, share)).sum())
+        assert value >= before - 1e-6
+        before = value
+        share = sources_of_sound._counts(*heard.of((0, 1)), states, share, probability, 1e-9)
+        share /= share.sum(axis=0)

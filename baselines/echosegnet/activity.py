@@ -119,6 +119,7 @@ def infer(
     position: Array,
     clips: NDArray[np.floating],
     *,
+    size: Array | None = None,
     weights: ActivityWeights | None = None,
 ) -> Activity:
     """Infer which candidates sound in which frames.
@@ -128,6 +129,8 @@ def infer(
         rotation: (T, 3, 3) camera-to-world of all frames in the order of time.
         position: (T, 3) metres.
         clips: (T, 2, n) their sound at 44.1 kHz, channel 0 left.
+        size: (K,) of the candidates, in any unit: the prior odds of two are those of their sizes, which settles what
+            sound cannot tell apart, an object from the crumbs beside it. None: all are alike.
         weights: of the evidence.
 
     Raises:
@@ -135,7 +138,9 @@ def infer(
     """
     if not len(clips) == len(rotation) == len(position):
         raise Avs3dError(f"{len(clips)} clips for {len(rotation)} poses: expected one each")
-    evidence = gather(candidates, rotation, position, cells_of.observe(clips))
+    if size is not None and not (size.shape == (len(candidates),) and np.isfinite(size).all() and (size > 0).all()):
+        raise Avs3dError(f"sizes {size}: expected {len(candidates)} finite numbers above 0, one for each candidate")
+    evidence = gather(candidates, rotation, position, cells_of.observe(clips), size)
     return decide(evidence, weights or ActivityWeights())
 
 
@@ -146,14 +151,18 @@ class Evidence:
     Attributes:
         count: number of candidates, the first places of ``heard``; the rest are elsewhere.
         heard: see `sources_of_sound`.
+        prior: (count,) logarithm of each candidate's prior odds to the largest.
     """
 
     count: int
     heard: Heard
+    prior: Array
 
 
-def gather(candidates: Sequence[Array], rotation: Array, position: Array, cells: Cells) -> Evidence:
-    """The evidence for the candidates and for the likeliest places elsewhere."""
+def gather(
+    candidates: Sequence[Array], rotation: Array, position: Array, cells: Cells, size: Array | None = None
+) -> Evidence:
+    """The evidence for the candidates and for the likeliest places elsewhere; arguments as of `infer`."""
     for number, points in enumerate(candidates):
         if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.isfinite(points).all():
             raise Avs3dError(f"candidate {number}: points {points.shape}, expected (P, 3) finite metres, P ≥ 1")
@@ -174,6 +183,7 @@ def gather(candidates: Sequence[Array], rotation: Array, position: Array, cells:
             bins, places / diffuse, bands, cells.level_db >= AUDIBLE_LEVEL_DB, cells.octave_db,
             _nearness([*candidates, *found], position),
         ),
+        np.log(size / size.max()) if size is not None and len(size) else np.zeros(len(candidates)),
     )  # fmt: skip
 
 
@@ -182,7 +192,7 @@ def _nearness(places: Sequence[Array], position: Array) -> Array:
     centres = np.stack([points.mean(axis=0) for points in places]) if places else np.zeros((0, 3))
     distance = np.maximum(np.linalg.norm(position[:, None] - centres, axis=2), _LEAST_DISTANCE)
     logarithm = -2 * np.log(distance)
-    return np.exp(logarithm - logarithm.mean(axis=0))
+    return np.asarray(np.exp(logarithm - logarithm.mean(axis=0)))
 
 
 def _prominence(alone: Array) -> Array:
@@ -234,7 +244,7 @@ def decide(evidence: Evidence, weights: ActivityWeights) -> Activity:
             answer = fit(
                 evidence.heard, pool, bins=weights.bins, octaves=weights.octaves, on=weights.on, off=weights.off
             )
-            found[pool] = _prior(pool, evidence.count, weights) + answer.evidence, answer
+            found[pool] = _prior(pool, evidence, weights) + answer.evidence, answer
 
     layer: list[Pool] = [()]
     consider(())
@@ -260,13 +270,14 @@ def _allowed(pool: Pool, count: int) -> bool:
     return twice and away <= _MOST_ELSEWHERE and len({p for p in pool if p < count}) <= LARGEST_POOL
 
 
-def _prior(pool: Pool, count: int, weights: ActivityWeights) -> float:
+def _prior(pool: Pool, evidence: Evidence, weights: ActivityWeights) -> float:
     """Logarithm of the pool's prior odds to silence."""
-    room = [place for place in pool if place < count]
+    room = [place for place in pool if place < evidence.count]
     away = len(pool) - len(room)
     sources = len(set(room))
     louder = len(room) - sources + max(away - 1, 0)
-    return weights.source * sources + weights.elsewhere * (away > 0) + weights.louder * louder
+    of_size = float(evidence.prior[list(set(room))].sum())
+    return weights.source * sources + weights.elsewhere * (away > 0) + weights.louder * louder + of_size
 
 
 def _average(found: dict[Pool, tuple[float, Fit]], evidence: Evidence) -> Activity:

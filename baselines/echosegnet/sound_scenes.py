@@ -42,9 +42,10 @@ def cluster_activity(
     """
     count = int(labels.max(initial=-1)) + 1
     places = [clusters.representatives(points[labels == k]) for k in range(count)]
+    size = np.bincount(labels[labels >= 0], minlength=count).astype(np.float64)
     rotation = np.stack([view.rotation for view in views])
     position = np.stack([view.position for view in views])
-    return activity.infer(places, rotation, position, clips)
+    return activity.infer(places, rotation, position, clips, size=size)
 
 
 def class_votes(
