@@ -1,0 +1,1 @@
+"""Geometric acoustics: exact early reflections, a stochastic late part, any receiver from one trace."""
