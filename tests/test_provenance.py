@@ -73,6 +73,8 @@ TABLE: dict[str, str] = {
     "generators/acoustics/clips.py": "observation",
     "generators/acoustics/analytic.py": "observation",
     "generators/acoustics/soundspaces.py": "",
+    "generators/acoustics/tracer/arrivals.py": "",
+    "generators/acoustics/tracer/receivers/synthesis.py": "",
     "generators/vision/kernels.py": "observation",
     "generators/vision/embree.py": "observation",
     "generators/vision/habitat.py": "",

@@ -60,6 +60,7 @@ def checks() -> tuple[Check, ...]:
         package_check("generate", "trimesh", "trimesh", _EXTRA, needed="mesh files"),
         package_check("generate", "xatlas", "xatlas", _EXTRA, needed="light maps"),
         _engine(),
+        package_check("generate", "h5py", "h5py", "pip install 'avs3d-bench[sofa]'", needed="heads of SOFA files"),
         Check("generate", "cache of homes", _cache),
         Check("habitat", "habitat-sim", _habitat),
         Check("scans", "scans", _scans),

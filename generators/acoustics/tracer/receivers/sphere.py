@@ -1,0 +1,68 @@
+"""Sound pressure on a rigid sphere in a plane wave: the exact head-related transfer function of a spherical head.
+
+Time dependence exp(+iωt): a delay τ is exp(−iωτ). θ is the angle between the point on the sphere and the direction the
+sound comes from. The pressure is given relative to that of the free field at the sphere's centre.
+
+References:
+    Lord Rayleigh, A. Lodge, "On the acoustic shadow of a sphere", Phil. Trans. R. Soc. A 203 (1904) 87–110.
+    R. O. Duda, W. L. Martens, "Range dependence of the response of a spherical head model", JASA 104 (1998) 3048–3058,
+    eq. (4), for a source at infinity.
+    G. F. Kuhn, "Model for the interaural time differences in the azimuthal plane", JASA 62 (1977) 157–167: the ITD is
+    3·(a/c)·sin φ at low frequencies and Woodworth's (a/c)·(φ + sin φ) at high ones.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import eval_legendre, spherical_jn, spherical_yn
+
+C128 = NDArray[np.complex128]
+F64 = NDArray[np.float64]
+
+#: Terms of the series beyond ka; the next ones are below 1e-9 of the sum.
+_MORE_TERMS = 16
+
+
+def sphere_coefficients(ka: ArrayLike) -> C128:
+    """(M, K) coefficients bₘ(ka) of the pressure on the sphere, p(θ) = Σ (2m + 1)·bₘ·Pₘ(cos θ).
+
+    bₘ = iᵐ·(−i/(ka)²)/h′ₘ(ka), with the spherical Hankel function of the second kind; bₘ(0) = 1 for m = 0, else 0.
+
+    Args:
+        ka: (K,) wave number times radius, at least 0.
+    """
+    x = np.asarray(ka, dtype=np.float64)
+    orders = np.arange(int(np.ceil(x.max(initial=0.0) * 1.1)) + _MORE_TERMS)[:, None]
+    safe = np.where(x > 0, x, 1.0)[None, :]
+    # High orders at low frequencies overflow to infinity, which makes the coefficient 0, as it should be.
+    with np.errstate(over="ignore", invalid="ignore"):
+        slope = spherical_jn(orders, safe, derivative=True) - 1j * spherical_yn(orders, safe, derivative=True)
+        found = (-1j / safe**2) / slope
+    # NaN: the derivative of y is the difference of two infinities.
+    found = np.where(np.isfinite(found), found, 0.0) * 1j ** (orders % 4)
+    return np.asarray(np.where(x[None, :] > 0, found, (orders == 0).astype(np.complex128)))
+
+
+def sphere_response(theta: ArrayLike, ka: ArrayLike) -> C128:
+    """(T, K) pressure on the sphere at incidence angles ``theta`` (T,) in radians for ``ka`` (K,)."""
+    coefficients = sphere_coefficients(ka)
+    orders = np.arange(len(coefficients))
+    cosine = np.cos(np.asarray(theta, dtype=np.float64))
+    legendre = eval_legendre(orders[None, :], cosine[:, None])
+    return np.asarray((legendre * (2 * orders + 1)) @ coefficients)
+
+
+def diffuse_coherence(ka: ArrayLike, between: float = np.pi) -> F64:
+    """(K,) coherence of the pressures at two points of the sphere in a diffuse field; real by symmetry.
+
+    Σ (2m + 1)·|bₘ|²·Pₘ(cos γ) / Σ (2m + 1)·|bₘ|², from the addition theorem of spherical harmonics.
+
+    Args:
+        ka: (K,) wave number times radius.
+        between: angle γ between the two points as seen from the centre, radians.
+    """
+    power = np.abs(sphere_coefficients(ka)) ** 2
+    orders = np.arange(len(power))
+    weighted = (2 * orders + 1)[:, None] * power
+    return np.asarray(eval_legendre(orders, np.cos(between)) @ weighted / weighted.sum(axis=0))
