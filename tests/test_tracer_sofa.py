@@ -170,6 +170,15 @@ def test_any_sample_rate_is_resampled(tmp_path: Path, stored: int, wanted: int) 
         assert np.abs(delays).max() < 20e-6
 
 
+def test_above_the_file_s_nyquist_frequency_the_head_is_silent(tmp_path: Path) -> None:
+    points = fibonacci(300)
+    head = SofaHead(write(tmp_path / "phone.sofa", points, sphere_impulses(points, 8000), 8000))
+    levels, _ = compare(head, (-0.6, 0, -0.8))
+    assert np.abs(levels[:5]).max() < 0.5
+    found = spectrum(head.response(one((-0.6, 0, -0.8)), np.eye(3), RATE), np.array([5000.0, 8000, 15_000]))
+    assert np.abs(found).max() < 0.03
+
+
 def test_the_right_ear_may_come_first(tmp_path: Path) -> None:
     points = fibonacci(300)
     impulses = sphere_impulses(points, RATE)[:, ::-1]
@@ -327,6 +336,7 @@ def test_a_file_without_a_head_gets_one_line(tmp_path: Path, kind: str, message:
         ({"SourcePosition": None}, "has no SourcePosition"),
         ({"Data_IR": None}, "has no Data.IR"),
         ({"Data_IR": np.full((60, 2, 64), 9.96921e36)}, "missing values"),
+        ({"Data_IR": np.ones((60, 2, 4))}, "Data.IR has 4 samples, expected at least 16"),
         ({"Data_IR": np.zeros((60, 2, 0))}, "Data.IR is empty"),
         ({"Data_IR": np.array([b"a", b"b"])}, "Data.IR is no array of numbers"),
         ({"Data_IR": np.ones((60, 2, 64, 2))}, "Data.IR has shape (60, 2, 64, 2), expected 3 dimensions"),

@@ -136,11 +136,13 @@ def _components(
     """Weights (T, R), filters (R, F) and relative error (dB) of one octave."""
     inside = weight > 0
     shaped = responses[:, inside] * weight[inside]
-    shaped = np.concatenate([shaped.real, shaped.imag], axis=1)
-    energy = np.linalg.norm(shaped, axis=1)
+    relative = np.concatenate([shaped.real, shaped.imag], axis=1)
+    energy = np.linalg.norm(relative, axis=1)
+    if not energy.any():  # a measured head above the file's own Nyquist frequency
+        return np.zeros((len(responses), 1)), np.zeros((1, responses.shape[1]), dtype=np.complex128), 0.0
     # A direction without any sound in this octave has nothing to be relative to.
     scale = np.where(energy > 0, energy, 1.0)
-    relative = shaped / scale[:, None]
+    relative /= scale[:, None]
     share = np.sqrt(solid_angles / solid_angles.sum())
     weighted = relative * share[:, None]
     # The triangular factor has the same axes, and far fewer rows where there are thousands of directions.
@@ -153,8 +155,9 @@ def _components(
     # A kernel's ranks are few: between two of them the next one costs no more.
     count = min(next(rank for rank in RANKS if rank >= min(wanted, most)), len(axes))
     directional = relative @ axes[:count].T
-    fit = directional * share[:, None]
-    filters = np.linalg.lstsq(fit, (share / scale)[:, None] * responses, rcond=None)[0]
+    # The least-squares fit of the filters at all frequencies: the columns of weights are orthogonal.
+    power = np.maximum(singular[:count] ** 2, np.finfo(np.float64).eps * total)
+    filters = ((directional * (share**2 / scale)[:, None]).T @ responses) / power[:, None]
     found = np.linalg.norm(directional, axis=1)  # the axes are orthonormal
-    corrected = directional * (energy / np.where(found > 0, found, 1.0))[:, None]
-    return corrected, filters, 20 * float(np.log10(max(left[count - 1], 1e-15)))
+    directional *= (energy / np.where(found > 0, found, 1.0))[:, None]
+    return directional, filters, 20 * float(np.log10(max(left[count - 1], 1e-15)))

@@ -268,9 +268,16 @@ def _aligned_spectra(hrirs: HrirSet, calibration: _Calibration, sample_rate: int
     frequencies = np.linspace(0.0, sample_rate / 2, half + 1)
     # The Fourier transform of the file's samples at these very frequencies: resampling without a filter.
     step = np.exp(-1j * np.pi * sample_rate / (half * hrirs.sample_rate))
-    spectra = CZT(hrirs.impulses.shape[2], half + 1, w=step)(hrirs.impulses)
-    delays = calibration.delays + calibration.zero - hrirs.delays
-    spectra *= np.exp(2j * np.pi * frequencies * delays[..., None])
+    transform = CZT(hrirs.impulses.shape[2], half + 1, w=step)
     place = frequencies / (hrirs.sample_rate / 2)
-    spectra *= calibration.gain * (0.5 + 0.5 * np.cos(np.pi * np.clip((place - _ROLL_OFF) / (1 - _ROLL_OFF), 0.0, 1.0)))
-    return np.concatenate([spectra[:, 0], spectra[:, 1]])
+    fade = 0.5 + 0.5 * np.cos(np.pi * np.clip((place - _ROLL_OFF) / (1 - _ROLL_OFF), 0.0, 1.0))
+    delays = calibration.delays + calibration.zero - hrirs.delays
+    count = len(delays)
+    aligned = np.empty((2 * count, half + 1), dtype=np.complex128)
+    for ear in (0, 1):
+        for first in range(0, count, _CHUNK):
+            some = slice(first, min(first + _CHUNK, count))
+            turn = np.exp(2j * np.pi * frequencies * delays[some, ear, None])
+            spectra = transform(hrirs.impulses[some, ear]) * turn * (calibration.gain * fade)
+            aligned[ear * count + some.start : ear * count + some.stop] = spectra
+    return aligned

@@ -27,6 +27,8 @@ CONVENTION = "SimpleFreeFieldHRIR"
 #: Longest impulse response (s): more is the response of a room, which the tracer adds itself.
 LONGEST = 0.1
 LEAST_RATE, MOST_RATE = 8000, 384_000
+#: Shortest impulse response (samples): fewer hold no delay between the ears.
+LEAST_SAMPLES = 16
 #: Most numbers of a file: 12,000 directions and two ears of 8192 samples.
 _MOST_NUMBERS = 200_000_000
 #: Larger numbers are none: netCDF writes 9.97e36 for a missing value.
@@ -89,6 +91,8 @@ def read_hrirs(path: str | Path) -> HrirSet:
         raise Avs3dError(
             f"{path}: Data.SamplingRate is {rate.tolist()}, expected one of {LEAST_RATE} to {MOST_RATE} Hz"
         )
+    if length < LEAST_SAMPLES:
+        raise Avs3dError(f"{path}: Data.IR has {length} samples, expected at least {LEAST_SAMPLES}")
     if length > LONGEST * rate[0]:
         raise Avs3dError(
             f"{path}: its responses are {length / rate[0] * 1000:.0f} ms long, "
