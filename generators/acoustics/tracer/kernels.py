@@ -1,0 +1,666 @@
+"""The compiled inner loops of the tracer: rays through the tree, reflections, detection at listeners.
+
+Written for numba's CPU and CUDA targets alike: scalars and arrays only, no recursion, no allocation in what runs per
+ray (the caller hands in the stacks). All lengths in metres, directions of unit length, numbers float64.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generators.acoustics.tracer.philox import philox4x32, uniform
+from generators.acoustics.tracer.tables import Listeners, MeshTables, Records, TraceLimits
+from generators.core.jit import inline, njit
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+I64 = NDArray[np.int64]
+
+#: A ray goes on this far (m) before the surface that it was reflected from: far above rounding (1e-14 m at 10 m), far
+#: below any gap in a mesh.
+OFFSET = 1e-6
+#: The edges of a triangle belong to it, and a little more: no ray slips between two triangles that share one.
+_EDGE = 1e-9
+#: Distance that stands for infinity.
+FAR = 1e30
+#: Nothing is louder than at this distance (m).
+NEAREST = 0.1
+#: Octave bands.
+_BANDS = 8
+#: Purpose of random numbers: third word of the counter.
+LATE, RAIN = 0, 1
+#: Triangles of one mirror plane lie in it to within this distance (m).
+_SAME_PLANE = 1e-3
+_ZERO, _ONE = np.uint64(0), np.uint64(1)
+
+
+@inline
+def _inverse(d: float) -> float:
+    return 1.0 / d if abs(d) > 1e-30 else math.copysign(FAR, d)
+
+
+@inline
+def _entry(bounds: F64, node: int, ox: float, oy: float, oz: float, ix: float, iy: float, iz: float) -> float:
+    """Distance at which a ray enters a box (0 if it starts in it), or `FAR`."""
+    a, b = (bounds[node, 0] - ox) * ix, (bounds[node, 3] - ox) * ix
+    first, last = min(a, b), max(a, b)
+    a, b = (bounds[node, 1] - oy) * iy, (bounds[node, 4] - oy) * iy
+    first, last = max(first, min(a, b)), min(last, max(a, b))
+    a, b = (bounds[node, 2] - oz) * iz, (bounds[node, 5] - oz) * iz
+    first, last = max(first, min(a, b)), min(last, max(a, b))
+    first = max(first, 0.0)
+    # A flat box has first = last up to rounding.
+    return first if first <= last * (1.0 + 1e-12) + 1e-12 else FAR
+
+
+@inline
+def _meets(corners: F64, i: int, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float) -> float:
+    """Distance at which a ray meets triangle i, from either side, or `FAR`.
+
+    Möller and Trumbore, "Fast, minimum storage ray-triangle intersection", J. Graphics Tools 2 (1997) 21–28.
+    """
+    e1x, e1y, e1z = corners[i, 3], corners[i, 4], corners[i, 5]
+    e2x, e2y, e2z = corners[i, 6], corners[i, 7], corners[i, 8]
+    px, py, pz = dy * e2z - dz * e2y, dz * e2x - dx * e2z, dx * e2y - dy * e2x
+    determinant = e1x * px + e1y * py + e1z * pz
+    if abs(determinant) < 1e-18:
+        return FAR
+    inverse = 1.0 / determinant
+    sx, sy, sz = ox - corners[i, 0], oy - corners[i, 1], oz - corners[i, 2]
+    u = (sx * px + sy * py + sz * pz) * inverse
+    if u < -_EDGE or u > 1.0 + _EDGE:
+        return FAR
+    qx, qy, qz = sy * e1z - sz * e1y, sz * e1x - sx * e1z, sx * e1y - sy * e1x
+    v = (dx * qx + dy * qy + dz * qz) * inverse
+    if v < -_EDGE or u + v > 1.0 + _EDGE:
+        return FAR
+    t = (e2x * qx + e2y * qy + e2z * qz) * inverse
+    return t if t > 0.0 else FAR
+
+
+@inline
+def closest(
+    bounds: F64,
+    links: I32,
+    corners: F64,
+    ox: float,
+    oy: float,
+    oz: float,
+    dx: float,
+    dy: float,
+    dz: float,
+    limit: float,
+    any_hit: bool,
+    stack: I32,
+    entries: F64,
+) -> tuple[float, int]:
+    """Find the first triangle nearer than ``limit`` along a ray; with ``any_hit``, any one.
+
+    Returns:
+        its distance and index; ``limit`` and −1 without a hit.
+    """
+    best, found = limit, -1
+    if corners.shape[0] == 0:
+        return best, found
+    ix, iy, iz = _inverse(dx), _inverse(dy), _inverse(dz)
+    stack[0], entries[0] = 0, _entry(bounds, 0, ox, oy, oz, ix, iy, iz)
+    top = 1
+    while top > 0:
+        top -= 1
+        if entries[top] >= best:
+            continue
+        node = stack[top]
+        first, count = links[node, 0], links[node, 1]
+        if count > 0:
+            for i in range(first, first + count):
+                t = _meets(corners, i, ox, oy, oz, dx, dy, dz)
+                if t < best:
+                    best, found = t, i
+            if any_hit and found >= 0:
+                return best, found
+        else:
+            left = _entry(bounds, first, ox, oy, oz, ix, iy, iz)
+            right = _entry(bounds, first + 1, ox, oy, oz, ix, iy, iz)
+            near, far, near_at, far_at = first, first + 1, left, right
+            if right < left:
+                near, far, near_at, far_at = first + 1, first, right, left
+            if far_at < best:
+                stack[top], entries[top] = far, far_at
+                top += 1
+            if near_at < best:
+                stack[top], entries[top] = near, near_at
+                top += 1
+    return best, found
+
+
+@njit
+def closest_hits(
+    mesh: MeshTables, origins: F64, directions: F64, distance: F64, triangle: I32, stack: I32, entries: F64
+) -> None:
+    """First hits of many rays: ``distance`` (R,), `FAR` without a hit, and ``triangle`` (R,), −1 without."""
+    for r in range(len(directions)):
+        distance[r], triangle[r] = closest(
+            mesh.bounds,
+            mesh.links,
+            mesh.corners,
+            origins[r, 0],
+            origins[r, 1],
+            origins[r, 2],
+            directions[r, 0],
+            directions[r, 1],
+            directions[r, 2],
+            FAR,
+            False,
+            stack,
+            entries,
+        )
+
+
+@njit
+def crossings(mesh: MeshTables, a: F64, b: F64, most: int, stack: I32, entries: F64) -> int:
+    """Number of surfaces between the points ``a`` and ``b`` (3,), their ends excepted; counts up to ``most``."""
+    dx, dy, dz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    length = math.sqrt(dx * dx + dy * dy + dz * dz)
+    if length <= 2.0 * OFFSET:
+        return 0
+    dx, dy, dz = dx / length, dy / length, dz / length
+    at, count = OFFSET, 0
+    while count < most:
+        left = length - OFFSET - at
+        if left <= 0.0:
+            break
+        t, hit = closest(
+            mesh.bounds,
+            mesh.links,
+            mesh.corners,
+            a[0] + at * dx,
+            a[1] + at * dy,
+            a[2] + at * dz,
+            dx,
+            dy,
+            dz,
+            left,
+            False,
+            stack,
+            entries,
+        )
+        if hit < 0:
+            break
+        count += 1
+        at += t + OFFSET
+    return count
+
+
+@njit
+def free_lines(
+    mesh: MeshTables,
+    point: F64,
+    targets: F64,
+    short: float,
+    free: NDArray[np.bool_],
+    stack: I32,
+    entries: F64,
+) -> None:
+    """Whether nothing lies between ``point`` (3,) and ``short`` metres before each of ``targets`` (K, 3)."""
+    for i in range(len(targets)):
+        dx, dy, dz = targets[i, 0] - point[0], targets[i, 1] - point[1], targets[i, 2] - point[2]
+        length = math.sqrt(dx * dx + dy * dy + dz * dz)
+        free[i] = True
+        if length > short:
+            dx, dy, dz = dx / length, dy / length, dz / length
+            _, hit = closest(
+                mesh.bounds,
+                mesh.links,
+                mesh.corners,
+                point[0],
+                point[1],
+                point[2],
+                dx,
+                dy,
+                dz,
+                length - short,
+                True,
+                stack,
+                entries,
+            )
+            free[i] = hit < 0
+
+
+@njit
+def specular_planes(mesh: MeshTables, source: F64, directions: F64, planes: I32, stack: I32, entries: F64) -> None:
+    """The mirror planes that specular rays meet: ``planes`` (R, K) int32, −1 from the end of the ray on.
+
+    A ray ends where it leaves the scene or meets a surface that is no mirror plane.
+    """
+    bounds, links, corners, normals, plane = mesh.bounds, mesh.links, mesh.corners, mesh.normals, mesh.plane
+    for r in range(len(directions)):
+        ox, oy, oz = source[0], source[1], source[2]
+        dx, dy, dz = directions[r, 0], directions[r, 1], directions[r, 2]
+        for k in range(planes.shape[1]):
+            planes[r, k] = -1
+        for k in range(planes.shape[1]):
+            t, hit = closest(bounds, links, corners, ox, oy, oz, dx, dy, dz, FAR, False, stack, entries)
+            if hit < 0 or plane[hit] < 0:
+                break
+            planes[r, k] = plane[hit]
+            nx, ny, nz = normals[hit, 0], normals[hit, 1], normals[hit, 2]
+            cosine = dx * nx + dy * ny + dz * nz
+            if cosine > 0.0:
+                nx, ny, nz, cosine = -nx, -ny, -nz, -cosine
+            ox, oy, oz = ox + t * dx + OFFSET * nx, oy + t * dy + OFFSET * ny, oz + t * dz + OFFSET * nz
+            dx, dy, dz = dx - 2.0 * cosine * nx, dy - 2.0 * cosine * ny, dz - 2.0 * cosine * nz
+
+
+@inline
+def _meets_plane(
+    bounds: F64,
+    links: I32,
+    corners: F64,
+    plane: I32,
+    wanted: int,
+    ox: float,
+    oy: float,
+    oz: float,
+    dx: float,
+    dy: float,
+    dz: float,
+    limit: float,
+    stack: I32,
+) -> bool:
+    """Whether a ray meets a triangle of the plane ``wanted`` nearer than ``limit``, whatever lies in between."""
+    ix, iy, iz = _inverse(dx), _inverse(dy), _inverse(dz)
+    stack[0] = 0
+    top = 1
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        if _entry(bounds, node, ox, oy, oz, ix, iy, iz) > limit:
+            continue
+        first, count = links[node, 0], links[node, 1]
+        for i in range(first, first + count):
+            if plane[i] == wanted and _meets(corners, i, ox, oy, oz, dx, dy, dz) < limit:
+                return True
+        if count == 0:
+            stack[top], stack[top + 1] = first, first + 1
+            top += 2
+    return False
+
+
+@njit
+def visible_images(
+    mesh: MeshTables,
+    plane_equation: F64,
+    plane_bounds: F64,
+    listener: F64,
+    source: F64,
+    sequences: I32,
+    images: F64,
+    visible: NDArray[np.bool_],
+    points: F64,
+    stack: I32,
+    entries: F64,
+) -> None:
+    """Whether the path of each image source to a listener exists: points on the right surfaces, all legs free.
+
+    Args:
+        mesh: the triangles.
+        plane_equation: (P, 4) unit normal and offset of the mirror planes, n·x = o.
+        plane_bounds: (P, 6) lowest and highest corner of each plane's triangles.
+        listener: (3,).
+        source: (3,).
+        sequences: (S, K) planes in the order in which the sound meets them, −1 behind the last.
+        images: (S, K, 3) images of the source after 1 … K reflections.
+        visible: (S,) filled in.
+        points: (K, 3) scratch.
+        stack: scratch of the traversal.
+        entries: scratch of the traversal.
+    """
+    bounds, links, corners, plane = mesh.bounds, mesh.links, mesh.corners, mesh.plane
+    for s in range(len(sequences)):
+        visible[s] = False
+        order = 0
+        while order < sequences.shape[1] and sequences[s, order] >= 0:
+            order += 1
+        # Backwards from the listener: where the line to the image meets the plane, if it is near one of its triangles.
+        x, y, z = listener[0], listener[1], listener[2]
+        possible = True
+        for k in range(order - 1, -1, -1):
+            p = sequences[s, k]
+            a, b, c, o = plane_equation[p, 0], plane_equation[p, 1], plane_equation[p, 2], plane_equation[p, 3]
+            here = a * x + b * y + c * z - o
+            there = a * images[s, k, 0] + b * images[s, k, 1] + c * images[s, k, 2] - o
+            # On the plane already: a path by way of an edge, with two reflections in one point.
+            on_plane = abs(here) < 1e-9
+            if not on_plane and here * there >= 0.0:
+                possible = False
+                break
+            share = 0.0 if on_plane else here / (here - there)
+            x += share * (images[s, k, 0] - x)
+            y += share * (images[s, k, 1] - y)
+            z += share * (images[s, k, 2] - z)
+            if not (
+                plane_bounds[p, 0] - _SAME_PLANE <= x <= plane_bounds[p, 3] + _SAME_PLANE
+                and plane_bounds[p, 1] - _SAME_PLANE <= y <= plane_bounds[p, 4] + _SAME_PLANE
+                and plane_bounds[p, 2] - _SAME_PLANE <= z <= plane_bounds[p, 5] + _SAME_PLANE
+            ):
+                possible = False
+                break
+            points[k, 0], points[k, 1], points[k, 2] = x, y, z
+        if not possible:
+            continue
+        x, y, z = listener[0], listener[1], listener[2]
+        for k in range(order - 1, -2, -1):
+            tx, ty, tz = source[0], source[1], source[2]
+            if k >= 0:
+                tx, ty, tz = points[k, 0], points[k, 1], points[k, 2]
+            dx, dy, dz = tx - x, ty - y, tz - z
+            length = math.sqrt(dx * dx + dy * dy + dz * dz)
+            if length < 1e-9:
+                continue
+            dx, dy, dz = dx / length, dy / length, dz / length
+            # Away from the surface of the last reflection.
+            start = min(_SAME_PLANE, 0.5 * length) if k < order - 1 else OFFSET
+            sx, sy, sz = x + start * dx, y + start * dy, z + start * dz
+            left = length - start
+            if k >= 0:
+                t, hit = closest(
+                    bounds, links, corners, sx, sy, sz, dx, dy, dz, left + _SAME_PLANE, False, stack, entries
+                )
+                if hit < 0 or t < left - _SAME_PLANE:
+                    possible = False
+                elif plane[hit] != sequences[s, k]:  # on an edge, or two surfaces in one place
+                    possible = _meets_plane(
+                        bounds,
+                        links,
+                        corners,
+                        plane,
+                        sequences[s, k],
+                        sx,
+                        sy,
+                        sz,
+                        dx,
+                        dy,
+                        dz,
+                        left + _SAME_PLANE,
+                        stack,
+                    )
+            elif left > OFFSET:
+                _, hit = closest(bounds, links, corners, sx, sy, sz, dx, dy, dz, left - OFFSET, True, stack, entries)
+                possible = hit < 0
+            if not possible:
+                break
+            x, y, z = tx, ty, tz
+        visible[s] = possible
+
+
+@inline
+def _is_member(ordered: I64, key: int) -> bool:
+    low, high = 0, len(ordered)
+    while low < high:
+        middle = (low + high) >> 1
+        if ordered[middle] < key:
+            low = middle + 1
+        else:
+            high = middle
+    return low < len(ordered) and ordered[low] == key
+
+
+@inline
+def _reflected(
+    dx: float, dy: float, dz: float, nx: float, ny: float, nz: float, diffuse: bool, u: float, v: float
+) -> tuple[float, float, float]:
+    """Direction after a reflection at a surface whose normal faces the ray: Lambert's law, or the mirror's.
+
+    The frame about the normal: T. Duff et al., "Building an orthonormal basis, revisited", JCGT 6 (2017).
+    """
+    if diffuse:
+        sign = math.copysign(1.0, nz)
+        a = -1.0 / (sign + nz)
+        b = nx * ny * a
+        cosine, sine, turn = math.sqrt(u), math.sqrt(1.0 - u), 2.0 * math.pi * v
+        x, y = sine * math.cos(turn), sine * math.sin(turn)
+        rx = x * (1.0 + sign * nx * nx * a) + y * b + cosine * nx
+        ry = x * sign * b + y * (sign + ny * ny * a) + cosine * ny
+        rz = -x * sign * nx - y * ny + cosine * nz
+    else:
+        twice = 2.0 * (dx * nx + dy * ny + dz * nz)
+        rx, ry, rz = dx - twice * nx, dy - twice * ny, dz - twice * nz
+    # Rounding would add up over a hundred reflections.
+    scale = 1.0 / math.sqrt(rx * rx + ry * ry + rz * rz)
+    return rx * scale, ry * scale, rz * scale
+
+
+@inline
+def _reflect_energy(
+    energy: F64, reflection: F64, scattering: F64, mean: float, m: int, diffuse: bool, exact: bool
+) -> float:
+    """Multiply the energies (8,) of a ray by what a reflection leaves; return the largest of them.
+
+    ``exact``: a ray is scattered with the mean probability s̄ and then weighted with s/s̄ or (1 − s)/(1 − s̄) per
+    octave, so that the expectation is right in each octave.
+    """
+    largest = 0.0
+    for b in range(_BANDS):
+        e = energy[b] * reflection[m, b]
+        if exact:
+            e *= scattering[m, b] / mean if diffuse else (1.0 - scattering[m, b]) / (1.0 - mean)
+        energy[b] = e
+        largest = max(largest, e)
+    return largest
+
+
+@inline
+def _record(
+    records: Records,
+    at: int,
+    listener: int,
+    path: float,
+    x: float,
+    y: float,
+    z: float,
+    sign: float,
+    gain: float,
+    energy: F64,
+    air: F64,
+) -> None:
+    records.listener[at] = listener
+    records.path[at] = path
+    records.direction[at, 0], records.direction[at, 1], records.direction[at, 2] = x, y, z
+    for b in range(_BANDS):
+        records.pressure[at, b] = sign * math.sqrt(gain * energy[b]) * math.exp(-0.5 * air[b] * path)
+
+
+@njit
+def trace_late(
+    mesh: MeshTables,
+    source: F64,
+    directions: F64,
+    first: int,
+    last: int,
+    key: NDArray[np.uint64],
+    listeners: Listeners,
+    known: I64,
+    air: F64,
+    limits: TraceLimits,
+    records: Records,
+    near: NDArray[np.bool_],
+    energy: F64,
+    stack: I32,
+    entries: F64,
+) -> int:
+    """Follow rays from the source and record every passage by a listener.
+
+    A ray that passes through the disc of radius R about a listener carries 1/N of the source's energy; on average over
+    the rays, energy/(πR²) is the fluence there, which is what a point receiver measures. (Of the rays from a point at
+    the distance d, the source or a point that scatters, not the share R²/4d² comes nearer than R but
+    (1 − √(1 − R²/d²))/2; each is weighted with the ratio of both, so that the expectation is right in the near field.)
+
+    Not recorded, because other parts have them: the direct sound; paths of mirror reflections whose sequence of planes
+    is in ``known``; and the sound scattered at one of the first ``limits.rain`` reflections.
+
+    Args:
+        mesh: the triangles.
+        source: (3,).
+        directions: (N, 3) of all rays.
+        first: the first ray to follow.
+        last: the ray at which to stop.
+        key: (2,) of the random numbers.
+        listeners: L discs.
+        known: sorted keys of sequences of mirror planes: k·(P + 1) + plane + 1 for each plane in turn, from k = 0.
+        air: (8,) absorption of energy in the air, 1/m.
+        limits: where a ray ends.
+        records: written while there is room.
+        near: (L,) scratch.
+        energy: (8,) scratch.
+        stack: scratch of the traversal.
+        entries: scratch of the traversal.
+
+    Returns:
+        the number of passages, which may be more than there was room for.
+    """
+    bounds, links, corners, normals = mesh.bounds, mesh.links, mesh.corners, mesh.normals
+    material, plane = mesh.material, mesh.plane
+    reflection, scattering, mean_scattering = mesh.reflection, mesh.scattering, mesh.mean_scattering
+    lx, ly, lz, radius2, box = listeners.x, listeners.y, listeners.z, listeners.radius2, listeners.bounds
+    count, room = 0, len(records.path)
+    share = 4.0 / len(directions)  # 4π/N over πR²
+    for ray in range(first, last):
+        ox, oy, oz = source[0], source[1], source[2]
+        dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
+        for b in range(_BANDS):
+            energy[b] = 1.0
+        travelled, spherical, sign = 0.0, 0.0, 1.0
+        mirrored, sequence, rained = True, 0, False
+        for bounce in range(limits.depth + 1):
+            length, hit = closest(bounds, links, corners, ox, oy, oz, dx, dy, dz, FAR, False, stack, entries)
+            elsewhere = bounce == 0 or rained
+            if mirrored and not elsewhere and bounce <= limits.early:
+                elsewhere = _is_member(known, sequence)
+            reach = min(length, limits.range)
+            ex, ey, ez = ox + reach * dx, oy + reach * dy, oz + reach * dz
+            if (
+                not elsewhere
+                and min(ox, ex) <= box[3]
+                and max(ox, ex) >= box[0]
+                and min(oy, ey) <= box[4]
+                and max(oy, ey) >= box[1]
+                and min(oz, ez) <= box[5]
+                and max(oz, ez) >= box[2]
+            ):
+                # Without branches, for vector instructions.
+                for j in range(len(lx)):
+                    px, py, pz = lx[j] - ox, ly[j] - oy, lz[j] - oz
+                    t = px * dx + py * dy + pz * dz
+                    off = px * px + py * py + pz * pz - t * t
+                    near[j] = (t >= 0.0) & (t < length) & (off < radius2[j])
+                for j in range(len(lx)):
+                    if near[j]:
+                        if count < room:
+                            px, py, pz = lx[j] - ox, ly[j] - oy, lz[j] - oz
+                            t = px * dx + py * dy + pz * dz
+                            spread = radius2[j] / max((spherical + t) ** 2 + px * px + py * py + pz * pz - t * t, 1e-30)
+                            # The rays of a point that come nearer than R: 2π·(1 − √(1 − R²/d²)), not πR²/d².
+                            gain = share / radius2[j] * 0.5 * (1.0 + math.sqrt(max(1.0 - spread, 0.0)))
+                            _record(records, count, j, travelled + t, -dx, -dy, -dz, sign, gain, energy, air)
+                        count += 1
+            travelled += length
+            if hit < 0 or bounce == limits.depth or travelled > limits.range:
+                break
+            nx, ny, nz = normals[hit, 0], normals[hit, 1], normals[hit, 2]
+            if dx * nx + dy * ny + dz * nz > 0.0:
+                nx, ny, nz = -nx, -ny, -nz
+            m = material[hit]
+            w0, w1, w2, w3 = philox4x32(np.uint64(ray), np.uint64(bounce), np.uint64(LATE), _ZERO, key[0], key[1])
+            mean = mean_scattering[m]
+            diffuse = uniform(w2) < mean
+            if _reflect_energy(energy, reflection, scattering, mean, m, diffuse, bounce < limits.exact) < limits.floor:
+                break
+            sign = 1.0 if (w3 & _ONE) == _ZERO else -1.0
+            mirrored = mirrored and not diffuse and plane[hit] >= 0
+            sequence = sequence * (limits.planes + 1) + plane[hit] + 1 if mirrored and bounce < limits.early else 0
+            mirrored = mirrored and bounce < limits.early
+            rained = diffuse and bounce < limits.rain
+            # Radius of the wave front: it begins anew at each point that scatters.
+            spherical = 0.0 if diffuse else spherical + length
+            ox, oy, oz = ox + length * dx + OFFSET * nx, oy + length * dy + OFFSET * ny, oz + length * dz + OFFSET * nz
+            dx, dy, dz = _reflected(dx, dy, dz, nx, ny, nz, diffuse, uniform(w0), uniform(w1))
+    return count
+
+
+@njit
+def trace_rain(
+    mesh: MeshTables,
+    source: F64,
+    directions: F64,
+    first: int,
+    last: int,
+    key: NDArray[np.uint64],
+    listeners: Listeners,
+    air: F64,
+    limits: TraceLimits,
+    records: Records,
+    energy: F64,
+    diffused: F64,
+    stack: I32,
+    entries: F64,
+) -> int:
+    """Diffuse rain: the sound scattered at the first ``limits.rain`` reflections of each ray, sent to every listener.
+
+    The scattered share s·(1 − α) of the energy leaves the surface after Lambert's law: cos θ/(π·d²) of it reaches a
+    point at d metres that nothing hides (R. Heinz, Applied Acoustics 38 (1993) 145–159).
+
+    The arguments and the result are those of `trace_late`; ``diffused`` (8,) is scratch.
+    """
+    bounds, links, corners, normals = mesh.bounds, mesh.links, mesh.corners, mesh.normals
+    material = mesh.material
+    reflection, scattering, mean_scattering = mesh.reflection, mesh.scattering, mesh.mean_scattering
+    lx, ly, lz = listeners.x, listeners.y, listeners.z
+    count, room = 0, len(records.path)
+    share = 4.0 / len(directions)  # 4π/N over π
+    for ray in range(first, last):
+        ox, oy, oz = source[0], source[1], source[2]
+        dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
+        for b in range(_BANDS):
+            energy[b] = 1.0
+        travelled = 0.0
+        for bounce in range(limits.rain):
+            length, hit = closest(bounds, links, corners, ox, oy, oz, dx, dy, dz, FAR, False, stack, entries)
+            travelled += length
+            if hit < 0 or travelled > limits.range:
+                break
+            nx, ny, nz = normals[hit, 0], normals[hit, 1], normals[hit, 2]
+            if dx * nx + dy * ny + dz * nz > 0.0:
+                nx, ny, nz = -nx, -ny, -nz
+            m = material[hit]
+            w0, w1, w2, w3 = philox4x32(np.uint64(ray), np.uint64(bounce), np.uint64(RAIN), _ZERO, key[0], key[1])
+            sign = 1.0 if (w3 & _ONE) == _ZERO else -1.0
+            ox, oy, oz = ox + length * dx + OFFSET * nx, oy + length * dy + OFFSET * ny, oz + length * dz + OFFSET * nz
+            loudest = 0.0
+            for b in range(_BANDS):
+                diffused[b] = energy[b] * reflection[m, b] * scattering[m, b]
+                loudest = max(loudest, diffused[b])
+            if loudest > 0.0:
+                for j in range(len(lx)):
+                    px, py, pz = lx[j] - ox, ly[j] - oy, lz[j] - oz
+                    cosine = px * nx + py * ny + pz * nz
+                    if cosine <= 0.0:
+                        continue
+                    d = math.sqrt(px * px + py * py + pz * pz)
+                    px, py, pz = px / d, py / d, pz / d
+                    _, other = closest(bounds, links, corners, ox, oy, oz, px, py, pz, d, True, stack, entries)
+                    if other >= 0:
+                        continue
+                    if count < room:
+                        wide = max(d, NEAREST)
+                        gain = share * cosine / d / (wide * wide)
+                        _record(records, count, j, travelled + d, -px, -py, -pz, sign, gain, diffused, air)
+                    count += 1
+            mean = mean_scattering[m]
+            diffuse = uniform(w2) < mean
+            _reflect_energy(energy, reflection, scattering, mean, m, diffuse, bounce < limits.exact)
+            dx, dy, dz = _reflected(dx, dy, dz, nx, ny, nz, diffuse, uniform(w0), uniform(w1))
+    return count

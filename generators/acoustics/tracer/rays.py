@@ -1,0 +1,40 @@
+"""Directions of the rays: a Fibonacci lattice, turned at random by a counter-based number."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from generators.acoustics.tracer.philox import words
+
+#: Purpose of random numbers (third word of the counter): the turn of the lattice.
+_TURN = 0x70
+
+
+def key_of(seed: int) -> NDArray[np.uint64]:
+    """(2,) the key of the random numbers for a seed of up to 64 bits."""
+    return np.array([seed & 0xFFFFFFFF, (seed >> 32) & 0xFFFFFFFF], dtype=np.uint64)
+
+
+def fibonacci_directions(count: int) -> NDArray[np.float64]:
+    """(N, 3) evenly spread unit vectors (R. Swinbank, R. J. Purser, Q. J. R. Meteorol. Soc. 132 (2006) 1769–1793)."""
+    k = np.arange(count) + 0.5
+    y, turn = 1 - 2 * k / count, np.pi * (3 - math.sqrt(5)) * k
+    flat = np.sqrt(1 - y * y)
+    return np.stack([flat * np.cos(turn), y, flat * np.sin(turn)], axis=1)
+
+
+def ray_directions(count: int, seed: int, purpose: int) -> NDArray[np.float64]:
+    """(N, 3) the lattice after a random rotation that depends on the seed and the purpose alone.
+
+    Uniform over rotations: K. Shoemake, "Uniform random rotations", Graphics Gems III (1992) 124–132.
+    """
+    low_word, high_word = (int(word) for word in key_of(seed))
+    a, b, c, _ = ((word + 0.5) / 2**32 for word in words((purpose, 0, _TURN, 0), (low_word, high_word)))
+    b, c = math.tau * b, math.tau * c
+    low, high = math.sqrt(1 - a), math.sqrt(a)
+    turn = Rotation.from_quat([low * math.sin(b), low * math.cos(b), high * math.sin(c), high * math.cos(c)])
+    return np.ascontiguousarray(fibonacci_directions(count) @ turn.as_matrix().T)
