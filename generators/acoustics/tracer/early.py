@@ -1,0 +1,144 @@
+"""The early part: direct sound, sound through walls, and specular reflections by image sources.
+
+Which sequences of planes can reflect the source is found by tracing: specular rays leave the source, and every
+sequence of mirror planes that one of them meets is a candidate, for all listeners. The first order has all planes, the
+second and third all sequences of the largest ones: a box is complete. (The energy of sequences that are missed is not
+lost: the late part detects their rays.) For each listener, a candidate counts if its path exists: the points of
+reflection lie on surfaces of the right planes, and nothing is in the way (J. Borish, "Extension of the image model to
+arbitrary polyhedra", JASA 75 (1984) 1827–1836).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generators.acoustics.geometry import SPEED_OF_SOUND
+from generators.acoustics.tracer.air import energy_exponents
+from generators.acoustics.tracer.arrivals import Arrivals
+from generators.acoustics.tracer.kernels import NEAREST, crossings, specular_planes, visible_images
+from generators.acoustics.tracer.rays import ray_directions
+from generators.acoustics.tracer.surfaces import Surfaces, scratch
+from generators.acoustics.tracer.transmission import MOST_WALLS, wall_gain
+
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+
+#: Rays that look for sequences of mirror planes.
+_SEARCH_RAYS = 20_000
+#: Purpose of random numbers: the search for sequences.
+_SEARCH = 2
+#: Largest planes of which all sequences of each order are candidates, whether rays find them or not.
+_COMPLETE = {2: 24, 3: 8}
+#: Images of one position to within this distance (m) are one sound: a path along the edge of two planes.
+_SAME_IMAGE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Images:
+    """Candidates for image sources of one source.
+
+    Attributes:
+        source: (3,) metres.
+        sequences: (S, K) int32 planes in the order in which the sound meets them, −1 behind the last.
+        positions: (S, K, 3) image of the source after each reflection.
+        gain: (S, 8) amplitude that the reflections leave, per octave.
+        keys: (S,) sorted int64 keys of the sequences (see `trace_late`).
+    """
+
+    source: F64
+    sequences: I32
+    positions: F64
+    gain: F64
+    keys: NDArray[np.int64]
+
+    @property
+    def last(self) -> F64:
+        """(S, 3) position of the image source."""
+        order = (self.sequences >= 0).sum(axis=1)
+        return np.asarray(self.positions[np.arange(len(order)), order - 1])
+
+
+def images_of(surfaces: Surfaces, source: F64, order: int, seed: int) -> Images:
+    """All candidates of up to ``order`` reflections."""
+    sequences = _candidates(surfaces, source, order, seed)
+    positions = np.zeros((*sequences.shape, 3))
+    gain = np.ones((len(sequences), 8))
+    at = np.broadcast_to(source, (len(sequences), 3)).copy()
+    amplitude = np.sqrt(surfaces.mesh.reflection * (1.0 - surfaces.mesh.scattering))
+    for k in range(order):
+        has = sequences[:, k] >= 0
+        plane = sequences[has, k]
+        equation = surfaces.plane_equation[plane]
+        height = np.einsum("ij,ij->i", equation[:, :3], at[has]) - equation[:, 3]
+        at[has] -= 2 * height[:, None] * equation[:, :3]
+        positions[has, k] = at[has]
+        gain[has] *= amplitude[surfaces.plane_material[plane]]
+    return Images(source, sequences, positions, gain, np.sort(_keys(sequences, surfaces.planes)))
+
+
+def _candidates(surfaces: Surfaces, source: F64, order: int, seed: int) -> I32:
+    """(S, K) unique sequences, sorted."""
+    if not surfaces.planes or not order:
+        return np.zeros((0, order), dtype=np.int32)
+    met = np.empty((_SEARCH_RAYS, order), dtype=np.int32)
+    specular_planes(surfaces.mesh, source, ray_directions(_SEARCH_RAYS, seed, _SEARCH), met, *scratch())
+    found = []
+    for k in range(1, order + 1):
+        reached = met[met[:, k - 1] >= 0].copy()
+        reached[:, k:] = -1
+        found.append(reached)
+    by_area = np.argsort(-surfaces.plane_area, kind="stable")
+    for k in range(1, order + 1):
+        chosen = by_area[: _COMPLETE.get(k, 0) if k > 1 else None]
+        rows = np.stack(np.meshgrid(*[chosen] * k, indexing="ij"), axis=-1).reshape(-1, k)
+        rows = rows[(rows[:, 1:] != rows[:, :-1]).all(axis=1)]
+        found.append(np.pad(rows, ((0, 0), (0, order - k)), constant_values=-1).astype(np.int32))
+    return np.unique(np.concatenate(found), axis=0)
+
+
+def _keys(sequences: I32, planes: int) -> NDArray[np.int64]:
+    keys = np.zeros(len(sequences), dtype=np.int64)
+    for column in sequences.T.astype(np.int64):
+        keys = np.where(column >= 0, keys * (planes + 1) + column + 1, keys)
+    return keys
+
+
+def early_arrivals(surfaces: Surfaces, images: Images, listener: F64) -> Arrivals:
+    """Direct sound (or what walls let through of it) and specular reflections at ``listener`` (3,)."""
+    nodes, entries = scratch()
+    between = crossings(surfaces.mesh, listener, images.source, 2 * MOST_WALLS + 1, nodes, entries)
+    direct = np.ones(8) if between == 0 else wall_gain(between)
+    positions, gain = images.source[None], direct[None]
+    if len(images.sequences):
+        visible = np.zeros(len(images.sequences), dtype=np.bool_)
+        visible_images(
+            surfaces.mesh,
+            surfaces.plane_equation,
+            surfaces.plane_bounds,
+            listener,
+            images.source,
+            images.sequences,
+            images.positions,
+            visible,
+            np.empty((images.sequences.shape[1], 3)),
+            nodes,
+            entries,
+        )
+        heard = np.flatnonzero(visible)
+        at = images.last[heard]
+        _, once = np.unique(np.round(at / _SAME_IMAGE).astype(np.int64), axis=0, return_index=True)
+        once.sort()
+        positions, gain = np.concatenate([positions, at[once]]), np.concatenate([gain, images.gain[heard[once]]])
+    used = gain.any(axis=1)
+    offset, gain = positions[used] - listener, gain[used]
+    distance = np.linalg.norm(offset, axis=1)
+    # Source and listener in one point: the sound comes from somewhere, by convention from −Z.
+    direction = np.where(distance[:, None] > 0, offset / np.maximum(distance, 1e-30)[:, None], [0.0, 0.0, -1.0])
+    pressure = gain * np.exp(-0.5 * np.outer(distance, energy_exponents())) / np.maximum(distance, NEAREST)[:, None]
+    order = np.argsort(distance, kind="stable")
+    return Arrivals(
+        distance[order] / SPEED_OF_SOUND, direction[order].astype(np.float32), pressure[order].astype(np.float32)
+    )
