@@ -8,7 +8,7 @@ from typing import Any
 from avs3d_bench import __version__
 from avs3d_bench.errors import UsageError
 from avs3d_bench.provenance import Provenance, provenance
-from generators.acoustics.base import AcousticBackend
+from generators.acoustics.base import AcousticBackend, CompiledBackend
 from generators.vision.base import VisionBackend
 
 #: The function that makes an observation (see `avs3d_bench.provenance`).
@@ -20,6 +20,7 @@ VISION = {
 }
 ACOUSTIC = {
     "soundspaces": "generators.acoustics.soundspaces:SoundSpacesBackend",
+    "tracer": "generators.acoustics.tracer.backend:TracerBackend",
     "analytic": "generators.acoustics.analytic:AnalyticBackend",
 }
 
@@ -48,6 +49,18 @@ def acoustic_backend(name: str, *, absorption_scale: float = 1.0) -> AcousticBac
         raise UsageError(f"unknown acoustic backend {name!r}: expected {' or '.join(ACOUSTIC)}")
     backend: AcousticBackend = _load(ACOUSTIC[name])(absorption_scale=absorption_scale)
     return backend
+
+
+def warm_up_acoustics(name: str) -> None:
+    """Import the acoustic engine called ``name``, and compile its kernels if it has any.
+
+    Raises:
+        UsageError: if there is none of that name.
+        Avs3dError: if what it needs is not installed.
+    """
+    engine = acoustic_backend(name)
+    if isinstance(engine, CompiledBackend):
+        engine.warm_up()
 
 
 def _load(named: str) -> Any:

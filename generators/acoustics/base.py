@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Iterable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,20 @@ class AcousticSession(Protocol):
         ...
 
 
+@runtime_checkable
+class BatchSession(AcousticSession, Protocol):
+    """A session whose responses are cheaper if it knows the poses beforehand; they are the same without."""
+
+    def prepare(self, poses: Iterable[Pose], together: int = ...) -> None:
+        """Announce the poses whose responses will be asked for, in this order.
+
+        Args:
+            poses: of the listener.
+            together: how many consecutive poses to compute at a time: few if the source moves, or memory is scarce.
+        """
+        ...
+
+
 class AcousticBackend(Protocol):
     """An acoustic engine.
 
@@ -53,4 +68,13 @@ class AcousticBackend(Protocol):
 
     def describe(self) -> dict[str, Scalar]:
         """The settings that go into observation.json."""
+        ...
+
+
+@runtime_checkable
+class CompiledBackend(Protocol):
+    """An acoustic engine that compiles its kernels."""
+
+    def warm_up(self) -> None:
+        """Compile all kernels, or load them from the cache, once, before workers start."""
         ...

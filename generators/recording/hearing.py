@@ -13,13 +13,15 @@ from numpy.typing import NDArray
 from avs3d_bench import layout
 from avs3d_bench.ahead import moved_beside
 from avs3d_bench.geometry import Pose
-from generators.acoustics.base import AcousticSession
+from generators.acoustics.base import AcousticSession, BatchSession
 from generators.acoustics.clips import binaural_clip, moving_clip
 from generators.backends import acoustic_backend
 from generators.core.scene import Scene
 
 #: Seconds of the source before the first frame, so that the first clip holds reverberation too.
 PRE_ROLL = 2
+#: Poses that hear a moving source at one place: a clip needs the places one second before and after it too.
+_POSES_OF_A_PLACE = 3
 
 Vector = tuple[float, float, float]
 #: A frame's clip (2, 44100) and the impulse response (2, n) from where the source is at its beginning.
@@ -54,6 +56,9 @@ def hear(listening: Listening) -> Generator[Heard]:
     """What is heard in each second, in order: an engine's responses depend on the sequence of calls."""
     engine = acoustic_backend(listening.backend, absorption_scale=listening.absorption_scale)
     session = engine.open(listening.scene, listening.sources[0], room=listening.room, sample_rate=layout.SAMPLE_RATE)
+    if isinstance(session, BatchSession):
+        moves = len(listening.sources) > 1
+        session.prepare(listening.poses, *([_POSES_OF_A_PLACE] if moves else []))
     try:
         for index in range(len(listening.poses)):
             yield _hear_second(session, listening, index)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench import layout
 from avs3d_bench.schema import AUDIBLE_LEVEL_DB, AUDIBLE_SNR_DB, AudibleRecord
+from generators.acoustics.base import BatchSession
 from generators.acoustics.clips import binaural_clip
 from generators.acoustics.direct import DirectPath
 from generators.backends import acoustic_backend
@@ -22,6 +23,8 @@ from generators.recording.hearing import PRE_ROLL, Listening
 
 Clip = NDArray[np.float32]
 
+#: Poses that all sessions together compute at a time; their arrivals are in memory, about 1 MB each.
+_TOGETHER = 128
 #: What is this far below a stem is no part of it, but rounding (dB).
 _NO_PART_DB = -90.0
 #: What is quieter than this (dB re full scale) is rounding of 32-bit samples, not sound.
@@ -56,6 +59,8 @@ def hear_sources(listenings: Sequence[Listening]) -> Generator[tuple[HeardSource
         for one in listenings:
             engine = acoustic_backend(one.backend, absorption_scale=one.absorption_scale)
             sessions.append(engine.open(one.scene, one.sources[0], room=one.room, sample_rate=layout.SAMPLE_RATE))
+            if isinstance(sessions[-1], BatchSession):
+                sessions[-1].prepare(one.poses, max(1, _TOGETHER // len(listenings)))
         paths = [DirectPath(one.scene, one.sources[0]) for one in listenings]
         for index, pose in enumerate(listenings[0].poses):
             heard = []

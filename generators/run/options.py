@@ -12,7 +12,7 @@ from generators.core.limits import FRAMES, SIZE, WORKERS
 
 #: Renderers, acoustic engines, and optional folders of an observation.
 Vision = Literal["embree", "habitat"]
-Audio = Literal["soundspaces", "analytic"]
+Audio = Literal["soundspaces", "tracer", "analytic"]
 Extra = Literal["depth", "rirs", "stems"]
 
 

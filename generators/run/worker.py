@@ -17,7 +17,7 @@ from avs3d_bench.scheduling.errors import UnfitError
 from avs3d_bench.scheduling.lock import holder_of
 from avs3d_bench.scheduling.software import check_software
 from avs3d_bench.scheduling.tasks import Context
-from generators.backends import acoustic_backend, backend_versions, vision_backend
+from generators.backends import backend_versions, vision_backend, warm_up_acoustics
 from generators.homes.store import prepare_home
 from generators.observation import generate_observation
 from generators.plan import ObservationPlan
@@ -48,13 +48,12 @@ def prepare(context: Context, plan: ObservationPlan, place: Place, threads: int)
     with _fit(plan, place):
         context.report("home", plan.spec.scan)
         prepare_home(plan, place.cache, workers=threads)
-        _warm_up(plan.vision)
+        _warm_up(plan.vision, plan.audio)
 
 
 def load(_: Context, vision: str, audio: str) -> None:
     """Import and compile what observations need, while their homes are built elsewhere."""
-    acoustic_backend(audio)
-    _warm_up(vision)
+    _warm_up(vision, audio)
 
 
 def make_observation(context: Context, plan: ObservationPlan, place: Place) -> str:
@@ -64,7 +63,7 @@ def make_observation(context: Context, plan: ObservationPlan, place: Place) -> s
         a line about it.
     """
     with _fit(plan, place):
-        _warm_up(plan.vision)
+        _warm_up(plan.vision, plan.audio)
         started = time.perf_counter()
         context.report("start", str(plan.camera.frames))
 
@@ -100,8 +99,9 @@ def _pictures(plan: ObservationPlan, root: Path) -> Path | None:
 
 
 @lru_cache(maxsize=4)
-def _warm_up(vision: str) -> None:
+def _warm_up(vision: str, audio: str) -> None:
     vision_backend(vision).warm_up()
+    warm_up_acoustics(audio)
 
 
 @contextmanager

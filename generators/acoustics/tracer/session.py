@@ -1,0 +1,188 @@
+"""An open scene with one source: traces on demand, in batches of listeners."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.geometry import Pose
+from generators.acoustics.geometry import acoustic_mesh, checked_position, faces_of_room, reflections_to_decay
+from generators.acoustics.materials import triangle_areas
+from generators.acoustics.tracer.arrivals import Arrivals
+from generators.acoustics.tracer.diffraction import LitEdges, diffracted, lit_edges
+from generators.acoustics.tracer.early import Images, early_arrivals, images_of
+from generators.acoustics.tracer.late import rays_for, trace
+from generators.acoustics.tracer.rays import fibonacci_directions
+from generators.acoustics.tracer.settings import TraceSettings
+from generators.acoustics.tracer.surfaces import surfaces_of
+from generators.core.scene import Scene
+
+if TYPE_CHECKING:
+    from generators.acoustics.tracer.receivers.base import Receiver
+
+Position = tuple[float, float, float]
+
+#: Listeners of one trace; their arrivals are in memory together, about 1 MB each.
+_BATCH = 128
+#: Sources whose traces are kept: a clip of a moving source needs three, and the next clip two of these again.
+_SOURCES = 4
+#: Directions in which a source looks for a way out.
+_VIEWS = 200
+
+
+@dataclass(frozen=True, eq=False)
+class _Source:
+    """What is kept of a source: candidates for its images, the edges as it sees them, what was traced from it."""
+
+    images: Images
+    edges: LitEdges
+    traced: dict[Position, Arrivals]
+
+
+class TracerSession:
+    """An open scene with one source; see `AcousticSession`.
+
+    Responses depend on the scene, the source and the pose alone: not on the calls before, the poses that were
+    announced, or the number of threads. `prepare` makes them cheaper: announced poses share a trace. A source that
+    comes back to one of its last places finds its traces again.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        source: Position,
+        room: str,
+        sample_rate: int,
+        *,
+        receiver: Receiver,
+        settings: TraceSettings,
+        absorption_scale: float = 1.0,
+        threads: int = 1,
+    ) -> None:
+        """Prepare the scene; the arguments are those of `TracerBackend`, which checks them, and of its ``open``."""
+        self.sample_rate = sample_rate
+        self._receiver, self._settings, self._threads = receiver, settings, threads
+        self._scene = scene.name
+        box = scene.room(room)
+        mesh = acoustic_mesh(scene, source, absorption_scale=absorption_scale)
+        self._bounds = mesh.bounds
+        self._surfaces = surfaces_of(mesh)
+        # A source is walled in if it sees no farther than a third of its room's diagonal.
+        self._view = float(np.linalg.norm(np.subtract(box.high, box.low))) / 3
+        depth = reflections_to_decay(mesh, box, settings.decay_db, settings.most_reflections)
+        area = float(triangle_areas(faces_of_room(mesh, box)[0]).sum())
+        #: Rays of a trace.
+        self.rays = rays_for(area, depth, settings) if area > 0 else settings.least_rays
+        self._announced: list[Position] = []
+        self._together = _BATCH
+        #: The last sources.
+        self._heard: OrderedDict[Position, _Source] = OrderedDict()
+        self._closed = False
+        self.move_source(source)
+
+    def move_source(self, source: Position) -> None:
+        """Put the source elsewhere for the responses that follow.
+
+        Raises:
+            Avs3dError: if the session is closed, or the source is outside the scene or walled in.
+        """
+        self._check_open()
+        x, y, z = checked_position(self._scene, "source", source, self._bounds)
+        if (x, y, z) in self._heard:
+            self._source = (x, y, z)
+            self._heard.move_to_end(self._source)
+            return
+        position = np.array((x, y, z))
+        if self._bounds is not None:
+            views = self._surfaces.first_hits(np.broadcast_to(position, (_VIEWS, 3)), fibonacci_directions(_VIEWS))
+            if views.max() < self._view:
+                place = tuple(round(float(c), 3) for c in position)
+                raise Avs3dError(
+                    f"{self._scene}: the source at {place} is walled in, it sees {views.max():.2f} m at most; "
+                    "move it out of the furniture, or give its object an instance id above 0"
+                )
+        images = images_of(self._surfaces, position, self._settings.early_order, self._settings.seed)
+        self._source = (x, y, z)
+        self._heard[self._source] = _Source(images, lit_edges(self._surfaces.edges, position), {})
+        if len(self._heard) > _SOURCES:
+            self._heard.popitem(last=False)
+
+    def prepare(self, poses: Iterable[Pose], together: int = _BATCH) -> None:
+        """Announce the poses whose responses will be asked for, in this order; they will share traces.
+
+        Args:
+            poses: of the listener.
+            together: how many poses share a trace; the few that hear a source at one place, if it moves.
+
+        Raises:
+            Avs3dError: if the session is closed or a listener is outside the scene.
+        """
+        self._check_open()
+        self._announced = list(dict.fromkeys(self._position(pose) for pose in poses))
+        self._together = max(1, min(together, _BATCH))
+
+    def arrivals(self, pose: Pose) -> Arrivals:
+        """All that arrives at the head's centre, early part first; it does not depend on the head's rotation.
+
+        Raises:
+            Avs3dError: if the session is closed, the listener is outside the scene, or no sound reaches it.
+        """
+        self._check_open()
+        position = self._position(pose)
+        source = self._heard[self._source]
+        if position not in source.traced:
+            source = replace(source, traced=self._trace(source, position))
+            self._heard[self._source] = source
+        found = source.traced[position]
+        if not found.pressure.any():
+            raise Avs3dError(
+                f"{self._scene}: no sound reaches listener {position} from source "
+                f"{self._source}; the listener is enclosed by faces without an opening"
+            )
+        return found
+
+    def impulse_response(self, pose: Pose) -> NDArray[np.float32]:
+        """Response (channels, n) float32 of the receiver at the session's sample rate.
+
+        Raises:
+            Avs3dError: as `arrivals`.
+        """
+        response: NDArray[np.float32] = self._receiver.response(
+            self.arrivals(pose), pose.rotation_matrix, self.sample_rate
+        )
+        return response
+
+    def close(self) -> None:
+        """Free the arrivals and the scene."""
+        self._heard.clear()
+        self._announced, self._closed = [], True
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise Avs3dError(f"{self._scene}: the acoustic session is closed; open a new one")
+
+    def _position(self, pose: Pose) -> Position:
+        x, y, z = checked_position(self._scene, "listener", pose.position, self._bounds)
+        return x, y, z
+
+    def _trace(self, source: _Source, position: Position) -> dict[Position, Arrivals]:
+        """Trace ``position`` and, if it was announced, those announced after it."""
+        batch = [position]
+        if position in self._announced:
+            first = self._announced.index(position)
+            batch = self._announced[first : first + self._together]
+        listeners = np.array(batch)
+        late = trace(self._surfaces, source.images, listeners, self._settings, self.rays, self._threads)
+        found = {}
+        for key, listener, tail in zip(batch, listeners, late, strict=True):
+            parts = [early_arrivals(self._surfaces, source.images, listener), tail]
+            if self._settings.diffraction:
+                parts.insert(1, diffracted(self._surfaces, source.edges, listener))
+            found[key] = Arrivals.joined(parts)
+        return found
