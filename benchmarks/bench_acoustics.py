@@ -21,6 +21,8 @@ from generators.acoustics.base import AcousticBackend, AcousticSession
 from generators.acoustics.clips import binaural_clip
 from generators.acoustics.decay import reverberation_time
 from generators.acoustics.soundspaces import SoundSpacesBackend
+from generators.acoustics.tracer.backend import TracerBackend
+from generators.acoustics.tracer.settings import TraceSettings
 from generators.apartments.apartment import build_apartment
 from generators.assets.sounds import synthesise
 from generators.core.scene import Scene
@@ -29,6 +31,8 @@ ROOMS = ("bathroom", "kitchen", "living_room")
 #: Source and listener as shares of the room's box (x, z); heights in metres.
 SOURCE, LISTENER = (0.5, 0.15), (0.6, 0.55)
 SOURCE_HEIGHT, EAR_HEIGHT = 1.2, 1.5
+#: Poses of an observation, which share a trace of the tracer.
+POSES = 120
 #: Number of draws for a standard deviation; with fewer, 0.15 dB and 0.2 dB could not be distinguished.
 DRAWS = 12
 
@@ -83,6 +87,8 @@ def run_all(repeats: int = 5) -> dict[str, float]:
     for room, decay in zip(ROOMS, decays, strict=True):
         figures[f"T30, {room} (s)"] = decay
 
+    figures |= _tracer(scene)
+
     times = []
     for session, pose in _sessions(AnalyticBackend(), scene):
         response = session.impulse_response(pose)  # the first one builds the diffuse tail
@@ -95,6 +101,38 @@ def run_all(repeats: int = 5) -> dict[str, float]:
         _cpu(lambda: synthesise("toilet", 120, np.random.default_rng(0))) for _ in range(repeats)
     )
     return figures
+
+
+def _tracer(scene: Scene) -> dict[str, float]:
+    """The tracer in the same rooms: an observation's poses share a trace; its draws are seeds."""
+    TracerBackend().warm_up()
+    traces, responses, spreads = [], [], []
+    for room in ROOMS:
+        source, (x, y, z) = _place(scene, room, SOURCE, SOURCE_HEIGHT), _place(scene, room, LISTENER, EAR_HEIGHT)
+        turn = np.linspace(0, 2 * np.pi, POSES, endpoint=False)
+        poses = [Pose.from_yaw((x + 0.2 * np.cos(a), y, z + 0.2 * np.sin(a)), 0.7) for a in turn]
+        session = TracerBackend().open(scene, source, room=room)
+        session.impulse_response(Pose.from_yaw((x, y, z), 0.7))  # the first one builds the receiver's tables
+        session.prepare(poses)
+        traces.append(_cpu(partial(session.arrivals, poses[0])) / POSES)
+        responses.append(median(_cpu(partial(session.impulse_response, pose)) for pose in poses[:10]))
+        session.close()
+        levels = []
+        for seed in range(DRAWS):
+            session = TracerBackend(settings=TraceSettings(seed=seed)).open(scene, source, room=room)
+            response = session.impulse_response(Pose.from_yaw((x, y, z), 0.7))
+            levels.append(10 * np.log10(np.sum(np.square(response, dtype=np.float64))))
+            session.close()
+        spreads.append(float(np.std(levels, ddof=1)))
+    both = [trace + response for trace, response in zip(traces, responses, strict=True)]
+    return {
+        f"tracer, share of a trace for {POSES} poses (CPU s)": median(traces),
+        "tracer, receiver (CPU s)": median(responses),
+        "tracer, impulse response (CPU s)": median(both),
+        "tracer, impulse response, worst room (CPU s)": max(both),
+        "tracer, broadband level, SD over draws (dB)": median(spreads),
+        "tracer, broadband level, SD, worst room (dB)": max(spreads),
+    }
 
 
 if __name__ == "__main__":
