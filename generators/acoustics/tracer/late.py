@@ -124,15 +124,21 @@ def _in_blocks(
 
 
 def _by_listener(parts: list[Records], listeners: int) -> list[Arrivals]:
-    """Sort the records by listener, each listener's in their order."""
+    """Sort the records by listener, each listener's in their order; empties ``parts``."""
     if not parts:
         return [Arrivals.none()] * listeners
     listener = np.concatenate([part.listener for part in parts])
-    order = np.argsort(listener, kind="stable")
+    count = len(listener)
+    place = np.empty(count, dtype=np.int64)
+    place[np.argsort(listener, kind="stable")] = np.arange(count)
     ends = np.cumsum(np.bincount(listener, minlength=listeners))
-    time = np.concatenate([part.path for part in parts])[order] / SPEED_OF_SOUND
-    direction = np.concatenate([part.direction for part in parts])[order]
-    pressure = np.concatenate([part.pressure for part in parts])[order]
+    time, first = np.empty(count), 0
+    direction, pressure = np.empty((count, 3), dtype=np.float32), np.empty((count, 8), dtype=np.float32)
+    while parts:
+        part = parts.pop(0)  # its memory is free for the next ones
+        there = place[first : first + len(part.path)]
+        time[there], direction[there], pressure[there] = part.path / SPEED_OF_SOUND, part.direction, part.pressure
+        first += len(part.path)
     spans = [slice(first, last) for first, last in zip([0, *ends[:-1]], ends, strict=True)]
     return [Arrivals(time[span], direction[span], pressure[span]) for span in spans]
 
