@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from acoustic_rooms import box_scene, solid
-from tracer_rooms import LISTENER, SIZE, SOURCE, Omni, backend, box, energies, label
+from tracer_rooms import LISTENER, SIZE, SOURCE, Omni, backend, box, decay_time, energies, label, without_air
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
+from generators.acoustics.decay import eyring
 from generators.acoustics.tracer.arrivals import Arrivals
 from generators.acoustics.tracer.backend import TracerBackend
 from generators.acoustics.tracer.settings import TraceSettings
@@ -117,6 +118,14 @@ def test_the_absorption_scale_is_that_of_eyrings_exponent():
     scaled = opened(box(0.1), absorption_scale=2.0).arrivals(POSES[0])
     early = slice(0, 20)
     assert scaled.pressure[early] == pytest.approx(reference.pressure[early], rel=1e-3)
+
+
+def test_a_livelier_room_rings_on():
+    """Absorption 0.1 with a quarter of its exponent: 0.026, 4.5 s by Eyring; no limit cuts the decay."""
+    settings = TraceSettings(least_rays=1000, most_rays=1000, most_reflections=150, seconds=1.5, rain_rays=0)
+    found = opened(box(0.1, 0.5, (5.0, 5.0, 5.0)), settings=settings, absorption_scale=0.25).arrivals(POSES[0])
+    time = decay_time(found.time, without_air(energies(found), found.time, 4))
+    assert time == pytest.approx(eyring(125.0, 150.0, 1 - 0.9**0.25), rel=0.05)
 
 
 def test_the_record_says_how_it_was_made():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -19,7 +20,7 @@ from generators.acoustics.tracer.diffraction import LitEdges, diffracted, lit_ed
 from generators.acoustics.tracer.early import Images, early_arrivals, images_of
 from generators.acoustics.tracer.late import rays_for, trace
 from generators.acoustics.tracer.rays import fibonacci_directions
-from generators.acoustics.tracer.settings import TraceSettings
+from generators.acoustics.tracer.settings import LONGEST, MOST_REFLECTIONS, TraceSettings
 from generators.acoustics.tracer.surfaces import surfaces_of
 from generators.core.scene import Scene
 
@@ -67,6 +68,13 @@ class TracerSession:
     ) -> None:
         """Prepare the scene; the arguments are those of `TracerBackend`, which checks them, and of its ``open``."""
         self.sample_rate = sample_rate
+        # A room that is made more live rings on for longer.
+        livelier = min(absorption_scale, 1.0)
+        settings = replace(
+            settings,
+            most_reflections=min(math.ceil(settings.most_reflections / livelier), MOST_REFLECTIONS),
+            seconds=min(settings.seconds / livelier, LONGEST),
+        )
         self._receiver, self._settings, self._threads = receiver, settings, threads
         self._scene = scene.name
         box = scene.room(room)

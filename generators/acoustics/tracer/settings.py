@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from avs3d_bench.errors import Avs3dError
 
+#: Limits of `TraceSettings.most_reflections` and of `TraceSettings.seconds` (s).
+MOST_REFLECTIONS, LONGEST = 10_000, 60.0
+
 
 @dataclass(frozen=True)
 class TraceSettings:
@@ -26,8 +29,8 @@ class TraceSettings:
             the octaves, because weights that multiply without end would leave a few rays with all the energy.
         radius: largest radius of the disc by which a listener detects rays (m).
         decay_db: the sound is followed until it has fallen this far.
-        most_reflections: upper limit of the reflections of a ray.
-        seconds: the longest response.
+        most_reflections: upper limit of the reflections of a ray; divided by an absorption scale below 1.
+        seconds: the longest response; divided by an absorption scale below 1.
         seed: of the random numbers.
     """
 
@@ -61,8 +64,8 @@ class TraceSettings:
             ("exact_scattering", 0, 1000),
             ("radius", 0.05, 2.0),
             ("decay_db", 1.0, 120.0),
-            ("most_reflections", 1, 10_000),
-            ("seconds", 0.01, 60.0),
+            ("most_reflections", 1, MOST_REFLECTIONS),
+            ("seconds", 0.01, LONGEST),
             ("seed", 0, 2**64 - 1),
         ):
             value = getattr(self, name)
