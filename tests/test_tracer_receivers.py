@@ -366,7 +366,7 @@ def test_harmonics_of_a_degree_have_energy_one(vector: tuple[float, float, float
 def test_harmonics_are_those_of_acn_and_sn3d(vector: tuple[float, float, float]) -> None:
     x, y, z = np.array(vector) / math.hypot(*vector)
     found = spherical_harmonics(np.array([[x, y, z]]), 3)[0]
-    polar, azimuth = math.acos(max(-1.0, min(1.0, z))), math.atan2(y, x)
+    polar, azimuth = math.atan2(math.hypot(x, y), z), math.atan2(y, x)
     for degree in range(4):
         for m in range(-degree, degree + 1):
             # scipy has complex ones with the Condon–Shortley phase and norm 1 over the sphere.
