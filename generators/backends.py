@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from importlib import import_module
 from typing import Any
 
@@ -33,7 +34,7 @@ def vision_backend(name: str) -> VisionBackend:
         Avs3dError: if what it needs is not installed.
     """
     if name not in VISION:
-        raise UsageError(f"unknown vision backend {name!r}: expected {' or '.join(VISION)}")
+        raise UsageError(f"unknown vision backend {name!r}: expected {_any_of(VISION)}")
     backend: VisionBackend = _load(VISION[name])()
     return backend
 
@@ -46,7 +47,7 @@ def acoustic_backend(name: str, *, absorption_scale: float = 1.0) -> AcousticBac
         Avs3dError: if what it needs is not installed, or the scale is out of range.
     """
     if name not in ACOUSTIC:
-        raise UsageError(f"unknown acoustic backend {name!r}: expected {' or '.join(ACOUSTIC)}")
+        raise UsageError(f"unknown acoustic backend {name!r}: expected {_any_of(ACOUSTIC)}")
     backend: AcousticBackend = _load(ACOUSTIC[name])(absorption_scale=absorption_scale)
     return backend
 
@@ -61,6 +62,12 @@ def warm_up_acoustics(name: str) -> None:
     engine = acoustic_backend(name)
     if isinstance(engine, CompiledBackend):
         engine.warm_up()
+
+
+def _any_of(names: Iterable[str]) -> str:
+    """``a, b or c``."""
+    *first, last = names
+    return f"{', '.join(first)} or {last}"
 
 
 def _load(named: str) -> Any:

@@ -80,7 +80,7 @@ def test_the_same_call_keeps_what_is_finished_and_prints_nothing(
         ({"only": "part_1/*"}, "only: 'part_1/*': expected a list of patterns"),
         ({"only": ["part_9/*"]}, "part_9"),
         ({"vision": "povray"}, "unknown vision backend 'povray': expected embree or habitat"),
-        ({"audio": "loud"}, "unknown acoustic backend 'loud': expected soundspaces or analytic"),
+        ({"audio": "loud"}, "unknown acoustic backend 'loud': expected soundspaces, tracer or analytic"),
     ],
 )
 def test_wrong_arguments_are_one_line_before_anything_is_made(
