@@ -99,13 +99,17 @@ class Heard:
         return np.maximum(self.octave_db, _NO_SOUND)
 
     @cached_property
+    def loudness(self) -> Array:
+        """(T,) level of all octaves together, dB."""
+        return np.asarray(10 * np.log10((10 ** (self.levels / 10)).sum(axis=1)))
+
+    @cached_property
     def background(self) -> Array | None:
         """(B,) the spectrum that most frames have exactly, dB; None if there is none."""
         best, found = 0.0, None
-        total = 10 * np.log10((10 ** (self.levels / 10)).sum(axis=1))
-        heard = total[self.frames]
+        heard = self.loudness[self.frames]
         for level in np.arange(heard.min(), heard.max() + _LEVEL_STEP, _LEVEL_STEP) if len(heard) else ():
-            near = self.frames & (np.abs(total - level) <= _LEVEL_WIDTH)
+            near = self.frames & (np.abs(self.loudness - level) <= _LEVEL_WIDTH)
             if near.sum() < _LEAST_FRAMES:
                 continue
             spectrum = np.median(self.levels[near], axis=0)
@@ -169,6 +173,7 @@ def fit(heard: Heard, pool: tuple[int, ...], *, bins: float, octaves: float, on:
     empty = _empty(heard, octaves)
     if not pool:
         return Fit(float(empty.sum()), np.zeros((len(heard.frames), 0)))
+    cells = heard.of(pool)
     count = int(heard.band.max(initial=-1)) + 1
     share = np.full((1 + len(pool), count), 1.0 / (1 + len(pool)))
     typical = np.median(heard.levels[heard.frames], axis=0) if heard.frames.any() else heard.levels[0]
@@ -178,10 +183,11 @@ def fit(heard: Heard, pool: tuple[int, ...], *, bins: float, octaves: float, on:
 
     def improve(steps: int, probability: Array, share: Array, level: Array) -> tuple[Array, Array, Array]:
         for _ in range(steps):
-            share = _counts(*heard.of(pool), states, share, probability, _LEAST_WEIGHT)
+            share = _counts(*cells, states, share, probability, _LEAST_WEIGHT)
             share /= share.sum(axis=0)
         level = _levels(heard, states, level, probability)
-        emission = _emission(heard, pool, states, share, level, bins=bins, octaves=octaves)
+        emission = bins * _sets(*cells, states, share) + octaves * _level_likelihoods(heard, states, level)
+        emission[~heard.frames] = _UNLIKELY
         emission[:, 0] = empty
         return share, level, emission
 
@@ -201,10 +207,9 @@ def fit(heard: Heard, pool: tuple[int, ...], *, bins: float, octaves: float, on:
 def _two_levels(heard: Heard, pool: tuple[int, ...], states: NDArray[np.bool_], level: Array) -> tuple[Array, Array]:
     """(T, S) probabilities and (m, B) levels to start from where a place is in the pool twice: soft, and loud."""
     again = np.array([place in pool[:item] for item, place in enumerate(pool)])
-    total = 10 * np.log10((10 ** (heard.levels / 10)).sum(axis=1))
-    low, high = np.percentile(total[heard.frames], [10, 90]) if heard.frames.any() else (0.0, 0.0)
-    loud = total > (low + high) / 2
-    probability = np.zeros((len(total), len(states)))
+    low, high = np.percentile(heard.loudness[heard.frames], [10, 90]) if heard.frames.any() else (0.0, 0.0)
+    loud = heard.loudness > (low + high) / 2
+    probability = np.zeros((len(loud), len(states)))
     probability[loud, -1] = 1.0
     probability[~loud, int(np.flatnonzero((states == ~again).all(axis=1))[0])] = 1.0
     if loud.any() and (~loud & heard.frames).any():
@@ -222,36 +227,52 @@ def _empty(heard: Heard, octaves: float) -> Array:
     return out
 
 
-@numba.njit(cache=True)
+# The kernels are compiled in each process that needs them, in a few seconds: a cache beside the source could not be
+# written where the installation is read-only.
+
+
+@numba.njit
+def _fill_totals(total: Array, share: Array, nearness: Array, on: NDArray[np.bool_]) -> None:
+    """Write the sum of the components' weights into ``total`` (bands,), while the sources ``on`` (m,) sound."""
+    for b in range(len(total)):
+        total[b] = share[0, b]
+        for k in range(len(on)):
+            if on[k]:
+                total[b] += nearness[k] * share[1 + k, b]
+
+
+@numba.njit
+def _mixed(share: Array, nearness: Array, densities: Single, on: NDArray[np.bool_], t: int, c: int, b: int) -> float:
+    """The components' weighted densities of cell c of band b in frame t, before they are divided by their total."""
+    out = share[0, b]
+    for k in range(len(on)):
+        if on[k]:
+            out += nearness[k] * share[1 + k, b] * densities[k, t, c]
+    return float(out)
+
+
+@numba.njit
 def _sets(
     weights: Single, densities: Single, band: NDArray[np.intp], nearness: Array, states: NDArray[np.bool_], share: Array
 ) -> Array:
     """(T, S) log-likelihood of the cells (T, c) while each set of states (S, m) of sources sounds; see `fit`."""
     frames, cells = weights.shape
     out = np.zeros((frames, len(states)))
-    bands = share.shape[1]
-    total = np.empty(bands)
+    total = np.empty(share.shape[1])
     for t in range(frames):
         for s in range(len(states)):
-            for b in range(bands):
-                total[b] = share[0, b]
-                for k in range(states.shape[1]):
-                    if states[s, k]:
-                        total[b] += nearness[t, k] * share[1 + k, b]
+            _fill_totals(total, share, nearness[t], states[s])
             value = 0.0
             for c in range(cells):
                 if weights[t, c] > 0:
                     b = band[c]
-                    mixed = share[0, b]
-                    for k in range(states.shape[1]):
-                        if states[s, k]:
-                            mixed += nearness[t, k] * share[1 + k, b] * densities[k, t, c]
+                    mixed = _mixed(share, nearness[t], densities, states[s], t, c, b)
                     value += weights[t, c] * np.log(mixed / total[b])
             out[t, s] = value
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit
 def _counts(
     weights: Single,
     densities: Single,
@@ -278,11 +299,8 @@ def _counts(
         for s in range(len(states)):
             if probability[t, s] < least or not states[s].any():
                 continue
+            _fill_totals(total, share, nearness[t], states[s])
             for b in range(bands):
-                total[b] = share[0, b]
-                for k in range(sources):
-                    if states[s, k]:
-                        total[b] += nearness[t, k] * share[1 + k, b]
                 part = probability[t, s] * amount[b] / total[b]
                 due[0, b] += part
                 for k in range(sources):
@@ -291,10 +309,7 @@ def _counts(
             for c in range(cells):
                 if weights[t, c] > 0:
                     b = band[c]
-                    mixed = share[0, b]
-                    for k in range(sources):
-                        if states[s, k]:
-                            mixed += nearness[t, k] * share[1 + k, b] * densities[k, t, c]
+                    mixed = _mixed(share, nearness[t], densities, states[s], t, c, b)
                     ratio = probability[t, s] * weights[t, c] / mixed
                     count[0, b] += share[0, b] * ratio
                     for k in range(sources):
@@ -322,21 +337,9 @@ def _levels(heard: Heard, states: NDArray[np.bool_], level: Array, probability: 
     return out
 
 
-def _emission(
-    heard: Heard,
-    pool: tuple[int, ...],
-    states: NDArray[np.bool_],
-    share: Array,
-    level: Array,
-    *,
-    bins: float,
-    octaves: float,
-) -> Array:
-    """(T, S) log-likelihood of each frame in each state; that of the first, in which nothing is on, is left 0."""
-    out = bins * _sets(*heard.of(pool), states, share)
+def _level_likelihoods(heard: Heard, states: NDArray[np.bool_], level: Array) -> Array:
+    """(T, S) log-likelihood of the levels of each frame in each state; 0 in the first, in which nothing is on."""
     predicted = _predicted(heard, states, level)
-    for state, on in enumerate(states):
-        if on.any():
-            out[:, state] += octaves * _density(heard.levels - predicted[state], _SOURCE_ERROR)
-            out[~heard.frames, state] = _UNLIKELY
+    out = _density(heard.levels[:, None] - predicted, _SOURCE_ERROR)
+    out[:, ~states.any(axis=1)] = 0.0
     return out
