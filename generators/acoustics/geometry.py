@@ -157,17 +157,22 @@ def blocked(triangles: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[n
     return bool(hit.any())
 
 
+def fibonacci_directions(count: int) -> NDArray[np.float64]:
+    """(N, 3) evenly spread unit vectors (R. Swinbank, R. J. Purser, Q. J. R. Meteorol. Soc. 132 (2006) 1769–1793)."""
+    k = np.arange(count) + 0.5
+    y, turn = 1 - 2 * k / count, np.pi * (3 - math.sqrt(5)) * k
+    flat = np.sqrt(1 - y * y)
+    return np.stack([flat * np.cos(turn), y, flat * np.sin(turn)], axis=1)
+
+
 def longest_view(triangles: NDArray[np.float64], point: NDArray[np.float64], rays: int = 200) -> float:
     """Longest free path in m from ``point`` (3,) among ``rays`` evenly spread directions; infinite if one escapes."""
-    k = np.arange(rays) + 0.5
-    y, turn = 1 - 2 * k / rays, np.pi * (3 - math.sqrt(5)) * k
-    flat = np.sqrt(1 - y * y)
     longest = 0.0
     edge1, edge2 = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     s = point - triangles[:, 0]
     q = np.cross(s, edge1)
     reach = np.einsum("ij,ij->i", edge2, q)
-    for ray in np.stack([flat * np.cos(turn), y, flat * np.sin(turn)], axis=1):
+    for ray in fibonacci_directions(rays):
         p = np.cross(ray, edge2)
         determinant = np.einsum("ij,ij->i", edge1, p)
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from generators.acoustics.geometry import fibonacci_directions
 from generators.acoustics.tracer.philox import words
 
 #: Purpose of random numbers (third word of the counter): the turn of the lattice.
@@ -17,14 +18,6 @@ _TURN = 0x70
 def key_of(seed: int) -> NDArray[np.uint64]:
     """(2,) the key of the random numbers for a seed of up to 64 bits."""
     return np.array([seed & 0xFFFFFFFF, (seed >> 32) & 0xFFFFFFFF], dtype=np.uint64)
-
-
-def fibonacci_directions(count: int) -> NDArray[np.float64]:
-    """(N, 3) evenly spread unit vectors (R. Swinbank, R. J. Purser, Q. J. R. Meteorol. Soc. 132 (2006) 1769–1793)."""
-    k = np.arange(count) + 0.5
-    y, turn = 1 - 2 * k / count, np.pi * (3 - math.sqrt(5)) * k
-    flat = np.sqrt(1 - y * y)
-    return np.stack([flat * np.cos(turn), y, flat * np.sin(turn)], axis=1)
 
 
 def ray_directions(count: int, seed: int, purpose: int) -> NDArray[np.float64]:

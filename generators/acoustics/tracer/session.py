@@ -13,13 +13,18 @@ from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
-from generators.acoustics.geometry import acoustic_mesh, checked_position, faces_of_room, reflections_to_decay
+from generators.acoustics.geometry import (
+    acoustic_mesh,
+    checked_position,
+    faces_of_room,
+    fibonacci_directions,
+    reflections_to_decay,
+)
 from generators.acoustics.materials import triangle_areas
 from generators.acoustics.tracer.arrivals import Arrivals
 from generators.acoustics.tracer.diffraction import LitEdges, diffracted, lit_edges
 from generators.acoustics.tracer.early import Images, early_arrivals, images_of
 from generators.acoustics.tracer.late import rays_for, trace
-from generators.acoustics.tracer.rays import fibonacci_directions
 from generators.acoustics.tracer.settings import LONGEST, MOST_REFLECTIONS, TraceSettings
 from generators.acoustics.tracer.surfaces import surfaces_of
 from generators.core.scene import Scene
