@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from avs3d_bench.errors import Avs3dError
 from generators.acoustics.materials import material_for, mean_absorption, triangle_areas
@@ -180,6 +180,31 @@ def longest_view(triangles: NDArray[np.float64], point: NDArray[np.float64], ray
             hit = (np.abs(determinant) > 1e-12) & (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 1e-4)
         longest = max(longest, float(t[hit].min(initial=np.inf)))
     return longest
+
+
+#: A source that sees no farther than this share of its room's diagonal is walled in.
+_LEAST_VIEW = 1 / 3
+
+
+def check_free_source(scene: str, source: ArrayLike, farthest: float, room: Room) -> None:
+    """Refuse a source in a closed box: it is all but silent outside.
+
+    Args:
+        scene: its name.
+        source: (3,) metres.
+        farthest: distance in m to the farthest surface that the source sees; infinite if it sees out of the scene.
+        room: that the source stands in.
+
+    Raises:
+        Avs3dError: naming the scene, the position and the distance.
+    """
+    diagonal = float(np.linalg.norm(np.subtract(room.high, room.low)))
+    if farthest < _LEAST_VIEW * diagonal:
+        place = tuple(round(float(c), 3) for c in np.asarray(source))
+        raise Avs3dError(
+            f"{scene}: the source at {place} is walled in, it sees {farthest:.2f} m at most; "
+            "move it out of the furniture, or give its object an instance id above 0"
+        )
 
 
 def checked_position(

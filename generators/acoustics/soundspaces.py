@@ -36,6 +36,7 @@ from avs3d_bench.schema import Scalar
 from generators.acoustics.geometry import (
     AcousticMesh,
     acoustic_mesh,
+    check_free_source,
     checked_position,
     checked_scale,
     longest_view,
@@ -168,7 +169,7 @@ class SoundSpacesSession:
         self._scene_name = scene.name
         self._bounds = mesh.bounds
         self._triangles = mesh.triangles
-        self._view = float(np.linalg.norm(np.subtract(box.high, box.low))) / 3
+        self._room = box
         self._source = self._free_source(source)
         self.sample_rate = sample_rate
         # A room that is made more live rings on for longer.
@@ -193,14 +194,10 @@ class SoundSpacesSession:
         self._context.set_source_position(0, self._source)
 
     def _free_source(self, source: tuple[float, float, float]) -> list[float]:
-        """A source inside a closed box is all but silent outside it, and the engine lets a few stray rays out."""
+        """A position at which the engine may stand a source: from a closed box it lets a few stray rays out."""
         position = self._position(source, "source")
-        view = longest_view(self._triangles, np.asarray(position))
-        if view < self._view:
-            raise Avs3dError(
-                f"{self._scene_name}: the source at {tuple(round(c, 3) for c in position)} is walled in, it sees "
-                f"{view:.2f} m at most; move it out of the furniture, or give its object an instance id above 0"
-            )
+        farthest = longest_view(self._triangles, np.asarray(position))
+        check_free_source(self._scene_name, position, farthest, self._room)
         return position
 
     def _position(self, position: tuple[float, float, float], what: str) -> list[float]:

@@ -15,6 +15,7 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
 from generators.acoustics.geometry import (
     acoustic_mesh,
+    check_free_source,
     checked_position,
     faces_of_room,
     fibonacci_directions,
@@ -86,8 +87,7 @@ class TracerSession:
         mesh = acoustic_mesh(scene, source, absorption_scale=absorption_scale)
         self._bounds = mesh.bounds
         self._surfaces = surfaces_of(mesh)
-        # A source is walled in if it sees no farther than a third of its room's diagonal.
-        self._view = float(np.linalg.norm(np.subtract(box.high, box.low))) / 3
+        self._room = box
         depth = reflections_to_decay(mesh, box, settings.decay_db, settings.most_reflections)
         area = float(triangle_areas(faces_of_room(mesh, box)[0]).sum())
         #: Rays of a trace.
@@ -114,12 +114,7 @@ class TracerSession:
         position = np.array((x, y, z))
         if self._bounds is not None:
             views = self._surfaces.first_hits(np.broadcast_to(position, (_VIEWS, 3)), fibonacci_directions(_VIEWS))
-            if views.max() < self._view:
-                place = tuple(round(float(c), 3) for c in position)
-                raise Avs3dError(
-                    f"{self._scene}: the source at {place} is walled in, it sees {views.max():.2f} m at most; "
-                    "move it out of the furniture, or give its object an instance id above 0"
-                )
+            check_free_source(self._scene, position, float(views.max()), self._room)
         images = images_of(self._surfaces, position, self._settings.early_order, self._settings.seed)
         self._source = (x, y, z)
         self._heard[self._source] = _Source(images, lit_edges(self._surfaces.edges, position), {})
