@@ -43,6 +43,7 @@ from generators.acoustics.geometry import (
     reflections_to_decay,
 )
 from generators.acoustics.materials import RESIDUAL, material_for, write_engine_json
+from generators.core.limits import check_ranges
 from generators.core.scene import Scene
 
 #: Sample rates the built-in head-related transfer functions were verified at; higher ones abort the process.
@@ -80,17 +81,15 @@ class RaySettings:
         Raises:
             Avs3dError: if a number is out of its range.
         """
-        for name, low, high in (
-            ("reflections", 1, 100_000_000),
-            ("source_rays", 1, 100_000),
-            ("decay_db", 1.0, 120.0),
-            ("min_rays", 1, 1_000_000),
-            ("max_rays", self.min_rays, 1_000_000),
-            ("max_depth", 1, 1000),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise Avs3dError(f"ray settings: {name} is {value}, expected {low} to {high}")
+        ranges: dict[str, tuple[float, float]] = {
+            "reflections": (1, 100_000_000),
+            "source_rays": (1, 100_000),
+            "decay_db": (1.0, 120.0),
+            "min_rays": (1, 1_000_000),
+            "max_rays": (self.min_rays, 1_000_000),
+            "max_depth": (1, 1000),
+        }
+        check_ranges("ray settings", self, ranges)
 
     def rays(self, depth: int) -> int:
         """Indirect rays for ``depth`` reflections of each."""

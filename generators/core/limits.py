@@ -1,4 +1,8 @@
-"""Allowed ranges of a run's options, for the manifest, the command line and Python; imports nothing."""
+"""Allowed ranges: of a run's options, for the manifest, the command line and Python; and of the fields of settings."""
+
+from __future__ import annotations
+
+from avs3d_bench.errors import Avs3dError
 
 #: Least and greatest number of frames of an observation; file names of frames have three digits.
 FRAMES = (1, 999)
@@ -9,3 +13,20 @@ WORKERS = (1, 256)
 #: An observation makes use of so many cores: four render frames, and the sound, which only one can compute, then takes
 #: as long as they do (docs/scaling.md).
 MOST_CORES = 5
+
+
+def check_ranges(what: str, settings: object, ranges: dict[str, tuple[float, float]]) -> None:
+    """Check numeric fields of ``settings``.
+
+    Args:
+        what: the settings' name in the message.
+        settings: an object with these fields.
+        ranges: field → least and greatest value.
+
+    Raises:
+        Avs3dError: naming the first field that is out of its range or NaN.
+    """
+    for name, (low, high) in ranges.items():
+        value = getattr(settings, name)
+        if not low <= value <= high:
+            raise Avs3dError(f"{what}: {name} is {value}, expected {low} to {high}")

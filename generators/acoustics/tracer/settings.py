@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from avs3d_bench.errors import Avs3dError
+from generators.core.limits import check_ranges
 
 #: Limits of `TraceSettings.most_reflections` and of `TraceSettings.seconds` (s).
 MOST_REFLECTIONS, LONGEST = 10_000, 60.0
@@ -54,20 +54,18 @@ class TraceSettings:
         Raises:
             Avs3dError: if a number is out of its range.
         """
-        for name, low, high in (
-            ("arrivals", 1, 10_000_000),
-            ("least_rays", 1, 10_000_000),
-            ("most_rays", self.least_rays, 10_000_000),
-            ("rain_rays", 0, 1_000_000),
-            ("rain_order", 0, self.exact_scattering),
-            ("early_order", 0, 4),
-            ("exact_scattering", 0, 1000),
-            ("radius", 0.05, 2.0),
-            ("decay_db", 1.0, 120.0),
-            ("most_reflections", 1, MOST_REFLECTIONS),
-            ("seconds", 0.01, LONGEST),
-            ("seed", 0, 2**64 - 1),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise Avs3dError(f"trace settings: {name} is {value}, expected {low} to {high}")
+        ranges: dict[str, tuple[float, float]] = {
+            "arrivals": (1, 10_000_000),
+            "least_rays": (1, 10_000_000),
+            "most_rays": (self.least_rays, 10_000_000),
+            "rain_rays": (0, 1_000_000),
+            "rain_order": (0, self.exact_scattering),
+            "early_order": (0, 4),
+            "exact_scattering": (0, 1000),
+            "radius": (0.05, 2.0),
+            "decay_db": (1.0, 120.0),
+            "most_reflections": (1, MOST_REFLECTIONS),
+            "seconds": (0.01, LONGEST),
+            "seed": (0, 2**64 - 1),
+        }
+        check_ranges("trace settings", self, ranges)
