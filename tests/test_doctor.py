@@ -90,7 +90,7 @@ def test_a_bare_machine_has_every_missing_thing_named_with_its_remedy(monkeypatc
     findings = examine(all_checks())
     missing = {f.name for f in findings if f.state == "missing"}
     assert missing >= {
-        "embreex", "numba", "trimesh", "xatlas", "rlr-audio-propagation", "habitat-sim", "scans",
+        "embreex", "numba", "numba-cuda", "trimesh", "xatlas", "rlr-audio-propagation", "habitat-sim", "scans",
         "Sweet Home 3D", "Sketchfab", "Freesound", "torch", "CUDA", "gsplat", "transformers", "scikit-learn",
         "checkpoints",
     }  # fmt: skip

@@ -6,7 +6,7 @@ import os
 import shutil
 from pathlib import Path
 
-from avs3d_bench.doctor import Check, Finding, constant, has_module, package_check
+from avs3d_bench.doctor import Check, Finding, constant, has_module, package_check, run_python
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.user_path import user_path
 
@@ -37,6 +37,24 @@ response = session.impulse_response(Pose.from_yaw((-1.0, 1.5, 1.0), 0.0))
 session.close()
 print(f"an impulse response of {response.shape[1] / 44100:.2f} s in a test room (CC-BY-NC 4.0)")
 """
+#: The device, or the reason why there is none; a kernel that is compiled and run on it.
+_CUDA = """
+import numpy as np
+from generators.core.cuda import cuda_problem, kernel, launch, require_device, upload
+if cuda_problem():
+    print("note:", cuda_problem())
+else:
+    device = require_device()
+    from numba import cuda
+    def double(values):
+        i = cuda.grid(1)
+        if i < values.shape[0]:
+            values[i] *= 2.0
+    values = upload(np.ones(1000))
+    launch(cuda.jit(double), len(values), values)
+    assert (values.copy_to_host() == 2.0).all(), "a kernel returned wrong numbers"
+    print(f"--device cuda: {device}")
+"""
 _JIT = """
 import numba
 assert numba.njit(lambda x: x + 1)(1) == 2
@@ -61,12 +79,28 @@ def checks() -> tuple[Check, ...]:
         package_check("generate", "xatlas", "xatlas", _EXTRA, needed="light maps"),
         _engine(),
         package_check("generate", "h5py", "h5py", "pip install 'avs3d-bench[sofa]'", needed="heads of SOFA files"),
+        Check("generate", "numba-cuda", _cuda),
         Check("generate", "cache of homes", _cache),
         Check("habitat", "habitat-sim", _habitat),
         Check("scans", "scans", _scans),
         Check("assets", "assets", _assets),
         *(_token(*names) for names in (("SKETCHFAB_TOKEN", "Sketchfab"), ("FREESOUND_TOKEN", "Freesound"))),
     )
+
+
+def _cuda() -> tuple[Finding, ...]:
+    fix = "pip install 'avs3d-bench[cuda]' (on a machine with an NVIDIA GPU)"
+    if not has_module("numba_cuda"):
+        return (Finding("generate", "numba-cuda", "missing", "not installed; --device cuda", fix),)
+    if not has_module("numba"):
+        return (Finding("generate", "numba-cuda", "note", "installed; tried once [generate] is there", _EXTRA),)
+    works, said = run_python(_CUDA)
+    if not works:
+        fix = "check nvidia-smi; a driver before 580 needs pip install 'numba-cuda[cu12]'"
+        return (Finding("generate", "numba-cuda", "broken", said, fix),)
+    if said.startswith("note: "):
+        return (Finding("generate", "numba-cuda", "note", f"{said[6:]}; --device cpu works", ""),)
+    return (Finding("generate", "numba-cuda", "ok", said),)
 
 
 def _engine() -> Check:
