@@ -9,10 +9,10 @@ from tracer_rooms import SIZE, box, surfaces
 from avs3d_bench.errors import Avs3dError
 from generators.acoustics.geometry import fibonacci_directions
 from generators.acoustics.tracer.air import attenuation_db
+from generators.acoustics.tracer.bvh import STACK, build
 from generators.acoustics.tracer.clearance import clearance
 from generators.acoustics.tracer.philox import words
 from generators.acoustics.tracer.rays import ray_directions
-from generators.core.bvh import STACK, build
 from generators.core.jit import njit
 
 
@@ -173,12 +173,12 @@ def test_clearance_is_the_distance_to_the_nearest_point_of_a_triangle(seed):
 
 
 def test_reflections_follow_lambert_and_the_mirror():
-    from generators.acoustics.tracer.kernels import _reflected
+    from generators.acoustics.tracer.kernels import reflected
 
     @njit
     def many(normal, u, v, diffuse, out):
         for i in range(len(u)):
-            out[i] = _reflected(0.6, -0.8, 0.0, normal[0], normal[1], normal[2], diffuse, u[i], v[i])
+            out[i] = reflected(0.6, -0.8, 0.0, normal[0], normal[1], normal[2], diffuse, u[i], v[i])
 
     rng = np.random.default_rng(1)
     u, v = rng.uniform(size=(2, 200_000))

@@ -314,8 +314,7 @@ def test_arrivals_of_different_lengths_are_refused():
 
 
 def test_warming_up_compiles_every_kernel():
-    from generators.acoustics.tracer import clearance, diffraction, kernels
-    from generators.core import bvh
+    from generators.acoustics.tracer import bvh, clearance, diffraction, kernels
 
     backend().warm_up()
     entered = [

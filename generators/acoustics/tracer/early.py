@@ -84,7 +84,8 @@ def _candidates(surfaces: Surfaces, source: F64, order: int, seed: int) -> I32:
     if not surfaces.planes or not order:
         return np.zeros((0, order), dtype=np.int32)
     met = np.empty((_SEARCH_RAYS, order), dtype=np.int32)
-    specular_planes(surfaces.mesh, source, ray_directions(_SEARCH_RAYS, seed, _SEARCH), met, *scratch())
+    directions = ray_directions(_SEARCH_RAYS, seed, _SEARCH)
+    specular_planes(surfaces.mesh, source, directions, 0, _SEARCH_RAYS, met, *scratch())
     found = []
     for k in range(1, order + 1):
         reached = met[met[:, k - 1] >= 0].copy()
@@ -122,6 +123,8 @@ def early_arrivals(surfaces: Surfaces, images: Images, listener: F64) -> Arrival
             images.source,
             images.sequences,
             images.positions,
+            0,
+            len(visible),
             visible,
             np.empty((images.sequences.shape[1], 3)),
             nodes,

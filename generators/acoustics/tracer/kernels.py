@@ -231,13 +231,15 @@ def free_lines(
 
 
 @njit
-def specular_planes(mesh: MeshTables, source: F64, directions: F64, planes: I32, stack: I32, entries: F64) -> None:
-    """The mirror planes that specular rays meet: ``planes`` (R, K) int32, −1 from the end of the ray on.
+def specular_planes(
+    mesh: MeshTables, source: F64, directions: F64, first: int, last: int, planes: I32, stack: I32, entries: F64
+) -> None:
+    """The mirror planes that the rays ``first`` to ``last`` meet: ``planes`` (R, K) int32, −1 behind a ray's end.
 
     A ray ends where it leaves the scene or meets a surface that is no mirror plane.
     """
     bounds, links, corners, normals, plane = mesh.bounds, mesh.links, mesh.corners, mesh.normals, mesh.plane
-    for r in range(len(directions)):
+    for r in range(first, last):
         ox, oy, oz = source[0], source[1], source[2]
         dx, dy, dz = directions[r, 0], directions[r, 1], directions[r, 2]
         for k in range(planes.shape[1]):
@@ -299,6 +301,8 @@ def visible_images(
     source: F64,
     sequences: I32,
     images: F64,
+    first: int,
+    last: int,
     visible: NDArray[np.bool_],
     points: F64,
     stack: I32,
@@ -314,13 +318,15 @@ def visible_images(
         source: (3,).
         sequences: (S, K) planes in the order in which the sound meets them, −1 behind the last.
         images: (S, K, 3) images of the source after 1 … K reflections.
-        visible: (S,) filled in.
+        first: the first sequence to look at.
+        last: the sequence at which to stop.
+        visible: (S,) filled in from ``first`` to ``last``.
         points: (K, 3) scratch.
         stack: scratch of the traversal.
         entries: scratch of the traversal.
     """
     bounds, links, corners, plane = mesh.bounds, mesh.links, mesh.corners, mesh.plane
-    for s in range(len(sequences)):
+    for s in range(first, last):
         visible[s] = False
         order = 0
         while order < sequences.shape[1] and sequences[s, order] >= 0:
@@ -410,7 +416,7 @@ def _is_member(ordered: I64, key: int) -> bool:
 
 
 @inline
-def _reflected(
+def reflected(
     dx: float, dy: float, dz: float, nx: float, ny: float, nz: float, diffuse: bool, u: float, v: float
 ) -> tuple[float, float, float]:
     """Direction after a reflection at a surface whose normal faces the ray: Lambert's law, or the mirror's.
@@ -435,7 +441,7 @@ def _reflected(
 
 
 @inline
-def _reflect_energy(
+def reflect_energy(
     energy: F64, reflection: F64, scattering: F64, mean: float, m: int, diffuse: bool, exact: bool
 ) -> float:
     """Multiply the energies (8,) of a ray by what a reflection leaves; return the largest of them.
@@ -454,7 +460,7 @@ def _reflect_energy(
 
 
 @inline
-def _record(
+def write_record(
     records: Records,
     at: int,
     listener: int,
@@ -467,11 +473,108 @@ def _record(
     energy: F64,
     air: F64,
 ) -> None:
+    """Write record ``at``: the sound of ``energy`` (8,) times ``gain`` that comes from (x, y, z) after ``path`` m."""
     records.listener[at] = listener
     records.path[at] = path
     records.direction[at, 0], records.direction[at, 1], records.direction[at, 2] = x, y, z
     for b in range(_BANDS):
         records.pressure[at, b] = sign * math.sqrt(gain * energy[b]) * math.exp(-0.5 * air[b] * path)
+
+
+@inline
+def is_of_another_part(bounce: int, rained: bool, mirrored: bool, sequence: int, early: int, known: I64) -> bool:
+    """Whether another part has what a ray carries on its way after ``bounce`` reflections (see `trace_late`)."""
+    if bounce == 0 or rained:
+        return True
+    return mirrored and bounce <= early and _is_member(known, sequence)
+
+
+@inline
+def may_pass(box: F64, ox: float, oy: float, oz: float, ex: float, ey: float, ez: float) -> bool:
+    """Whether the box about a line from o to e meets ``box`` (6,)."""
+    return (
+        min(ox, ex) <= box[3]
+        and max(ox, ex) >= box[0]
+        and min(oy, ey) <= box[4]
+        and max(oy, ey) >= box[1]
+        and min(oz, ez) <= box[5]
+        and max(oz, ez) >= box[2]
+    )
+
+
+@inline
+def write_passage(
+    records: Records,
+    at: int,
+    j: int,
+    listeners: Listeners,
+    ox: float,
+    oy: float,
+    oz: float,
+    dx: float,
+    dy: float,
+    dz: float,
+    travelled: float,
+    spherical: float,
+    sign: float,
+    share: float,
+    energy: F64,
+    air: F64,
+) -> None:
+    """Record that a ray from o along d passes the disc about listener ``j``; see `trace_late`."""
+    px, py, pz = listeners.x[j] - ox, listeners.y[j] - oy, listeners.z[j] - oz
+    t = px * dx + py * dy + pz * dz
+    radius2 = listeners.radius2[j]
+    spread = radius2 / max((spherical + t) ** 2 + px * px + py * py + pz * pz - t * t, 1e-30)
+    # The rays of a point that come nearer than R: 2π·(1 − √(1 − R²/d²)), not πR²/d².
+    gain = share / radius2 * 0.5 * (1.0 + math.sqrt(max(1.0 - spread, 0.0)))
+    write_record(records, at, j, travelled + t, -dx, -dy, -dz, sign, gain, energy, air)
+
+
+@inline
+def reflect_late(
+    mesh: MeshTables,
+    key: NDArray[np.uint64],
+    limits: TraceLimits,
+    ray: int,
+    bounce: int,
+    hit: int,
+    length: float,
+    ox: float,
+    oy: float,
+    oz: float,
+    dx: float,
+    dy: float,
+    dz: float,
+    spherical: float,
+    mirrored: bool,
+    sequence: int,
+    energy: F64,
+) -> tuple[float, float, float, float, float, float, float, float, float, bool, int, bool]:
+    """Reflect a ray of the late part at triangle ``hit``, ``length`` metres on; changes ``energy``.
+
+    Returns:
+        the largest energy left, the ray's new origin (3) and direction (3), the radius of its wave front, its sign,
+        whether it has met mirrors alone and their sequence, and whether diffuse rain brings what it carries now.
+    """
+    nx, ny, nz = mesh.normals[hit, 0], mesh.normals[hit, 1], mesh.normals[hit, 2]
+    if dx * nx + dy * ny + dz * nz > 0.0:
+        nx, ny, nz = -nx, -ny, -nz
+    m, plane = mesh.material[hit], mesh.plane[hit]
+    w0, w1, w2, w3 = philox4x32(np.uint64(ray), np.uint64(bounce), np.uint64(LATE), _ZERO, key[0], key[1])
+    mean = mesh.mean_scattering[m]
+    diffuse = uniform(w2) < mean
+    loudest = reflect_energy(energy, mesh.reflection, mesh.scattering, mean, m, diffuse, bounce < limits.exact)
+    sign = 1.0 if (w3 & _ONE) == _ZERO else -1.0
+    mirrored = mirrored and not diffuse and plane >= 0
+    sequence = sequence * (limits.planes + 1) + plane + 1 if mirrored and bounce < limits.early else 0
+    mirrored = mirrored and bounce < limits.early
+    rained = diffuse and bounce < limits.rain
+    # Radius of the wave front: it begins anew at each point that scatters.
+    spherical = 0.0 if diffuse else spherical + length
+    ox, oy, oz = ox + length * dx + OFFSET * nx, oy + length * dy + OFFSET * ny, oz + length * dz + OFFSET * nz
+    dx, dy, dz = reflected(dx, dy, dz, nx, ny, nz, diffuse, uniform(w0), uniform(w1))
+    return loudest, ox, oy, oz, dx, dy, dz, spherical, sign, mirrored, sequence, rained
 
 
 @njit
@@ -522,10 +625,8 @@ def trace_late(
     Returns:
         the number of passages, which may be more than there was room for.
     """
-    bounds, links, corners, normals = mesh.bounds, mesh.links, mesh.corners, mesh.normals
-    material, plane = mesh.material, mesh.plane
-    reflection, scattering, mean_scattering = mesh.reflection, mesh.scattering, mesh.mean_scattering
-    lx, ly, lz, radius2, box = listeners.x, listeners.y, listeners.z, listeners.radius2, listeners.bounds
+    bounds, links, corners = mesh.bounds, mesh.links, mesh.corners
+    lx, ly, lz, radius2 = listeners.x, listeners.y, listeners.z, listeners.radius2
     count, room = 0, len(records.path)
     share = 4.0 / len(directions)  # 4π/N over πR²
     for ray in range(first, last):
@@ -537,19 +638,9 @@ def trace_late(
         mirrored, sequence, rained = True, 0, False
         for bounce in range(limits.depth + 1):
             length, hit = closest(bounds, links, corners, ox, oy, oz, dx, dy, dz, FAR, False, stack, entries)
-            elsewhere = bounce == 0 or rained
-            if mirrored and not elsewhere and bounce <= limits.early:
-                elsewhere = _is_member(known, sequence)
             reach = min(length, limits.range)
-            ex, ey, ez = ox + reach * dx, oy + reach * dy, oz + reach * dz
-            if (
-                not elsewhere
-                and min(ox, ex) <= box[3]
-                and max(ox, ex) >= box[0]
-                and min(oy, ey) <= box[4]
-                and max(oy, ey) >= box[1]
-                and min(oz, ez) <= box[5]
-                and max(oz, ez) >= box[2]
+            if not is_of_another_part(bounce, rained, mirrored, sequence, limits.early, known) and may_pass(
+                listeners.bounds, ox, oy, oz, ox + reach * dx, oy + reach * dy, oz + reach * dz
             ):
                 # Without branches, for vector instructions.
                 for j in range(len(lx)):
@@ -560,35 +651,97 @@ def trace_late(
                 for j in range(len(lx)):
                     if near[j]:
                         if count < room:
-                            px, py, pz = lx[j] - ox, ly[j] - oy, lz[j] - oz
-                            t = px * dx + py * dy + pz * dz
-                            spread = radius2[j] / max((spherical + t) ** 2 + px * px + py * py + pz * pz - t * t, 1e-30)
-                            # The rays of a point that come nearer than R: 2π·(1 − √(1 − R²/d²)), not πR²/d².
-                            gain = share / radius2[j] * 0.5 * (1.0 + math.sqrt(max(1.0 - spread, 0.0)))
-                            _record(records, count, j, travelled + t, -dx, -dy, -dz, sign, gain, energy, air)
+                            write_passage(
+                                records, count, j, listeners, ox, oy, oz, dx, dy, dz, travelled, spherical, sign,
+                                share, energy, air,
+                            )  # fmt: skip
                         count += 1
             travelled += length
             if hit < 0 or bounce == limits.depth or travelled > limits.range:
                 break
-            nx, ny, nz = normals[hit, 0], normals[hit, 1], normals[hit, 2]
-            if dx * nx + dy * ny + dz * nz > 0.0:
-                nx, ny, nz = -nx, -ny, -nz
-            m = material[hit]
-            w0, w1, w2, w3 = philox4x32(np.uint64(ray), np.uint64(bounce), np.uint64(LATE), _ZERO, key[0], key[1])
-            mean = mean_scattering[m]
-            diffuse = uniform(w2) < mean
-            if _reflect_energy(energy, reflection, scattering, mean, m, diffuse, bounce < limits.exact) < limits.floor:
+            loudest, ox, oy, oz, dx, dy, dz, spherical, sign, mirrored, sequence, rained = reflect_late(
+                mesh, key, limits, ray, bounce, hit, length, ox, oy, oz, dx, dy, dz, spherical, mirrored, sequence,
+                energy,
+            )  # fmt: skip
+            if loudest < limits.floor:
                 break
-            sign = 1.0 if (w3 & _ONE) == _ZERO else -1.0
-            mirrored = mirrored and not diffuse and plane[hit] >= 0
-            sequence = sequence * (limits.planes + 1) + plane[hit] + 1 if mirrored and bounce < limits.early else 0
-            mirrored = mirrored and bounce < limits.early
-            rained = diffuse and bounce < limits.rain
-            # Radius of the wave front: it begins anew at each point that scatters.
-            spherical = 0.0 if diffuse else spherical + length
-            ox, oy, oz = ox + length * dx + OFFSET * nx, oy + length * dy + OFFSET * ny, oz + length * dz + OFFSET * nz
-            dx, dy, dz = _reflected(dx, dy, dz, nx, ny, nz, diffuse, uniform(w0), uniform(w1))
     return count
+
+
+@inline
+def scatter_rain(
+    mesh: MeshTables,
+    key: NDArray[np.uint64],
+    ray: int,
+    bounce: int,
+    hit: int,
+    dx: float,
+    dy: float,
+    dz: float,
+    exact: bool,
+    energy: F64,
+    diffused: F64,
+) -> tuple[float, float, float, float, float, float, float, float]:
+    """Fill ``diffused`` (8,) with what triangle ``hit`` scatters of a ray, and ``energy`` with what the ray keeps.
+
+    Returns:
+        the largest of ``diffused``, the sign, the normal that faces the ray (3), and the ray's new direction (3).
+    """
+    nx, ny, nz = mesh.normals[hit, 0], mesh.normals[hit, 1], mesh.normals[hit, 2]
+    if dx * nx + dy * ny + dz * nz > 0.0:
+        nx, ny, nz = -nx, -ny, -nz
+    m = mesh.material[hit]
+    w0, w1, w2, w3 = philox4x32(np.uint64(ray), np.uint64(bounce), np.uint64(RAIN), _ZERO, key[0], key[1])
+    sign = 1.0 if (w3 & _ONE) == _ZERO else -1.0
+    loudest = 0.0
+    for b in range(_BANDS):
+        diffused[b] = energy[b] * mesh.reflection[m, b] * mesh.scattering[m, b]
+        loudest = max(loudest, diffused[b])
+    mean = mesh.mean_scattering[m]
+    diffuse = uniform(w2) < mean
+    reflect_energy(energy, mesh.reflection, mesh.scattering, mean, m, diffuse, exact)
+    dx, dy, dz = reflected(dx, dy, dz, nx, ny, nz, diffuse, uniform(w0), uniform(w1))
+    return loudest, sign, nx, ny, nz, dx, dy, dz
+
+
+@inline
+def rain_line(
+    bounds: F64,
+    links: I32,
+    corners: F64,
+    x: float,
+    y: float,
+    z: float,
+    ox: float,
+    oy: float,
+    oz: float,
+    nx: float,
+    ny: float,
+    nz: float,
+    stack: I32,
+    entries: F64,
+) -> tuple[float, float, float, float, float]:
+    """The line from a point o of a surface with normal n to a listener: length d, direction (3), d·cos θ.
+
+    The last is 0 where the listener is behind the surface or hidden.
+    """
+    px, py, pz = x - ox, y - oy, z - oz
+    cosine = px * nx + py * ny + pz * nz
+    if cosine <= 0.0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    d = math.sqrt(px * px + py * py + pz * pz)
+    px, py, pz = px / d, py / d, pz / d
+    _, other = closest(bounds, links, corners, ox, oy, oz, px, py, pz, d, True, stack, entries)
+    if other >= 0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    return d, px, py, pz, cosine
+
+
+@inline
+def rain_gain(share: float, cosine: float, d: float) -> float:
+    """Energy at a listener from a point that scatters after Lambert's law; ``cosine`` is cos θ times ``d``."""
+    wide = max(d, NEAREST)
+    return share * cosine / d / (wide * wide)
 
 
 @njit
@@ -615,9 +768,7 @@ def trace_rain(
 
     The arguments and the result are those of `trace_late`; ``diffused`` (8,) is scratch.
     """
-    bounds, links, corners, normals = mesh.bounds, mesh.links, mesh.corners, mesh.normals
-    material = mesh.material
-    reflection, scattering, mean_scattering = mesh.reflection, mesh.scattering, mesh.mean_scattering
+    bounds, links, corners = mesh.bounds, mesh.links, mesh.corners
     lx, ly, lz = listeners.x, listeners.y, listeners.z
     count, room = 0, len(records.path)
     share = 4.0 / len(directions)  # 4π/N over π
@@ -632,35 +783,20 @@ def trace_rain(
             travelled += length
             if hit < 0 or travelled > limits.range:
                 break
-            nx, ny, nz = normals[hit, 0], normals[hit, 1], normals[hit, 2]
-            if dx * nx + dy * ny + dz * nz > 0.0:
-                nx, ny, nz = -nx, -ny, -nz
-            m = material[hit]
-            w0, w1, w2, w3 = philox4x32(np.uint64(ray), np.uint64(bounce), np.uint64(RAIN), _ZERO, key[0], key[1])
-            sign = 1.0 if (w3 & _ONE) == _ZERO else -1.0
-            ox, oy, oz = ox + length * dx + OFFSET * nx, oy + length * dy + OFFSET * ny, oz + length * dz + OFFSET * nz
-            loudest = 0.0
-            for b in range(_BANDS):
-                diffused[b] = energy[b] * reflection[m, b] * scattering[m, b]
-                loudest = max(loudest, diffused[b])
+            ox, oy, oz = ox + length * dx, oy + length * dy, oz + length * dz
+            loudest, sign, nx, ny, nz, dx, dy, dz = scatter_rain(
+                mesh, key, ray, bounce, hit, dx, dy, dz, bounce < limits.exact, energy, diffused
+            )
+            ox, oy, oz = ox + OFFSET * nx, oy + OFFSET * ny, oz + OFFSET * nz
             if loudest > 0.0:
                 for j in range(len(lx)):
-                    px, py, pz = lx[j] - ox, ly[j] - oy, lz[j] - oz
-                    cosine = px * nx + py * ny + pz * nz
+                    d, px, py, pz, cosine = rain_line(
+                        bounds, links, corners, lx[j], ly[j], lz[j], ox, oy, oz, nx, ny, nz, stack, entries
+                    )
                     if cosine <= 0.0:
                         continue
-                    d = math.sqrt(px * px + py * py + pz * pz)
-                    px, py, pz = px / d, py / d, pz / d
-                    _, other = closest(bounds, links, corners, ox, oy, oz, px, py, pz, d, True, stack, entries)
-                    if other >= 0:
-                        continue
                     if count < room:
-                        wide = max(d, NEAREST)
-                        gain = share * cosine / d / (wide * wide)
-                        _record(records, count, j, travelled + d, -px, -py, -pz, sign, gain, diffused, air)
+                        gain = rain_gain(share, cosine, d)
+                        write_record(records, count, j, travelled + d, -px, -py, -pz, sign, gain, diffused, air)
                     count += 1
-            mean = mean_scattering[m]
-            diffuse = uniform(w2) < mean
-            _reflect_energy(energy, reflection, scattering, mean, m, diffuse, bounce < limits.exact)
-            dx, dy, dz = _reflected(dx, dy, dz, nx, ny, nz, diffuse, uniform(w0), uniform(w1))
     return count
