@@ -314,7 +314,8 @@ def test_arrivals_of_different_lengths_are_refused():
 
 
 def test_warming_up_compiles_every_kernel():
-    from generators.acoustics.tracer import bvh, clearance, diffraction, kernels
+    from generators.acoustics.tracer import clearance, diffraction, kernels
+    from generators.core import bvh
 
     backend().warm_up()
     entered = [

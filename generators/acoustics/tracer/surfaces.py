@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from generators.acoustics.geometry import AcousticMesh
 from generators.acoustics.materials import material_for, triangle_areas
-from generators.acoustics.tracer.bvh import STACK, build
 from generators.acoustics.tracer.edges import Edges, edges_of
 from generators.acoustics.tracer.kernels import FAR, closest_hits
 from generators.acoustics.tracer.tables import MeshTables
+from generators.core.bvh import STACK, build
 
 F64 = NDArray[np.float64]
 
@@ -77,7 +77,7 @@ def surfaces_of(mesh: AcousticMesh) -> Surfaces:
     labels = list(mesh.groups)
     known = [material_for(label).scaled(mesh.absorption_scale) for label in labels]
     material = np.repeat(np.arange(len(labels), dtype=np.int32), [len(faces) for faces in mesh.groups.values()])
-    tree = build(mesh.triangles)
+    tree = build(mesh.triangles, "acoustic mesh")
     triangles, material = mesh.triangles[tree.order], material[tree.order]
     edges = triangles[:, 1:] - triangles[:, :1]
     normals = np.cross(edges[:, 0], edges[:, 1])

@@ -2,7 +2,7 @@
 
 I. Wald, "On fast construction of SAH-based bounding volume hierarchies", IEEE Symp. on Interactive Ray Tracing 2007.
 
-The traversal is in `generators.acoustics.tracer.kernels`.
+Who traverses it: `generators.acoustics.tracer.kernels`, and on CUDA `generators.core.device_rays`.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ class Bvh:
     order: I64
 
 
-def build(triangles: F64) -> Bvh:
-    """The tree over triangles (T, 3, 3).
+def build(triangles: F64, what: str = "mesh") -> Bvh:
+    """The tree over triangles (T, 3, 3) of ``what``.
 
     Raises:
         Avs3dError: if a coordinate is not finite.
@@ -56,7 +56,7 @@ def build(triangles: F64) -> Bvh:
     corners = np.ascontiguousarray(triangles, dtype=np.float64)
     bad = int((~np.isfinite(corners)).any(axis=(1, 2)).sum())
     if bad:
-        raise Avs3dError(f"acoustic mesh: {bad} of {len(corners)} triangles are NaN or infinite; repair the mesh")
+        raise Avs3dError(f"{what}: {bad} of {len(corners)} triangles are NaN or infinite; repair the mesh")
     if not len(corners):
         return Bvh(np.zeros((1, 6)), np.zeros((1, 2), dtype=np.int32), np.zeros(0, dtype=np.int64))
     low, high = corners.min(axis=1), corners.max(axis=1)
