@@ -133,6 +133,7 @@ def avs3d() -> None:
 @click.option("--regenerate", type=click.IntRange(1, 100_000), metavar="N", help="Make N random frames again, compare.")
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=None, help="Which frames --regenerate takes.")
 @click.option("--manifest", type=PATH, metavar="FILE", help="Of --regenerate, if the manifest names files.")
+@click.option("--hrtf", type=PATH, metavar="FILE", help="Of --regenerate, if the dataset was made with a SOFA file.")
 def validate(
     root: Path,
     deep: bool,
@@ -141,6 +142,7 @@ def validate(
     regenerate: int | None,
     seed: int | None,
     manifest: Path | None,
+    hrtf: Path | None,
 ) -> None:
     """Check the dataset at ROOT and name every problem by file.
 
@@ -153,7 +155,7 @@ def validate(
 
     if json_file is not None:
         is_stream(json_file)  # refuses a folder before any work is done
-    again = _regenerate(root, regenerate, seed, manifest) if regenerate else ()
+    again = _regenerate(root, regenerate, seed, manifest, hrtf) if regenerate else ()
     report = check(root, deep=deep, workers=workers, progress=sys.stderr.isatty())
     if again:
         from dataclasses import replace
@@ -170,7 +172,9 @@ def validate(
         raise SystemExit(1)
 
 
-def _regenerate(root: Path, count: int, seed: int | None, manifest: Path | None) -> tuple[Problem, ...]:
+def _regenerate(
+    root: Path, count: int, seed: int | None, manifest: Path | None, hrtf: Path | None
+) -> tuple[Problem, ...]:
     """Make frames again, saying which; threads are bounded before numpy starts them, as the generator does."""
     os.environ.update(ONE_THREAD)
     import secrets
@@ -179,7 +183,7 @@ def _regenerate(root: Path, count: int, seed: int | None, manifest: Path | None)
 
     number = secrets.randbelow(2**32) if seed is None else seed
     click.echo(f"making {count} random frames again (--seed {number})")
-    return regenerate(root, count, seed=number, manifest=manifest, say=click.echo)
+    return regenerate(root, count, seed=number, manifest=manifest, say=click.echo, hrtf=hrtf)
 
 
 @avs3d.command("list", short_help=SUMMARIES["list"])

@@ -159,6 +159,20 @@ class Frame:
         """(2, 44100) the binaural clip, channel 0 left."""
         return self._clip(layout.BINAURAL)
 
+    def ambisonics(self) -> NDArray[np.float32]:
+        """((order + 1)², 44100) the ambisonic clip: channels in ACN order, SN3D; x forward, y left, z up of the head.
+
+        Only in trees made `--with ambisonics`; ``observation.record.acoustics.ambisonics`` has the order.
+        """
+        return self._clip(layout.clips_folder(layout.AMBISONICS))
+
+    def array(self) -> NDArray[np.float32]:
+        """(microphones, 44100) the clip of the microphone array; only in trees made `--with array`.
+
+        ``observation.record.acoustics.array`` has the names and places of the microphones.
+        """
+        return self._clip(layout.clips_folder(layout.ARRAY))
+
     def mono(self) -> NDArray[np.float32]:
         """(88200,) the two-second mono clip."""
         return np.asarray(self._clip(layout.MONO).mean(axis=0), dtype=np.float32)
@@ -170,17 +184,24 @@ class Frame:
             return mesh
         return replace(mesh, vertices=record.to_frame(self.record, mesh.vertices).astype(np.float32))
 
-    def impulse_response(self, source: str | None = None) -> NDArray[np.float32]:
-        """(2, n) binaural room impulse response; only in trees made `--with rirs`.
+    def impulse_response(self, source: str | None = None, receiver: str | None = None) -> NDArray[np.float32]:
+        """(channels, n) room impulse response; only in trees made `--with rirs`.
 
         Args:
             source: id of the source, e.g. ``source_1``; in part_3 only.
+            receiver: ``ambisonics`` or ``array``; None: the two ears.
         """
-        return media.read_rir(self.observation.path / layout.rir_path(self.index, source)).samples
+        path = self.observation.path / layout.rir_path(self.index, source, receiver)
+        return media.read_rir(path, self.observation.channels(receiver)).samples
 
-    def stem(self, name: str) -> NDArray[np.float32]:
-        """(2, 44100) the clip of one source (``source_1``) or the ``background``; part_3 made `--with stems` only."""
-        return self._read_clip(self.observation.path / layout.stem_path(name, self.index))
+    def stem(self, name: str, receiver: str | None = None) -> NDArray[np.float32]:
+        """(channels, 44100) the clip of one source or of the background; part_3 made `--with stems` only.
+
+        Args:
+            name: ``source_1``, … or ``background``.
+            receiver: ``ambisonics`` or ``array``; None: the two ears.
+        """
+        return self._read_clip(self.observation.path / layout.stem_path(name, self.index, receiver))
 
     def _clip(self, folder: str) -> NDArray[np.float32]:
         return self._read_clip(self.observation.path / layout.audio_path(folder, self.index))
@@ -343,6 +364,20 @@ class Observation:
     def group(self) -> str | None:
         """Key of the observation of part_3 whose pictures this one has; None in the other parts."""
         return self.record.group if self.record else None
+
+    def channels(self, receiver: str | None = None) -> int:
+        """Number of channels of the clips of a receiver: ``ambisonics`` or ``array``; None: 2, the two ears.
+
+        Raises:
+            UsageError: if the observation was not made with that receiver.
+        """
+        if receiver is None:
+            return 2
+        there = self.record.acoustics.receivers if self.record else {}
+        if receiver not in there:
+            known = ", ".join(there) or "the two ears alone"
+            raise UsageError(f"{self.path}: not made with the receiver {receiver!r}; it has {known}")
+        return there[receiver].channels
 
     def mesh(self) -> Ply:
         """The sounding instance's mesh in the world, at the first frame if it moves; not in the official release.

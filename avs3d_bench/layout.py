@@ -38,6 +38,10 @@ STEMS = "stems"
 BACKGROUND = "background"
 DEPTH = "depth"
 RIRS = "rirs"
+#: Receivers that may hear an observation beside the two ears, in the order in which they are listed; the clips, impulse
+#: responses and stems of each are in folders of its own (`clips_folder`, `rirs_folder`, `stems_folder`).
+AMBISONICS, ARRAY = "ambisonics", "array"
+RECEIVERS = (AMBISONICS, ARRAY)
 GT_3D = "gt_3d"
 SOUNDING_OBJECT = f"{GT_3D}/sounding_object.ply"
 COLMAP = "sparse/0"
@@ -73,6 +77,8 @@ SAMPLE_RATE = 44_100
 BINAURAL_SAMPLES = SAMPLE_RATE
 MONO_SAMPLES = 2 * SAMPLE_RATE
 FRAME_RATE = 1.0
+#: Most channels of a clip, which are those of a large array of microphones.
+MOST_CHANNELS = 256
 #: Every eighth frame of the sorted names is a test frame.
 TEST_EVERY = 8
 #: Three digits keep the order of names and of time the same.
@@ -188,14 +194,35 @@ def audio_path(folder: str, index: int) -> str:
     return f"{folder}/{audio_name(index)}.wav"
 
 
-def rir_path(index: int, source: str | None = None) -> str:
-    """``rirs/frame_0.npz`` relative to the observation; in part_3 ``rirs/source_1/frame_0.npz``."""
-    return f"{RIRS if source is None else f'{RIRS}/{source}'}/{audio_name(index)}.npz"
+def clips_folder(receiver: str | None = None) -> str:
+    """Folder of the clips of a receiver: ``audio_clips_ambisonics``; of the two ears without one."""
+    return BINAURAL if receiver is None else f"audio_clips_{receiver}"
 
 
-def stem_path(name: str, index: int) -> str:
+def rirs_folder(receiver: str | None = None) -> str:
+    """Folder of the impulse responses of a receiver: ``rirs_ambisonics``; of the two ears without one."""
+    return RIRS if receiver is None else f"{RIRS}_{receiver}"
+
+
+def stems_folder(receiver: str | None = None) -> str:
+    """Folder of the stems of a receiver: ``stems_ambisonics``; of the two ears without one."""
+    return STEMS if receiver is None else f"{STEMS}_{receiver}"
+
+
+def rir_path(index: int, source: str | None = None, receiver: str | None = None) -> str:
+    """``rirs/frame_0.npz`` relative to the observation; in part_3 ``rirs/source_1/frame_0.npz``.
+
+    Examples:
+        >>> rir_path(0, "source_1", "ambisonics")
+        'rirs_ambisonics/source_1/frame_0.npz'
+    """
+    folder = rirs_folder(receiver)
+    return f"{folder if source is None else f'{folder}/{source}'}/{audio_name(index)}.npz"
+
+
+def stem_path(name: str, index: int, receiver: str | None = None) -> str:
     """``stems/source_1/frame_0.wav`` relative to the observation; ``name`` is a source's id or `BACKGROUND`."""
-    return f"{STEMS}/{name}/{audio_name(index)}.wav"
+    return f"{stems_folder(receiver)}/{name}/{audio_name(index)}.wav"
 
 
 @dataclass(frozen=True)
@@ -242,7 +269,12 @@ def released_byproduct(path: str) -> str | None:
 
 
 def expected_files(
-    frames: int, *, depth: bool = False, rirs: bool = False, sound_scene: SoundScene | None = None
+    frames: int,
+    *,
+    depth: bool = False,
+    rirs: bool = False,
+    sound_scene: SoundScene | None = None,
+    receivers: Iterable[str] = (),
 ) -> tuple[str, ...]:
     """Every file of an observation with ``frames`` frames, relative, sorted; ``observation.json`` excluded.
 
@@ -251,6 +283,7 @@ def expected_files(
         depth: whether depth pictures are kept.
         rirs: whether impulse responses are kept.
         sound_scene: of an observation of part_3; None for the other parts.
+        receivers: those of `RECEIVERS` that hear it, beside the two ears.
     """
     files = [SPLITS_JSON, *COLMAP_FILES]
     if sound_scene is None or sound_scene.in_room:
@@ -259,11 +292,14 @@ def expected_files(
     if sound_scene is not None:
         folders.append(CATEGORY_MASKS)
     responses: tuple[str | None, ...] = () if not rirs else (None,) if sound_scene is None else sound_scene.sources
+    stems = sound_scene.stem_names if sound_scene else ()
     for index in range(frames):
         files += [image_path(folder, index) for folder in folders]
-        files += [audio_path(folder, index) for folder in (BINAURAL, MONO)]
-        files += [rir_path(index, source) for source in responses]
-        files += [stem_path(name, index) for name in (sound_scene.stem_names if sound_scene else ())]
+        files.append(audio_path(MONO, index))
+        for receiver in (None, *receivers):
+            files.append(audio_path(clips_folder(receiver), index))
+            files += [rir_path(index, source, receiver) for source in responses]
+            files += [stem_path(name, index, receiver) for name in stems]
     return tuple(sorted(files))
 
 

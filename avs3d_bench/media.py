@@ -36,7 +36,7 @@ from avs3d_bench.files import (
     write_bytes,
     write_json,
 )
-from avs3d_bench.layout import DEPTH_UNITS_PER_METRE, SAMPLE_RATE
+from avs3d_bench.layout import DEPTH_UNITS_PER_METRE, MOST_CHANNELS, SAMPLE_RATE
 from avs3d_bench.ply import Ply, read_ply, write_ply_mesh, write_ply_points
 
 __all__ = [
@@ -413,7 +413,7 @@ def write_wav(
     from scipy.io import wavfile  # writes neither PEAK chunk nor time
 
     array = np.atleast_2d(np.asarray(samples, dtype=np.float32))
-    if array.ndim != 2 or array.shape[1] == 0 or not 1 <= array.shape[0] <= 16:
+    if array.ndim != 2 or array.shape[1] == 0 or not 1 <= array.shape[0] <= MOST_CHANNELS:
         raise Avs3dError(f"{path}: sound has shape {array.shape}, expected (channels, samples)")
     bad = int((~np.isfinite(array)).sum())
     if bad:
@@ -481,22 +481,28 @@ def read_wav(path: str | Path) -> Clip:
     return Clip(np.ascontiguousarray(data.T), int(rate))
 
 
-def write_rir(path: str | Path, response: ArrayLike, rate: int = SAMPLE_RATE) -> None:
-    """Write a binaural room impulse response (2, n) as a compressed npz with ``rir`` float32 and ``sample_rate``.
+def write_rir(path: str | Path, response: ArrayLike, rate: int = SAMPLE_RATE, channels: int = 2) -> None:
+    """Write a room impulse response (channels, n) as a compressed npz with ``rir`` float32 and ``sample_rate``.
+
+    Args:
+        path: the file.
+        response: (channels, n).
+        rate: Hz.
+        channels: how many it must have; 2 are the ears.
 
     Raises:
-        Avs3dError: if a sample is not finite or the system refuses.
+        Avs3dError: if it has another number of channels, a sample is not finite or the system refuses.
     """
     array = np.asarray(response, dtype=np.float32)
-    if array.ndim != 2 or array.shape[0] != 2 or not np.isfinite(array).all():
-        raise Avs3dError(f"{path}: impulse response of shape {array.shape}, expected (2, n) finite samples")
+    if array.ndim != 2 or array.shape[0] != channels or not np.isfinite(array).all():
+        raise Avs3dError(f"{path}: impulse response of shape {array.shape}, expected ({channels}, n) finite samples")
     stream = io.BytesIO()
     np.savez_compressed(stream, rir=array, sample_rate=np.int64(rate))
     write_bytes(path, stream.getvalue())
 
 
-def read_rir(path: str | Path) -> Clip:
-    """Read what `write_rir` wrote.
+def read_rir(path: str | Path, channels: int = 2) -> Clip:
+    """Read what `write_rir` wrote with the same number of channels.
 
     Raises:
         Avs3dError: if it is missing, damaged or has other contents.
@@ -510,6 +516,6 @@ def read_rir(path: str | Path) -> Clip:
     except Exception as error:
         # zipfile raises its own BadZipFile, which the line above cannot name without importing zipfile.
         raise Avs3dError(f"{path}: damaged npz: {error}") from None
-    if response.ndim != 2 or response.shape[0] != 2 or not np.isfinite(response).all():
-        raise Avs3dError(f"{path}: impulse response of shape {response.shape}, expected (2, n) finite samples")
+    if response.ndim != 2 or response.shape[0] != channels or not np.isfinite(response).all():
+        raise Avs3dError(f"{path}: impulse response of shape {response.shape}, expected ({channels}, n) finite samples")
     return Clip(response.astype(np.float32), rate)

@@ -232,8 +232,73 @@ AUDIBLE_LEVEL_DB = -60.0
 AUDIBLE_SNR_DB = -20.0
 
 
+class HrtfRecord(LicenceRecord):
+    """The measured head that heard the binaural clips, from a SOFA file.
+
+    The licence is the file's own (its global attribute License), by its SPDX identifier if that is clear.
+    """
+
+    asset: Text = Field(description="'hrtf:' and the file's name")
+    title: Text = Field(description="title, database and subject in the file")
+    sha256: Sha256 = Field(description="of the file")
+
+    @property
+    def attribution(self) -> AttributionRecord:
+        """Its entry in dataset.json."""
+        return AttributionRecord(asset=self.asset, name=self.name, author=self.author, source=self.source)
+
+
+class AmbisonicsRecord(Record):
+    """The channels of ``audio_clips_ambisonics/``.
+
+    Coincident at the centre of the head; axes of the head: x forward, y left, z up.
+    """
+
+    order: Annotated[int, Field(ge=1, le=3)]
+    channel_order: Literal["ACN"] = "ACN"
+    normalisation: Literal["SN3D"] = "SN3D"
+
+    @property
+    def channels(self) -> int:
+        """(order + 1)²."""
+        return (self.order + 1) ** 2
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        """W, Y, Z, X, … (letters after Gerzon and Malham)."""
+        return tuple("WYZXVTRSUQOMKLNP"[: self.channels])
+
+
+class MicrophoneRecord(Record):
+    """One omnidirectional microphone of an array."""
+
+    name: Annotated[str, Field(min_length=1, max_length=60)]
+    position: Vector3 = Field(description="metres from the centre of the head, in its frame: x right, y up, −z ahead")
+
+
+class ArrayRecord(Record):
+    """The channels of ``audio_clips_array/``: microphones that move with the listener, without a head."""
+
+    microphones: Annotated[tuple[MicrophoneRecord, ...], Field(min_length=1, max_length=layout.MOST_CHANNELS)]
+
+    @property
+    def channels(self) -> int:
+        """Number of microphones."""
+        return len(self.microphones)
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        """The names of the microphones."""
+        return tuple(microphone.name for microphone in self.microphones)
+
+
 class AcousticsRecord(Record):
-    """The acoustic simulation that made the clips."""
+    """The acoustic simulation that made the clips.
+
+    ``hrtf``, ``ambisonics`` and ``array`` are absent where the engine's own head heard the sound, and nothing else did.
+    """
+
+    left_out: ClassVar[frozenset[str]] = frozenset({"hrtf", "ambisonics", "array"})
 
     backend: Text
     version: Text
@@ -244,6 +309,15 @@ class AcousticsRecord(Record):
     )
     t30: Positive | None = Field(default=None, description="reverberation time of the room, seconds (ISO 3382-2)")
     notes: str = ""
+    hrtf: HrtfRecord | None = Field(default=None, description="the measured head, if a SOFA file was given")
+    ambisonics: AmbisonicsRecord | None = Field(default=None, description="of audio_clips_ambisonics/, if it is there")
+    array: ArrayRecord | None = Field(default=None, description="of audio_clips_array/, if it is there")
+
+    @property
+    def receivers(self) -> dict[str, AmbisonicsRecord | ArrayRecord]:
+        """What hears the observation beside the two ears: name of a receiver (`layout.RECEIVERS`) → its channels."""
+        named = {layout.AMBISONICS: self.ambisonics, layout.ARRAY: self.array}
+        return {name: found for name, found in named.items() if found is not None}
 
 
 class VisionRecord(Record):

@@ -10,6 +10,7 @@ from avs3d_bench import __version__
 from avs3d_bench.errors import UsageError
 from avs3d_bench.provenance import Provenance, provenance
 from generators.acoustics.base import AcousticBackend, CompiledBackend
+from generators.receivers import Receivers, check_engine
 from generators.vision.base import VisionBackend
 
 #: The function that makes an observation (see `avs3d_bench.provenance`).
@@ -39,27 +40,38 @@ def vision_backend(name: str) -> VisionBackend:
     return backend
 
 
-def acoustic_backend(name: str, *, absorption_scale: float = 1.0) -> AcousticBackend:
-    """The acoustic engine called ``name``, with the absorption of every surface scaled (see `AcousticBackend`).
+def acoustic_backend(
+    name: str, *, absorption_scale: float = 1.0, receivers: Receivers | None = None
+) -> AcousticBackend:
+    """The acoustic engine called ``name``.
+
+    Args:
+        name: of the engine.
+        absorption_scale: see `AcousticBackend`.
+        receivers: what hears the sound beside, or instead of, the engine's own head.
 
     Raises:
-        UsageError: if there is none of that name.
+        UsageError: if there is no engine of that name, or it has no such receivers.
         Avs3dError: if what it needs is not installed, or the scale is out of range.
     """
     if name not in ACOUSTIC:
         raise UsageError(f"unknown acoustic backend {name!r}: expected {_any_of(ACOUSTIC)}")
-    backend: AcousticBackend = _load(ACOUSTIC[name])(absorption_scale=absorption_scale)
+    options: dict[str, Any] = {"absorption_scale": absorption_scale}
+    if receivers:
+        check_engine(name, hrtf=receivers.hrtf, **receivers.channels)
+        options |= {"receiver": receivers.head(), "others": receivers.others()}
+    backend: AcousticBackend = _load(ACOUSTIC[name])(**options)
     return backend
 
 
-def warm_up_acoustics(name: str) -> None:
-    """Import the acoustic engine called ``name``, and compile its kernels if it has any.
+def warm_up_acoustics(name: str, receivers: Receivers | None = None) -> None:
+    """Import the acoustic engine called ``name``, read what its receivers need, compile its kernels if it has any.
 
     Raises:
         UsageError: if there is none of that name.
         Avs3dError: if what it needs is not installed.
     """
-    engine = acoustic_backend(name)
+    engine = acoustic_backend(name, receivers=receivers)
     if isinstance(engine, CompiledBackend):
         engine.warm_up()
 

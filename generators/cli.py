@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -14,8 +15,63 @@ from avs3d_bench.scheduling.options import Options, scheduling_options
 from generators.core.limits import FRAMES, SIZE, WORKERS
 from generators.run.options import Audio, Extra, GenerateOptions, Vision
 
+#: Folders and receivers that `--with` takes; a receiver has a value of its own.
+_FOLDERS: tuple[Extra, ...] = get_args(Extra)
+_RECEIVERS = ("ambisonics", "array")
 
-@click.command(context_settings=HELP)
+
+@dataclass(frozen=True)
+class _Beside:
+    """What `--with` adds.
+
+    Attributes:
+        folders: optional folders.
+        ambisonics: order; None: no ambisonic clips.
+        array: file of the microphones; None: no array.
+    """
+
+    folders: tuple[Extra, ...] = ()
+    ambisonics: int | None = None
+    array: Path | None = None
+
+
+def _beside(_: click.Context, __: click.Parameter, values: tuple[str, ...]) -> _Beside:
+    """Read the values of `--with`: a folder, ``ambisonics``, ``ambisonics=ORDER`` or ``array=FILE``."""
+    found = _Beside()
+    for value in values:
+        name, given, text = value.partition("=")
+        folders = [folder for folder in _FOLDERS if folder == value]
+        if folders:
+            found = replace(found, folders=(*found.folders, *folders))
+        elif name == "ambisonics":
+            if given and text not in ("1", "2", "3"):
+                raise click.BadParameter(f"the order of ambisonics is {text!r}, expected 1, 2 or 3: ambisonics=2")
+            found = replace(found, ambisonics=int(text or 1))
+        elif name == "array":
+            if not text:
+                raise click.BadParameter("array needs a file that lists its microphones: --with array FILE")
+            found = replace(found, array=Path(text))
+        else:
+            known = ", ".join(map(repr, (*_FOLDERS, *_RECEIVERS)))
+            raise click.BadParameter(f"{value!r} is not one of {known}.")
+    return found
+
+
+class _Generate(click.Command):
+    """A command in which ``--with array`` takes the word after it, too."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Write ``--with array FILE`` as ``--with array=FILE`` before click takes it apart."""
+        joined: list[str] = []
+        for word in args:
+            if joined[-2:] == ["--with", "array"] or joined[-1:] == ["--with=array"]:
+                joined[-1] += f"={word}"
+            else:
+                joined.append(word)
+        return super().parse_args(ctx, joined)
+
+
+@click.command(cls=_Generate, context_settings=HELP)
 @click.argument("manifest", type=click.Path(path_type=Path))
 @click.option("-o", "--output", "root", required=True, type=PATH, metavar="ROOT", help="The dataset's folder.")
 @click.option(
@@ -34,8 +90,14 @@ from generators.run.options import Audio, Extra, GenerateOptions, Vision
 @click.option("--frames", type=click.IntRange(*FRAMES), default=None, help="Frames per observation (manifest: 120).")
 @click.option("--size", type=click.IntRange(*SIZE), default=None, help="Pixels per side (manifest: 1008).")
 @click.option(
-    "--with", "extras", multiple=True, type=click.Choice(get_args(Extra)), help="Also write this folder; repeatable."
+    "--with",
+    "beside",
+    multiple=True,
+    callback=_beside,
+    metavar=f"[{'|'.join(_FOLDERS)}|ambisonics[=ORDER]|array FILE]",
+    help="Also write this folder, or the clips of this receiver (--audio tracer only); repeatable.",
 )
+@click.option("--hrtf", type=PATH, metavar="FILE", help="SOFA file of the head that hears (--audio tracer only).")
 @click.option(
     "--scans",
     type=click.Path(path_type=Path),
@@ -51,12 +113,14 @@ def generate(
     habitat_python: Path | None,
     scans: Path | None,
     scheduling: Options,
+    beside: _Beside,
     **chosen: Any,
 ) -> None:
     """Generate the dataset that MANIFEST describes into a folder; run it again to continue after an interruption.
 
     The same manifest and the same versions give the same bytes, whatever the number of workers. Sound from the
-    SoundSpaces engine (RLRAudioPropagation, CC-BY-NC 4.0) is for non-commercial research; --audio analytic is free.
+    SoundSpaces engine (RLRAudioPropagation, CC-BY-NC 4.0) is for non-commercial research; that of --audio tracer and
+    --audio analytic is free.
     """
     # Before numpy is imported.
     os.environ.update(ONE_THREAD)
@@ -69,7 +133,7 @@ def generate(
     from generators.manifest import read_manifest
     from generators.run.generation import generate_plans, plans_of
 
-    options = GenerateOptions(**chosen)
+    options = GenerateOptions(extras=beside.folders, ambisonics=beside.ambisonics, array=beside.array, **chosen)
     source = read_manifest(manifest)
     plans = plans_of(source, options)
     outcome = generate_plans(source, plans, root, options, scheduling)

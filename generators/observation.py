@@ -16,7 +16,9 @@ from avs3d_bench.schema import (
     SCHEMA_VERSION,
     SOUND_SCENES_VERSION,
     AcousticsRecord,
+    AmbisonicsRecord,
     FrameRecord,
+    HrtfRecord,
     InstanceRecord,
     IntrinsicsRecord,
     LicenceRecord,
@@ -29,15 +31,17 @@ from generators.acoustics.clips import GAIN, check_clip, mono_clip, rms
 from generators.acoustics.decay import reverberation_time
 from generators.arrangement import Arrangement, arrange, draw_sounding, file_licence
 from generators.assets.sounds import load_sound, synthesise
-from generators.backends import acoustic_backend, vision_backend
+from generators.backends import vision_backend
 from generators.core.scene import Licence
 from generators.homes.store import open_home
 from generators.library import open_asset
+from generators.library.licences import spdx
 from generators.paths.stage import Camera, Stage
 from generators.paths.watcher import line_of_sight
 from generators.placement.placement import Placement
 from generators.plan import ObservationPlan, resolve_file
-from generators.recording.hearing import PRE_ROLL, Listening, heard
+from generators.receivers import Receivers
+from generators.recording.hearing import PRE_ROLL, Heard, Listening, heard
 from generators.recording.surface_points import SurfaceSampler
 from generators.recording.writer import ObservationWriter
 from generators.vision.base import Frame, VisionBackend
@@ -92,7 +96,7 @@ def generate_observation(
     decays: list[NDArray[np.float32]] = []
     lent = Lent(cores)
     with (
-        ObservationWriter(root / plan.key, depth=plan.depth, rirs=plan.rirs) as writer,
+        ObservationWriter(root / plan.key, **plan.optional_files) as writer,
         closing(Camera(ready.sight, stage, ready.intrinsics)) as view,
         heard(ready.listening, lambda: lent.ask() > 1) as sounds,
     ):
@@ -102,9 +106,11 @@ def generate_observation(
 
         pictures = view.frames(poses, write_pictures, lambda: lent.cores)
         # The sound first: its process must start before there are threads.
-        for index, (pose, (clip, response), frame) in enumerate(zip(poses, sounds, pictures, strict=False)):
-            check_clip(clip, f"{plan.key}, frame {index}")
+        for index, (pose, sound, frame) in enumerate(zip(poses, sounds, pictures, strict=False)):
+            clip, response = sound.head.clip, sound.head.response
+            check_heard(sound, f"{plan.key}, frame {index}")
             writer.add_sound(index, clip, response)
+            writer.add_recordings(index, sound.others)
             points.add(frame, pose, instances=not stage.moves)
             clips.append(clip)
             if index % max(1, len(poses) // T30_RESPONSES) == 0:
@@ -116,6 +122,17 @@ def generate_observation(
         writer.add_model(ready.intrinsics, poses, points.link(poses, stage.hidden))
         writer.add_sounding_mesh(stage.source(0).mesh)
         return writer.finish(describe_observation(plan, ready, frames, decays))
+
+
+def check_heard(sound: Heard, where: str, *, silence: bool = False) -> None:
+    """Refuse clips that are not finite, clip or are silent (see `check_clip`), of any receiver.
+
+    Raises:
+        Avs3dError: one line.
+    """
+    check_clip(sound.head.clip, where, silence=silence)
+    for name, one in sound.others.items():
+        check_clip(one.clip, f"{where}, {name}", silence=silence)
 
 
 class Lent:
@@ -181,7 +198,6 @@ def prepare_observation(plan: ObservationPlan, cache: Path) -> PreparedObservati
     sounding = draw_sounding(plan, seen.placements)
     stage = Stage(home, seen.placements, sounding, seen.motion)
     intrinsics = Intrinsics.from_fov(plan.camera.size, plan.camera.hfov)
-    engine = acoustic_backend(plan.audio, absorption_scale=plan.spec.acoustics.absorption_scale)
     assert plan.spec.category is not None
     sound = choose_sound(plan, plan.spec.category, plan.rng("sound"))
     seconds = range(len(seen.poses) + 1 if stage.moves else 1)
@@ -193,8 +209,9 @@ def prepare_observation(plan: ObservationPlan, cache: Path) -> PreparedObservati
         samples=sound.samples,
         poses=tuple(seen.poses),
         sources=tuple(stage.source(second).source_position for second in seconds),
+        receivers=plan.receivers,
     )
-    return PreparedObservation(seen, sounding, stage, sound, intrinsics, sight, engine, listening)
+    return PreparedObservation(seen, sounding, stage, sound, intrinsics, sight, listening.engine(), listening)
 
 
 def describe_observation(
@@ -230,18 +247,21 @@ def describe_observation(
         intrinsics=IntrinsicsRecord.of(ready.intrinsics),
         instances=ready.instances,
         sound=ready.sound.record,
-        acoustics=describe_acoustics(ready.engine, decays),
+        acoustics=describe_acoustics(ready.engine, plan.receivers, decays),
         vision=VisionRecord(backend=ready.sight.name, version=ready.sight.version),
         frames=tuple(frames),
         files={},
     )
 
 
-def describe_acoustics(engine: AcousticBackend, decays: list[NDArray[np.float32]]) -> AcousticsRecord:
+def describe_acoustics(
+    engine: AcousticBackend, receivers: Receivers, decays: list[NDArray[np.float32]]
+) -> AcousticsRecord:
     """The record of the acoustic simulation in observation.json.
 
     Args:
         engine: the acoustic engine.
+        receivers: what heard it.
         decays: impulse responses (2, n) from which the reverberation time is read; none where nothing sounds.
     """
     return AcousticsRecord(
@@ -251,6 +271,25 @@ def describe_acoustics(engine: AcousticBackend, decays: list[NDArray[np.float32]
         gain=GAIN,
         settings=engine.describe(),
         t30=reverberation_time(decays, layout.SAMPLE_RATE) if decays else None,
+        hrtf=describe_head(receivers),
+        ambisonics=AmbisonicsRecord(order=receivers.ambisonics) if receivers.ambisonics else None,
+        array=receivers.array,
+    )
+
+
+def describe_head(receivers: Receivers) -> HrtfRecord | None:
+    """The record of the measured head, with the licence that its file states; None: the engine's own head."""
+    head = receivers.head()
+    if head is None or receivers.hrtf is None:
+        return None
+    hrirs, name = head.hrirs, receivers.hrtf.name
+    return HrtfRecord(
+        asset=f"hrtf:{name}",
+        name=spdx(hrirs.licence) or "unknown",
+        author=hrirs.author or "unknown",
+        source=hrirs.origin or name,
+        title=hrirs.name,
+        sha256=hrirs.sha256,
     )
 
 

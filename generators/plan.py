@@ -13,7 +13,7 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -34,7 +34,16 @@ from generators.manifest import (
     select,
 )
 from generators.manifest import read_manifest as read_manifest  # re-exported
+from generators.receivers import OWN_HEAD, Receivers
 from generators.scans.files import ScanFiles, digest, find_scan_files, scan_files_of
+
+
+class OptionalFiles(TypedDict):
+    """The optional files of an observation, as the arguments of its writer."""
+
+    depth: bool
+    rirs: bool
+    receivers: dict[str, int]
 
 
 @dataclass(frozen=True)
@@ -56,6 +65,7 @@ class ObservationPlan:
         stems: whether the stems are written, in part_3.
         first: the plan of the observation whose pictures this one has, if it has those of another. Its bytes do not
             depend on it: where the pictures are not there, they are rendered again.
+        receivers: what hears the sound.
     """
 
     spec: ObservationSpec
@@ -74,6 +84,7 @@ class ObservationPlan:
     stems: bool = False
     first: ObservationPlan | None = None
     categories: dict[str, CategorySpec] = field(default_factory=dict)
+    receivers: Receivers = OWN_HEAD
 
     @property
     def key(self) -> str:
@@ -105,6 +116,11 @@ class ObservationPlan:
     def keeps_stems(self) -> bool:
         """Whether it writes stems; only sound scenes in which something can be heard have some."""
         return self.stems and bool(self.spec.sources or self.spec.background)
+
+    @property
+    def optional_files(self) -> OptionalFiles:
+        """What decides which optional files its writer writes."""
+        return {"depth": self.depth, "rirs": self.rirs, "receivers": self.receivers.channels}
 
     @cached_property
     def pictures_digest(self) -> str:
@@ -146,6 +162,8 @@ class ObservationPlan:
             # The names decide the class ids; where the objects stand matters for those of this observation only.
             used = (*self.spec.objects, *self.spec.heard)
             document["categories"] = [list(self.categories), self._declarations(used)]
+        if self.receivers:
+            document["receivers"] = self.receivers.identity()
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
     def _declarations(self, used: Iterable[str]) -> dict[str, Any]:
@@ -244,6 +262,7 @@ def make_plans(
     frames: int | None = None,
     size: int | None = None,
     extras: Collection[str] = (),
+    receivers: Receivers = OWN_HEAD,
 ) -> tuple[ObservationPlan, ...]:
     """One plan per selected observation.
 
@@ -255,6 +274,7 @@ def make_plans(
         frames: frames per observation; None: the manifest's.
         size: side of the pictures (pixels); None: the manifest's.
         extras: names of the optional folders: depth, rirs, stems.
+        receivers: what hears the sound; see `generators.receivers.choose_receivers`.
 
     Raises:
         UsageError: if a pattern of ``only`` matches nothing, or the lock file lacks an asset.
@@ -294,6 +314,7 @@ def make_plans(
             backends=backends,
             stems="stems" in extras,
             categories=manifest.categories,
+            receivers=receivers,
         )
 
     firsts = {spec.key: planned(spec) for spec in manifest.observations if spec.is_sound_scene and spec.like is None}

@@ -19,7 +19,7 @@ from avs3d_bench import __version__, files, layout
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.report import Problem
-from avs3d_bench.schema import DatasetRecord, ObservationRecord
+from avs3d_bench.schema import AcousticsRecord, DatasetRecord, ObservationRecord
 from generators.acoustics.base import AcousticBackend
 from generators.acoustics.clips import mono_clip
 from generators.backends import observation_provenance
@@ -28,15 +28,28 @@ from generators.manifest import ManifestFile, read_manifest
 from generators.observation import describe_frame, licence_record, prepare_observation
 from generators.paths.stage import Camera, Stage
 from generators.plan import ObservationPlan, make_plans
+from generators.receivers import Receivers, choose_receivers
 from generators.recording.hearing import heard
 from generators.recording.scene_writer import SceneWriter
 from generators.recording.stems import hear_sources
 from generators.recording.writer import ObservationWriter
-from generators.sound_scene import contents_of, make_background, mix, next_second, prepare_scene, write_second
+from generators.sound_scene import (
+    contents_of,
+    make_background,
+    mix,
+    next_second,
+    other_backgrounds,
+    prepare_scene,
+    write_second,
+)
 
 
 def regenerate(
-    root: Path, chosen: Mapping[str, Sequence[int]], manifest: Path | None, say: Callable[[str], None]
+    root: Path,
+    chosen: Mapping[str, Sequence[int]],
+    manifest: Path | None,
+    say: Callable[[str], None],
+    hrtf: Path | None = None,
 ) -> Iterator[Problem]:
     """Regenerate frames and report every file and record that differs.
 
@@ -46,9 +59,11 @@ def regenerate(
         manifest: the manifest's file, needed if it names files relative to it; otherwise the text in dataset.json is
             used.
         say: called with a line about each observation before it is regenerated.
+        hrtf: the SOFA file with which the dataset was made, if it was made with one.
 
     Raises:
-        UsageError: if the dataset has no manifest, or was made by other versions of the software or with other options.
+        UsageError: if the dataset has no manifest, or was made by other versions of the software or with other options,
+            or ``hrtf`` is missing or is another file.
         Avs3dError: if a file that the manifest names is missing.
     """
     dataset = Dataset(root)
@@ -57,7 +72,7 @@ def regenerate(
         raise UsageError(f"{root}: no {layout.DATASET_JSON}, and so no manifest from which to regenerate frames")
     with tempfile.TemporaryDirectory(prefix="avs3d-regenerate-") as folder:
         source = _manifest(record, manifest, Path(folder))
-        plans = {key: _plan(source, dataset[key], record) for key in chosen}
+        plans = {key: _plan(source, dataset[key], record, hrtf) for key in chosen}
         for key, indices in chosen.items():
             say(f"{key}: frames {', '.join(map(str, indices))}")
             compare = _compare_scene if plans[key].spec.is_sound_scene else _compare
@@ -75,7 +90,7 @@ def _manifest(record: DatasetRecord, manifest: Path | None, folder: Path) -> Man
     return read_manifest(path)
 
 
-def _plan(source: ManifestFile, observation: Observation, dataset: DatasetRecord) -> ObservationPlan:
+def _plan(source: ManifestFile, observation: Observation, dataset: DatasetRecord, hrtf: Path | None) -> ObservationPlan:
     """The plan of an observation as it was made.
 
     Raises:
@@ -96,10 +111,29 @@ def _plan(source: ManifestFile, observation: Observation, dataset: DatasetRecord
         size=camera.width,
         # The optional folders have the names of their options.
         extras={path.partition("/")[0] for path in record.files} & {layout.DEPTH, layout.RIRS, layout.STEMS},
+        receivers=_receivers(observation.key, record.acoustics, hrtf),
     )
     if plan.digest != record.plan_sha256:
         raise UsageError(f"{observation.key}: {_difference(plan, record, dataset)}")
     return plan
+
+
+def _receivers(key: str, acoustics: AcousticsRecord, hrtf: Path | None) -> Receivers:
+    """The receivers that heard an observation; the microphones of an array are in its record, a measured head is not.
+
+    Raises:
+        UsageError: if the file of the head is not given, or is another one.
+    """
+    head, order = acoustics.hrtf, acoustics.ambisonics.order if acoustics.ambisonics else None
+    if head is None:
+        return choose_receivers(acoustics.backend, ambisonics=order, array=acoustics.array)
+    which = f"the head of {head.asset.removeprefix('hrtf:')} (sha256 {head.sha256[:12]}…)"
+    if hrtf is None:
+        raise UsageError(f"{key}: heard with {which}; name that file with --hrtf")
+    found = choose_receivers(acoustics.backend, hrtf=hrtf, ambisonics=order, array=acoustics.array)
+    if found.hrtf_sha256 != head.sha256:
+        raise UsageError(f"{hrtf}: sha256 {found.hrtf_sha256[:12]}…, but {key} was heard with {which}; name that file")
+    return found
 
 
 def _difference(plan: ObservationPlan, record: ObservationRecord, dataset: DatasetRecord) -> str:
@@ -143,19 +177,20 @@ def _compare(
     needed = {frame for index in indices for frame, _, _ in layout.mono_window(index, len(seen.poses))}
     clips: list[NDArray[np.float32]] = [np.zeros((2, layout.BINAURAL_SAMPLES), dtype=np.float32) for _ in seen.poses]
     with (
-        ObservationWriter(scratch / plan.key, depth=plan.depth, rirs=plan.rirs) as writer,
+        ObservationWriter(scratch / plan.key, **plan.optional_files) as writer,
         closing(Camera(ready.sight, stage, ready.intrinsics)) as view,
         heard(ready.listening) as sounds,
     ):
-        for index, (clip, response) in zip(range(max(needed) + 1), sounds, strict=False):
-            clips[index] = clip
+        for index, sound in zip(range(max(needed) + 1), sounds, strict=False):
+            clip = clips[index] = sound.head.clip
             if index not in indices:
                 continue
             pose = seen.poses[index]
             frame = view.render(index, pose)
             mask = frame.instance_ids == ready.sounding
             writer.add_pictures(index, frame, mask)
-            writer.add_sound(index, clip, response)
+            writer.add_sound(index, clip, sound.head.response)
+            writer.add_recordings(index, sound.others)
             described = describe_frame(index, pose, mask, clip, stage)
             yield from _fields(observation.key, f"frames[{index}]", {"frames": described}, record, index)
         for index in indices:
@@ -179,7 +214,7 @@ def _compare_scene(
     needed = {frame for index in indices for frame, _, _ in layout.mono_window(index, len(poses))}
     last = len(poses) if plan.spec.background else max(needed) + 1
     with (
-        SceneWriter(scratch / plan.key, contents_of(plan, ready), depth=plan.depth, rirs=plan.rirs) as writer,
+        SceneWriter(scratch / plan.key, contents_of(plan, ready), **plan.optional_files) as writer,
         closing(Camera(ready.sight, Stage(ready.home, ready.seen.placements), ready.intrinsics)) as view,
         closing(hear_sources(ready.listenings(plan))) as seconds,
     ):
@@ -203,9 +238,14 @@ def _compare_scene(
             writer.add_mono(index, mono_clip(clips, index))
         if ready.sounding:
             writer.add_sounding_mesh(*(placement.mesh for placement in ready.sounding.values()))
-        for path in writer.folder.glob(f"{layout.RIRS}/*/*"):
-            if layout.frame_index(path.stem) not in indices:
-                path.unlink()  # a response of a frame that nobody asked for
+        for index, others in enumerate(other_backgrounds(plan, background, last)):
+            if index in indices:
+                writer.add_other_background(index, others, f"{plan.key}, frame {index}")
+        written = (layout.rirs_folder, layout.clips_folder, layout.stems_folder)
+        for folder in {folder_of(receiver) for folder_of in written for receiver in (None, *plan.receivers.channels)}:
+            for path in (writer.folder / folder).rglob("frame_*"):
+                if layout.frame_index(path.stem) not in indices:
+                    path.unlink()  # of a frame that nobody asked for
         yield from _files(observation, writer.folder)
 
 

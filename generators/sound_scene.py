@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -35,7 +35,7 @@ from avs3d_bench.schema import (
     VisionRecord,
 )
 from avs3d_bench.taxonomy import class_ids
-from generators.acoustics.background import diffuse_noise
+from generators.acoustics.background import diffuse_noise, diffuse_seconds
 from generators.acoustics.base import AcousticBackend
 from generators.acoustics.clips import check_clip, mono_clip, rms
 from generators.arrangement import Arrangement, arrange
@@ -169,6 +169,7 @@ class PreparedScene:
                 samples=source.samples,
                 poses=tuple(self.seen.poses),
                 sources=(source.position,),
+                receivers=plan.receivers,
             )
             for source in self.sources
         )
@@ -199,7 +200,7 @@ def generate_sound_scene(
     ready = prepare_scene(plan, cache)
     lent = Lent(cores)
     sounds = moved_beside(hear_sources(ready.listenings(plan)), lambda: lent.ask() > 1)
-    with SceneWriter(root / plan.key, contents_of(plan, ready), depth=plan.depth, rirs=plan.rirs) as writer:
+    with SceneWriter(root / plan.key, contents_of(plan, ready), **plan.optional_files) as writer:
         with sounds as seconds:
             if pictures is None:
                 heard = _render(plan, ready, writer, seconds, on_frame, lent)
@@ -215,6 +216,8 @@ def generate_sound_scene(
             clip, frame = write_second(plan, ready, writer, index, second, noise)
             clips.append(clip)
             frames.append(frame)
+        for index, others in enumerate(other_backgrounds(plan, background, len(heard))):
+            writer.add_other_background(index, others, f"{plan.key}, frame {index}")
         for index in range(len(clips)):
             writer.add_mono(index, mono_clip(clips, index))
         if ready.sounding:
@@ -264,7 +267,9 @@ def prepare_scene(plan: ObservationPlan, cache: Path) -> PreparedScene:
         sources=choose_sources(plan, home, seen.placements),
         intrinsics=Intrinsics.from_fov(plan.camera.size, plan.camera.hfov),
         sight=sight,
-        engine=acoustic_backend(plan.audio, absorption_scale=plan.spec.acoustics.absorption_scale),
+        engine=acoustic_backend(
+            plan.audio, absorption_scale=plan.spec.acoustics.absorption_scale, receivers=plan.receivers
+        ),
         scene=home.with_parts(tuple(p.part(number) for number, p in enumerate(seen.placements, start=1))),
     )
 
@@ -362,13 +367,19 @@ def next_second(
     seconds: Iterator[tuple[HeardSource, ...]],
     index: int,
 ) -> tuple[HeardSource, ...]:
-    """What is heard of every source in the next second; nothing if there is none."""
+    """What is heard of every source in the next second; nothing if there is none.
+
+    Responses, and all that other receivers hear of the sources, are written at once.
+    """
     heard = next(seconds, ())
     if len(heard) != len(ready.sources):
         raise Avs3dError(f"{plan.key}, frame {index}: {len(heard)} stems of {len(ready.sources)} sources were computed")
     for source, one in zip(ready.sources, heard, strict=True):
         writer.add_response(index, source.id, one.response)
-    return heard
+    others = {source.id: one.others for source, one in zip(ready.sources, heard, strict=True)}
+    writer.add_others(index, others, f"{plan.key}, frame {index}")
+    # What the other receivers hear is written, and too large to be kept.
+    return tuple(replace(one, others={}) for one in heard)
 
 
 def _render(
@@ -415,6 +426,26 @@ def make_background(
     level = (decibels(mean) if mean > 0 else REFERENCE_LEVEL_DB) - spec.snr_db
     noise *= np.float32(10 ** (level / 20))
     return BackgroundRecord(kind=spec.kind, snr_db=spec.snr_db, level_db=decibels(power(noise))), noise
+
+
+def other_backgrounds(
+    plan: ObservationPlan, background: BackgroundRecord | None, seconds: int
+) -> Iterator[dict[str, Clip]]:
+    """For every second: name of each receiver beside the two ears → its background (channels, 44100).
+
+    Every receiver hears another draw of the same diffuse field. Its level is that of the sound pressure at a point,
+    which is the level at each ear. There is none where there is no background, or no such receiver.
+    """
+    others = plan.receivers.others()
+    if background is None or not others:
+        return
+    scale = np.float32(10 ** (background.level_db / 20))
+    fields = {
+        name: diffuse_seconds(background.kind, one.diffuse_covariance, seconds, plan.own_rng(f"background/{name}"))
+        for name, one in others.items()
+    }
+    for _ in range(seconds):
+        yield {name: next(field) * scale for name, field in fields.items()}
 
 
 def stems_of(
@@ -522,7 +553,7 @@ def describe_scene(
         group=spec.like or plan.key,
         intrinsics=IntrinsicsRecord.of(ready.intrinsics),
         instances=ready.instances,
-        acoustics=describe_acoustics(ready.engine, decays),
+        acoustics=describe_acoustics(ready.engine, plan.receivers, decays),
         vision=VisionRecord(backend=ready.sight.name, version=ready.sight.version),
         frames=tuple(frames),
         files={},

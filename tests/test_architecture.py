@@ -126,7 +126,8 @@ HOUSE = {
         "assets": "core",
         "vision": "core assets",
         "acoustics": "core",
-        "backends": "vision acoustics",
+        "receivers": "acoustics",
+        "backends": "vision acoustics receivers",
         "apartments": "core assets",
         "scans": "core assets acoustics",
         "lighting": "core",
@@ -135,16 +136,18 @@ HOUSE = {
         "categories": "core",
         "manifest": "core categories",
         "library": "core assets vision lighting manifest",
-        "plan": "assets backends scans categories manifest library",
+        "plan": "assets receivers backends scans categories manifest library",
         "homes": "core assets apartments scans lighting plan",
-        "recording": "core vision acoustics backends",
+        "recording": "core vision acoustics receivers backends",
         "arrangement": "core assets placement paths manifest library plan",
-        "observation": "core assets vision acoustics backends placement paths library plan homes recording arrangement",
+        "observation": "core assets vision acoustics receivers backends placement paths library plan homes recording "
+        "arrangement",
         "programme": "manifest",
         "sound_scene": "core vision acoustics backends placement paths plan homes recording arrangement programme "
         "observation",
-        "run": "core assets vision backends scans manifest library plan homes recording observation sound_scene",
-        "regenerate": "core acoustics backends paths manifest plan recording observation sound_scene",
+        "run": "core assets vision receivers backends scans manifest library plan homes recording observation "
+        "sound_scene",
+        "regenerate": "core acoustics receivers backends paths manifest plan recording observation sound_scene",
         "cli": "core manifest run",
     },
     "evaluators": {

@@ -49,8 +49,9 @@ def test_reverberation_of_the_second_before_is_there():
     [
         (np.zeros(SR), np.zeros((2, 10)), 1, "has 44100 samples, expected at least 88200"),
         (np.zeros(SR), np.zeros((2, 10)), -1, "expected at least"),
-        (np.zeros((2, SR)), np.zeros((2, 10)), 0, r"expected \(n,\) and \(2, m\)"),
-        (np.zeros(SR), np.zeros((2, 0)), 0, r"expected \(n,\) and \(2, m\)"),
+        (np.zeros((2, SR)), np.zeros((2, 10)), 0, r"expected \(n,\) and \(channels, m\)"),
+        (np.zeros(SR), np.zeros((2, 0)), 0, r"expected \(n,\) and \(channels, m\)"),
+        (np.zeros(SR), np.zeros((4, 10)), 0, r"expected \(2, m\) of two ears"),
         (np.full(SR, np.nan), np.zeros((2, 10)), 0, "NaN"),
         (np.zeros(SR), np.full((2, 10), np.inf), 0, "NaN or infinite"),
     ],

@@ -190,6 +190,8 @@ def _licences(record: DatasetRecord, records: Mapping[str, ObservationRecord]) -
             use(found.sound.asset, found.sound.licence)
         for source in found.sources or ():
             use(source.asset, source.licence)
+        if found.acoustics.hrtf is not None:
+            use(found.acoustics.hrtf.asset, found.acoustics.hrtf)
     for asset in sorted(used):
         if asset not in listed:
             yield f"attributions lack {asset}"

@@ -13,9 +13,12 @@ from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import UsageError
 from avs3d_bench.report import Problem, ordered
 
-#: Entry points that make frames again: called with (root, key → indices, manifest or None, say), they give problems.
+#: Entry points that make frames again: called with (root, key → indices, manifest or None, say, SOFA file or None),
+#: they give problems.
 GROUP = "avs3d.regenerate"
-Maker = Callable[[Path, Mapping[str, Sequence[int]], Path | None, Callable[[str], None]], Iterable[Problem]]
+Maker = Callable[
+    [Path, Mapping[str, Sequence[int]], Path | None, Callable[[str], None], Path | None], Iterable[Problem]
+]
 
 
 def choose_frames(root: str | Path, count: int, seed: int) -> dict[str, tuple[int, ...]]:
@@ -68,6 +71,7 @@ def regenerate(
     seed: int,
     manifest: Path | None = None,
     say: Callable[[str], None] = lambda _: None,
+    hrtf: Path | None = None,
 ) -> tuple[Problem, ...]:
     """Make ``count`` random frames again and compare their bytes.
 
@@ -77,9 +81,10 @@ def regenerate(
         seed: decides which.
         manifest: the manifest's file, if it names files beside it.
         say: called with a line about what is being made.
+        hrtf: the SOFA file of the head with which the dataset was made, if it was made with one.
 
     Raises:
         UsageError: if the generator is not installed, or its versions are not those that made the dataset.
     """
     maker = find_maker()
-    return ordered(list(maker(Path(root), choose_frames(root, count, seed), manifest, say)))
+    return ordered(list(maker(Path(root), choose_frames(root, count, seed), manifest, say, hrtf)))

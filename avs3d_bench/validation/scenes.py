@@ -40,9 +40,9 @@ SILENT_DB = -120.0
 BACKGROUND_VARIES_DB = 6.0
 
 
-def has_stems(files: set[str]) -> bool:
-    """Whether an observation was made with stems."""
-    return any(path.startswith(f"{layout.STEMS}/") for path in files)
+def has_stems(files: set[str], receiver: str | None = None) -> bool:
+    """Whether an observation was made with stems (of a receiver; None: of the two ears)."""
+    return any(path.startswith(f"{layout.stems_folder(receiver)}/") for path in files)
 
 
 def tail_of(record: ObservationRecord, source: SourceRecord) -> float:

@@ -109,7 +109,7 @@ def _sound_scene(observation: Observation, record: ObservationRecord | None, fil
     """What decides the files of an observation of part_3: its record, or the folders where that cannot be read."""
     if not observation.is_sound_scene:
         return None
-    stems = has_stems(files)
+    stems = any(has_stems(files, receiver) for receiver in (None, *_receivers(record, files)))
     if record is not None and record.sources is not None:
         names = tuple(source.id for source in record.sources)
         in_room = any(source.instance is not None for source in record.sources)
@@ -121,12 +121,46 @@ def _sound_scene(observation: Observation, record: ObservationRecord | None, fil
     )
 
 
+def _has(files: set[str], folder: str) -> bool:
+    """Whether there is a file in a folder."""
+    return any(path.startswith(f"{folder}/") for path in files)
+
+
+def _receivers(record: ObservationRecord | None, files: set[str]) -> tuple[str, ...]:
+    """The receivers beside the two ears: from the record, or the folders where that cannot be read."""
+    if record is not None:
+        return tuple(record.acoustics.receivers)
+    return tuple(name for name in layout.RECEIVERS if _has(files, layout.clips_folder(name)))
+
+
+def _sounds(record: ObservationRecord | None) -> dict[str, tuple[int, int]]:
+    """Folder of clips (or top folder of stems) → channels and samples of its files."""
+    found = {
+        layout.BINAURAL: (2, layout.BINAURAL_SAMPLES),
+        layout.STEMS: (2, layout.BINAURAL_SAMPLES),
+        layout.MONO: (1, layout.MONO_SAMPLES),
+    }
+    for name, channels in (record.acoustics.receivers if record else {}).items():
+        for folder in (layout.clips_folder(name), layout.stems_folder(name)):
+            found[folder] = (channels.channels, layout.BINAURAL_SAMPLES)
+    return found
+
+
 def _check_files_of_ours(
     observation: Observation, record: ObservationRecord | None, files: set[str], frames: int, findings: Findings
 ) -> None:
     scene = _sound_scene(observation, record, files)
-    has = {folder: any(path.startswith(f"{folder}/") for path in files) for folder in (layout.DEPTH, layout.RIRS)}
-    expected = set(layout.expected_files(frames, depth=has[layout.DEPTH], rirs=has[layout.RIRS], sound_scene=scene))
+    receivers = _receivers(record, files)
+    responses = [layout.rirs_folder(receiver) for receiver in (None, *receivers)]
+    expected = set(
+        layout.expected_files(
+            frames,
+            depth=_has(files, layout.DEPTH),
+            rirs=any(_has(files, folder) for folder in responses),
+            sound_scene=scene,
+            receivers=receivers,
+        )
+    )
     _check_missing(expected, files, findings)
     for path in files - expected - {layout.OBSERVATION_JSON}:
         kind = "left over from an interrupted run" if path.endswith(".tmp") else "surplus file; the layout has no such"
@@ -216,7 +250,7 @@ def _check_headers(
         layout.CATEGORY_MASKS: "grey, 8 bit",
         layout.DEPTH: "grey, 16 bit",
     }
-    sounds = {layout.BINAURAL: (2, layout.BINAURAL_SAMPLES), layout.MONO: (1, layout.MONO_SAMPLES)}
+    sounds = _sounds(record)
     for path in sorted(files):
         folder, _, name = path.rpartition("/")
         try:
@@ -230,11 +264,9 @@ def _check_headers(
                 # The release's images/ are undistorted: their size is COLMAP's affair.
                 if size and found != size and (ours or folder != layout.IMAGES):
                     findings.add(path, f"{found[0]}×{found[1]} pixels, expected {size[0]}×{size[1]}")
-            elif (kind := layout.BINAURAL if folder.startswith(f"{layout.STEMS}/") else folder) in sounds and (
-                name.endswith(".wav")
-            ):
+            elif (top := path.partition("/")[0]) in sounds and name.endswith(".wav"):
                 sound = media.wav_header(observation.path / path)
-                channels, samples = sounds[kind]
+                channels, samples = sounds[top]
                 if sound.rate != layout.SAMPLE_RATE:
                     findings.add(path, f"{sound.rate} Hz, expected {layout.SAMPLE_RATE} Hz")
                 if sound.channels != channels:

@@ -51,6 +51,18 @@ class BatchSession(AcousticSession, Protocol):
         ...
 
 
+@runtime_checkable
+class ReceiverSession(AcousticSession, Protocol):
+    """A session with more receivers than the head."""
+
+    def other_responses(self, pose: Pose) -> dict[str, NDArray[np.float32]]:
+        """Name of each receiver beside the head → its response (channels, n) float32, from the head's own sound.
+
+        They do not change what `impulse_response` gives.
+        """
+        ...
+
+
 class AcousticBackend(Protocol):
     """An acoustic engine.
 

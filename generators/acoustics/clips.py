@@ -22,27 +22,27 @@ GAIN = 0.1
 _TAPS = 16
 
 
-def binaural_clip(
+def receiver_clip(
     source: NDArray[np.floating],
     impulse_response: NDArray[np.floating],
     index: int,
     sample_rate: int = SAMPLE_RATE,
     gain: float = GAIN,
 ) -> NDArray[np.float32]:
-    """The second ``index`` of the source as heard by a listener at pose ``index``, earlier reverberation included.
+    """The second ``index`` of the source as heard by a receiver at pose ``index``, earlier reverberation included.
 
     clip = gain · (source ∗ h)[index·sr : (index + 1)·sr]. Only the stretch of the source that can still be heard is
     convolved (overlap-add).
 
     Args:
         source: (n,) mono source signal from time 0 on; n ≥ (index + 1)·sample_rate.
-        impulse_response: (2, m) binaural room impulse response of the frame's pose, channel 0 left.
+        impulse_response: (channels, m) room impulse response of the frame's pose; of two ears, channel 0 is left.
         index: frame number = second of the source.
         sample_rate: of both, Hz.
         gain: fixed gain, the same for all clips of a dataset.
 
     Returns:
-        (2, sample_rate) float32.
+        (channels, sample_rate) float32.
 
     Raises:
         Avs3dError: if the source is too short, shapes are wrong, or a number is not finite.
@@ -54,6 +54,23 @@ def binaural_clip(
     heard = signal[first:stop].astype(np.float64)
     wet = oaconvolve(heard[None, :], response.astype(np.float64), axes=1)[:, start - first : stop - first]
     return np.asarray(gain * wet, dtype=np.float32)
+
+
+def binaural_clip(
+    source: NDArray[np.floating],
+    impulse_response: NDArray[np.floating],
+    index: int,
+    sample_rate: int = SAMPLE_RATE,
+    gain: float = GAIN,
+) -> NDArray[np.float32]:
+    """`receiver_clip` of two ears: the response is (2, m), channel 0 left.
+
+    Raises:
+        Avs3dError: as `receiver_clip`, and if the response has other than two channels.
+    """
+    if np.ndim(impulse_response) != 2 or np.shape(impulse_response)[0] != 2:
+        raise Avs3dError(f"clip {index}: impulse response {np.shape(impulse_response)}, expected (2, m) of two ears")
+    return receiver_clip(source, impulse_response, index, sample_rate, gain)
 
 
 def moving_clip(
@@ -82,18 +99,18 @@ def moving_clip(
 
     Args:
         source: (n,) mono source signal from time 0 on; n ≥ (index + 1)·sample_rate.
-        impulse_responses: (2, m) each, from where the source is at successive full seconds up to ``index + 1``; at
-            least two.
+        impulse_responses: (channels, m) each, from where the source is at successive full seconds up to
+            ``index + 1``; at least two.
         distances: from the listener to the source then, metres.
         index: frame number = second of the source.
         sample_rate: of all, Hz.
         gain: fixed gain.
 
     Returns:
-        (2, sample_rate) float32; where all responses and distances are equal, what `binaural_clip` gives.
+        (channels, sample_rate) float32; where all responses and distances are equal, what `receiver_clip` gives.
 
     Raises:
-        Avs3dError: as `binaural_clip`, and if there are not as many distances as responses.
+        Avs3dError: as `receiver_clip`, and if there are not as many distances as responses.
     """
     signal = np.asarray(source)
     count = len(impulse_responses)
@@ -102,7 +119,7 @@ def moving_clip(
     start, stop = index * sample_rate, (index + 1) * sample_rate
     knots = stop + sample_rate * np.arange(1 - count, 1)
     lags = np.asarray(distances, dtype=np.float64) / SPEED_OF_SOUND * sample_rate
-    out = np.zeros((2, sample_rate))
+    out = np.zeros((np.shape(impulse_responses[0])[0], sample_rate))
     for k, found in enumerate(impulse_responses):
         response = _checked(signal, found, index, sample_rate)
         # The stretch in which sound leaves the source with this response, and can still be heard.
@@ -158,19 +175,19 @@ def _checked(
 ) -> NDArray[np.floating]:
     """The impulse response, if it and the source can make the second ``index``."""
     response = np.asarray(response)
-    if signal.ndim != 1 or response.ndim != 2 or response.shape[0] != 2 or response.shape[1] == 0:
+    if signal.ndim != 1 or response.ndim != 2 or 0 in response.shape:
         raise Avs3dError(
-            f"binaural clip {index}: source {signal.shape} and impulse response {response.shape}, "
-            "expected (n,) and (2, m)"
+            f"clip {index}: source {signal.shape} and impulse response {response.shape}, "
+            "expected (n,) and (channels, m)"
         )
     start, stop = index * sample_rate, (index + 1) * sample_rate
     if index < 0 or len(signal) < stop:
         raise Avs3dError(
-            f"binaural clip {index}: the source has {len(signal)} samples, expected at least {stop} ({index + 1} s)"
+            f"clip {index}: the source has {len(signal)} samples, expected at least {stop} ({index + 1} s)"
         )
     heard = signal[max(0, start - response.shape[1] + 1) : stop]
     if not np.isfinite(heard).all() or not np.isfinite(response).all():
-        raise Avs3dError(f"binaural clip {index}: the source or its impulse response holds NaN or infinite samples")
+        raise Avs3dError(f"clip {index}: the source or its impulse response holds NaN or infinite samples")
     return response
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,19 +13,46 @@ from numpy.typing import NDArray
 from avs3d_bench import layout
 from avs3d_bench.ahead import moved_beside
 from avs3d_bench.geometry import Pose
-from generators.acoustics.base import AcousticSession, BatchSession
-from generators.acoustics.clips import binaural_clip, moving_clip
+from generators.acoustics.base import AcousticBackend, AcousticSession, BatchSession, ReceiverSession
+from generators.acoustics.clips import moving_clip, receiver_clip
 from generators.backends import acoustic_backend
 from generators.core.scene import Scene
+from generators.receivers import OWN_HEAD, Receivers
 
 #: Seconds of the source before the first frame, so that the first clip holds reverberation too.
 PRE_ROLL = 2
+#: Name of the head among the receivers of `responses_at`.
+HEAD = "head"
 #: Poses that hear a moving source at one place: a clip needs the places one second before and after it too.
 _POSES_OF_A_PLACE = 3
 
 Vector = tuple[float, float, float]
-#: A frame's clip (2, 44100) and the impulse response (2, n) from where the source is at its beginning.
-Heard = tuple[NDArray[np.float32], NDArray[np.float32]]
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What one receiver hears in one second.
+
+    Attributes:
+        clip: (channels, 44100) float32.
+        response: (channels, n) float32, from where the source is at the beginning of the second.
+    """
+
+    clip: NDArray[np.float32]
+    response: NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Heard:
+    """What is heard in one second.
+
+    Attributes:
+        head: what the two ears hear; channel 0 is left.
+        others: name of each other receiver → what it hears.
+    """
+
+    head: Recording
+    others: Mapping[str, Recording] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +68,7 @@ class Listening:
         poses: of the listener at the beginning of each second.
         sources: position of a source that moves at the beginning of each second and at the end, len(poses) + 1; the
             one position of a source that stands still.
+        receivers: what hears it.
     """
 
     backend: str
@@ -50,18 +78,25 @@ class Listening:
     samples: NDArray[np.float32]
     poses: tuple[Pose, ...]
     sources: tuple[Vector, ...]
+    receivers: Receivers = OWN_HEAD
+
+    def engine(self) -> AcousticBackend:
+        """The acoustic engine with its receivers."""
+        return acoustic_backend(self.backend, absorption_scale=self.absorption_scale, receivers=self.receivers)
 
 
 def hear(listening: Listening) -> Generator[Heard]:
     """What is heard in each second, in order: an engine's responses depend on the sequence of calls."""
-    engine = acoustic_backend(listening.backend, absorption_scale=listening.absorption_scale)
-    session = engine.open(listening.scene, listening.sources[0], room=listening.room, sample_rate=layout.SAMPLE_RATE)
+    session = listening.engine().open(
+        listening.scene, listening.sources[0], room=listening.room, sample_rate=layout.SAMPLE_RATE
+    )
+    moves = len(listening.sources) > 1
+    hear_one = _hear_moving if moves else hear_still
     if isinstance(session, BatchSession):
-        moves = len(listening.sources) > 1
         session.prepare(listening.poses, *([_POSES_OF_A_PLACE] if moves else []))
     try:
         for index in range(len(listening.poses)):
-            yield _hear_second(session, listening, index)
+            yield hear_one(session, listening, index)
     finally:
         session.close()
 
@@ -75,16 +110,35 @@ def heard(listening: Listening, beside: Callable[[], bool] = lambda: False) -> A
     return moved_beside(hear(listening), beside)
 
 
-def _hear_second(session: AcousticSession, listening: Listening, index: int) -> Heard:
-    pose, sources = listening.poses[index], listening.sources
-    if len(sources) == 1:
-        response = session.impulse_response(pose)
-        return binaural_clip(listening.samples, response, index + PRE_ROLL), response
+def responses_at(session: AcousticSession, pose: Pose) -> dict[str, NDArray[np.float32]]:
+    """Receiver → its response (channels, n) at a pose; the head, called `HEAD`, comes first."""
+    found = {HEAD: session.impulse_response(pose)}
+    return found | session.other_responses(pose) if isinstance(session, ReceiverSession) else found
+
+
+def hear_still(session: AcousticSession, listening: Listening, index: int) -> Heard:
+    """What is heard in second ``index`` of a source that stands still."""
+    responses = responses_at(session, listening.poses[index])
+    samples, second = listening.samples, index + PRE_ROLL
+    return _heard({name: Recording(receiver_clip(samples, one, second), one) for name, one in responses.items()})
+
+
+def _hear_moving(session: AcousticSession, listening: Listening, index: int) -> Heard:
+    """The same of a source that moves: it is heard from where it was when the sound left it."""
+    pose = listening.poses[index]
     # Before the first frame the source stands where it begins.
-    places = [sources[second] for second in range(max(index - 1, 0), index + 2)]
-    responses = []
+    places = [listening.sources[second] for second in range(max(index - 1, 0), index + 2)]
+    found: list[dict[str, NDArray[np.float32]]] = []
     for place in places:
         session.move_source(place)
-        responses.append(session.impulse_response(pose))
+        found.append(responses_at(session, pose))
     distances = [math.dist(place, pose.position) for place in places]
-    return moving_clip(listening.samples, responses, distances, index + PRE_ROLL), responses[-2]
+    recordings = {}
+    for name in found[0]:
+        clip = moving_clip(listening.samples, [one[name] for one in found], distances, index + PRE_ROLL)
+        recordings[name] = Recording(clip, found[-2][name])
+    return _heard(recordings)
+
+
+def _heard(recordings: dict[str, Recording]) -> Heard:
+    return Heard(recordings[HEAD], {name: one for name, one in recordings.items() if name != HEAD})

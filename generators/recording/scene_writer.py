@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from avs3d_bench import files, layout, media
 from avs3d_bench.schema import ObservationRecord
+from generators.acoustics.clips import check_clip
+from generators.recording.hearing import Recording
+from generators.recording.stems import mixture
 from generators.recording.writer import ObservationWriter
 
 
@@ -21,10 +24,19 @@ class SceneWriter(ObservationWriter):
         contents: what decides which files it has.
         depth: write ``depth/``.
         rirs: write ``rirs/``.
+        receivers: see `ObservationWriter`.
     """
 
-    def __init__(self, folder: Path, contents: layout.SoundScene, *, depth: bool = False, rirs: bool = False) -> None:
-        super().__init__(folder, depth=depth, rirs=rirs)
+    def __init__(
+        self,
+        folder: Path,
+        contents: layout.SoundScene,
+        *,
+        depth: bool = False,
+        rirs: bool = False,
+        receivers: Mapping[str, int] | None = None,
+    ) -> None:
+        super().__init__(folder, depth=depth, rirs=rirs, receivers=receivers)
         self._contents = contents
         self._linked: dict[str, str] = {}
 
@@ -44,6 +56,46 @@ class SceneWriter(ObservationWriter):
         """Write the impulse response (2, n) from a source to frame ``index``, if responses are kept."""
         if self._rirs:
             media.write_rir(self.folder / layout.rir_path(index, source), response)
+
+    def add_others(self, index: int, sources: Mapping[str, Mapping[str, Recording]], where: str) -> None:
+        """Write what the receivers beside the two ears hear of all sources in frame ``index``, without the background.
+
+        Args:
+            index: of the frame.
+            sources: id of each source → name of a receiver → what it hears of the source.
+            where: names the frame in messages.
+
+        Raises:
+            Avs3dError: if a clip exceeds full scale or is not finite.
+        """
+        for name, channels in self._channels.items():
+            heard = {source: recordings[name] for source, recordings in sources.items()}
+            clip = mixture([one.clip for one in heard.values()], channels)
+            self._write_other(name, index, clip, where)
+            for source, one in heard.items():
+                if self._rirs:
+                    path = self.folder / layout.rir_path(index, source, name)
+                    media.write_rir(path, one.response, channels=channels)
+                if source in self._contents.stem_names:
+                    media.write_wav(self.folder / layout.stem_path(source, index, name), one.clip)
+
+    def add_other_background(self, index: int, noise: Mapping[str, NDArray[np.float32]], where: str) -> None:
+        """Add the background of a frame to the clips that `add_others` wrote.
+
+        Args:
+            index: of the frame.
+            noise: name of a receiver → (channels, 44100).
+            where: names the frame in messages.
+        """
+        for name, samples in noise.items():
+            clip = media.read_wav(self.folder / layout.audio_path(layout.clips_folder(name), index)).samples
+            self._write_other(name, index, mixture([clip, samples], len(samples)), where)
+            if layout.BACKGROUND in self._contents.stem_names:
+                media.write_wav(self.folder / layout.stem_path(layout.BACKGROUND, index, name), samples)
+
+    def _write_other(self, name: str, index: int, clip: NDArray[np.float32], where: str) -> None:
+        check_clip(clip, f"{where}, {name}", silence=True)
+        media.write_wav(self.folder / layout.audio_path(layout.clips_folder(name), index), clip)
 
     def add_stems(self, index: int, stems: Mapping[str, NDArray[np.float32]]) -> None:
         """Write the stems (2, 44100) of frame ``index``, by their name, if stems are kept."""
@@ -68,7 +120,13 @@ class SceneWriter(ObservationWriter):
         return int(np.count_nonzero(mask))
 
     def _paths(self) -> tuple[str, ...]:
-        return layout.expected_files(self._frames, depth=self._depth, rirs=self._rirs, sound_scene=self._contents)
+        return layout.expected_files(
+            self._frames,
+            depth=self._depth,
+            rirs=self._rirs,
+            sound_scene=self._contents,
+            receivers=self._channels,
+        )
 
     def _known_digests(self) -> dict[str, str]:
         return dict(self._linked)

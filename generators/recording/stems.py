@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,7 @@ from avs3d_bench.schema import AUDIBLE_LEVEL_DB, AUDIBLE_SNR_DB, AudibleRecord
 from generators.acoustics.base import BatchSession
 from generators.acoustics.clips import binaural_clip
 from generators.acoustics.direct import DirectPath
-from generators.backends import acoustic_backend
-from generators.recording.hearing import PRE_ROLL, Listening
+from generators.recording.hearing import PRE_ROLL, Listening, Recording, hear_still
 
 Clip = NDArray[np.float32]
 
@@ -39,11 +38,13 @@ class HeardSource:
         stem: (2, 44100) float32, its own clip.
         drr_db: level of the direct sound in it above that of all that comes later; None where there is none of either.
         response: (2, n) float32, from the source to the listener.
+        others: name of each receiver beside the two ears → what it hears of the source.
     """
 
     stem: Clip
     drr_db: float | None
     response: NDArray[np.float32]
+    others: Mapping[str, Recording] = field(default_factory=dict)
 
 
 def hear_sources(listenings: Sequence[Listening]) -> Generator[tuple[HeardSource, ...]]:
@@ -57,19 +58,19 @@ def hear_sources(listenings: Sequence[Listening]) -> Generator[tuple[HeardSource
     sessions = []
     try:
         for one in listenings:
-            engine = acoustic_backend(one.backend, absorption_scale=one.absorption_scale)
-            sessions.append(engine.open(one.scene, one.sources[0], room=one.room, sample_rate=layout.SAMPLE_RATE))
+            sessions.append(one.engine().open(one.scene, one.sources[0], room=one.room, sample_rate=layout.SAMPLE_RATE))
             if isinstance(sessions[-1], BatchSession):
                 sessions[-1].prepare(one.poses, max(1, _TOGETHER // len(listenings)))
         paths = [DirectPath(one.scene, one.sources[0]) for one in listenings]
         for index, pose in enumerate(listenings[0].poses):
             heard = []
             for one, session, path in zip(listenings, sessions, paths, strict=True):
-                response = session.impulse_response(pose)
-                stem = binaural_clip(one.samples, response, index + PRE_ROLL)
+                found = hear_still(session, one, index)
+                stem, response = found.head.clip, found.head.response
                 direct = path.of(response, pose)
                 part = None if direct is None else binaural_clip(one.samples, direct, index + PRE_ROLL)
-                heard.append(HeardSource(stem, None if part is None else direct_to_reverberant(part, stem), response))
+                ratio = None if part is None else direct_to_reverberant(part, stem)
+                heard.append(HeardSource(stem, ratio, response, found.others))
             yield tuple(heard)
     finally:
         for session in sessions:
@@ -98,9 +99,9 @@ def decibels(value: float) -> float:
     return 10 * math.log10(value) if value > 0 else -math.inf
 
 
-def mixture(stems: Sequence[Clip]) -> Clip:
-    """The sum of stems (2, 44100), rounded once; silence for none."""
-    total = np.zeros((2, layout.BINAURAL_SAMPLES))
+def mixture(stems: Sequence[Clip], channels: int = 2) -> Clip:
+    """The sum of stems (channels, 44100), rounded once; silence for none."""
+    total = np.zeros((channels, layout.BINAURAL_SAMPLES))
     for stem in stems:
         total += stem
     return total.astype(np.float32)

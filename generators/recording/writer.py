@@ -10,7 +10,7 @@ import os
 import secrets
 import shutil
 import socket
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -24,6 +24,7 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
 from avs3d_bench.schema import CameraSplits, ObservationRecord
 from generators.core.scene import Mesh
+from generators.recording.hearing import Recording
 from generators.recording.surface_points import SurfacePoints
 from generators.vision.base import Frame
 
@@ -57,13 +58,17 @@ class ObservationWriter:
         folder: the observation's final folder.
         depth: write ``depth/``.
         rirs: write ``rirs/``.
+        receivers: those beside the two ears whose clips (and responses) are written → number of their channels.
     """
 
-    def __init__(self, folder: Path, *, depth: bool = False, rirs: bool = False) -> None:
+    def __init__(
+        self, folder: Path, *, depth: bool = False, rirs: bool = False, receivers: Mapping[str, int] | None = None
+    ) -> None:
         self._final = folder
         self._partial = hidden_name(folder, "new")
         self._depth = depth
         self._rirs = rirs
+        self._channels = dict(receivers or {})
         self._frames = 0
 
     @property
@@ -100,6 +105,14 @@ class ObservationWriter:
         self.add_clip(index, clip)
         if self._rirs:
             media.write_rir(self._partial / layout.rir_path(index), response)
+
+    def add_recordings(self, index: int, others: Mapping[str, Recording]) -> None:
+        """Write what the other receivers hear in frame ``index``: clips, and impulse responses if they are kept."""
+        for name, one in others.items():
+            media.write_wav(self._partial / layout.audio_path(layout.clips_folder(name), index), one.clip)
+            if self._rirs:
+                path = self._partial / layout.rir_path(index, receiver=name)
+                media.write_rir(path, one.response, channels=self._channels[name])
 
     def add_clip(self, index: int, clip: NDArray[np.float32]) -> None:
         """Write the binaural clip (2, 44100) of frame ``index``."""
@@ -157,7 +170,7 @@ class ObservationWriter:
 
     def _paths(self) -> tuple[str, ...]:
         """Every file that the observation must have, relative to its folder."""
-        return layout.expected_files(self._frames, depth=self._depth, rirs=self._rirs)
+        return layout.expected_files(self._frames, depth=self._depth, rirs=self._rirs, receivers=self._channels)
 
     def _known_digests(self) -> dict[str, str]:
         """Path → sha256 of the files whose contents need not be read again."""

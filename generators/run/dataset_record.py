@@ -94,6 +94,8 @@ def seal(source: ManifestFile, root: Path, software: Provenance) -> None:
             used.append((record.sound.asset, record.sound.licence))
         used += [(source.asset, source.licence) for source in record.sources or ()]
         attributions += [AttributionRecord(asset=asset, **licence.model_dump()) for asset, licence in used]
+        if record.acoustics.hrtf is not None:
+            attributions.append(record.acoustics.hrtf.attribution)
     if entries:
         record_of_all = _record(source, entries, [*attributions, *_of_scans(source)], backends, software)
         files.write_json(root / layout.DATASET_JSON, record_of_all)

@@ -16,6 +16,7 @@ from avs3d_bench.user_path import user_path
 from generators.core.folders import default_cache
 from generators.manifest import ManifestFile, read_manifest
 from generators.plan import ObservationPlan, make_plans
+from generators.receivers import choose_receivers
 from generators.run.options import Audio, Extra, GenerateOptions, Vision
 from generators.run.progress import reporting
 from generators.run.runner import Outcome, RunSettings, default_limit, run
@@ -33,6 +34,9 @@ def generate(
     size: int | None = None,
     extras: Sequence[Extra] = (),
     progress: bool = False,
+    hrtf: str | Path | None = None,
+    ambisonics: int | None = None,
+    array: str | Path | None = None,
 ) -> Outcome:
     """Generate the dataset that a manifest describes into a folder, as `avs3d generate` does.
 
@@ -50,6 +54,9 @@ def generate(
         size: side of the pictures (pixels); None: the manifest's.
         extras: optional folders: depth pictures, impulse responses, stems (of part_3).
         progress: show a bar on stderr, and a line per finished observation.
+        hrtf: SOFA file of the head that hears the binaural clips; only with the tracer, as the next two.
+        ambisonics: order of ambisonic clips, 1 to 3, beside the binaural ones; None: there are none.
+        array: file that lists the microphones of an array; None: there is none.
 
     Returns:
         The keys that were made, kept from an earlier call, and failed with their message.
@@ -69,13 +76,24 @@ def generate(
             assert not outcome.failed
             print(Dataset("data/small")[0].frames[0].audio().shape)
     """
-    options = GenerateOptions(only, workers, vision, audio, frames, size, extras)
+    options = GenerateOptions(
+        only,
+        workers,
+        vision,
+        audio,
+        frames,
+        size,
+        extras,
+        hrtf=None if hrtf is None else Path(hrtf),
+        ambisonics=ambisonics,
+        array=None if array is None else Path(array),
+    )
     source = manifest if isinstance(manifest, ManifestFile) else read_manifest(Path(manifest))
     return generate_plans(source, plans_of(source, options), Path(root), options, progress=progress)
 
 
 def plans_of(source: ManifestFile, options: GenerateOptions) -> tuple[ObservationPlan, ...]:
-    """The observations that ``options`` ask for; raises what `make_plans` does."""
+    """The observations that ``options`` ask for; raises what `make_plans` and `choose_receivers` do."""
     return make_plans(
         source,
         only=options.only,
@@ -84,6 +102,9 @@ def plans_of(source: ManifestFile, options: GenerateOptions) -> tuple[Observatio
         frames=options.frames,
         size=options.size,
         extras=options.extras,
+        receivers=choose_receivers(
+            options.audio, hrtf=options.hrtf, ambisonics=options.ambisonics, array=options.array
+        ),
     )
 
 

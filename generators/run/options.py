@@ -29,6 +29,9 @@ class GenerateOptions:
         size: side of the pictures (pixels); None: the manifest's.
         extras: optional folders.
         cache: folder of baked homes; None: ``$AVS3D_CACHE``, or the user's cache folder.
+        hrtf: SOFA file of the head that hears the binaural clips; None: the engine's own head.
+        ambisonics: order of ambisonic clips; None: there are none.
+        array: file with the microphones of an array; None: there is none.
     """
 
     only: Sequence[str] = ()
@@ -39,6 +42,9 @@ class GenerateOptions:
     size: int | None = None
     extras: Sequence[Extra] = ()
     cache: Path | None = None
+    hrtf: Path | None = None
+    ambisonics: int | None = None
+    array: Path | None = None
 
     def __post_init__(self) -> None:
         """Refuse what is out of range.

@@ -151,7 +151,9 @@ def _make(
     stopped = False
     with (settings.scheduler or (lambda: LocalScheduler(settings.workers)))() as pool:
         tasks = _tasks(todo, place, threads=1 if settings.shared else settings.workers, limit=settings.limit)
-        policy = replace(settings.policy, warm_up=Task("load", load, (todo[0].vision, todo[0].audio)))
+        policy = replace(
+            settings.policy, warm_up=Task("load", load, (todo[0].vision, todo[0].audio, todo[0].receivers))
+        )
         with closing(pool.run(tasks, policy, lambda event: listen(_named(event)))) as results:
             for result in results:
                 key = result.task.name

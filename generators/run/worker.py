@@ -21,6 +21,7 @@ from generators.backends import backend_versions, vision_backend, warm_up_acoust
 from generators.homes.store import prepare_home
 from generators.observation import generate_observation
 from generators.plan import ObservationPlan
+from generators.receivers import Receivers
 from generators.run.finished import find_damage, find_finished
 from generators.sound_scene import generate_sound_scene
 
@@ -48,12 +49,12 @@ def prepare(context: Context, plan: ObservationPlan, place: Place, threads: int)
     with _fit(plan, place):
         context.report("home", plan.spec.scan)
         prepare_home(plan, place.cache, workers=threads)
-        _warm_up(plan.vision, plan.audio)
+        _warm_up(plan.vision, plan.audio, plan.receivers)
 
 
-def load(_: Context, vision: str, audio: str) -> None:
+def load(_: Context, vision: str, audio: str, receivers: Receivers) -> None:
     """Import and compile what observations need, while their homes are built elsewhere."""
-    _warm_up(vision, audio)
+    _warm_up(vision, audio, receivers)
 
 
 def make_observation(context: Context, plan: ObservationPlan, place: Place) -> str:
@@ -63,7 +64,7 @@ def make_observation(context: Context, plan: ObservationPlan, place: Place) -> s
         a line about it.
     """
     with _fit(plan, place):
-        _warm_up(plan.vision, plan.audio)
+        _warm_up(plan.vision, plan.audio, plan.receivers)
         started = time.perf_counter()
         context.report("start", str(plan.camera.frames))
 
@@ -99,9 +100,9 @@ def _pictures(plan: ObservationPlan, root: Path) -> Path | None:
 
 
 @lru_cache(maxsize=4)
-def _warm_up(vision: str, audio: str) -> None:
+def _warm_up(vision: str, audio: str, receivers: Receivers) -> None:
     vision_backend(vision).warm_up()
-    warm_up_acoustics(audio)
+    warm_up_acoustics(audio, receivers)
 
 
 @contextmanager

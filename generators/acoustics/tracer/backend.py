@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -37,6 +38,7 @@ class TracerBackend:
         settings: how much work a trace is worth.
         absorption_scale: factor of every surface's Eyring exponent, −ln(1 − α).
         threads: of a trace; the responses do not depend on it.
+        others: name → receiver of `TracerSession.other_responses`.
     """
 
     name = "tracer"
@@ -49,6 +51,7 @@ class TracerBackend:
         *,
         absorption_scale: float = 1.0,
         threads: int = 1,
+        others: Mapping[str, Receiver] | None = None,
     ) -> None:
         """Check the numbers.
 
@@ -62,6 +65,7 @@ class TracerBackend:
         if not 1 <= threads <= _MOST_THREADS:
             raise Avs3dError(f"tracer: threads is {threads}, expected 1 to {_MOST_THREADS}")
         self.receiver: Receiver = receiver
+        self.others = dict(others or {})
         self.settings = settings or TraceSettings()
         self.absorption_scale = checked_scale(absorption_scale)
         self.threads = threads
@@ -85,6 +89,7 @@ class TracerBackend:
             room,
             sample_rate,
             receiver=self.receiver,
+            others=self.others,
             settings=self.settings,
             absorption_scale=self.absorption_scale,
             threads=self.threads,
@@ -130,4 +135,5 @@ class TracerBackend:
                 diffracted(surfaces, lit_edges(surfaces.edges, source), listener),
                 *trace(surfaces, images, listener[None], few, 1),
             ]
-            self.receiver.response(Arrivals.joined(found), np.eye(3), 44_100)
+            for receiver in (self.receiver, *self.others.values()):
+                receiver.response(Arrivals.joined(found), np.eye(3), 44_100)

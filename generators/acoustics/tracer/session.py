@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -71,6 +71,7 @@ class TracerSession:
         settings: TraceSettings,
         absorption_scale: float = 1.0,
         threads: int = 1,
+        others: Mapping[str, Receiver] | None = None,
     ) -> None:
         """Prepare the scene; the arguments are those of `TracerBackend`, which checks them, and of its ``open``."""
         self.sample_rate = sample_rate
@@ -82,6 +83,7 @@ class TracerSession:
             seconds=min(settings.seconds / livelier, LONGEST),
         )
         self._receiver, self._settings, self._threads = receiver, settings, threads
+        self._others = dict(others or {})
         self._scene = scene.name
         box = scene.room(room)
         mesh = acoustic_mesh(scene, source, absorption_scale=absorption_scale)
@@ -165,6 +167,17 @@ class TracerSession:
             self.arrivals(pose), pose.rotation_matrix, self.sample_rate
         )
         return response
+
+    def other_responses(self, pose: Pose) -> dict[str, NDArray[np.float32]]:
+        """Name of each receiver beside the first → its response (channels, n) float32, from the same arrivals.
+
+        Raises:
+            Avs3dError: as `arrivals`.
+        """
+        if not self._others:
+            return {}
+        arrivals, rotation = self.arrivals(pose), pose.rotation_matrix
+        return {name: one.response(arrivals, rotation, self.sample_rate) for name, one in self._others.items()}
 
     def close(self) -> None:
         """Free the arrivals and the scene."""

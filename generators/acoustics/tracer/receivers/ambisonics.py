@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from avs3d_bench.errors import UsageError
-from avs3d_bench.schema import Scalar
+from avs3d_bench.schema import AmbisonicsRecord, Scalar
 from generators.acoustics.tracer.arrivals import BANDS, Arrivals
 from generators.acoustics.tracer.receivers.synthesis import (
     Port,
@@ -26,8 +26,6 @@ from generators.acoustics.tracer.receivers.synthesis import (
 F64 = NDArray[np.float64]
 
 MOST_ORDER = 3
-#: Letters of the channels (after Gerzon and Malham), in ACN order.
-_LETTERS = "WYZXVTRSUQOMKLNP"
 
 
 def ambisonic_axes(directions: ArrayLike) -> F64:
@@ -78,16 +76,17 @@ class Ambisonics:
         if isinstance(order, bool) or not isinstance(order, int) or not 1 <= order <= MOST_ORDER:
             raise UsageError(f"ambisonics: order is {order!r}, expected 1 to {MOST_ORDER}")
         self.order = order
+        self.record = AmbisonicsRecord(order=order)
 
     @property
     def channels(self) -> int:
         """(order + 1)²."""
-        return (self.order + 1) ** 2
+        return self.record.channels
 
     @property
     def channel_names(self) -> tuple[str, ...]:
         """W, Y, Z, X, … in ACN order."""
-        return tuple(_LETTERS[: self.channels])
+        return self.record.channel_names
 
     def response(self, arrivals: Arrivals, rotation: NDArray[np.float64], sample_rate: int) -> NDArray[np.float32]:
         """Ambisonic response ((order + 1)², m) float32; see `Receiver`. W is the pressure in the free field."""
@@ -97,6 +96,12 @@ class Ambisonics:
         index = np.arange(len(arrivals), dtype=np.int32)
         port = Port(0.0, index, rows, ((0, self.channels),) * len(BANDS))
         return synthesise(arrivals, [port], grids_of_length(samples, sample_rate), samples)
+
+    def diffuse_covariance(self, frequency: NDArray[np.floating]) -> F64:
+        """See `FreeFieldReceiver`: the 2l + 1 channels of degree l are uncorrelated and share the power 1."""
+        degree = np.sqrt(np.arange(self.channels)).astype(int)
+        powers = np.diag(1.0 / (2 * degree + 1))
+        return np.broadcast_to(powers, (len(frequency), *powers.shape))
 
     def describe(self) -> dict[str, Scalar]:
         """The settings that go into observation.json."""

@@ -43,3 +43,20 @@ class Receiver(Protocol):
     def describe(self) -> dict[str, Scalar]:
         """The settings that go into observation.json."""
         ...
+
+
+class FreeFieldReceiver(Receiver, Protocol):
+    """Channels without a head in the sound field, at or near the listener's position."""
+
+    def diffuse_covariance(self, frequency: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Covariance of the channels in a diffuse field whose sound pressure has the power 1.
+
+        It does not depend on the listener's rotation.
+
+        Args:
+            frequency: (n,) Hz.
+
+        Returns:
+            (n, channels, channels) real, symmetric.
+        """
+        ...

@@ -102,6 +102,11 @@ class SofaHead:
         self._calibration = _calibrated(self._hrirs, self._mesh, self._path)
         self._tables: dict[int, _Table] = {}
 
+    @property
+    def hrirs(self) -> HrirSet:
+        """The responses of the file."""
+        return self._hrirs
+
     def response(self, arrivals: Arrivals, rotation: NDArray[np.float64], sample_rate: int) -> NDArray[np.float32]:
         """Binaural response (2, m) float32, channel 0 is left; see `Receiver`."""
         directions = checked(arrivals, rotation, sample_rate)

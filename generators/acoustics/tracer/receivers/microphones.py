@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError, model_validator
 
+from avs3d_bench import layout
 from avs3d_bench.errors import Avs3dError, excerpt
-from avs3d_bench.files import sha256_bytes
-from avs3d_bench.schema import Record, Scalar, describe
+from avs3d_bench.schema import ArrayRecord, MicrophoneRecord, Record, Scalar, describe
 from avs3d_bench.yamlfile import Limits, read_yaml
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.tracer.arrivals import BANDS, Arrivals
@@ -34,8 +34,6 @@ from generators.acoustics.tracer.receivers.synthesis import (
     synthesise,
 )
 
-#: Most microphones of an array: as many as the channels that a WAV file of common programs holds.
-MOST_MICROPHONES = 256
 #: Farthest microphone from the centre of the head (m): beyond, plane waves and the checks of the path say nothing.
 FARTHEST = 1.0
 _EXPECTED = "expected microphones: [{name: TEXT, position: [x, y, z]}, …] in metres"
@@ -43,20 +41,20 @@ _EXPECTED = "expected microphones: [{name: TEXT, position: [x, y, z]}, …] in m
 _Coordinate = Annotated[float, Field(strict=True, ge=-FARTHEST, le=FARTHEST)]
 
 
-class MicrophoneRecord(Record):
+class _Microphone(Record):
     """One microphone: its place in the head's frame in metres, and a name."""
 
     position: tuple[_Coordinate, _Coordinate, _Coordinate]
     name: Annotated[str, Field(min_length=1, max_length=60)] | None = None
 
 
-class ArrayRecord(Record):
+class _ArrayFile(Record):
     """The file of an array."""
 
-    microphones: Annotated[tuple[MicrophoneRecord, ...], Field(min_length=1, max_length=MOST_MICROPHONES)]
+    microphones: Annotated[tuple[_Microphone, ...], Field(min_length=1, max_length=layout.MOST_CHANNELS)]
 
     @model_validator(mode="after")
-    def _named_once(self) -> ArrayRecord:
+    def _named_once(self) -> _ArrayFile:
         names = self.names
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
@@ -69,27 +67,37 @@ class ArrayRecord(Record):
         return tuple(one.name or f"mic_{number}" for number, one in enumerate(self.microphones, 1))
 
 
-class Array:
-    """Omnidirectional microphones at given places.
-
-    Args:
-        path: of the file.
+def read_array(path: str | Path) -> ArrayRecord:
+    """The microphones of a file.
 
     Raises:
         Avs3dError: one line with the file, the field, what was found and what was expected.
     """
+    document, _ = read_yaml(path, Limits(bytes=1_000_000, nodes=20_000))
+    if not isinstance(document, dict):
+        raise Avs3dError(f"{path}: is {excerpt(document)}; {_EXPECTED}")
+    try:
+        file = _ArrayFile.model_validate(document)
+    except ValidationError as error:
+        raise Avs3dError(f"{path}: {describe(error)[0]}; {_EXPECTED}") from None
+    places = zip(file.names, file.microphones, strict=True)
+    return ArrayRecord(microphones=tuple(MicrophoneRecord(name=name, position=one.position) for name, one in places))
 
-    def __init__(self, path: str | Path) -> None:
-        document, data = read_yaml(path, Limits(bytes=1_000_000, nodes=20_000))
-        if not isinstance(document, dict):
-            raise Avs3dError(f"{path}: is {excerpt(document)}; {_EXPECTED}")
-        try:
-            record = ArrayRecord.model_validate(document)
-        except ValidationError as error:
-            raise Avs3dError(f"{path}: {describe(error)[0]}; {_EXPECTED}") from None
-        self.positions = np.array([one.position for one in record.microphones])
-        self.channel_names = record.names
-        self._file, self._sha256 = Path(path).name, sha256_bytes(data)
+
+class Array:
+    """Omnidirectional microphones at given places.
+
+    Args:
+        source: the microphones, or the file that lists them.
+
+    Raises:
+        Avs3dError: as `read_array`.
+    """
+
+    def __init__(self, source: ArrayRecord | str | Path) -> None:
+        self.record = source if isinstance(source, ArrayRecord) else read_array(source)
+        self.positions = np.array([one.position for one in self.record.microphones])
+        self.channel_names = self.record.channel_names
 
     @property
     def channels(self) -> int:
@@ -108,11 +116,11 @@ class Array:
         ports = [Port(delay, index, rows, ((0, 1),) * len(BANDS)) for delay in delays]
         return synthesise(arrivals, ports, grids_of_length(samples, sample_rate), samples)
 
+    def diffuse_covariance(self, frequency: NDArray[np.floating]) -> NDArray[np.float64]:
+        """See `FreeFieldReceiver`: sin(kd)/(kd) of two microphones at a distance d (Cook et al., JASA 27, 1955)."""
+        apart = np.linalg.norm(self.positions[:, None] - self.positions[None], axis=-1)
+        return np.asarray(np.sinc(2 * np.asarray(frequency)[:, None, None] * apart / SPEED_OF_SOUND))
+
     def describe(self) -> dict[str, Scalar]:
         """The settings that go into observation.json."""
-        return {
-            "receiver": "array",
-            "array_file": self._file,
-            "array_sha256": self._sha256,
-            "microphones": self.channels,
-        }
+        return {"receiver": "array", "microphones": self.channels}

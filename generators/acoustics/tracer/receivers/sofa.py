@@ -33,6 +33,8 @@ LEAST_SAMPLES = 16
 _MOST_NUMBERS = 200_000_000
 #: Larger numbers are none: netCDF writes 9.97e36 for a missing value.
 _FILL = 1e30
+#: Longest text of an attribute that is kept (characters).
+_LONGEST_TEXT = 200
 _VARIABLES = (
     "Data.IR",
     "Data.SamplingRate",
@@ -58,6 +60,8 @@ class HrirSet:
         sample_rate: Hz.
         name: title, database and subject, as far as the file has them.
         licence: the file's own words; may be empty.
+        author: the organisation that made it, or whom to contact; may be empty.
+        origin: where it came from, in the file's words; may be empty.
         sha256: of the file.
     """
 
@@ -67,6 +71,8 @@ class HrirSet:
     sample_rate: float
     name: str
     licence: str
+    author: str
+    origin: str
     sha256: str
 
 
@@ -115,7 +121,9 @@ def read_hrirs(path: str | Path) -> HrirSet:
         delays[keep] / rate[0],
         float(rate[0]),
         _title(file) or path.stem,
-        file.attributes.get("License", "")[:200],
+        file.attributes.get("License", "")[:_LONGEST_TEXT],
+        (file.attributes.get("Organization") or file.attributes.get("AuthorContact", ""))[:_LONGEST_TEXT],
+        (file.attributes.get("Origin") or file.attributes.get("References", ""))[:_LONGEST_TEXT],
         sha256_file(path),
     )
 
@@ -249,4 +257,4 @@ def _distinct(directions: F64, distances: F64) -> NDArray[np.intp]:
 
 def _title(file: _File) -> str:
     parts = (file.attributes.get(name, "") for name in ("Title", "DatabaseName", "ListenerShortName"))
-    return " ".join(dict.fromkeys(word for part in parts for word in part.split()))[:200]
+    return " ".join(dict.fromkeys(word for part in parts for word in part.split()))[:_LONGEST_TEXT]
