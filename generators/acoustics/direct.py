@@ -29,6 +29,10 @@ class DirectPath:
         self._triangles = acoustic_mesh(scene, source).triangles
         self._source = np.asarray(source, dtype=np.float64)
 
+    def is_free(self, pose: Pose) -> bool:
+        """Whether nothing is between the source and the listener."""
+        return not blocked(self._triangles, np.asarray(pose.position), self._source)
+
     def of(
         self, response: NDArray[np.float32], pose: Pose, sample_rate: int = SAMPLE_RATE
     ) -> NDArray[np.float32] | None:
@@ -42,10 +46,9 @@ class DirectPath:
         Returns:
             (2, m), m ≤ n: the response with all but its direct sound set to 0.
         """
-        position = np.asarray(pose.position)
-        if blocked(self._triangles, position, self._source):
+        if not self.is_free(pose):
             return None
-        arrival = math.dist(position, self._source) / SPEED_OF_SOUND
+        arrival = math.dist(pose.position, self._source) / SPEED_OF_SOUND
         first = max(math.floor((arrival - BEFORE) * sample_rate), 0)
         last = math.ceil((arrival + AFTER) * sample_rate)
         direct = response[:, :last].copy()

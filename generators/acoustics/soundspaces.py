@@ -50,6 +50,8 @@ from generators.core.scene import Scene
 SAMPLE_RATES = (16_000, 22_050, 32_000, 44_100)
 #: A listener of the default 0.1 m radius hears everything 13 samples early.
 LISTENER_RADIUS = 0.001
+#: The engine's omnidirectional channel is the spherical harmonic of order 0, 1/√(4π).
+_OMNI_GAIN = math.sqrt(4 * math.pi)
 
 
 @dataclass(frozen=True)
@@ -101,18 +103,22 @@ class SoundSpacesBackend:
 
     name = "soundspaces"
 
-    def __init__(self, settings: RaySettings | None = None, *, absorption_scale: float = 1.0) -> None:
+    def __init__(
+        self, settings: RaySettings | None = None, *, absorption_scale: float = 1.0, omni: bool = False
+    ) -> None:
         """Check that the engine is there.
 
         Args:
             settings: how much work a response is worth.
             absorption_scale: factor of every surface's Eyring exponent, −ln(1 − α).
+            omni: one omnidirectional channel without a head, for measurements; 1/r in the free field.
 
         Raises:
             Avs3dError: if the package is not installed, or the scale is out of range.
         """
         self.settings = settings or RaySettings()
         self.absorption_scale = checked_scale(absorption_scale)
+        self.omni = omni
         self._engine = _import_engine()
         self.version = metadata.version("rlr-audio-propagation")
 
@@ -124,7 +130,9 @@ class SoundSpacesBackend:
         Raises:
             Avs3dError: if the source, the meshes or the sample rate would make the engine hang, crash or lie.
         """
-        return SoundSpacesSession(self._engine, self.settings, scene, source, room, sample_rate, self.absorption_scale)
+        return SoundSpacesSession(
+            self._engine, self.settings, scene, source, room, sample_rate, self.absorption_scale, omni=self.omni
+        )
 
     def describe(self) -> dict[str, Scalar]:
         """The settings that go into observation.json."""
@@ -134,7 +142,7 @@ class SoundSpacesBackend:
             "version": self.version,
             "licence": "CC-BY-NC-4.0",
             **asdict(self.settings),
-            "hrtf": "built-in",
+            "hrtf": "none" if self.omni else "built-in",
             "listener_radius_m": LISTENER_RADIUS,
             "global_volume": 1.0,
             "residual_absorption": RESIDUAL,
@@ -157,6 +165,8 @@ class SoundSpacesSession:
         room: str,
         sample_rate: int,
         absorption_scale: float = 1.0,
+        *,
+        omni: bool = False,
     ) -> None:
         if sample_rate not in SAMPLE_RATES:
             raise Avs3dError(
@@ -176,7 +186,10 @@ class SoundSpacesSession:
         self.depth = reflections_to_decay(mesh, box, settings.decay_db, limit)
         self._context: Any = _new_context(engine, settings, self.depth, sample_rate)
         _upload(self._context, mesh)
-        self._context.add_listener(engine.ChannelLayout(engine.ChannelLayoutType.Binaural, 2))
+        layouts = engine.ChannelLayoutType
+        self._channels = 1 if omni else 2
+        self._gain = _OMNI_GAIN if omni else 1.0
+        self._context.add_listener(engine.ChannelLayout(layouts.Mono if omni else layouts.Binaural, self._channels))
         self._context.set_listener_radius(0, LISTENER_RADIUS)
         self._context.add_source()
         self._context.set_source_position(0, self._source)
@@ -203,7 +216,7 @@ class SoundSpacesSession:
         return checked_position(self._scene_name, what, position, self._bounds)
 
     def impulse_response(self, pose: Pose) -> NDArray[np.float32]:
-        """Binaural room impulse response (2, n) float32, channel 0 left, global volume 1.
+        """Binaural room impulse response (2, n) float32, channel 0 left, global volume 1; (1, n) of an omni listener.
 
         ``Pose`` has already refused NaN and quaternions that are not of unit length.
 
@@ -218,7 +231,8 @@ class SoundSpacesSession:
             self._context.set_listener_position(0, position)
             self._context.set_listener_orientation_quaternion(0, (rotation / np.linalg.norm(rotation)).tolist())
             self._context.simulate()
-            response = np.stack([self._context.get_ir_channel(0, 0, k) for k in (0, 1)]).astype(np.float32)
+            response = np.stack([self._context.get_ir_channel(0, 0, k) for k in range(self._channels)])
+            response = (self._gain * response).astype(np.float32)
         except (SystemError, RuntimeError, ValueError) as error:
             raise Avs3dError(
                 f"{self._scene_name}: the acoustic engine failed at listener {position}: {error}"
