@@ -14,7 +14,7 @@ import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -25,10 +25,13 @@ from numpy.typing import NDArray
 
 from avs3d_bench import __version__
 from avs3d_bench.files import read_json, write_bytes, write_json
+from avs3d_bench.geometry import direction_to
 from benchmarks.acoustic_measures import ENGINES, OCTAVES, decibels, head_levels, measure, responses
 from benchmarks.unseen_homes import home_of
 from generators.acoustics.direct import DirectPath
+from generators.acoustics.materials import material_for, spectral_label
 from generators.arrangement import arrange, draw_sounding
+from generators.core.scene import Part, Scene
 from generators.paths.stage import Stage
 from generators.paths.watcher import line_of_sight
 from generators.plan import ObservationPlan, make_plans, read_manifest
@@ -43,23 +46,38 @@ LEVEL, DRR, T30, SIGN = 1.0, 1.5, 10.0, 99.0
 AUDIBLE_ILD = 1.0
 
 
-def observe(plan: ObservationPlan, poses: int) -> dict[str, Any]:
-    """Both engines at ``poses`` poses of one observation."""
+def diffuse(scene: Scene) -> Scene:
+    """The scene with surfaces that absorb as before and scatter all that they reflect."""
+
+    def label(name: str) -> str:
+        return spectral_label(material_for(name).in_situ, (1.0,) * len(OCTAVES))  # type: ignore[arg-type]
+
+    def part(one: Part) -> Part:
+        known = {name: label(name) for name in set(one.mesh.acoustic_labels)}
+        return replace(one, mesh=replace(one.mesh, acoustic_labels=tuple(known[n] for n in one.mesh.acoustic_labels)))
+
+    return replace(scene, parts=tuple(part(one) for one in scene.parts))
+
+
+def observe(plan: ObservationPlan, poses: int, scattering: bool) -> dict[str, Any]:
+    """Both engines at ``poses`` poses of one observation; with ``scattering``, all surfaces scatter all sound."""
     home = home_of(plan).for_room(plan.spec.room)
     seen = arrange(plan, home)
     stage = Stage(home, seen.placements, draw_sounding(plan, seen.placements), seen.motion)
-    source, scene = stage.source(0), stage.scene(0)
+    source = stage.source(0)
+    scene = diffuse(stage.scene(0)) if scattering else stage.scene(0)
     chosen = [seen.poses[k] for k in np.unique(np.linspace(0, len(seen.poses) - 1, poses).round().astype(int))]
     path = DirectPath(scene, source.source_position)
     rows: list[dict[str, Any]] = []
     for pose in chosen:
-        distance = math.dist(pose.position, source.source_position)
-        row = {"distance": distance, "free": path.is_free(pose)}
-        rows.append(row | {"sight": line_of_sight(stage.caster, pose, source)})
+        metres = math.dist(pose.position, source.source_position)
+        row: dict[str, Any] = {"distance": metres, "azimuth": direction_to(pose, source.source_position).azimuth}
+        sight = line_of_sight(stage.caster, pose, source)
+        rows.append(row | {"free": path.is_free(pose), "sight": sight})
     for engine in ENGINES:
         found = responses(engine, scene, source.source_position, plan.spec.room, chosen)
         for row, (head, omni) in zip(rows, found, strict=True):
-            distance = row["distance"] if row["free"] else None
+            distance: float | None = row["distance"] if row["free"] else None
             assert head is not None
             row[engine] = {"head": asdict(measure(head, distance)), "omni": asdict(measure(omni, distance))}
     return {"key": plan.key, "room": f"{plan.spec.scan}/{plan.spec.room}", "poses": rows}
@@ -86,7 +104,8 @@ class Rows:
         tracer, other = decibels(self._both(lambda found: np.mean(found["energy"], axis=0), what))
         difference = np.asarray(tracer - other)
         if what == "head":
-            difference -= np.subtract(*(self._heads[engine]["octaves"] for engine in ENGINES))
+            own = [np.array(self._heads[engine]["octaves"]) for engine in ENGINES]
+            difference -= own[0] - own[1]
         return difference
 
     def white_levels(self) -> F64:
@@ -107,12 +126,30 @@ class Rows:
         """(2, 6) mean T30 in each octave, s."""
         return np.asarray(np.nanmean(self._both(lambda found: np.array(found["t30"], dtype=float), what), axis=(1, 2)))
 
-    def signs(self, least: float = 0.0) -> tuple[int, int]:
-        """Poses in line of sight with an ILD of at least ``least`` dB in both engines; those with the same sign."""
+    def _ild(self) -> F64:
+        """(2, poses) interaural level difference, left over right, dB; poses in line of sight."""
         left, right = np.moveaxis(self._both(lambda found: found["white"], "head", "sight"), 2, 0)
-        ild = decibels(left / right)
-        clear = np.all(np.abs(ild) >= least, axis=0)
+        return decibels(left / right)
+
+    def signs(self, least: float = 0.0) -> tuple[int, int]:
+        """Poses in line of sight where one engine has an ILD of ``least`` dB or more; those with the same sign."""
+        ild = self._ild()
+        clear = np.any(np.abs(ild) >= least, axis=0)
         return int(clear.sum()), int((np.sign(ild[0]) == np.sign(ild[1]))[clear].sum())
+
+    def sides(self) -> tuple[int, int, int]:
+        """Of the poses where the signs differ: their number, and those where each engine has the source's side."""
+        ild = self._ild()
+        azimuth = np.array([pose["azimuth"] for pose in self._poses if pose["sight"]])
+        differ = np.sign(ild[0]) != np.sign(ild[1])
+        right = [int((np.sign(-azimuth) == np.sign(one))[differ].sum()) for one in ild]
+        return int(differ.sum()), right[0], right[1]
+
+    def largest_opposite(self) -> float:
+        """The largest ILD (dB) of either engine at a pose in line of sight where the other has another sign."""
+        ild = self._ild()
+        differ = np.sign(ild[0]) != np.sign(ild[1])
+        return float(np.abs(ild[:, differ]).max(initial=0.0))
 
 
 def summarise(observations: Sequence[dict[str, Any]], heads: dict[str, Any]) -> dict[str, Any]:
@@ -123,7 +160,7 @@ def summarise(observations: Sequence[dict[str, Any]], heads: dict[str, Any]) -> 
     table = {}
     for name, poses in sorted(rooms.items()):
         rows = Rows(poses, heads)
-        decay = rows.decay("omni")
+        decay, ears = rows.decay("omni"), rows.decay("head")
         table[name] = {
             "poses": len(poses),
             "level, white noise at the ears (dB)": float(rows.white_levels().mean()),
@@ -136,7 +173,7 @@ def summarise(observations: Sequence[dict[str, Any]], heads: dict[str, Any]) -> 
             "T30 of the tracer (s)": decay[0].tolist(),
             "T30 of SoundSpaces (s)": decay[1].tolist(),
             "T30 (%)": (100 * (decay[0] / decay[1] - 1)).tolist(),
-            "T30 at the ears (%)": (100 * (np.divide(*rows.decay("head")) - 1)).tolist(),
+            "T30 at the ears (%)": (100 * (ears[0] / ears[1] - 1)).tolist(),
             "in line of sight, same sign of ILD": rows.signs(),
             "of these, audible": rows.signs(AUDIBLE_ILD),
         }
@@ -160,6 +197,8 @@ def summarise(observations: Sequence[dict[str, Any]], heads: dict[str, Any]) -> 
             "T30 (%)": {str(band): _spread([row["T30 (%)"][k] for row in values]) for k, band in enumerate(OCTAVES)},
             "in line of sight, same sign of ILD": every.signs(),
             "of these, audible": every.signs(AUDIBLE_ILD),
+            "signs that differ; the source's side in the tracer, in SoundSpaces": every.sides(),
+            "largest ILD with the other sign (dB)": every.largest_opposite(),
         },
         "rooms within the bars": {
             f"level ±{LEVEL:g} dB": sum(abs(row["level (dB)"]) <= LEVEL for row in values),
@@ -192,25 +231,45 @@ def markdown(summary: dict[str, Any]) -> str:
     seen, same = summary["all"]["in line of sight, same sign of ILD"]
     audible, alike = summary["all"]["of these, audible"]
     lines += ["", f"Same sign of ILD in line of sight: {same} of {seen} poses ({100 * same / max(seen, 1):.1f} %)"]
-    lines += [f"with at least {AUDIBLE_ILD:g} dB: {alike} of {audible} ({100 * alike / max(audible, 1):.1f} %)"]
+    lines += [f"{AUDIBLE_ILD:g} dB or more in either: {alike} of {audible} ({100 * alike / max(audible, 1):.1f} %)"]
+    number, mine, other = summary["all"]["signs that differ; the source's side in the tracer, in SoundSpaces"]
+    lines += [
+        f"Where signs differ ({number}), it is the source's side in the tracer {mine}, in SoundSpaces {other} times"
+    ]
     return "\n".join(lines) + "\n"
 
 
-def _work(plan: ObservationPlan, poses: int, path: Path) -> str:
-    write_json(path, {"settings": {"poses": poses, "version": __version__}} | observe(plan, poses))
+@dataclass(frozen=True)
+class Settings:
+    """Settings of a run; files of other settings are made again.
+
+    Attributes:
+        poses: of each observation.
+        diffuse: whether all surfaces scatter all sound.
+        version: of the package.
+    """
+
+    poses: int
+    diffuse: bool
+    version: str = __version__
+
+
+def _work(plan: ObservationPlan, settings: Settings, path: Path) -> str:
+    write_json(path, {"settings": asdict(settings)} | observe(plan, settings.poses, settings.diffuse))
     return plan.key
 
 
-def _is_made(path: Path, poses: int) -> bool:
-    return path.exists() and read_json(path)["settings"] == {"poses": poses, "version": __version__}
+def _is_made(path: Path, settings: Settings) -> bool:
+    return path.exists() and read_json(path)["settings"] == asdict(settings)
 
 
-def run(plans: Sequence[ObservationPlan], poses: int, workers: int, folder: Path) -> Iterator[dict[str, Any]]:
+def run(plans: Sequence[ObservationPlan], settings: Settings, workers: int, folder: Path) -> Iterator[dict[str, Any]]:
     """Measure what is missing, ``workers`` at a time, and return all in the order of ``plans``."""
     files = {plan.key: folder / "observations" / f"{plan.key.replace('/', '_')}.json" for plan in plans}
-    missing = [plan for plan in plans if not _is_made(files[plan.key], poses)]
+    missing = [plan for plan in plans if not _is_made(files[plan.key], settings)]
+    missing.sort(key=lambda plan: plan.spec.scan)  # a process keeps its last home
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        jobs = [pool.submit(_work, plan, poses, files[plan.key]) for plan in missing]
+        jobs = [pool.submit(_work, plan, settings, files[plan.key]) for plan in missing]
         for number, job in enumerate(as_completed(jobs), start=1):
             click.echo(f"{number}/{len(jobs)} {job.result()}", err=True)
     for plan in plans:
@@ -221,11 +280,12 @@ def run(plans: Sequence[ObservationPlan], poses: int, workers: int, folder: Path
 @click.option("--poses", default=12, show_default=True, type=click.IntRange(1), help="Poses of each observation.")
 @click.option("--workers", default=2, show_default=True, type=click.IntRange(1), help="Number of processes.")
 @click.option("--only", multiple=True, help="Shell pattern of observation keys.")
+@click.option("--diffuse", is_flag=True, help="Let all surfaces scatter all sound: an experiment.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("build/agreement"), show_default=True)
-def main(poses: int, workers: int, only: tuple[str, ...], output: Path) -> None:
+def main(poses: int, workers: int, only: tuple[str, ...], diffuse: bool, output: Path) -> None:
     """Compare the engines, print the tables, and write them below OUTPUT."""
     plans = make_plans(read_manifest(MANIFEST), audio="analytic", only=only)
-    found = list(run(plans, poses, workers, output))
+    found = list(run(plans, Settings(poses, diffuse), workers, output))
     summary = summarise(found, {engine: head_levels(engine) for engine in ENGINES})
     write_json(output / "agreement.json", summary)
     write_bytes(output / "agreement.md", markdown(summary).encode())

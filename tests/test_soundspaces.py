@@ -16,7 +16,7 @@ from avs3d_bench.levels import ild_db
 from generators.acoustics.clips import rms
 from generators.acoustics.decay import eyring, reverberation_time
 from generators.acoustics.geometry import acoustic_mesh, blocked, longest_view, reflections_to_decay
-from generators.core.scene import Part
+from generators.core.scene import Part, Room, Scene
 
 pytest.importorskip("rlr_audio_propagation", reason="the acoustic engine (extra soundspaces) is not installed")
 from generators.acoustics import soundspaces
@@ -69,6 +69,18 @@ def test_direct_level_falls_with_distance_and_arrives_at_r_over_c(free_field):
     for r, response in zip(distances[:3], responses, strict=False):
         onset = int(np.argmax(np.abs(response).max(axis=0) > 1e-4 * np.abs(response).max()))
         assert abs(onset - r / 343 * 44_100) <= 2
+
+
+def test_an_omnidirectional_listener_hears_1_over_r():
+    """Softened below 1 m by the engine."""
+    free = Scene("free", (), (Room("kitchen", (0, 0, 0), (5, 5, 5)),), ())
+    backend = SoundSpacesBackend(DIRECT, omni=True)
+    assert backend.describe()["hrtf"] == "none"
+    session = backend.open(free, (0.0, 0.0, 0.0), room="kitchen")
+    for r in (2.0, 4.0):
+        response = session.impulse_response(Pose.from_yaw((0.0, 0.0, r), 1.0))
+        assert response.shape[0] == 1
+        assert 20 * np.log10(np.linalg.norm(response.astype(float)) * r) == pytest.approx(0, abs=0.1)
 
 
 def test_reverberation_time_follows_eyring(monkeypatch):
