@@ -22,6 +22,7 @@ from avs3d_bench.validation.masks import (
 from avs3d_bench.validation.model import check_model
 from avs3d_bench.validation.off_screen import check_off_screen
 from avs3d_bench.validation.pictures import check_twin
+from avs3d_bench.validation.receivers import check_receivers
 from avs3d_bench.validation.scenes import has_stems
 from avs3d_bench.validation.siblings import same_files
 from avs3d_bench.validation.sightings import Labels, Sightings, colour_problem, depth_problem, sightings_by_frame
@@ -116,6 +117,8 @@ def _check_sound(
     check_levels(heard, findings)
     check_directions(heard, findings)
     check_delays(heard, findings)
+    if record:
+        check_receivers(record, frames, clips, heard, files, findings)
     if record and record.is_sound_scene:
         _check_stems(record, frames, clips, files, findings)
     try:

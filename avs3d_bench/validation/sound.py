@@ -147,15 +147,16 @@ def _check_neighbours(
 def check_response(
     path: str, clip_path: str, samples: NDArray[np.float32], response: NDArray[np.float32], findings: Findings
 ) -> None:
-    """Both ears hear one source through their own responses: left ∗ h_right equals right ∗ h_left.
+    """All channels hear one source through their own responses: left ∗ h_right equals right ∗ h_left.
 
-    It holds once the responses have decayed (the source before the clip is not known).
+    It holds once the responses have decayed (the source before the clip is not known). Every channel is compared with
+    the first.
 
     Args:
         path: of the response.
         clip_path: of the clip, or in part_3 of the source's stem.
-        samples: (2, n) the clip.
-        response: (2, m).
+        samples: (channels, n) the clip.
+        response: (channels, m).
         findings: where a problem goes.
     """
     from scipy.signal import oaconvolve
@@ -167,11 +168,14 @@ def check_response(
     n = samples.shape[1]
     if start > RESPONSE_LATEST * n:
         return
-    one, other = (oaconvolve(samples[a].astype(np.float64), response[b])[start:n] for a, b in ((0, 1), (1, 0)))
-    scale = float(np.linalg.norm(one) + np.linalg.norm(other)) / 2
-    off = float(np.linalg.norm(one - other)) / max(scale, 1e-30)
-    if scale > 0 and off > RESPONSE_OFF:
-        findings.add(path, f"does not explain {clip_path}: {off:.2f} off")
+    for channel in range(1, len(response)):
+        pairs = ((0, channel), (channel, 0))
+        one, other = (oaconvolve(samples[a].astype(np.float64), response[b])[start:n] for a, b in pairs)
+        scale = float(np.linalg.norm(one) + np.linalg.norm(other)) / 2
+        off = float(np.linalg.norm(one - other)) / max(scale, 1e-30)
+        if scale > 0 and off > RESPONSE_OFF:
+            findings.add(path, f"does not explain {clip_path}: {off:.2f} off")
+            return
 
 
 #: Share of a response's energy that may be left where the comparison begins, the latest beginning (share of the clip),
