@@ -40,9 +40,10 @@ def test_the_direct_sound_is_what_arrives_within_2_ms():
 def test_t30_of_decaying_noise_is_its_own():
     rng = np.random.default_rng(0)
     seconds = np.arange(SAMPLE_RATE) / SAMPLE_RATE
-    noise = rng.standard_normal((2, SAMPLE_RATE)) * 10 ** (-3 * seconds / 0.4)
-    for channel in measure(noise.astype(np.float32), None).t30:
-        assert channel == pytest.approx([0.4] * len(OCTAVES), rel=0.12)
+    noise = rng.standard_normal((16, SAMPLE_RATE)) * 10 ** (-3 * seconds / 0.4)
+    found = np.array(measure(noise.astype(np.float32), None).t30)
+    # The standard deviation of one channel is 7 % in the lowest octave.
+    assert found.mean(axis=0) == pytest.approx([0.4] * len(OCTAVES), rel=0.06)
 
 
 def figures(level, drr, t30, ild):
