@@ -42,8 +42,8 @@ def test_t30_of_decaying_noise_is_its_own():
     seconds = np.arange(SAMPLE_RATE) / SAMPLE_RATE
     noise = rng.standard_normal((16, SAMPLE_RATE)) * 10 ** (-3 * seconds / 0.4)
     found = np.array(measure(noise.astype(np.float32), None).t30)
-    # The standard deviation of one channel is 7 % in the lowest octave.
-    assert found.mean(axis=0) == pytest.approx([0.4] * len(OCTAVES), rel=0.06)
+    # In the lowest octave, 30 dB of a decay are 27 independent samples.
+    assert found.mean(axis=0) == pytest.approx([0.4] * len(OCTAVES), rel=0.1)
 
 
 def figures(level, drr, t30, ild):
