@@ -21,7 +21,7 @@ from generators.lighting.surfaces import Surfaces
 _SUN_STRENGTH = 1.5
 _SUN_COLOUR = np.array([1.0, 0.86, 0.68])
 #: Radius of the sun's disc, radians: wider than the true 0.0047, so that a texel can resolve its soft edge.
-_SUN_RADIUS = 0.012
+SUN_RADIUS = 0.012
 #: Texels over which the sun's rays of one texel start: interpolation then shows no steps along the beam's edge.
 _SUN_BLUR = 2.0
 #: Fewer rays per texel than this are shot all at once.
@@ -168,7 +168,7 @@ def sun_light(
     side /= np.linalg.norm(side)
     top = np.cross(side, sun.direction)
     square = net(PATTERNS * samples, (0x7F4A7C15, 0x94D049BB))
-    radius = _SUN_RADIUS * np.sqrt(square[:, 0])
+    radius = SUN_RADIUS * np.sqrt(square[:, 0])
     disc = np.stack([radius * np.cos(2 * np.pi * square[:, 1]), radius * np.sin(2 * np.pi * square[:, 1])], axis=1)
     disc = disc.reshape(PATTERNS, samples, 2)
     jitter = square_points(samples, (0xBF58476D, 0x1CE4E5B9))

@@ -17,7 +17,7 @@ from avs3d_bench.geometry import Intrinsics, Pose
 from generators.core.freespace import Navigable
 from generators.core.rays import CHUNK, Tracer, repeated
 from generators.core.scene import LightMap, Material, Part, Scene, Texture
-from generators.core.tone import WHITE, srgb_table, tone_table
+from generators.core.tone import WHITE, linear_table, srgb_table, tone_table
 from generators.vision.base import Frame
 from generators.vision.sampling import SUB_PIXELS, thin_faces
 from generators.vision.tables import build_tables
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 #: Largest picture side; pixel numbers must fit 32 bits with room to spare.
 MAX_SIDE = 16384
+#: Radiance (times exposure) that `EmbreeSession.radiance` can tell: sixty times that of the brightest bulb.
+MOST_RADIANCE = 4096.0
 
 
 class EmbreeBackend:
@@ -104,6 +106,48 @@ class EmbreeSession:
             depth=depth.reshape(height, width),
             instance_ids=ids.reshape(height, width),
         )
+
+    def radiance(self, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
+        """Radiance before the tone curve, with one ray through each pixel's centre; to compare light, not to look at.
+
+        Args:
+            pose: of the camera.
+
+        Returns:
+            (H, W, 3) float32 radiance times the scene's exposure, up to `MOST_RADIANCE`, and (H, W) int32 the face that
+            each pixel shows, counted through all parts, −1 for none. Faces with `Material.shown` and the pictures of a
+            scan are not radiance: they are given as they are displayed.
+
+        Raises:
+            Avs3dError: if the session has been closed.
+        """
+        if self._tracer is None:
+            raise Avs3dError("the renderer's session is closed; open the scene again")
+        view, kernels = self._view(pose), self._kernels
+        table = linear_table() * np.float32(MOST_RADIANCE)
+        light = np.empty((view.height * view.width, 3), dtype=np.float32)
+        face = np.empty(len(light), dtype=np.int32)
+        for first in range(0, view.height, self._rows):
+            rows = min(self._rows, view.height - first)
+            block = slice(first * view.width, (first + rows) * view.width)
+            directions = self._directions[: rows * view.width]
+            kernels.centre_directions(view, first, rows, directions)
+            hit = self._tracer.intersect(repeated(view.origin, len(directions)), directions)
+            face[block] = hit["primID"]
+            kernels.shade(
+                hit["primID"],
+                hit["tfar"],
+                hit["u"],
+                hit["v"],
+                directions,
+                view,
+                1.0,
+                self._tables,
+                table,
+                MOST_RADIANCE,
+                light[block],
+            )
+        return light.reshape(view.height, view.width, 3), face.reshape(view.height, view.width)
 
     def share(self) -> EmbreeSession:
         """The same scene and tables with working memory of its own: Embree and the kernels only read them."""

@@ -1,0 +1,384 @@
+"""Baked light against an independent path tracer, Mitsuba 3, in rooms of the open benchmark.
+
+    python -m benchmarks.light_reference -o build/light
+
+Both renderers get the same triangles, textures, lamps, windows and sun, and the same camera poses; radiance is
+compared before exposure and tone curve, as the mean over each pixel's square. A pixel counts if all of it shows
+surfaces of one class (walls, floor, ceiling, furniture, objects) that do not emit. The reference is noisy, so both
+pictures are averaged over the pixels around each one that show the same plane (`pooled`). Per room and class the
+table has the median of the relative difference of luminance, its 90th percentile, the ratio of the means, and the
+noise of the reference that is left, from two independent halves of its paths. Maps of the difference are written as
+pictures.
+
+``--matte`` takes the gloss from all materials before the room is baked: what is left is matter of light transport
+alone. Our glossy reflection is no physical one; without ``--matte`` the reference uses the same model.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from avs3d_bench.one_thread import ONE_THREAD
+
+for _variable, _value in ONE_THREAD.items():
+    os.environ.setdefault(_variable, _value)
+
+import click  # noqa: E402
+import cv2  # noqa: E402
+import numpy as np  # noqa: E402
+from numpy.typing import NDArray  # noqa: E402
+
+from avs3d_bench.errors import Avs3dError  # noqa: E402
+from avs3d_bench.geometry import Intrinsics, Pose  # noqa: E402
+from generators.core.scene import Scene  # noqa: E402
+from generators.core.tone import develop  # noqa: E402
+
+F32 = NDArray[np.float32]
+
+MANIFEST = Path(__file__).parents[1] / "scenes_manifest" / "open-s34-o7.yaml"
+#: Rooms of three homes, of three types; the first two have sun.
+OBSERVATIONS = (
+    "part_1/apartment_1/living_room/1",
+    "part_1/apartment_2/kitchen/2",
+    "part_1/apartment_3/bathroom/1",
+)
+#: Surface classes in the order of the tables; a face of none of them (it emits, or shows the outdoors) counts nowhere.
+CLASSES = ("walls", "floor", "ceiling", "furniture", "objects")
+#: Rays per pixel of our picture along each axis.
+OVERSAMPLING = 4
+#: Pixels around a pixel, in each direction, that are averaged if they show the same plane.
+POOL = 3
+#: Two pixels show one plane if the cosine between their normals and the distance of their planes (m) are within these.
+SAME_NORMAL, SAME_PLANE = 0.98, 0.02
+#: Side of the pictures from which views are chosen (pixels).
+PREVIEW = 48
+#: The relative difference at which a map is fully red or fully blue.
+MAP_RANGE = 0.25
+#: Weights of linear red, green and blue in luminance (ITU-R BT.709).
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How well two pictures agree on the pixels of one class.
+
+    Attributes:
+        pixels: how many there are.
+        median: of the relative difference of luminance.
+        p90: its 90th percentile.
+        ratio: our mean luminance over that of the reference.
+        noise: median relative standard error of the reference's pixels, from two independent halves.
+    """
+
+    pixels: int
+    median: float
+    p90: float
+    ratio: float
+    noise: float
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Both pictures of one view.
+
+    Attributes:
+        ours: (H, W, 3) our radiance.
+        halves: (2, H, W, 3) the reference's radiance from two independent halves of its paths.
+        label: (H, W) index into `CLASSES`, −1 for pixels that do not count.
+        plane: (H, W, 4) unit normal and distance from the origin (m) of the plane that the pixel's middle shows.
+    """
+
+    ours: F32
+    halves: F32
+    label: NDArray[np.int8]
+    plane: F32
+
+    @property
+    def reference(self) -> F32:
+        """(H, W, 3) the reference's radiance."""
+        return np.asarray(self.halves.mean(axis=0), dtype=np.float32)
+
+    @property
+    def difference(self) -> NDArray[np.float64]:
+        """(H, W) ours over the reference's luminance, less 1."""
+        return luminance(self.ours) / np.maximum(luminance(self.reference), 1e-9) - 1.0
+
+
+def luminance(radiance: F32) -> NDArray[np.float64]:
+    """(…) luminance of (…, 3) radiance."""
+    return np.asarray(radiance.astype(np.float64) @ LUMINANCE)
+
+
+def pooled(view: Comparison, radius: int = POOL) -> Comparison:
+    """Average both pictures over the pixels of one class and one plane in a square around each pixel.
+
+    The same weights apply to both pictures, so that the average adds no difference of its own.
+    """
+    height, width = view.label.shape
+    pictures = np.concatenate([view.ours[None], view.halves]).astype(np.float64)
+    total, number = np.zeros_like(pictures), np.zeros((height, width))
+    for dy in range(-radius, radius + 1):
+        for dx in range(-radius, radius + 1):
+            here = slice(max(-dy, 0), height - max(dy, 0)), slice(max(-dx, 0), width - max(dx, 0))
+            there = slice(max(dy, 0), height - max(-dy, 0)), slice(max(dx, 0), width - max(-dx, 0))
+            own, other = view.plane[here], view.plane[there]
+            same = view.label[here] == view.label[there]
+            same &= np.einsum("ijk,ijk->ij", own[..., :3], other[..., :3]) > SAME_NORMAL
+            same &= np.abs(own[..., 3] - other[..., 3]) < SAME_PLANE
+            if dx == dy == 0:
+                same[:] = True
+            number[here] += same
+            total[(slice(None), *here)] += np.where(same[..., None], pictures[(slice(None), *there)], 0.0)
+    mean = (total / number[..., None]).astype(np.float32)
+    return replace(view, ours=mean[0], halves=mean[1:])
+
+
+def agreement(views: Sequence[Comparison], label: int | None = None) -> Agreement:
+    """The figures of one class, or of all that count, over several views."""
+    chosen = [view.label >= 0 if label is None else view.label == label for view in views]
+    error = np.concatenate([np.abs(view.difference[own]) for view, own in zip(views, chosen, strict=True)])
+    if not len(error):
+        return Agreement(0, float("nan"), float("nan"), float("nan"), float("nan"))
+    pairs = list(zip(views, chosen, strict=True))
+    ours = np.concatenate([luminance(view.ours[own]) for view, own in pairs])
+    theirs = np.concatenate([luminance(view.reference[own]) for view, own in pairs])
+    apart = np.concatenate([luminance(view.halves[0][own] - view.halves[1][own]) for view, own in pairs])
+    # The mean of two halves has half the standard deviation of their difference; 0.6745 σ is the median of |x|.
+    noise = np.median(np.abs(apart) / 2 / np.maximum(theirs, 1e-9)) / 0.6745
+    return Agreement(
+        len(error),
+        float(np.median(error)),
+        float(np.quantile(error, 0.9)),
+        float(ours.sum() / theirs.sum()),
+        float(noise),
+    )
+
+
+def face_labels(scene: Scene) -> NDArray[np.int8]:
+    """(F,) index into `CLASSES` of each face of a scene, −1 for faces that emit or show the outdoors."""
+    out = []
+    for part in scene.parts:
+        mesh = part.mesh
+        edges = mesh.positions.astype(np.float64)
+        normal = np.cross(edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 0])
+        up = normal[:, 1] / np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
+        if part.instance_id > 0:
+            label = np.full(len(up), CLASSES.index("objects"))
+        elif part.name.startswith("shell_"):
+            label = np.where(up > 0.9, CLASSES.index("floor"), np.where(up < -0.9, CLASSES.index("ceiling"), 0))
+        else:
+            label = np.full(len(up), CLASSES.index("furniture"))
+        dark = np.array([max(m.emission) <= 0 and m.shown is None for m in mesh.materials])
+        out.append(np.where(dark[mesh.face_material], label, -1))
+    return np.concatenate(out).astype(np.int8)
+
+
+def our_picture(scene: Scene, pose: Pose, camera: Intrinsics) -> tuple[F32, NDArray[np.int8], F32]:
+    """Our radiance (H, W, 3), and the class (H, W) and the plane (H, W, 4) of each pixel (see `Comparison`)."""
+    from generators.vision.embree import EmbreeBackend
+
+    n = OVERSAMPLING
+    fine = replace(
+        camera,
+        width=camera.width * n,
+        height=camera.height * n,
+        fx=camera.fx * n,
+        fy=camera.fy * n,
+        cx=camera.cx * n,
+        cy=camera.cy * n,
+    )
+    session = EmbreeBackend().open(replace(scene, exposure=1.0), fine)
+    radiance, face = session.radiance(pose)
+    session.close()
+    shape = (camera.height, n, camera.width, n)
+    label = np.where(face >= 0, face_labels(scene)[np.maximum(face, 0)], np.int8(-1))
+    label = label.reshape(shape).transpose(0, 2, 1, 3).reshape(camera.height, camera.width, n * n)
+    same = (label == label[..., :1]).all(axis=2)
+    mean = radiance.reshape(*shape, 3).mean(axis=(1, 3), dtype=np.float64)
+    middle = np.maximum(face[n // 2 :: n, n // 2 :: n], 0)
+    corners = np.concatenate([part.mesh.positions for part in scene.parts])[middle].astype(np.float64)
+    normal = np.cross(corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :])
+    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
+    offset = np.einsum("ijk,ijk->ij", normal, corners[..., 0, :])
+    plane = np.concatenate([normal, offset[..., None]], axis=-1).astype(np.float32)
+    return mean.astype(np.float32), np.where(same, label[..., 0], np.int8(-1)).astype(np.int8), plane
+
+
+def compare(
+    mi: Any,
+    scene: Scene,
+    room: str | None,
+    poses: Sequence[Pose],
+    *,
+    size: int,
+    samples: int,
+    matte: bool = False,
+) -> list[Comparison]:
+    """Render a lit scene with both renderers.
+
+    Args:
+        mi: from `benchmarks.mitsuba_scene.load_mitsuba`.
+        scene: with its light.
+        room: the room that the poses lie in, None for any.
+        poses: of the camera.
+        size: of the pictures (pixels); the field of view is 90°.
+        samples: paths per pixel of each half.
+        matte: see `benchmarks.mitsuba_scene.ReferenceScene`.
+    """
+    from benchmarks.mitsuba_scene import ReferenceScene
+
+    camera = Intrinsics.from_fov(size)
+    reference = ReferenceScene(mi, scene, None if room is None else scene.room(room), matte=matte)
+    views = []
+    for number, pose in enumerate(poses):
+        ours, label, plane = our_picture(scene, pose, camera)
+        halves = [reference.render(pose, camera, samples, seed=2 * number + half) for half in range(2)]
+        views.append(Comparison(ours, np.stack(halves), label, plane))
+    return views
+
+
+def wide_views(scene: Scene, poses: Sequence[Pose], count: int) -> list[Pose]:
+    """The pose that sees farthest (greatest median depth) in each of ``count`` equal spans of a path.
+
+    A camera that stands before a wall shows little light.
+    """
+    from generators.vision.embree import EmbreeBackend
+
+    session = EmbreeBackend().open(scene, Intrinsics.from_fov(PREVIEW))
+    depth = [float(np.median(session.render(pose).depth)) for pose in poses]
+    session.close()
+    return [poses[span[int(np.argmax(np.array(depth)[span]))]] for span in np.array_split(np.arange(len(poses)), count)]
+
+
+def without_gloss(scene: Scene) -> Scene:
+    """The scene with matte materials and without its light."""
+    parts = []
+    for part in scene.parts:
+        materials = tuple(replace(m, gloss=0.0) for m in part.mesh.materials)
+        parts.append(replace(part, mesh=replace(part.mesh, materials=materials), light=None))
+    return replace(scene, parts=tuple(parts))
+
+
+def prepared_room(key: str, cache: Path, *, matte: bool) -> tuple[Scene, str, tuple[Pose, ...]]:
+    """The lit scene of an observation of the open benchmark with its objects, its room, and its camera poses.
+
+    Raises:
+        Avs3dError: if the manifest has no such observation.
+    """
+    from generators.arrangement import arrange
+    from generators.homes.store import open_home
+    from generators.lighting.bake import bake, insert
+    from generators.plan import make_plans, read_manifest
+
+    plans = {plan.key: plan for plan in make_plans(read_manifest(MANIFEST), audio="analytic")}
+    if key not in plans:
+        raise Avs3dError(f"{MANIFEST.name}: no observation {key!r}; expected one like {OBSERVATIONS[0]}")
+    plan = plans[key]
+    home = open_home(plan, cache).for_room(plan.spec.room)
+    seen = arrange(plan, home)
+    parts = tuple(placed.part(number) for number, placed in enumerate(seen.placements, start=1))
+    if matte:
+        home = bake(without_gloss(home), quality=plan.light, workers=1).for_room(plan.spec.room)
+        parts = without_gloss(replace(home, parts=parts)).parts
+    return insert(home, parts), plan.spec.room, seen.poses
+
+
+def difference_map(view: Comparison) -> NDArray[np.uint8]:
+    """(H, W, 3) blue where ours is darker than the reference, white where they agree, red where it is brighter.
+
+    Full colour is a difference of `MAP_RANGE`; pixels that do not count are grey.
+    """
+    share = np.clip(view.difference / MAP_RANGE, -1.0, 1.0)[..., None]
+    red, blue = np.array([178, 24, 43]), np.array([33, 102, 172])
+    colour = np.where(share > 0, 255 + share * (red - 255), 255 - share * (blue - 255))
+    return np.where((view.label >= 0)[..., None], colour, 128).astype(np.uint8)
+
+
+def sheet(views: Sequence[Comparison], exposure: float) -> NDArray[np.uint8]:
+    """Rows of our picture, the reference and the map of their difference."""
+    rows = []
+    for view in views:
+        pictures = [develop(exposure * view.ours), develop(exposure * view.reference), difference_map(view)]
+        framed = [np.pad(picture, ((2, 2), (2, 2), (0, 0)), constant_values=255) for picture in pictures]
+        rows.append(np.concatenate(framed, axis=1))
+    return np.concatenate(rows, axis=0)
+
+
+def table(results: dict[str, dict[str, Agreement]]) -> str:
+    """The figures as a Markdown table."""
+    lines = [
+        "| room | surfaces | pixels | median difference | 90th percentile | mean, ours over reference | noise |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for room, classes in results.items():
+        for name, found in classes.items():
+            if found.pixels:
+                lines.append(
+                    f"| {room} | {name} | {found.pixels:,} | {found.median:.1%} | {found.p90:.1%} | "
+                    f"{found.ratio:.3f} | {found.noise:.1%} |"
+                )
+    return "\n".join(lines)
+
+
+@click.command()
+@click.argument("observations", nargs=-1)
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for figures and pictures.")
+@click.option("--views", type=click.IntRange(1, 120), default=2, show_default=True, help="Frames of each observation.")
+@click.option("--size", type=click.IntRange(16), default=160, show_default=True, help="Side of the pictures (pixels).")
+@click.option("--spp", type=click.IntRange(2), default=512, show_default=True, help="Paths per pixel.")
+@click.option("--matte", is_flag=True, help="Take the gloss from all materials.")
+@click.option("--variant", help="Variant of Mitsuba; the first of llvm_ad_rgb and scalar_rgb that works if missing.")
+@click.option("--cache", type=click.Path(path_type=Path), help="Folder of baked homes.")
+def main(
+    observations: tuple[str, ...],
+    output: Path,
+    views: int,
+    size: int,
+    spp: int,
+    matte: bool,
+    variant: str | None,
+    cache: Path | None,
+) -> None:
+    """Compare baked light with path tracing in OBSERVATIONS of the open benchmark."""
+    from benchmarks.mitsuba_scene import load_mitsuba
+    from generators.core.folders import default_cache
+
+    try:
+        mi = load_mitsuba(variant)
+        output.mkdir(parents=True, exist_ok=True)
+        results: dict[str, dict[str, Agreement]] = {}
+        for key in observations or OBSERVATIONS:
+            started = time.process_time()
+            scene, room, poses = prepared_room(key, cache or default_cache(), matte=matte)
+            chosen = wide_views(scene, poses, views)
+            found = compare(mi, scene, room, chosen, size=size, samples=spp // 2, matte=matte)
+            found = [pooled(view) for view in found]
+            results[key] = {name: agreement(found, label) for label, name in enumerate(CLASSES)}
+            results[key]["all"] = agreement(found)
+            name = key.replace("/", "-")
+            picture = sheet(found, scene.exposure)
+            cv2.imwrite(str(output / f"{name}.png"), np.ascontiguousarray(picture[..., ::-1]))
+            np.savez_compressed(
+                output / f"{name}.npz",
+                ours=np.stack([view.ours for view in found]),
+                halves=np.stack([view.halves for view in found]),
+                label=np.stack([view.label for view in found]),
+            )
+            click.echo(f"{key}: {time.process_time() - started:.0f} s CPU", err=True)
+    except Avs3dError as error:
+        raise click.ClickException(str(error)) from error
+    figures = {key: {name: asdict(found) for name, found in classes.items()} for key, classes in results.items()}
+    (output / "light.json").write_text(
+        json.dumps({"mitsuba": mi.__version__, "variant": mi.variant(), "spp": spp, "rooms": figures}, indent=1) + "\n"
+    )
+    click.echo(table(results))
+
+
+if __name__ == "__main__":
+    main()
