@@ -231,7 +231,7 @@ def _empty(heard: Heard, octaves: float) -> Array:
 # written where the installation is read-only.
 
 
-@numba.njit
+@numba.njit()
 def _fill_totals(total: Array, share: Array, nearness: Array, on: NDArray[np.bool_]) -> None:
     """Write the sum of the components' weights into ``total`` (bands,), while the sources ``on`` (m,) sound."""
     for b in range(len(total)):
@@ -241,7 +241,7 @@ def _fill_totals(total: Array, share: Array, nearness: Array, on: NDArray[np.boo
                 total[b] += nearness[k] * share[1 + k, b]
 
 
-@numba.njit
+@numba.njit()
 def _mixed(share: Array, nearness: Array, densities: Single, on: NDArray[np.bool_], t: int, c: int, b: int) -> float:
     """The components' weighted densities of cell c of band b in frame t, before they are divided by their total."""
     out = share[0, b]
@@ -251,7 +251,7 @@ def _mixed(share: Array, nearness: Array, densities: Single, on: NDArray[np.bool
     return float(out)
 
 
-@numba.njit
+@numba.njit()
 def _sets(
     weights: Single, densities: Single, band: NDArray[np.intp], nearness: Array, states: NDArray[np.bool_], share: Array
 ) -> Array:
@@ -272,7 +272,7 @@ def _sets(
     return out
 
 
-@numba.njit
+@numba.njit()
 def _counts(
     weights: Single,
     densities: Single,
