@@ -90,7 +90,7 @@ _SCENE_ENTRY_FIELDS = {
 }
 _SETS = {"rgb": "rgb", "mask": "masks", "instances": "instance_masks", "categories": "category_masks",
          "depth": "depth", "binaural": "binaural", "mono": "mono", "stems": "stems",
-         "rirs": "impulse_responses"}  # fmt: skip
+         "rirs": "impulse_responses", "ambisonics": "ambisonics", "array": "array"}  # fmt: skip
 #: Facts of a source of part_3 in observation.json: name, type, shape (of arrays), what it is.
 _SOURCE_FIELDS: tuple[tuple[str, str, int | None, str], ...] = (
     ("id", _TEXT, None, "source_1, source_2, …"),

@@ -14,6 +14,7 @@ original WAV bytes: decoding it needs torchcodec (and FFmpeg) in `datasets`, whi
 from __future__ import annotations
 
 import io
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -38,6 +39,7 @@ from avs3d_bench.exports.samples import (
     described,
     has_sound_scenes,
     instance_facts,
+    receiver_facts,
     scene_facts,
     select,
 )
@@ -48,7 +50,10 @@ from avs3d_bench.exports.webdataset import SHARD_MB, shard_limit
 ROW_GROUP = 32
 OBSERVATIONS = "observations.parquet"
 _FILES = {"rgb": "rgb", "binaural": "binaural", "mask": "mask", "instances": "instance_ids", "depth": "depth",
-          "mono": "mono", "rirs": "impulse_response", "categories": "category_mask"}  # fmt: skip
+          "mono": "mono", "rirs": "impulse_response", "categories": "category_mask", "ambisonics": "ambisonics",
+          "array": "array"}  # fmt: skip
+#: Kinds that are columns of sound.
+_SOUNDS = ("binaural", "mono", "ambisonics", "array")
 #: Columns with a file of each source, in a dataset with part_3: column, and the field that holds the file.
 _OF_SOURCES = {"stems": ("stems", "audio"), "rirs": ("impulse_responses", "rir")}
 #: Columns that are stored as they are: PNG does not shrink.
@@ -60,7 +65,7 @@ def _features(extras: Sequence[str], *, scenes: bool) -> Any:
     hub = need("datasets")
     image, audio, value, many = hub.Image, partial(hub.Audio, decode=False), hub.Value, hub.List
     columns: dict[str, Any] = {
-        _FILES[name]: audio() if name in ("binaural", "mono") else value("binary") if name == "rirs" else image()
+        _FILES[name]: audio() if name in _SOUNDS else value("binary") if name == "rirs" else image()
         for name in (*KINDS, *extras)
         if name != "stems"
     }
@@ -172,6 +177,8 @@ def observation_row(observation: Observation) -> dict[str, Any]:
             facts | {"licence": licence.name, "author": licence.author, "source": licence.source}
             for facts, licence in zip(scene["sources"], licences, strict=True)
         ]
+    if record.acoustics.receivers:
+        row["receivers"] = json.dumps(receiver_facts(record), sort_keys=True)
     return row | scene | {
         "source_position": list(record.source_position) if record.source_position else None,
         "source_moves": record.moves,
@@ -187,7 +194,8 @@ def observation_row(observation: Observation) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _observation_features(*, scenes: bool) -> Any:
+def _observation_features(*, scenes: bool, receivers: bool) -> Any:
+    """Columns of `observations`; with ``receivers`` also what hears beside the two ears, as JSON."""
     hub = need("datasets")
     value, many = hub.Value, hub.List
     columns: dict[str, Any] = dict.fromkeys(
@@ -199,6 +207,8 @@ def _observation_features(*, scenes: bool) -> Any:
     instance |= dict.fromkeys(("position", "rotation", "low", "high"), many(value("float64")))
     instance |= {"id": value("int32"), "sounding": value("bool")}
     columns |= {"seed": value("uint64"), "instances": many(instance)}
+    if receivers:
+        columns["receivers"] = value("string")
     if scenes:
         shared = _scene_columns()
         credits = dict.fromkeys(("licence", "author", "source"), value("string"))
@@ -225,7 +235,7 @@ def write_huggingface(
         split: ``train``, ``test`` or ``all``.
         shard_mb: megabytes (10⁶ bytes) of files in a Parquet file.
         only: shell patterns of observation keys.
-        extras: ``depth``, ``mono``, ``rirs``, ``stems``.
+        extras: ``depth``, ``mono``, ``rirs``, ``stems``, ``ambisonics``, ``array``.
         workers: processes; None: one per core. The bytes do not depend on it, but on pyarrow's version.
         progress: show bars on stderr.
 
@@ -242,10 +252,10 @@ def write_huggingface(
     style = Layout("huggingface", revision, _room, partial(write_parquet, wanted, scenes), _name)
     facts, held = gather(dataset, keys), (*KINDS, *SCENE_KINDS, *wanted)
     facts = replace(facts, sizes={name: size for name, size in facts.sizes.items() if name in held})
-    schema = _observation_features(scenes=scenes).arrow_schema
 
     def finish(target: Path, index: ShardIndex) -> None:
         rows = [observation_row(Observation(dataset.root, key)) for key in keys]
+        schema = _observation_features(scenes=scenes, receivers=any("receivers" in row for row in rows)).arrow_schema
         stream = io.BytesIO()
         parquet.write_table(pa.Table.from_pylist(rows, schema=schema), pa.PythonFile(stream, mode="w"))
         media.write_bytes(target / OBSERVATIONS, stream.getvalue())

@@ -44,7 +44,7 @@ class Kind:
 
     def file(self, observation: Path, name: str, index: int, source: str | None = None) -> Path:
         """The file of the frame ``name`` (number ``index``) below the folder of its observation."""
-        audio = self.folder in (layout.BINAURAL, layout.MONO, layout.RIRS, layout.STEMS)
+        audio = self.folder in _AUDIO
         stem = layout.audio_name(index) if audio else name
         folder = observation / self.folder if source is None else observation / self.folder / source
         return folder / f"{stem}.{self.member.rpartition('.')[2]}"
@@ -56,6 +56,14 @@ class Kind:
         return {f"{each}.{self.member}": self.file(observation, name, index, each) for each in self.sources}
 
 
+#: Folders whose files have frame numbers without padding.
+_AUDIO = (
+    layout.BINAURAL,
+    layout.MONO,
+    layout.RIRS,
+    layout.STEMS,
+    *(layout.clips_folder(name) for name in layout.RECEIVERS),
+)
 #: What is exported where it exists, in the order of members in a sample.
 KINDS = {
     "rgb": Kind(layout.INPUT, "rgb.png", "RGB picture, 8 bit"),
@@ -73,6 +81,12 @@ EXTRA_KINDS = {
     "mono": Kind(layout.MONO, "mono.wav", "two seconds of the clip's mono mix, 44.1 kHz"),
     "rirs": Kind(layout.RIRS, "rir.npz", "binaural room impulse response (2, n), with its sample rate"),
     "stems": Kind(layout.STEMS, "stem.wav", "one second of binaural sound of one source, or of the background"),
+    "ambisonics": Kind(
+        layout.clips_folder(layout.AMBISONICS), "ambisonics.wav", "one second of ambisonics, 44.1 kHz, ACN, SN3D"
+    ),
+    "array": Kind(
+        layout.clips_folder(layout.ARRAY), "array.wav", "one second of a microphone array, 44.1 kHz, a channel each"
+    ),
 }
 ALL_KINDS = KINDS | SCENE_KINDS | EXTRA_KINDS
 _RELEASE_RGB = Kind(layout.IMAGES, "rgb.png", KINDS["rgb"].what)
@@ -308,7 +322,7 @@ def frame_facts(frame: Frame) -> dict[str, Any]:
     Units and axes are the dataset's: metres, degrees, Y up, camera-to-world (w, x, y, z), azimuth positive right.
     ``source_position`` and ``sounding_position``/``sounding_rotation`` are those at the frame's time, moving or not; in
     part_3 they and the direction are those of the first source, None where there is none (or no instance of the room).
-    Frames of part_3 have the facts of `scene_facts` as well.
+    Frames of part_3 have the facts of `scene_facts` as well, those heard by more than the two ears ``receivers``.
     """
     observation, place = frame.observation, frame.observation.place
     camera, pose = observation.intrinsics, frame.pose if frame.has_pose else None
@@ -345,7 +359,14 @@ def frame_facts(frame: Frame) -> dict[str, Any]:
         "t30": record.acoustics.t30,
         "variant_of": record.variant_of,
     }
+    if record.acoustics.receivers:
+        facts["receivers"] = receiver_facts(record)
     return facts | scene_facts(record, mine) if record.is_sound_scene else facts
+
+
+def receiver_facts(record: ObservationRecord) -> dict[str, Any]:
+    """What hears the observation beside the two ears: name of a receiver → its channels, as plain data."""
+    return {name: found.model_dump(mode="json") for name, found in record.acoustics.receivers.items()}
 
 
 def _first_sounding(record: ObservationRecord) -> InstanceRecord | None:

@@ -9,6 +9,8 @@ An item is a dictionary of tensors and texts that `default_collate` stacks:
 |--------------------|-------------------------------------------------------------------------------------|
 | `rgb`              | (3, H, W) uint8                                                                     |
 | `binaural`         | (2, 44100) float32, channel 0 left                                                  |
+| `ambisonics`       | ((order + 1)², 44100) float32, ACN, SN3D; with ``ambisonics=True``                  |
+| `array`            | (microphones, 44100) float32; with ``array=True``                                   |
 | `mask`             | (H, W) bool: visible pixels of the sounding instance                                |
 | `instance_ids`     | (H, W) int32, 0 = the home; asked for with ``instances=True``                       |
 | `depth`            | (H, W) float32 metres along the optical axis, 0 = nothing; with ``depth=True``      |
@@ -82,6 +84,7 @@ from avs3d_bench.exports.torch_scenes import (
     Scenes,
     audible_classes,
     read_binaural,
+    read_second,
 )
 from avs3d_bench.taxonomy import class_ids
 
@@ -151,6 +154,8 @@ def _read_ids(path: str | Path) -> NDArray[np.int32]:
 _READERS: dict[str, tuple[str, Callable[[Path], NDArray[Any]]]] = {
     "rgb": ("rgb", read_planes),
     "binaural": ("binaural", read_binaural),
+    "ambisonics": ("ambisonics", read_second),
+    "array": ("array", read_second),
     "mask": ("mask", media.read_png_mask),
     "instances": ("instance_ids", _read_ids),
     "depth": ("depth", media.read_png_depth),
@@ -181,6 +186,8 @@ class AVS3DDataset(_TorchDataset[Item]):
         categories: bool = True,
         stems: bool = False,
         stack: int | None = None,
+        ambisonics: bool = False,
+        array: bool = False,
     ) -> None:
         """List the frames; pictures and sound are read item by item, poses observation by observation.
 
@@ -198,6 +205,8 @@ class AVS3DDataset(_TorchDataset[Item]):
             stems: read the clip of each source, if part_3 is among the observations.
             stack: frames per item: windows that do not overlap, of one observation, in the order of time; what is left
                 at the end of an observation is dropped.
+            ambisonics: read the ambisonic clips.
+            array: read the clips of the microphone array.
 
         Raises:
             UsageError: if an argument asks for something that does not exist, or no item is left.
@@ -209,6 +218,7 @@ class AVS3DDataset(_TorchDataset[Item]):
         if stack is not None and (not isinstance(stack, int) or stack < 1):
             raise UsageError(f"stack={stack!r}: expected a number of frames from 1 on, or None")
         asked = {"rgb": frames, "binaural": audio, "mask": mask, "instances": instances, "depth": depth}
+        asked |= {"ambisonics": ambisonics, "array": array}
         self._read = tuple(name for name, wanted in asked.items() if wanted)
         self._scenes: Scenes | None = None
         if has_sound_scenes(self.keys):

@@ -127,8 +127,21 @@ def read_binaural(path: str | Path) -> NDArray[np.float32]:
     Raises:
         Avs3dError: if the file is missing, damaged, or of another shape or rate.
     """
+    return read_second(path, channels=2)
+
+
+def read_second(path: str | Path, channels: int | None = None) -> NDArray[np.float32]:
+    """A clip (channels, 44100) of any receiver.
+
+    Args:
+        path: of the file.
+        channels: how many it must have; None: as many as it has.
+
+    Raises:
+        Avs3dError: if the file is missing, damaged, or of another shape or rate.
+    """
     clip = media.read_wav(path)
-    shape = (2, layout.BINAURAL_SAMPLES)
+    shape = (channels or len(clip.samples), layout.BINAURAL_SAMPLES)
     if clip.samples.shape != shape or clip.rate != layout.SAMPLE_RATE:
         found = f"{clip.samples.shape} at {clip.rate} Hz"
         raise Avs3dError(f"{path}: sound {found}, expected {shape} at {layout.SAMPLE_RATE} Hz")

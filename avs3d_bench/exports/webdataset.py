@@ -96,7 +96,7 @@ def write_webdataset(
         split: ``train``, ``test`` or ``all``; shards never mix splits.
         shard_mb: a shard's size in megabytes (10⁶ bytes).
         only: shell patterns of observation keys.
-        extras: ``depth``, ``mono``, ``rirs``, ``stems``.
+        extras: ``depth``, ``mono``, ``rirs``, ``stems``, ``ambisonics``, ``array``.
         workers: processes; None: one per core. The bytes do not depend on it.
         progress: show bars on stderr.
 
@@ -133,6 +133,7 @@ def decode_sample(sample: Mapping[str, Any]) -> dict[str, Any]:
     Returns:
         ``facts`` (the JSON) and, where the sample has them, ``rgb`` (3, H, W) uint8, ``binaural`` (2, 44100) float32,
         ``mask`` (H, W) bool, ``instance_ids`` (H, W) int32, ``depth`` (H, W) float32 metres, ``mono`` (n,) float32,
+        ``ambisonics`` ((order + 1)², 44100) float32, ``array`` (microphones, 44100) float32,
         ``impulse_response`` (2, n) float32; of part_3 ``category_mask`` (H, W) uint8 class ids, and by source's id
         ``stems`` (2, 44100) float32, ``impulse_responses`` (2, n) float32. Other keys (``__key__``, …) pass through.
         Arrays are numpy's.
@@ -159,6 +160,9 @@ def decode_sample(sample: Mapping[str, Any]) -> dict[str, Any]:
                 out["depth"] = _pixels(data, cv2.IMREAD_UNCHANGED) / np.float32(layout.DEPTH_UNITS_PER_METRE)
             elif name == "binaural.wav":
                 out["binaural"] = np.ascontiguousarray(soundfile.read(io.BytesIO(data), dtype="float32")[0].T)
+            elif name in ("ambisonics.wav", "array.wav"):
+                samples = soundfile.read(io.BytesIO(data), dtype="float32", always_2d=True)[0]
+                out[name.partition(".")[0]] = np.ascontiguousarray(samples.T)
             elif name == "mono.wav":
                 out["mono"] = soundfile.read(io.BytesIO(data), dtype="float32")[0]
             elif name == "categories.png":

@@ -32,7 +32,7 @@ from avs3d_bench.staging import staged_folder
 MARKER = "avs3d-view.json"
 _OWN = re.compile(
     rf"{re.escape(MARKER)}|index\.html|assets/[a-z]+\.(js|css)|"
-    r"part_[123]/[^/]+/[^/]+/[0-9]+/(index\.html|thumbnail\.webp|floor\.png|sound\.flac|scene\.js|"
+    r"part_[123]/[^/]+/[^/]+/[0-9]+/(index\.html|thumbnail\.webp|floor\.png|sound\.flac|scene\.js|ambisonics\.js|"
     r"stems/(source_[0-9]+|background)\.js|"
     r"(frames|masks|instances|predictions/[1-9])/frame_[0-9]+\.(webp|png))"
 )

@@ -55,6 +55,7 @@ class Facts:
         has_instances: there are instance masks.
         has_sound: there are binaural clips.
         has_map: there is a sparse model or a path to draw.
+        has_ambisonics: there are ambisonic clips.
         scene: the sources of an observation of part_3; None in the other parts.
     """
 
@@ -76,6 +77,7 @@ class Facts:
     has_sound: bool
     has_map: bool
     scene: ShownScene | None = None
+    has_ambisonics: bool = False
 
     def is_twin(self, instance: InstanceRecord) -> bool:
         """Whether an instance is silent and has the category of one that sounds."""
@@ -119,6 +121,7 @@ def read_facts(dataset: Dataset, observation: Observation) -> Facts:
         has_masks=has_masks,
         has_instances=has_instances,
         has_sound=has_sound,
+        has_ambisonics=record is not None and record.acoustics.ambisonics is not None,
         has_map=any(moment.position for moment in moments),
         scene=scene,
     )

@@ -20,6 +20,7 @@ _FOLDERS = (
     layout.SEMANTIC_MASKS,
     layout.INSTANCE_MASKS,
     layout.BINAURAL,
+    layout.clips_folder(layout.AMBISONICS),
     layout.COLMAP,
 )
 

@@ -14,6 +14,7 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.inspector.cards import Card
 from avs3d_bench.inspector.pages import PageOf, gallery_page, observation_page, problem_page, sibling_script
 from avs3d_bench.inspector.site import (
+    AMBISONICS,
     FLOOR,
     PAGE,
     SCENE,
@@ -28,7 +29,7 @@ from avs3d_bench.inspector.submissions import ShownSubmission
 from avs3d_bench.layout import parse_key
 
 #: Slow to make, or asked for all at once.
-_KEPT, _STEMS = (THUMBNAIL, FLOOR, SOUND), "stems/"
+_KEPT, _STEMS = (THUMBNAIL, FLOOR, SOUND, AMBISONICS), "stems/"
 
 
 class KeptFiles:

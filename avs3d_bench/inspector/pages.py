@@ -181,8 +181,10 @@ def _player_data(site: ObservationSite, linked: bool) -> dict[str, Any]:
     """What the scripts need; the names are short because every frame has them."""
     facts, bounds = site.facts, map_bounds(site.facts)
     width, height = site.size
-    scene = {} if facts.scene is None else {"scene": _scene_data(site)}
-    return scene | {
+    more: dict[str, Any] = {} if facts.scene is None else {"scene": _scene_data(site)}
+    if facts.has_ambisonics:
+        more["head"] = {"gain": _round(site.track.gain, 3) if facts.has_sound else 0.0}
+    return more | {
         "key": facts.key,
         "size": [width, height],
         "frames": [_frame_data(moment) for moment in facts.moments],

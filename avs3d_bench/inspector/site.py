@@ -11,6 +11,7 @@
     <key>/scene.js                   part_3: what the player of a sibling needs to show this observation instead
     <key>/stems/source_1.js          part_3 with stems: one source's track, as a script (pages opened from disk may load
                                      scripts, but may not read other files)
+    <key>/ambisonics.js              its first-order ambisonics, as a script, if it has some
     <key>/full/frame_000.png         the dataset's own picture; served only, a site on disk does not hold it
 
 No address is a path on disk: names are looked up among those that exist, so that none leads anywhere else.
@@ -35,13 +36,30 @@ from avs3d_bench.inspector.cards import Card, read_card
 from avs3d_bench.inspector.facts import Facts, best_frames, read_facts, without_path
 from avs3d_bench.inspector.floorplan import draw_floorplan
 from avs3d_bench.inspector.links import check_links
-from avs3d_bench.inspector.sound import Track, read_stem_track, read_track, stem_script
+from avs3d_bench.inspector.sound import (
+    Track,
+    read_ambisonics_track,
+    read_stem_track,
+    read_track,
+    stem_script,
+)
 from avs3d_bench.inspector.sound_scenes import Sibling, find_siblings, stem_levels
 from avs3d_bench.inspector.submissions import Agreement, ShownSubmission
 
 THUMBNAIL, FLOOR, SOUND, PAGE = "thumbnail.webp", "floor.png", "sound.flac", "index.html"
-SCENE = "scene.js"
-SCRIPTS = ("theme.js", "gallery.js", "map.js", "plots.js", "lanes.js", "stems.js", "siblings.js", "player.js")
+SCENE, AMBISONICS = "scene.js", "ambisonics.js"
+SCRIPTS = (
+    "theme.js",
+    "gallery.js",
+    "map.js",
+    "plots.js",
+    "lanes.js",
+    "stems.js",
+    "filters.js",
+    "head.js",
+    "siblings.js",
+    "player.js",
+)
 STYLES = ("style.css",)
 MEDIA_TYPES = {
     ".html": "text/html; charset=utf-8",
@@ -208,6 +226,8 @@ class ObservationSite:
             yield FLOOR
         if facts.has_sound:
             yield SOUND
+        if facts.has_ambisonics:
+            yield AMBISONICS
         yield from self.stem_files
         for name, frame in self._frames.items():
             yield f"frames/{name}.webp"
@@ -234,6 +254,8 @@ class ObservationSite:
             if not self.track.data:
                 del self.track
             return self.track.data
+        if name == AMBISONICS and self.facts.has_ambisonics:
+            return stem_script(self.observation.key, layout.AMBISONICS, read_ambisonics_track(self.observation))
         stem = _STEM_FILE.fullmatch(name)
         if stem and self.facts.scene is not None and stem.group(1) in self.facts.scene.stem_names:
             return stem_script(self.observation.key, stem.group(1), read_stem_track(self.observation, stem.group(1)))

@@ -23,7 +23,15 @@ from numpy.typing import NDArray
 
 from avs3d_bench.dataset import Frame, Observation
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.layout import BINAURAL, BINAURAL_SAMPLES, SAMPLE_RATE, audio_path, stem_path
+from avs3d_bench.layout import (
+    AMBISONICS,
+    BINAURAL,
+    BINAURAL_SAMPLES,
+    SAMPLE_RATE,
+    audio_path,
+    clips_folder,
+    stem_path,
+)
 
 #: Length of the cross-fade where clips meet.
 FADE_SECONDS = 0.005
@@ -33,6 +41,8 @@ MAX_SHIFT = 4
 MOST_BYTES = 9_000_000
 #: Bits of a sample at full scale, and the fewest to which it is rounded.
 BITS, FEWEST_BITS = 16, 12
+#: Channels of first-order ambisonics.
+_FIRST_ORDER = 4
 
 
 @dataclass(frozen=True)
@@ -40,7 +50,7 @@ class Track:
     """What the player plays.
 
     Attributes:
-        data: FLAC, two channels, 44,100 Hz, 16 bits.
+        data: FLAC, 44,100 Hz, 16 bits; two channels, four of ambisonics.
         bits: to which samples at full scale were rounded.
         gain: dB by which it is louder than the files.
         problems: one line for each clip that could not be read; there is silence in its place.
@@ -53,10 +63,10 @@ class Track:
 
 
 def joined(clips: list[NDArray[np.float32]]) -> NDArray[np.float32]:
-    """Clips (2, n) each, one after the other, cross-faded in the first 5 ms of each but the first.
+    """Clips (channels, n) each, one after the other, cross-faded in the first 5 ms of each but the first.
 
     Returns:
-        (2, n · len(clips)).
+        (channels, n · len(clips)).
     """
     length = round(FADE_SECONDS * SAMPLE_RATE)
     # From 0 to 1, neither included: the last sample of the clip before has weight 1 already.
@@ -80,11 +90,12 @@ def read_clip(frame: Frame) -> NDArray[np.float32]:
     return _second(frame.audio(), frame.observation.path / audio_path(BINAURAL, frame.index))
 
 
-def _second(read: NDArray[np.float32], where: Path) -> NDArray[np.float32]:
+def _second(read: NDArray[np.float32], where: Path, channels: int = 2) -> NDArray[np.float32]:
     """What was read from ``where``, of the length of a second."""
-    if read.shape[0] != 2 or not read.shape[1]:
-        raise Avs3dError(f"{where}: {read.shape[0]} channel(s) of {read.shape[1]} samples, expected 2 of a second")
-    clip = np.zeros((2, BINAURAL_SAMPLES), dtype=np.float32)
+    if read.shape[0] != channels or not read.shape[1]:
+        found = f"{read.shape[0]} channel(s) of {read.shape[1]} samples"
+        raise Avs3dError(f"{where}: {found}, expected {channels} of a second")
+    clip = np.zeros((channels, BINAURAL_SAMPLES), dtype=np.float32)
     count = min(BINAURAL_SAMPLES, read.shape[1])
     clip[:, :count] = read[:, :count]
     return clip
@@ -112,19 +123,30 @@ def read_stem_track(observation: Observation, name: str) -> Track:
     return _track(observation, read)
 
 
+def read_ambisonics_track(observation: Observation) -> Track:
+    """The track of the first-order ambisonics (W, Y, Z, X), joined as the clips are; see `read_track`."""
+    channels = observation.channels(AMBISONICS)
+
+    def read(frame: Frame) -> NDArray[np.float32]:
+        where = observation.path / audio_path(clips_folder(AMBISONICS), frame.index)
+        return _second(frame.ambisonics(), where, channels)[:_FIRST_ORDER]
+
+    return _track(observation, read, _FIRST_ORDER)
+
+
 def stem_script(key: str, name: str, track: Track) -> bytes:
     """The track of a stem as a script that hands it to the player: JSON arguments, the FLAC in base64."""
     arguments = (key, name, round(track.gain, 3), base64.b64encode(track.data).decode())
     return f"window.AVS3D.stem({', '.join(json.dumps(value) for value in arguments)});\n".encode()
 
 
-def _track(observation: Observation, read: Callable[[Frame], NDArray[np.float32]]) -> Track:
+def _track(observation: Observation, read: Callable[[Frame], NDArray[np.float32]], channels: int = 2) -> Track:
     clips, problems = [], []
     for frame in observation.frames:
         try:
             clips.append(read(frame))
         except Avs3dError as error:
-            clips.append(np.zeros((2, BINAURAL_SAMPLES), dtype=np.float32))
+            clips.append(np.zeros((channels, BINAURAL_SAMPLES), dtype=np.float32))
             problems.append(str(error))
     samples = joined(clips)
     shift = shift_for(float(np.abs(samples).max(initial=0.0)))
@@ -154,6 +176,6 @@ def _flac(samples: NDArray[np.int16]) -> bytes:
     import soundfile
 
     stream = io.BytesIO()
-    with soundfile.SoundFile(stream, "w", SAMPLE_RATE, 2, subtype="PCM_16", format="FLAC") as file:
+    with soundfile.SoundFile(stream, "w", SAMPLE_RATE, len(samples), subtype="PCM_16", format="FLAC") as file:
         file.write(np.ascontiguousarray(samples.T))
     return stream.getvalue()

@@ -65,12 +65,21 @@
     // From here on, the stems are heard instead of the whole track, at the same time.
     use(stems) {
       const at = this.now();
+      this.stems?.close();
       if (!this.silent) sound.pause();
       this.stems = stems;
       stems.rate = this.rate;
       stems.volume(sound ? sound.volume : 1);
       stems.set(at);
       if (state.playing) stems.start();
+    },
+    // The whole track again, at the same time.
+    leave() {
+      const at = this.now();
+      this.stems?.close();
+      this.stems = null;
+      this.set(at);
+      if (state.playing) this.start().catch(() => null);
     },
     // The whole track of another observation, at the same time.
     async change(address) {
@@ -334,6 +343,7 @@
   const press = () => {
     for (const name of ["mask", "instances", "errors"]) by(name)?.setAttribute("aria-pressed", String(state[name]));
     for (const button of buttons) button.setAttribute("aria-pressed", String(Number(button.dataset.number) === state.submission));
+    showHead();
     const rows = [];
     if (state.instances && data.has.instances) for (const thing of data.instances) rows.push([thing.colour, `${thing.name}${thing.sounding ? ", sounds" : thing.twin ? ", silent twin" : ""}`]);
     if (state.mask && data.scene && !state.instances && !(state.errors && state.submission)) for (const source of data.scene.sources) if (!source.room) rows.push([source.colour, `truth: ${source.name}`]);
@@ -374,11 +384,44 @@
     for (let i = state.index + step; i >= 0 && i < count; i += step) if (data.frames[i].split === "test") { seekFrame(i); return; }
   };
 
-  // ---- sound scenes: stems, and siblings of the group -----------------------------------------------------------
+  // ---- the head that turns: ambisonics instead of the binaural track ---------------------------------------------
+  const look = by("look");
   let opening = null;
+  const turning = () => Boolean(clock.stems?.turn);
+  const showHead = () => {
+    if (!look) return;
+    const degrees = Number(look.value);
+    by("head").setAttribute("aria-pressed", String(turning()));
+    look.disabled = !turning();
+    by("look-value").textContent = degrees ? `${Math.abs(degrees)}° ${degrees < 0 ? "left" : "right"}` : "ahead";
+    stage.dataset.head = turning() ? degrees : "";
+  };
+  const turnHead = async () => {
+    if (!look || opening) return;
+    const { key } = data;
+    if (turning()) { clock.leave(); showHead(); return; }
+    opening = key;
+    tell("Loading the ambisonics …");
+    try {
+      const head = await window.AVS3D.HeadPlayer.open(folder, key, ["ambisonics"], data.head.gain);
+      if (data.key !== key) head.close();
+      else {
+        lanes?.clear();
+        delete stage.dataset.stems;
+        clock.use(head);
+        head.turn(Number(look.value));
+        tell("");
+      }
+    } catch (error) {
+      tell(`The ambisonics cannot be played: ${error.message}`);
+    } finally { opening = null; }
+    showHead();
+  };
+
+  // ---- sound scenes: stems, and siblings of the group -----------------------------------------------------------
   const listen = async (on) => {
     const { key, scene } = data;
-    if (clock.stems) { clock.stems.choose(on); return; }
+    if (clock.stems && !turning()) { clock.stems.choose(on); return; }
     if (opening) return; // the choice is read again when they are there
     opening = key;
     tell("Loading the stems …");
@@ -390,6 +433,7 @@
         clock.use(stems);
         stems.choose((name) => lanes.on(name));
         stage.dataset.stems = key;
+        showHead();
         tell("");
       }
     } catch (error) {
@@ -452,6 +496,8 @@
   scrub.addEventListener("input", () => { clock.set(Number(scrub.value)); sync(); });
   by("rate").addEventListener("change", (event) => clock.speed(Number(event.target.value)));
   by("volume")?.addEventListener("input", (event) => { if (sound) sound.volume = Number(event.target.value); clock.stems?.volume(Number(event.target.value)); });
+  by("head")?.addEventListener("click", turnHead);
+  look?.addEventListener("input", () => { clock.stems?.turn?.(Number(look.value)); showHead(); });
   for (const name of ["mask", "instances", "errors"]) by(name)?.addEventListener("click", () => flip(name));
   buttons.forEach((button) => button.addEventListener("click", () => choose(Number(button.dataset.number))));
   if (sound) {
@@ -464,7 +510,7 @@
   window.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const target = event.target, key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-    if (target.matches("input:not([type=range]), select, textarea") || (target === by("volume") && key !== " ") || (target.matches(".scroll") && key.startsWith("Arrow"))) return;
+    if (target.matches("input:not([type=range]), select, textarea") || ((target === by("volume") || target === look) && key !== " ") || (target.matches(".scroll") && key.startsWith("Arrow"))) return;
     const far = event.shiftKey ? 10 : 1;
     const actions = {
       " ": () => (target.matches("button, a, summary") ? null : (toggle(), true)),
@@ -475,6 +521,7 @@
       m: () => (flip("mask"), true),
       i: () => (flip("instances"), true),
       e: () => (flip("errors"), true),
+      h: () => (turnHead(), true),
       t: () => (nextTest(event.shiftKey ? -1 : 1), true),
       g: () => (siblings ? (siblings.step(event.shiftKey ? -1 : 1), true) : false),
       0: () => (state.submission && choose(state.submission), true),

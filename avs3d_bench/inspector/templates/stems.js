@@ -1,5 +1,6 @@
 "use strict";
-// The stems of a sound scene: each source's own track, played at the same samples, each with its own gain.
+// The stems of a sound scene: each source's own track, played at the same samples, each with its own gain. head.js
+// plays the ambisonics in the same way, as the only stem.
 window.AVS3D = window.AVS3D ?? {};
 (() => {
   const RATE = 44100;
@@ -9,7 +10,7 @@ window.AVS3D = window.AVS3D ?? {};
   const AHEAD = 0.03;
   const waiting = new Map();
 
-  // Called by the scripts stems/<name>.js; a page opened from disk may load scripts, but may not read other files.
+  // Called by the scripts stems/<name>.js and ambisonics.js; a page opened from disk may load scripts, but may not read other files.
   window.AVS3D.stem = (key, name, gain, data) => waiting.get(`${key}/${name}`)?.({ gain, data });
 
   const bytes = (base64) => {
@@ -18,11 +19,11 @@ window.AVS3D = window.AVS3D ?? {};
     return out.buffer;
   };
   const read = (folder, key, name) => new Promise((done, fail) => {
-    const script = document.createElement("script"), address = new URL(`stems/${name}.js`, folder).href;
+    const script = document.createElement("script"), file = name === "ambisonics" ? `${name}.js` : `stems/${name}.js`;
     const end = () => { waiting.delete(`${key}/${name}`); script.remove(); };
     waiting.set(`${key}/${name}`, (stem) => { end(); done(stem); });
-    script.addEventListener("error", () => { end(); fail(new Error(`stems/${name}.js cannot be loaded`)); });
-    script.src = address;
+    script.addEventListener("error", () => { end(); fail(new Error(`${file} cannot be loaded`)); });
+    script.src = new URL(file, folder).href;
     document.head.append(script);
   });
 
@@ -39,7 +40,7 @@ window.AVS3D = window.AVS3D ?? {};
         context.close();
         throw error;
       }
-      return new StemPlayer(context, stems);
+      return new this(context, stems);
     }
 
     constructor(context, stems) {
@@ -49,9 +50,12 @@ window.AVS3D = window.AVS3D ?? {};
       for (const stem of stems.values()) {
         stem.gate = context.createGain();
         stem.gate.gain.value = stem.scale;
-        stem.gate.connect(this.master);
+        this.route(stem);
       }
     }
+
+    // From the gain of a stem to what is heard.
+    route(stem) { stem.gate.connect(this.master); }
 
     now() {
       if (this.since === null) return this.base;
