@@ -125,6 +125,24 @@ def test_source_and_listener_may_change_places_round_an_edge():
     assert forth.pressure == pytest.approx(back.pressure, rel=1e-4)
 
 
+@pytest.mark.parametrize("band", [3, 4, 5])
+def test_diffraction_moves_energy_and_adds_none(band):
+    """Flux through a plane behind a half plane: that of the lit part, neither more nor less (energy is conserved)."""
+    found, source = half_plane(), np.array([-2.0, -1.0, 0.0])
+    edges = lit_edges(found.edges, source)
+    flux = lit = 0.0
+    for height in np.linspace(-9.0, 11.0, 401):
+        listener = np.array([2.0, height, 0.0])
+        distance = np.linalg.norm(listener - source)
+        direct = np.exp(-2j * np.pi * BANDS[band] * distance / SPEED_OF_SOUND) / distance if height > 1.0 else 0.0
+        total = direct + pressure(diffracted(found, edges, listener), BANDS[band], band, distance)
+        cosine = 4.0 / distance
+        # A line source's flux: the mean over z only widens the path.
+        flux += cosine * distance * abs(total) ** 2
+        lit += cosine * distance * abs(direct) ** 2
+    assert flux / lit == pytest.approx(1.0, abs=0.05)
+
+
 def test_a_box_has_corners_but_no_edges():
     found = surfaces(box())
     assert not len(diffracted(found, lit_edges(found.edges, SOURCE), np.array([4.0, 2.0, 1.5])))

@@ -9,9 +9,11 @@ from tracer_rooms import KHZ, LISTENER, SIZE, SOURCE, box, images, label
 
 from generators.acoustics.analytic import Box, image_sources
 from generators.acoustics.geometry import SPEED_OF_SOUND
+from generators.acoustics.materials import MATERIALS
 from generators.acoustics.tracer.air import energy_exponents
 from generators.acoustics.tracer.arrivals import BANDS
 from generators.acoustics.tracer.early import early_arrivals
+from generators.acoustics.tracer.surfaces import octaves
 from generators.acoustics.tracer.transmission import wall_gain, wall_loss_db
 from generators.core.scene import Scene
 
@@ -144,3 +146,9 @@ def test_bands_are_octaves_and_outer_ones_repeat_the_nearest():
     assert surfaces.mesh.reflection[0] == pytest.approx([0.9, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.4])
     assert surfaces.mesh.scattering[0] == pytest.approx([0.05, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.3])
     assert BANDS[KHZ] == 1000
+
+
+@pytest.mark.parametrize("name", sorted(MATERIALS))
+def test_what_passes_a_wall_is_part_of_what_it_absorbs(name):
+    """Nothing is gained: the transmitted share of the energy is below the absorption of every material."""
+    assert np.all(wall_gain(1) ** 2 <= octaves(MATERIALS[name].in_situ))

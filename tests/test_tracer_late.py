@@ -236,6 +236,19 @@ def test_late_sound_comes_from_everywhere_with_either_sign():
         assert np.all(np.sign(arrivals.pressure[late]) == np.sign(arrivals.pressure[late, :1]))
 
 
+def test_the_late_field_has_the_coherence_of_a_diffuse_field():
+    """Two microphones d apart: sin(kd)/(kd) along every axis (Cook et al., JASA 27 (1955) 1072–1077)."""
+    listeners = np.random.default_rng(0).uniform(0.6, np.array(SIZE) - 0.6, (16, 3))
+    found = Arrivals.joined(whole(box(0.1, 1.0), listeners, 4000, rain_rays=0, rain_order=0))
+    late = found.time > 0.06
+    energy, direction = energies(found)[late], found.direction[late].astype(float)
+    wave = np.linspace(0, 4 * np.pi, 60)  # kd
+    for axis in np.eye(3):
+        # Signs are random: on average each arrival correlates with itself alone.
+        coherence = np.exp(1j * wave[:, None] * (direction @ axis)) @ energy / energy.sum()
+        assert coherence == pytest.approx(np.sinc(wave / np.pi), abs=0.03)
+
+
 def test_a_listener_near_a_wall_hears_the_same_late_level():
     """The disc shrinks with the distance to the wall; down to 6 cm the expectation stays."""
     listeners = np.array([(3.0, 2.0, 1.5), (3.0, 2.0, 0.2), (3.0, 2.0, 0.06)])

@@ -1,5 +1,7 @@
 """The tracer as a backend: the same bytes in any order, and clear answers to bad input."""
 
+import multiprocessing
+
 import numpy as np
 import pytest
 from acoustic_rooms import box_scene, solid
@@ -179,6 +181,15 @@ def test_a_mesh_with_nan_is_refused():
         opened(broken)
 
 
+@pytest.mark.parametrize("far", [1e5, 1e30])
+def test_a_mesh_too_far_away_is_refused(far):
+    distant = with_mesh(box(), [[[1, 1, 1], [2, 1, 1], [1, far, 1]]])
+    with pytest.raises(
+        Avs3dError, match=r"part 'shard' has acoustic vertices 1e?[+0]+\d* m from the origin, expected at most"
+    ):
+        opened(distant)
+
+
 def test_degenerate_triangles_are_dropped():
     needle = with_mesh(box(), [[[1, 1, 1], [1, 1, 1], [1, 1, 1]], [[0, 0, 0], [1, 1, 1], [2, 2, 2]]])
     assert bytes_of(opened(needle).arrivals(POSES[0])) == bytes_of(opened().arrivals(POSES[0]))
@@ -265,6 +276,59 @@ def test_a_source_that_is_walled_in_is_one_clear_line():
 def test_the_body_of_the_sounding_object_is_no_wall():
     crate = solid("crate", (0.6, 0.6, 0.6), SOURCE, label=label(0.2), instance_id=1)
     assert bytes_of(opened(walled((crate,))).arrivals(POSES[0])) == bytes_of(opened(walled(())).arrivals(POSES[0]))
+
+
+def test_source_and_listener_in_one_place():
+    """As loud as at 10 cm; the reflections stay what they are."""
+    session = TracerBackend(settings=FEW).open(box(0.2), SOURCE_, room="kitchen")
+    pose = Pose.from_yaw(SOURCE_, 0.3)
+    found = session.arrivals(pose)
+    assert found.time[0] == 0.0
+    assert found.pressure[0] == pytest.approx(10.0)
+    assert np.isfinite(found.pressure).all()
+    response = session.impulse_response(pose)
+    assert np.isfinite(response).all()
+    assert response.any()
+
+
+#: Scenes and places with a documented meaning or one clear line; whatever they give, they give it soon.
+ODD = {
+    "empty part": lambda: opened(with_mesh(box(), np.zeros((0, 3, 3)))),
+    "one triangle": lambda: opened(with_mesh(Scene("box", (), box().rooms, ()), [[[0, 0, 0], [6, 0, 0], [0, 0, 3]]])),
+    "needles": lambda: opened(with_mesh(box(), [[[0, 1, 1], [6, 1, 1], [6, 1, 1 + 1e-6 * k]] for k in range(1, 9)])),
+    "every face twice": lambda: opened(Scene("box", box().parts * 2, box().rooms, ())),
+    "a million times as large": lambda: opened(box(0.2, 0.3, (6e6, 4e6, 3e6))),
+    "large hall": lambda: opened(box(0.01, 0.3, (900.0, 400.0, 300.0))),
+    "tiny box": lambda: opened(box(0.01, 0.3, (0.02, 0.02, 0.02)), (0.01, 0.01, 0.01)),
+    "no absorption": lambda: opened(box(0.0, 0.0)),
+    "all absorbed": lambda: opened(box(1.0, 1.0)),
+    "source on a wall": lambda: opened(source=(0.0, 1.2, 1.3)),
+    "source in a corner": lambda: opened(source=(0.0, 0.0, 0.0)),
+}
+
+
+def _respond(name, places):
+    for place in places:
+        try:
+            response = ODD[name]().impulse_response(Pose.from_yaw(place, 0.0))
+        except Avs3dError as error:
+            response = np.array([np.nan if "\n" in str(error) else 0.0])
+        assert np.isfinite(response).all()
+
+
+def test_no_odd_scene_hangs():
+    """Each gives finite numbers or one line, in a process that is ended if it takes long."""
+    places = [POSES[0].position, (0.01, 0.01, 0.01), (0.0, 0.0, 0.0), (6.0, 4.0, 3.0), SOURCE_]
+    context = multiprocessing.get_context("fork")
+    for name in ODD:
+        process = context.Process(target=_respond, args=(name, places))
+        process.start()
+        process.join(60)
+        hung = process.is_alive()
+        process.kill()
+        process.join()
+        assert not hung, f"{name}: no answer after a minute"
+        assert process.exitcode == 0, name
 
 
 def test_a_closed_session_says_so():

@@ -16,6 +16,8 @@ SPEED_OF_SOUND = 343.0  # m/s at 20 °C
 
 #: Corners nearer than this are one vertex.
 _WELD = 1e-4
+#: Farthest coordinate of a mesh (m): beyond, its single-precision positions are coarser than 1 mm.
+FARTHEST = 10_000.0
 #: A source this near to a placed object's bounds belongs to that object.
 _OWN_BODY = 0.03
 #: A position may lie this far outside the scene's faces (a door step, a coarse twin).
@@ -82,7 +84,7 @@ def acoustic_mesh(scene: Scene, source: tuple[float, float, float], *, absorptio
     would wall it in. So the placed instance (``instance_id`` > 0) whose bounds hold the source is left out.
 
     Raises:
-        Avs3dError: if a coordinate is not finite or labels and faces do not fit together.
+        Avs3dError: if a coordinate is not finite or beyond `FARTHEST`, or labels and faces do not fit together.
     """
     point = np.asarray(source, dtype=np.float64)
     triangles: list[NDArray[np.float64]] = []
@@ -92,6 +94,12 @@ def acoustic_mesh(scene: Scene, source: tuple[float, float, float], *, absorptio
         if not np.isfinite(corners).all():
             raise Avs3dError(
                 f"{scene.name}: part {part.name!r} has acoustic vertices that are NaN or infinite; repair it"
+            )
+        farthest = float(np.abs(corners).max(initial=0.0))
+        if farthest > FARTHEST:
+            raise Avs3dError(
+                f"{scene.name}: part {part.name!r} has acoustic vertices {farthest:g} m from the origin, expected at "
+                f"most {FARTHEST:g} m; check its unit and its origin"
             )
         if len(corners) != len(part.mesh.acoustic_labels):
             raise Avs3dError(
