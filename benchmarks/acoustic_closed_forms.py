@@ -73,6 +73,11 @@ def even(absorption: float) -> list[float]:
     return [absorption] * len(OCTAVES)
 
 
+def uniform(absorption: Spectrum) -> Scene:
+    """The box with walls of one material, which scatter all."""
+    return box(absorption, absorption, absorption, 1.0)
+
+
 def exponent(band: int) -> float:
     """Absorption of energy in the air (1/m) at an octave of `OCTAVES`."""
     return float(energy_exponents()[BANDS.index(band)])
@@ -164,7 +169,7 @@ def diffuse_boxes() -> dict[str, Any]:
             },
         }
         for engine in ENGINES:
-            found = simulate(engine, box(*[even(absorption)] * 3, 1.0))
+            found = simulate(engine, uniform(even(absorption)))
             row["T30 (s)"][engine] = float(found["t30"][middle].mean())
             row["level (dB)"][engine] = float(decibels(found["energy"][middle].mean()))
         table[str(absorption)] = row
@@ -175,7 +180,7 @@ def plaster_box() -> dict[str, Any]:
     """A diffuse box of plaster as dwellings have it: T30 (s) in each octave."""
     absorption = MATERIALS["plaster"].in_situ
     closed = [kuttruff(a, band) for a, band in zip(absorption, OCTAVES, strict=True)]
-    found = {engine: simulate(engine, box(*[absorption] * 3, 1.0))["t30"].tolist() for engine in ENGINES}
+    found = {engine: simulate(engine, uniform(absorption))["t30"].tolist() for engine in ENGINES}
     return {"closed form": closed} | found
 
 
@@ -239,7 +244,7 @@ def coherence(folder: Path) -> dict[str, Any]:
     """Coherence of two microphones in the late field of a diffuse box, and sin(kd)/(kd)."""
     path = folder / "pair.json"
     write_json(path, {"microphones": [{"position": [-APART / 2, 0, 0]}, {"position": [APART / 2, 0, 0]}]})
-    session = TracerBackend(Array(path)).open(box(*[even(0.1)] * 3, 1.0), SOURCE, room="box")
+    session = TracerBackend(Array(path)).open(uniform(even(0.1)), SOURCE, room="box")
     rng = np.random.default_rng(0)
     places = rng.uniform(0.6, SIZE - 0.6, (FIELDS, 3))
     poses = [

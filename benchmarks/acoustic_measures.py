@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from avs3d_bench.geometry import Pose
 from avs3d_bench.layout import SAMPLE_RATE
@@ -35,10 +35,10 @@ _TRANSFORM = 1 << 16
 _DIRECTIONS, _DISTANCE = 60, 2.0
 
 
-def decibels(ratio: float | F64) -> F64:
+def decibels(ratio: ArrayLike) -> F64:
     """10·lg of a ratio of energies."""
     with np.errstate(divide="ignore"):
-        return np.asarray(10 * np.log10(ratio))
+        return np.asarray(10 * np.log10(np.asarray(ratio, dtype=np.float64)))
 
 
 def octave_energies(response: F32) -> F64:

@@ -37,7 +37,7 @@ class TraceSettings:
     arrivals: int = 20_000
     least_rays: int = 4000
     most_rays: int = 40_000
-    rain_rays: int = 500
+    rain_rays: int = 1000
     rain_order: int = 2
     early_order: int = 3
     diffraction: bool = True
