@@ -46,11 +46,12 @@ LEVEL, DRR, T30, SIGN = 1.0, 1.5, 10.0, 99.0
 AUDIBLE_ILD = 1.0
 
 
-def diffuse(scene: Scene) -> Scene:
-    """The scene with surfaces that absorb as before and scatter all that they reflect."""
+def even_surfaces(scene: Scene) -> Scene:
+    """The scene with surfaces that scatter all that they reflect and absorb alike in all octaves, as on their mean."""
 
     def label(name: str) -> str:
-        return spectral_label(material_for(name).in_situ, (1.0,) * len(OCTAVES))  # type: ignore[arg-type]
+        mean = float(np.mean(material_for(name).in_situ))
+        return spectral_label((mean,) * len(OCTAVES), (1.0,) * len(OCTAVES))  # type: ignore[arg-type]
 
     def part(one: Part) -> Part:
         known = {name: label(name) for name in set(one.mesh.acoustic_labels)}
@@ -59,13 +60,13 @@ def diffuse(scene: Scene) -> Scene:
     return replace(scene, parts=tuple(part(one) for one in scene.parts))
 
 
-def observe(plan: ObservationPlan, poses: int, scattering: bool) -> dict[str, Any]:
-    """Both engines at ``poses`` poses of one observation; with ``scattering``, all surfaces scatter all sound."""
+def observe(plan: ObservationPlan, poses: int, even: bool) -> dict[str, Any]:
+    """Both engines at ``poses`` poses of one observation; ``even``: with `even_surfaces`."""
     home = home_of(plan).for_room(plan.spec.room)
     seen = arrange(plan, home)
     stage = Stage(home, seen.placements, draw_sounding(plan, seen.placements), seen.motion)
     source = stage.source(0)
-    scene = diffuse(stage.scene(0)) if scattering else stage.scene(0)
+    scene = even_surfaces(stage.scene(0)) if even else stage.scene(0)
     chosen = [seen.poses[k] for k in np.unique(np.linspace(0, len(seen.poses) - 1, poses).round().astype(int))]
     path = DirectPath(scene, source.source_position)
     rows: list[dict[str, Any]] = []
@@ -245,17 +246,17 @@ class Settings:
 
     Attributes:
         poses: of each observation.
-        diffuse: whether all surfaces scatter all sound.
+        even: whether `even_surfaces` replace those of the home.
         version: of the package.
     """
 
     poses: int
-    diffuse: bool
+    even: bool
     version: str = __version__
 
 
 def _work(plan: ObservationPlan, settings: Settings, path: Path) -> str:
-    write_json(path, {"settings": asdict(settings)} | observe(plan, settings.poses, settings.diffuse))
+    write_json(path, {"settings": asdict(settings)} | observe(plan, settings.poses, settings.even))
     return plan.key
 
 
@@ -280,12 +281,12 @@ def run(plans: Sequence[ObservationPlan], settings: Settings, workers: int, fold
 @click.option("--poses", default=12, show_default=True, type=click.IntRange(1), help="Poses of each observation.")
 @click.option("--workers", default=2, show_default=True, type=click.IntRange(1), help="Number of processes.")
 @click.option("--only", multiple=True, help="Shell pattern of observation keys.")
-@click.option("--diffuse", is_flag=True, help="Let all surfaces scatter all sound: an experiment.")
+@click.option("--even", is_flag=True, help="Surfaces that scatter all and absorb alike in all octaves: an experiment.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("build/agreement"), show_default=True)
-def main(poses: int, workers: int, only: tuple[str, ...], diffuse: bool, output: Path) -> None:
+def main(poses: int, workers: int, only: tuple[str, ...], even: bool, output: Path) -> None:
     """Compare the engines, print the tables, and write them below OUTPUT."""
     plans = make_plans(read_manifest(MANIFEST), audio="analytic", only=only)
-    found = list(run(plans, Settings(poses, diffuse), workers, output))
+    found = list(run(plans, Settings(poses, even), workers, output))
     summary = summarise(found, {engine: head_levels(engine) for engine in ENGINES})
     write_json(output / "agreement.json", summary)
     write_bytes(output / "agreement.md", markdown(summary).encode())
