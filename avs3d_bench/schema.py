@@ -327,6 +327,13 @@ class VisionRecord(Record):
     version: Text
 
 
+class DeviceRecord(Record):
+    """The device that baked the light and, if the acoustic engine can choose, traced the sound."""
+
+    name: Literal["cuda"]
+    version: Text = Field(description="of the software that drives it, with the kind of device; the bytes depend on it")
+
+
 class FrameRecord(Record):
     """One frame: the pose of the agent's sensor, and the visibility and direction of the source.
 
@@ -398,7 +405,7 @@ class ObservationRecord(Record):
 
     sound_scene_fields: ClassVar[tuple[str, ...]] = ("sources", "background", "group")
     left_out: ClassVar[frozenset[str]] = frozenset(
-        {"variant_of", "source_motion", "sizes", "categories", *sound_scene_fields}
+        {"variant_of", "source_motion", "sizes", "categories", "device", *sound_scene_fields}
     )
 
     schema_version: Literal["1.0", "1.1"] = Field(
@@ -444,6 +451,9 @@ class ObservationRecord(Record):
     sound: SoundRecord | None = None
     acoustics: AcousticsRecord
     vision: VisionRecord
+    device: DeviceRecord | None = Field(
+        default=None, description="what baked the light and traced the sound; absent: the CPU"
+    )
     frames: Annotated[tuple[FrameRecord, ...], Field(min_length=1, max_length=layout.MAX_FRAMES)]
     files: dict[RelativePath, Sha256] = Field(description="sha256 of every file beside observation.json")
     sizes: dict[RelativePath, Annotated[int, Field(ge=0)]] | None = Field(

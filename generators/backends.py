@@ -10,6 +10,8 @@ from avs3d_bench import __version__
 from avs3d_bench.errors import UsageError
 from avs3d_bench.provenance import Provenance, provenance
 from generators.acoustics.base import AcousticBackend, CompiledBackend
+from generators.core.cuda import cuda_version
+from generators.core.rays import TRACERS
 from generators.receivers import Receivers, check_engine
 from generators.vision.base import VisionBackend
 
@@ -18,6 +20,7 @@ OBSERVATION = "generators.observation:generate_observation"
 #: Backends by name: module and class of each.
 VISION = {
     "embree": "generators.vision.embree:EmbreeBackend",
+    "cuda": "generators.vision.cuda:CudaBackend",
     "habitat": "generators.vision.habitat:HabitatBackend",
 }
 ACOUSTIC = {
@@ -25,6 +28,10 @@ ACOUSTIC = {
     "tracer": "generators.acoustics.tracer.backend:TracerBackend",
     "analytic": "generators.acoustics.analytic:AnalyticBackend",
 }
+#: Acoustic engines that work on the device of ``--device``.
+ON_DEVICE = ("tracer",)
+#: The renderer of each device, where none is named.
+RENDERERS = {"cpu": "embree", "cuda": "cuda"}
 
 
 def vision_backend(name: str) -> VisionBackend:
@@ -41,7 +48,7 @@ def vision_backend(name: str) -> VisionBackend:
 
 
 def acoustic_backend(
-    name: str, *, absorption_scale: float = 1.0, receivers: Receivers | None = None
+    name: str, *, absorption_scale: float = 1.0, receivers: Receivers | None = None, device: str = "cpu"
 ) -> AcousticBackend:
     """The acoustic engine called ``name``.
 
@@ -49,6 +56,7 @@ def acoustic_backend(
         name: of the engine.
         absorption_scale: see `AcousticBackend`.
         receivers: what hears the sound beside, or instead of, the engine's own head.
+        device: what traces the sound, of an engine that can choose; the others work on the CPU.
 
     Raises:
         UsageError: if there is no engine of that name, or it has no such receivers.
@@ -60,18 +68,20 @@ def acoustic_backend(
     if receivers:
         check_engine(name, hrtf=receivers.hrtf, **receivers.channels)
         options |= {"receiver": receivers.head(), "others": receivers.others()}
+    if device != "cpu" and name in ON_DEVICE:
+        options["device"] = device
     backend: AcousticBackend = _load(ACOUSTIC[name])(**options)
     return backend
 
 
-def warm_up_acoustics(name: str, receivers: Receivers | None = None) -> None:
+def warm_up_acoustics(name: str, receivers: Receivers | None = None, device: str = "cpu") -> None:
     """Import the acoustic engine called ``name``, read what its receivers need, compile its kernels if it has any.
 
     Raises:
         UsageError: if there is none of that name.
         Avs3dError: if what it needs is not installed.
     """
-    engine = acoustic_backend(name, receivers=receivers)
+    engine = acoustic_backend(name, receivers=receivers, device=device)
     if isinstance(engine, CompiledBackend):
         engine.warm_up()
 
@@ -87,25 +97,32 @@ def _load(named: str) -> Any:
     return getattr(import_module(module), name)
 
 
-def unused_backends(vision: str, audio: str) -> tuple[str, ...]:
-    """The entries of the backends that are not chosen, and so never run."""
+def unused_backends(vision: str, audio: str, device: str = "cpu") -> tuple[str, ...]:
+    """The entries of the backends and ray tracers that are not chosen, and so never run."""
     unused = [entry for name, entry in VISION.items() if name != vision]
-    return (*unused, *(entry for name, entry in ACOUSTIC.items() if name != audio))
+    unused += [entry for name, entry in ACOUSTIC.items() if name != audio]
+    return (*unused, *(entry for name, entry in TRACERS.items() if name not in ("cpu", device)))
 
 
-def observation_provenance(vision: str, audio: str) -> Provenance:
+def observation_provenance(vision: str, audio: str, device: str = "cpu") -> Provenance:
     """The software that observations made with these backends depend on."""
-    return provenance(OBSERVATION, without=unused_backends(vision, audio))
+    return provenance(OBSERVATION, without=unused_backends(vision, audio, device))
 
 
-def backend_versions(vision: str, audio: str) -> dict[str, str]:
-    """Name → version of all software and settings that an observation's bytes may depend on."""
-    sight, sound = vision_backend(vision), acoustic_backend(audio)
-    software = observation_provenance(vision, audio)
+def backend_versions(vision: str, audio: str, device: str = "cpu") -> dict[str, str]:
+    """Name → version of all software and settings that an observation's bytes may depend on.
+
+    Raises:
+        UsageError: if there is no backend of that name.
+        Avs3dError: if what a backend needs is not installed, or the device cannot be used.
+    """
+    sight, sound = vision_backend(vision), acoustic_backend(audio, device=device)
+    software = observation_provenance(vision, audio, device)
     return {
         "avs3d-bench": __version__,
         **software.versions,
         f"settings of {sound.name}": repr(sorted(sound.describe().items())),
         sight.name: sight.version,
         sound.name: sound.version,
+        **({} if device == "cpu" else {f"device {device}": cuda_version()}),
     }

@@ -13,7 +13,7 @@ from avs3d_bench.groups import HELP, PATH, only_option
 from avs3d_bench.one_thread import ONE_THREAD
 from avs3d_bench.scheduling.options import Options, scheduling_options
 from generators.core.limits import FRAMES, SIZE, WORKERS
-from generators.run.options import Audio, Extra, GenerateOptions, Vision
+from generators.run.options import Audio, Device, Extra, GenerateOptions, Vision
 
 #: Folders and receivers that `--with` takes; a receiver has a value of its own.
 _FOLDERS: tuple[Extra, ...] = get_args(Extra)
@@ -78,7 +78,16 @@ class _Generate(click.Command):
     "--workers", type=click.IntRange(*WORKERS), default=None, help="Worker processes (default: one per core)."
 )
 @only_option
-@click.option("--vision", type=click.Choice(get_args(Vision)), default="embree", show_default=True)
+@click.option(
+    "--device",
+    type=click.Choice(get_args(Device)),
+    default="cpu",
+    show_default=True,
+    help="What draws the pictures, bakes the light and, with --audio tracer, traces the sound.",
+)
+@click.option(
+    "--vision", type=click.Choice(get_args(Vision)), default=None, help="Renderer (default: embree; cuda on cuda)."
+)
 @click.option(
     "--habitat-python",
     type=click.Path(path_type=Path),

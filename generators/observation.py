@@ -17,6 +17,7 @@ from avs3d_bench.schema import (
     SOUND_SCENES_VERSION,
     AcousticsRecord,
     AmbisonicsRecord,
+    DeviceRecord,
     FrameRecord,
     HrtfRecord,
     InstanceRecord,
@@ -210,6 +211,7 @@ def prepare_observation(plan: ObservationPlan, cache: Path) -> PreparedObservati
         poses=tuple(seen.poses),
         sources=tuple(stage.source(second).source_position for second in seconds),
         receivers=plan.receivers,
+        device=plan.device,
     )
     return PreparedObservation(seen, sounding, stage, sound, intrinsics, sight, listening.engine(), listening)
 
@@ -249,9 +251,17 @@ def describe_observation(
         sound=ready.sound.record,
         acoustics=describe_acoustics(ready.engine, plan.receivers, decays),
         vision=VisionRecord(backend=ready.sight.name, version=ready.sight.version),
+        device=device_record(plan),
         frames=tuple(frames),
         files={},
     )
+
+
+def device_record(plan: ObservationPlan) -> DeviceRecord | None:
+    """The record of the device that baked the light; None: the CPU."""
+    if plan.device == "cpu":
+        return None
+    return DeviceRecord(name="cuda", version=plan.backends[f"device {plan.device}"])
 
 
 def describe_acoustics(

@@ -66,6 +66,7 @@ class ObservationPlan:
         first: the plan of the observation whose pictures this one has, if it has those of another. Its bytes do not
             depend on it: where the pictures are not there, they are rendered again.
         receivers: what hears the sound.
+        device: what bakes the light and, if the engine can choose, traces the sound: ``cpu`` or ``cuda``.
     """
 
     spec: ObservationSpec
@@ -85,6 +86,7 @@ class ObservationPlan:
     first: ObservationPlan | None = None
     categories: dict[str, CategorySpec] = field(default_factory=dict)
     receivers: Receivers = OWN_HEAD
+    device: str = "cpu"
 
     @property
     def key(self) -> str:
@@ -164,6 +166,8 @@ class ObservationPlan:
             document["categories"] = [list(self.categories), self._declarations(used)]
         if self.receivers:
             document["receivers"] = self.receivers.identity()
+        if self.device != "cpu":
+            document["device"] = self.device
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
     def _declarations(self, used: Iterable[str]) -> dict[str, Any]:
@@ -231,6 +235,9 @@ class ObservationPlan:
         document: list[Any] = [self.spec.scan, self.scan.identity(), self.light, ""]
         if self.scan.source == "scan":
             document += [self.vision, self._scan_digests()]
+        elif self.device != "cpu":
+            # Rays differ by rounding: the bytes are those of this kind of device.
+            document.append(self.backends[f"device {self.device}"])
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
 
@@ -263,6 +270,7 @@ def make_plans(
     size: int | None = None,
     extras: Collection[str] = (),
     receivers: Receivers = OWN_HEAD,
+    device: str = "cpu",
 ) -> tuple[ObservationPlan, ...]:
     """One plan per selected observation.
 
@@ -275,10 +283,11 @@ def make_plans(
         size: side of the pictures (pixels); None: the manifest's.
         extras: names of the optional folders: depth, rirs, stems.
         receivers: what hears the sound; see `generators.receivers.choose_receivers`.
+        device: what bakes the light and traces the sound: cpu or cuda.
 
     Raises:
         UsageError: if a pattern of ``only`` matches nothing, or the lock file lacks an asset.
-        Avs3dError: if a backend is not installed, or an asset is not in the store.
+        Avs3dError: if a backend is not installed, the device cannot be used, or an asset is not in the store.
     """
     from generators.backends import backend_versions
     from generators.library.references import check_assets
@@ -286,7 +295,7 @@ def make_plans(
     manifest = source.manifest
     changes = {"frames": frames, "size": size}
     camera = manifest.camera.model_copy(update={name: value for name, value in changes.items() if value is not None})
-    backends = backend_versions(vision, audio)
+    backends = backend_versions(vision, audio, device)
     for spec in manifest.observations:
         _check_variant(spec, manifest)
     selected = select(manifest, only)
@@ -315,6 +324,7 @@ def make_plans(
             stems="stems" in extras,
             categories=manifest.categories,
             receivers=receivers,
+            device=device,
         )
 
     firsts = {spec.key: planned(spec) for spec in manifest.observations if spec.is_sound_scene and spec.like is None}

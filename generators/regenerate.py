@@ -112,6 +112,7 @@ def _plan(source: ManifestFile, observation: Observation, dataset: DatasetRecord
         # The optional folders have the names of their options.
         extras={path.partition("/")[0] for path in record.files} & {layout.DEPTH, layout.RIRS, layout.STEMS},
         receivers=_receivers(observation.key, record.acoustics, hrtf),
+        device=record.device.name if record.device else "cpu",
     )
     if plan.digest != record.plan_sha256:
         raise UsageError(f"{observation.key}: {_difference(plan, record, dataset)}")
@@ -137,7 +138,7 @@ def _receivers(key: str, acoustics: AcousticsRecord, hrtf: Path | None) -> Recei
 
 
 def _difference(plan: ObservationPlan, record: ObservationRecord, dataset: DatasetRecord) -> str:
-    there, here = dataset.provenance, observation_provenance(plan.vision, plan.audio)
+    there, here = dataset.provenance, observation_provenance(plan.vision, plan.audio, plan.device)
     pairs = [
         ("avs3d-bench", dataset.toolkit_version, __version__),
         *(

@@ -51,6 +51,7 @@ from generators.observation import (
     choose_sound,
     describe_acoustics,
     describe_instance,
+    device_record,
     licence_record,
 )
 from generators.paths.stage import Camera, Stage
@@ -170,6 +171,7 @@ class PreparedScene:
                 poses=tuple(self.seen.poses),
                 sources=(source.position,),
                 receivers=plan.receivers,
+                device=plan.device,
             )
             for source in self.sources
         )
@@ -268,7 +270,10 @@ def prepare_scene(plan: ObservationPlan, cache: Path) -> PreparedScene:
         intrinsics=Intrinsics.from_fov(plan.camera.size, plan.camera.hfov),
         sight=sight,
         engine=acoustic_backend(
-            plan.audio, absorption_scale=plan.spec.acoustics.absorption_scale, receivers=plan.receivers
+            plan.audio,
+            absorption_scale=plan.spec.acoustics.absorption_scale,
+            receivers=plan.receivers,
+            device=plan.device,
         ),
         scene=home.with_parts(tuple(p.part(number) for number, p in enumerate(seen.placements, start=1))),
     )
@@ -555,6 +560,7 @@ def describe_scene(
         instances=ready.instances,
         acoustics=describe_acoustics(ready.engine, plan.receivers, decays),
         vision=VisionRecord(backend=ready.sight.name, version=ready.sight.version),
+        device=device_record(plan),
         frames=tuple(frames),
         files={},
     )

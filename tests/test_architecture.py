@@ -127,7 +127,7 @@ HOUSE = {
         "vision": "core assets",
         "acoustics": "core",
         "receivers": "acoustics",
-        "backends": "vision acoustics receivers",
+        "backends": "core vision acoustics receivers",
         "apartments": "core assets",
         "scans": "core assets acoustics",
         "lighting": "core",

@@ -100,7 +100,7 @@ def test_built_once_per_key(tmp_path: Path) -> None:
 def test_new_code_builds_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     build = Builder()
     cached_scene(tmp_path, "a", build)
-    monkeypatch.setattr(cache, "builder_version", lambda: "another")
+    monkeypatch.setattr(cache, "builder_version", lambda device: "another")
     cached_scene(tmp_path, "a", build)
     assert build.calls == 2
 

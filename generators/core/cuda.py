@@ -51,6 +51,8 @@ BLOCK = 128
 LEAST_CAPABILITY = (7, 5)
 #: Error code of CUDA's driver: out of memory (CUDA_ERROR_OUT_OF_MEMORY).
 _OUT_OF_MEMORY = 2
+#: Device memory of a worker process (bytes): CUDA's context and kernels, a home, a picture, the rays of a batch.
+WORKER_MEMORY = 2 << 30
 _INSTALL = "pip install 'avs3d-bench[cuda]'"
 
 
@@ -128,6 +130,15 @@ def require_device() -> Device:
     device = cuda.get_current_device()
     info = cuda.current_context().get_memory_info()
     return Device(_text(device.name), tuple(device.compute_capability), int(info.total), int(info.free))
+
+
+def most_workers() -> int:
+    """How many worker processes the free memory of the device has room for, at least 1.
+
+    Raises:
+        Avs3dError: if CUDA cannot be used.
+    """
+    return max(1, require_device().free // WORKER_MEMORY)
 
 
 def cuda_version() -> str:
@@ -300,6 +311,8 @@ def _cache_of_source() -> Iterator[None]:
 
 
 def _numba_cuda() -> Any:
+    # numba-cuda 0.30 names this function as it compiles; numpy 2.5 has removed it.
+    np.__dict__.setdefault("row_stack", np.vstack)
     from numba import cuda
 
     return cuda

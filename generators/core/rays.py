@@ -7,6 +7,7 @@ same bytes for any chunking and in any process, because each ray is traced by it
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,8 @@ from generators.core.scene import F32, I32, Scene
 
 #: Number of rays per call of Embree; its result arrays (32 bytes a ray) then fit into a core's cache.
 CHUNK = 1 << 16
+#: The tracer of each device. A text: what runs on the CPU does not depend on the sources of the other one.
+TRACERS = {"cpu": "generators.core.rays:Tracer", "cuda": "generators.core.device_rays:DeviceTracer"}
 #: embreex's value for "no limit"; a ray without a hit returns it unchanged.
 _FAR = np.float32(1e37)
 
@@ -71,6 +74,17 @@ class Tracer:
         """(N,) whether each ray hits anything nearer than ``far`` (N,) direction lengths."""
         found = self._scene.run(origins, directions, far, query="OCCLUDED")
         return np.asarray(found >= 0)
+
+
+def open_tracer(triangles: F32, device: str = "cpu") -> Tracer:
+    """A tracer over (F, 3, 3) triangles on ``device``, one of `TRACERS`.
+
+    Raises:
+        Avs3dError: see `Tracer`, or if CUDA cannot be used.
+    """
+    module, _, name = TRACERS[device].partition(":")
+    tracer: Tracer = getattr(import_module(module), name)(triangles)
+    return tracer
 
 
 def repeated(point: ArrayLike, count: int) -> F32:

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.provenance import provenance
+from generators.core.rays import TRACERS
 from generators.core.scene import Licence, LightMap, Material, Mesh, Part, Room, Scene, Support, Texture
 
 #: Version of the file layout; increase it when the layout changes.
@@ -58,12 +59,13 @@ class _BrokenError(Exception):
     """The files of a stored scene do not match its index."""
 
 
-def builder_version() -> str:
-    """Digest of the software that builds, lights and stores apartments."""
-    return provenance(*BUILDER).digest
+def builder_version(device: str = "cpu") -> str:
+    """Digest of the software that builds, lights and stores apartments, with rays on ``device``."""
+    without = tuple(entry for name, entry in TRACERS.items() if name not in ("cpu", device))
+    return provenance(*BUILDER, without=without).digest
 
 
-def cached_scene(directory: Path, key: str, build: Callable[[], Scene]) -> Scene:
+def cached_scene(directory: Path, key: str, build: Callable[[], Scene], device: str = "cpu") -> Scene:
     """The scene stored under ``key``, built and stored first if it is missing or damaged.
 
     Several processes may call this at the same time: a missing scene may then be built more than once, and all
@@ -73,6 +75,7 @@ def cached_scene(directory: Path, key: str, build: Callable[[], Scene]) -> Scene
         directory: the cache; made if it is missing.
         key: identifies the scene, with all that ``build`` depends on besides the code (seed, quality).
         build: makes the scene, deterministically.
+        device: on which ``build`` casts rays.
 
     Returns:
         The scene with read-only arrays mapped from the files.
@@ -80,7 +83,7 @@ def cached_scene(directory: Path, key: str, build: Callable[[], Scene]) -> Scene
     Raises:
         Avs3dError: if the cache cannot be written or read back.
     """
-    folder = directory / _folder_name(key)
+    folder = directory / _folder_name(key, device)
     found = _try_load(folder)
     if found is not None:
         return found
@@ -97,9 +100,9 @@ def cached_scene(directory: Path, key: str, build: Callable[[], Scene]) -> Scene
     return found
 
 
-def is_stored(directory: Path, key: str) -> bool:
+def is_stored(directory: Path, key: str, device: str = "cpu") -> bool:
     """Whether a scene is stored under ``key``; the scene is not checked for damage."""
-    return (directory / _folder_name(key)).is_dir()
+    return (directory / _folder_name(key, device)).is_dir()
 
 
 def check_writable(directory: Path, what: str = "homes") -> None:
@@ -124,8 +127,8 @@ def _unwritable(directory: Path, what: str, error: OSError) -> Avs3dError:
     )
 
 
-def _folder_name(key: str) -> str:
-    digest = hashlib.sha256(f"{builder_version()} {key}".encode()).hexdigest()[:16]
+def _folder_name(key: str, device: str) -> str:
+    digest = hashlib.sha256(f"{builder_version(device)} {key}".encode()).hexdigest()[:16]
     return f"{re.sub(r'[^A-Za-z0-9_.-]+', '_', key).lstrip('.')[:60]}-{digest}"
 
 

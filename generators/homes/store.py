@@ -34,9 +34,10 @@ def open_home(plan: ObservationPlan, folder: Path, *, workers: int = 1) -> Scene
             from generators.lighting.bake import bake
 
             assert plan.scan.seed is not None
-            return bake(build_apartment(plan.spec.scan, plan.scan.seed), quality=plan.light, workers=workers)
+            unlit = build_apartment(plan.spec.scan, plan.scan.seed)
+            return bake(unlit, quality=plan.light, workers=workers, device=plan.device)
 
-        scene = cached_scene(folder, plan.home_digest, build)
+        scene = cached_scene(folder, plan.home_digest, build, plan.device)
     scene.room(plan.spec.room)
     return scene
 

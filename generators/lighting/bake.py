@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
-from generators.core.rays import Tracer
+from generators.core.rays import Tracer, open_tracer
 from generators.core.scene import F32, LightMap, Part, Room, Scene
 from generators.lighting.blocks import Blocks, make_blocks
 from generators.lighting.direct import direct_light, emitter_pairs, shadow_rays
@@ -72,19 +72,20 @@ _REACH = 3.0
 _PART_TEXELS = 4500
 
 
-def bake(scene: Scene, *, quality: str = "standard", workers: int = 2) -> Scene:
+def bake(scene: Scene, *, quality: str = "standard", workers: int = 2, device: str = "cpu") -> Scene:
     """Light a scene by its emissive faces and, through its windows, by the sun (see `find_sun`).
 
     Args:
         scene: closed rooms. Parts that have light keep it; they are in the way of light, and else black.
         quality: "preview", "standard" or "high".
         workers: threads; the result does not depend on them.
+        device: what casts the rays: ``cpu``, or ``cuda``, whose light differs by rounding.
 
     Returns:
         The scene with a light map in every part and an exposure in every room.
 
     Raises:
-        Avs3dError: if the quality is unknown or the scene has no parts.
+        Avs3dError: if the quality is unknown, the scene has no parts, or CUDA cannot be used.
     """
     if quality not in QUALITIES:
         raise Avs3dError(f"bake {scene.name}: no quality {quality!r}; expected one of {', '.join(QUALITIES)}")
@@ -96,7 +97,7 @@ def bake(scene: Scene, *, quality: str = "standard", workers: int = 2) -> Scene:
     sheet = Sheet.of(layouts)
     dark = np.array([part.light is None for part in scene.parts])
     texels = rasterise(surfaces, sheet, dark[surfaces.part])
-    tracer = Tracer(surfaces.triangles)
+    tracer = open_tracer(surfaces.triangles, device)
     tiles = make_blocks(surfaces, sheet, texels)
     is_open = open_texels(surfaces, texels, tiles, tracer, workers)
     blocks = tiles.where(is_open)

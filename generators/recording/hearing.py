@@ -69,6 +69,7 @@ class Listening:
         sources: position of a source that moves at the beginning of each second and at the end, len(poses) + 1; the
             one position of a source that stands still.
         receivers: what hears it.
+        device: what traces the sound: ``cpu`` or ``cuda``.
     """
 
     backend: str
@@ -79,10 +80,13 @@ class Listening:
     poses: tuple[Pose, ...]
     sources: tuple[Vector, ...]
     receivers: Receivers = OWN_HEAD
+    device: str = "cpu"
 
     def engine(self) -> AcousticBackend:
         """The acoustic engine with its receivers."""
-        return acoustic_backend(self.backend, absorption_scale=self.absorption_scale, receivers=self.receivers)
+        return acoustic_backend(
+            self.backend, absorption_scale=self.absorption_scale, receivers=self.receivers, device=self.device
+        )
 
 
 def hear(listening: Listening) -> Generator[Heard]:
@@ -105,9 +109,10 @@ def heard(listening: Listening, beside: Callable[[], bool] = lambda: False) -> A
     """`hear`, in a process of its own from the second on for which ``beside`` says yes (see `moved_beside`).
 
     The SoundSpaces engine holds Python's global lock while it works: in this process no other thread would get on. Its
-    responses depend on all that came before them, so that no second process could share the work.
+    responses depend on all that came before them, so that no second process could share the work. What CUDA does stays
+    here: a forked process cannot use the device.
     """
-    return moved_beside(hear(listening), beside)
+    return moved_beside(hear(listening), beside if listening.device == "cpu" else lambda: False)
 
 
 def responses_at(session: AcousticSession, pose: Pose) -> dict[str, NDArray[np.float32]]:

@@ -13,11 +13,13 @@ from avs3d_bench.scheduling.options import Options as Scheduling
 from avs3d_bench.scheduling.options import scheduler_of
 from avs3d_bench.scheduling.tasks import Listener
 from avs3d_bench.user_path import user_path
+from generators.backends import RENDERERS
+from generators.core.cuda import most_workers
 from generators.core.folders import default_cache
 from generators.manifest import ManifestFile, read_manifest
 from generators.plan import ObservationPlan, make_plans
 from generators.receivers import choose_receivers
-from generators.run.options import Audio, Extra, GenerateOptions, Vision
+from generators.run.options import Audio, Device, Extra, GenerateOptions, Vision
 from generators.run.progress import reporting
 from generators.run.runner import Outcome, RunSettings, default_limit, run
 
@@ -28,7 +30,7 @@ def generate(
     *,
     only: Sequence[str] = (),
     workers: int | None = None,
-    vision: Vision = "embree",
+    vision: Vision | None = None,
     audio: Audio = "soundspaces",
     frames: int | None = None,
     size: int | None = None,
@@ -37,6 +39,7 @@ def generate(
     hrtf: str | Path | None = None,
     ambisonics: int | None = None,
     array: str | Path | None = None,
+    device: Device = "cpu",
 ) -> Outcome:
     """Generate the dataset that a manifest describes into a folder, as `avs3d generate` does.
 
@@ -48,7 +51,7 @@ def generate(
         root: the dataset's folder; made if missing.
         only: shell patterns of observation keys, e.g. ``("part_2/*",)``; the others are left out.
         workers: number of processes; None: one per core.
-        vision: renderer; habitat needs ``$AVS3D_HABITAT_PYTHON``.
+        vision: renderer; None: that of ``device``, embree or cuda. habitat needs ``$AVS3D_HABITAT_PYTHON``.
         audio: acoustic engine; soundspaces needs rlr-audio-propagation (CC-BY-NC 4.0).
         frames: frames per observation; None: the manifest's.
         size: side of the pictures (pixels); None: the manifest's.
@@ -57,6 +60,7 @@ def generate(
         hrtf: SOFA file of the head that hears the binaural clips; only with the tracer, as the next two.
         ambisonics: order of ambisonic clips, 1 to 3, beside the binaural ones; None: there are none.
         array: file that lists the microphones of an array; None: there is none.
+        device: what draws the pictures, bakes the light and, with the tracer, traces the sound; cuda needs ``[cuda]``.
 
     Returns:
         The keys that were made, kept from an earlier call, and failed with their message.
@@ -87,6 +91,7 @@ def generate(
         hrtf=None if hrtf is None else Path(hrtf),
         ambisonics=ambisonics,
         array=None if array is None else Path(array),
+        device=device,
     )
     source = manifest if isinstance(manifest, ManifestFile) else read_manifest(Path(manifest))
     return generate_plans(source, plans_of(source, options), Path(root), options, progress=progress)
@@ -97,7 +102,7 @@ def plans_of(source: ManifestFile, options: GenerateOptions) -> tuple[Observatio
     return make_plans(
         source,
         only=options.only,
-        vision=options.vision,
+        vision=options.vision or RENDERERS[options.device],
         audio=options.audio,
         frames=options.frames,
         size=options.size,
@@ -105,6 +110,7 @@ def plans_of(source: ManifestFile, options: GenerateOptions) -> tuple[Observatio
         receivers=choose_receivers(
             options.audio, hrtf=options.hrtf, ambisonics=options.ambisonics, array=options.array
         ),
+        device=options.device,
     )
 
 
@@ -130,7 +136,7 @@ def generate_plans(
     Raises:
         UsageError, Avs3dError: see `generators.run.runner.run`.
     """
-    count = options.workers or available_cores()
+    count = options.workers or _workers(options)
     where = scheduling or Scheduling()
     policy = where.policy(one_thread=True)
     environment = dict(policy.environment) | ONE_THREAD
@@ -146,6 +152,13 @@ def generate_plans(
     shown: AbstractContextManager[Listener] = reporting(plans) if progress else nullcontext(_ignore)
     with shown as listen:
         return run(source, plans, root, settings, listen)
+
+
+def _workers(options: GenerateOptions) -> int:
+    """One worker process per core; with CUDA no more than the device's memory has room for."""
+    cores = available_cores()
+    uses_cuda = "cuda" in (options.device, options.vision)
+    return min(cores, most_workers()) if uses_cuda else cores
 
 
 def _ignore(_: object) -> None:

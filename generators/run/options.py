@@ -11,8 +11,9 @@ from avs3d_bench.errors import UsageError, did_you_mean
 from generators.core.limits import FRAMES, SIZE, WORKERS
 
 #: Renderers, acoustic engines, and optional folders of an observation.
-Vision = Literal["embree", "habitat"]
+Vision = Literal["embree", "cuda", "habitat"]
 Audio = Literal["soundspaces", "tracer", "analytic"]
+Device = Literal["cpu", "cuda"]
 Extra = Literal["depth", "rirs", "stems"]
 
 
@@ -23,7 +24,7 @@ class GenerateOptions:
     Attributes:
         only: shell patterns of observation keys; none: all observations.
         workers: number of processes of this machine; None: one per core.
-        vision: renderer.
+        vision: renderer; None: that of the device, embree or cuda.
         audio: acoustic engine.
         frames: frames per observation; None: the manifest's.
         size: side of the pictures (pixels); None: the manifest's.
@@ -32,11 +33,12 @@ class GenerateOptions:
         hrtf: SOFA file of the head that hears the binaural clips; None: the engine's own head.
         ambisonics: order of ambisonic clips; None: there are none.
         array: file with the microphones of an array; None: there is none.
+        device: what draws the pictures, bakes the light and, with the tracer, traces the sound.
     """
 
     only: Sequence[str] = ()
     workers: int | None = None
-    vision: Vision = "embree"
+    vision: Vision | None = None
     audio: Audio = "soundspaces"
     frames: int | None = None
     size: int | None = None
@@ -45,6 +47,7 @@ class GenerateOptions:
     hrtf: Path | None = None
     ambisonics: int | None = None
     array: Path | None = None
+    device: Device = "cpu"
 
     def __post_init__(self) -> None:
         """Refuse what is out of range.

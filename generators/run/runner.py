@@ -131,7 +131,7 @@ def run(
                 sweep(root)
         log.tidy({*done, *outcome.made})
         _await(root, outcome.made)
-        seal(source, root, observation_provenance(plans[0].vision, plans[0].audio))
+        seal(source, root, observation_provenance(plans[0].vision, plans[0].audio, plans[0].device))
         return outcome
 
 
@@ -152,7 +152,8 @@ def _make(
     with (settings.scheduler or (lambda: LocalScheduler(settings.workers)))() as pool:
         tasks = _tasks(todo, place, threads=1 if settings.shared else settings.workers, limit=settings.limit)
         policy = replace(
-            settings.policy, warm_up=Task("load", load, (todo[0].vision, todo[0].audio, todo[0].receivers))
+            settings.policy,
+            warm_up=Task("load", load, (todo[0].vision, todo[0].audio, todo[0].receivers, todo[0].device)),
         )
         with closing(pool.run(tasks, policy, lambda event: listen(_named(event)))) as results:
             for result in results:
@@ -195,7 +196,7 @@ def _check_cache(cache: Path, todo: Sequence[ObservationPlan]) -> None:
     Raises:
         Avs3dError: one line.
     """
-    if any(plan.scan.source == "apartment" and not is_stored(cache, plan.home_digest) for plan in todo):
+    if any(plan.scan.source == "apartment" and not is_stored(cache, plan.home_digest, plan.device) for plan in todo):
         check_writable(cache)
 
 

@@ -49,12 +49,12 @@ def prepare(context: Context, plan: ObservationPlan, place: Place, threads: int)
     with _fit(plan, place):
         context.report("home", plan.spec.scan)
         prepare_home(plan, place.cache, workers=threads)
-        _warm_up(plan.vision, plan.audio, plan.receivers)
+        _warm_up(plan.vision, plan.audio, plan.receivers, plan.device)
 
 
-def load(_: Context, vision: str, audio: str, receivers: Receivers) -> None:
+def load(_: Context, vision: str, audio: str, receivers: Receivers, device: str) -> None:
     """Import and compile what observations need, while their homes are built elsewhere."""
-    _warm_up(vision, audio, receivers)
+    _warm_up(vision, audio, receivers, device)
 
 
 def make_observation(context: Context, plan: ObservationPlan, place: Place) -> str:
@@ -64,7 +64,7 @@ def make_observation(context: Context, plan: ObservationPlan, place: Place) -> s
         a line about it.
     """
     with _fit(plan, place):
-        _warm_up(plan.vision, plan.audio, plan.receivers)
+        _warm_up(plan.vision, plan.audio, plan.receivers, plan.device)
         started = time.perf_counter()
         context.report("start", str(plan.camera.frames))
 
@@ -100,9 +100,9 @@ def _pictures(plan: ObservationPlan, root: Path) -> Path | None:
 
 
 @lru_cache(maxsize=4)
-def _warm_up(vision: str, audio: str, receivers: Receivers) -> None:
+def _warm_up(vision: str, audio: str, receivers: Receivers, device: str) -> None:
     vision_backend(vision).warm_up()
-    warm_up_acoustics(audio, receivers)
+    warm_up_acoustics(audio, receivers, device)
 
 
 @contextmanager
@@ -114,7 +114,7 @@ def _fit(plan: ObservationPlan, place: Place) -> Iterator[None]:
     """
     try:
         if place.token is not None:
-            check_software(_versions(plan.vision, plan.audio), plan.backends)
+            check_software(_versions(plan.vision, plan.audio, plan.device), plan.backends)
             _check_folder(place)
         yield
     except ModuleNotFoundError as error:
@@ -123,8 +123,8 @@ def _fit(plan: ObservationPlan, place: Place) -> Iterator[None]:
 
 
 @lru_cache(maxsize=4)
-def _versions(vision: str, audio: str) -> dict[str, str]:
-    return backend_versions(vision, audio)
+def _versions(vision: str, audio: str, device: str) -> dict[str, str]:
+    return backend_versions(vision, audio, device)
 
 
 def _check_folder(place: Place) -> None:

@@ -16,17 +16,16 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.core.freespace import Navigable
 from generators.core.rays import CHUNK, Tracer, repeated
-from generators.core.scene import LightMap, Material, Part, Scene, Texture
+from generators.core.scene import Scene
 from generators.core.tone import WHITE, linear_table, srgb_table, tone_table
 from generators.vision.base import Frame
 from generators.vision.sampling import SUB_PIXELS, thin_faces
 from generators.vision.tables import build_tables
+from generators.vision.views import check_camera, trial_scene, view_of
 
 if TYPE_CHECKING:
     from generators.vision.kernels import View
 
-#: Largest picture side; pixel numbers must fit 32 bits with room to spare.
-MAX_SIDE = 16384
 #: Radiance (times exposure) that `EmbreeSession.radiance` can tell: sixty times that of the brightest bulb.
 MOST_RADIANCE = 4096.0
 
@@ -65,7 +64,7 @@ class EmbreeSession:
     """An open scene. For one thread at a time, since frames share working memory; `share` serves another thread."""
 
     def __init__(self, scene: Scene, intrinsics: Intrinsics) -> None:
-        _check_camera(intrinsics)
+        check_camera(intrinsics)
         from generators.vision import kernels
 
         self._kernels = kernels
@@ -95,7 +94,7 @@ class EmbreeSession:
         if self._tracer is None:
             raise Avs3dError("the renderer's session is closed; open the scene again")
         width, height = self._intrinsics.width, self._intrinsics.height
-        view = self._view(pose)
+        view = view_of(self._intrinsics, pose)
         rgb = np.empty((height * width, 3), dtype=np.uint8)
         depth = np.empty(height * width, dtype=np.float32)
         ids = np.empty(height * width, dtype=np.uint16)
@@ -123,7 +122,7 @@ class EmbreeSession:
         """
         if self._tracer is None:
             raise Avs3dError("the renderer's session is closed; open the scene again")
-        view, kernels = self._view(pose), self._kernels
+        view, kernels = view_of(self._intrinsics, pose), self._kernels
         table = linear_table() * np.float32(MOST_RADIANCE)
         light = np.empty((view.height * view.width, 3), dtype=np.float32)
         face = np.empty(len(light), dtype=np.int32)
@@ -160,19 +159,6 @@ class EmbreeSession:
         if self._tracer is not None:
             self._tracer = None
             del self._tables, self._thin
-
-    def _view(self, pose: Pose) -> View:
-        camera = self._intrinsics
-        right, up, backward = pose.rotation_matrix.T
-        return self._kernels.View(
-            origin=pose.position,
-            right=_vector(right / camera.fx),
-            down=_vector(-up / camera.fy),
-            ahead=_vector(-backward),
-            corner=_vector(-backward - right * (camera.cx / camera.fx) + up * (camera.cy / camera.fy)),
-            width=camera.width,
-            height=camera.height,
-        )
 
     def _shoot_centres(self, tracer: Tracer, view: View, rgb: np.ndarray, depth: np.ndarray, ids: np.ndarray) -> None:
         """One ray through the centre of each pixel; fills the whole frame and ``self._face``."""
@@ -215,18 +201,6 @@ class EmbreeSession:
         self._kernels.shade(face, distance, u, v, directions, view, spread, self._tables, self._tone, WHITE, light)
 
 
-def _vector(xyz: np.ndarray) -> tuple[float, float, float]:
-    return float(xyz[0]), float(xyz[1]), float(xyz[2])
-
-
-def _check_camera(camera: Intrinsics) -> None:
-    if not (0 < camera.width <= MAX_SIDE and 0 < camera.height <= MAX_SIDE):
-        raise Avs3dError(f"camera: {camera.width}×{camera.height} pixels; expected 1 to {MAX_SIDE} on each side")
-    numbers = (camera.fx, camera.fy, camera.cx, camera.cy)
-    if not (np.isfinite(numbers).all() and camera.fx > 0 and camera.fy > 0):
-        raise Avs3dError(f"camera: fx, fy, cx, cy are {numbers}; expected finite numbers, focal lengths > 0")
-
-
 def warm_up() -> None:
     """Compile all kernels, or load them from the cache, once, before workers start.
 
@@ -235,15 +209,10 @@ def warm_up() -> None:
     Raises:
         Avs3dError: if a package of ``[generate]`` is missing or no folder for compiled code can be written.
     """
-    from generators.assets.shapes import MeshBuilder
     from generators.core.jit import compile_lock
 
-    texture = Texture("grey", np.full((4, 4, 3), 128, dtype=np.uint8))
-    mesh = MeshBuilder().box((1, 1, 1), (0, 0, 0), Material("grey", "plaster", texture=texture)).build()
-    light = LightMap(np.zeros_like(mesh.uv), np.ones((2, 2, 3), dtype=np.float16))
+    scene, camera, pose = trial_scene()
     with compile_lock():
-        session = EmbreeBackend().open(
-            Scene("warm-up", (Part("box", mesh, light=light),), (), ()), Intrinsics.from_fov(16)
-        )
-        session.render(Pose.from_yaw((0.2, 0.1, 2.0), 0.0))
+        session = EmbreeBackend().open(scene, camera)
+        session.render(pose)
         session.close()

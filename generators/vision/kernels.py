@@ -1,4 +1,8 @@
-"""The compiled inner loops of the CPU renderer: rays, shading, edges, encoding.
+"""The compiled inner loops of the renderers: rays, shading, edges, encoding.
+
+The CPU renderer calls the loops. A thread of the CUDA renderer calls the same functions: those of one element
+(`ray_direction`, `mark_edge`, `mark_narrow`), or a loop over its own slice of the arrays. They take scalars and arrays
+only and allocate nothing.
 
 A ray's direction is (x, y, −1) in camera space, not normalised, so that Embree's ``tfar`` is the depth along the
 optical axis. Colours in here are linear display light (after the tone curve, before sRGB encoding).
@@ -65,16 +69,20 @@ class View(NamedTuple):
     height: int
 
 
+@inline
+def ray_direction(view: View, x: float, y: float, out: F32, i: int) -> None:
+    """World direction of the ray through (x, y), in pixels right and down from the corner, as row ``i`` of ``out``."""
+    for k in range(3):
+        out[i, k] = view.corner[k] + x * view.right[k] + y * view.down[k]
+
+
 @njit
 def centre_directions(view: View, first_row: int, rows: int, out: F32) -> None:
     """World directions (rows·width, 3) of the rays through the pixel centres of some rows."""
     for row in range(rows):
         y = first_row + row + 0.5
         for column in range(view.width):
-            x = column + 0.5
-            i = row * view.width + column
-            for k in range(3):
-                out[i, k] = view.corner[k] + x * view.right[k] + y * view.down[k]
+            ray_direction(view, column + 0.5, y, out, row * view.width + column)
 
 
 @njit
@@ -85,9 +93,7 @@ def sub_pixel_directions(view: View, pixels: I32, offsets: F64, out: F32) -> Non
         row = pixels[i] // view.width
         column = pixels[i] - row * view.width
         for j in range(count):
-            x, y = column + offsets[j, 0], row + offsets[j, 1]
-            for k in range(3):
-                out[i * count + j, k] = view.corner[k] + x * view.right[k] + y * view.down[k]
+            ray_direction(view, column + offsets[j, 0], row + offsets[j, 1], out, i * count + j)
 
 
 @njit
@@ -107,8 +113,8 @@ def _bilinear(
     texels: U8, decode: F32, base: int, height: int, width: int, s: np.float32, t: np.float32
 ) -> tuple[np.float32, np.float32, np.float32]:
     """Linear light of one mip level, which begins at ``base``, at (s, t) repeats, wrapped."""
-    x = (s - np.floor(s)) * np.float32(width) - _HALF
-    y = (_ONE - (t - np.floor(t))) * np.float32(height) - _HALF
+    x = (s - np.float32(math.floor(s))) * np.float32(width) - _HALF
+    y = (_ONE - (t - np.float32(math.floor(t)))) * np.float32(height) - _HALF
     # Both are ≥ −½, so that truncation after adding 1 rounds down; and one step wraps them.
     x0, y0 = np.int32(x + _ONE) - np.int32(1), np.int32(y + _ONE) - np.int32(1)
     ax, ay = x - np.float32(x0), y - np.float32(y0)
@@ -183,7 +189,7 @@ def _filtered(
             ux, uy = (root + half, xy) if half >= _ZERO else (xy, root - half)
             scale = np.float32(math.sqrt(major2 / (ux * ux + uy * uy)))
             du, dv = ux * scale / width, uy * scale / height
-    lod = max(_ZERO, min(np.float32(last - level0), _HALF * np.log2(minor2)))
+    lod = max(_ZERO, min(np.float32(last - level0), _HALF * np.float32(math.log2(minor2))))
     level = int(lod)
     blend = lod - np.float32(level)
     level += level0
@@ -438,6 +444,19 @@ def _breaks(surface: I32, normal: F32, depth: F32, view: View, a: int, b: int, i
     return bool(abs(depth[i] * here - depth[j] * there) > STEP * depth[j] * max(abs(there), 0.1))
 
 
+@inline
+def mark_edge(face: I32, depth: F32, rgb: U8, view: View, surface: I32, normal: F32, marks: U8, x: int, y: int) -> None:
+    """Set ``marks`` at pixel (x, y) and its neighbours on the right and below where an edge lies between them."""
+    width, height = view.width, view.height
+    i = y * width + x
+    for j, inside in ((i + 1, x + 1 < width), (i + width, y + 1 < height)):
+        if not inside or face[i] == face[j]:
+            continue
+        contrast = _contrast(rgb, i, j)
+        if contrast > STRONG or (contrast > VISIBLE and _breaks(surface, normal, depth, view, face[i], face[j], i, j)):
+            marks[i] = marks[j] = 1
+
+
 @njit
 def mark_edges(face: I32, depth: F32, rgb: U8, view: View, surface: I32, normal: F32, marks: U8) -> None:
     """Set ``marks`` (H·W,) at both pixels of each visible edge.
@@ -445,18 +464,62 @@ def mark_edges(face: I32, depth: F32, rgb: U8, view: View, surface: I32, normal:
     An edge is where neighbours show different surfaces, directions or depths, in colours that differ visibly; and where
     the texture or the light of two faces does not fit together at their seam.
     """
-    width, height = view.width, view.height
-    for y in range(height):
-        for x in range(width):
-            i = y * width + x
-            for j, inside in ((i + 1, x + 1 < width), (i + width, y + 1 < height)):
-                if not inside or face[i] == face[j]:
-                    continue
-                contrast = _contrast(rgb, i, j)
-                if contrast > STRONG or (
-                    contrast > VISIBLE and _breaks(surface, normal, depth, view, face[i], face[j], i, j)
-                ):
-                    marks[i] = marks[j] = 1
+    for y in range(view.height):
+        for x in range(view.width):
+            mark_edge(face, depth, rgb, view, surface, normal, marks, x, y)
+
+
+@inline
+def mark_narrow(corners: F32, depth: F32, view: View, marks: U8, px: F64, py: F64, pz: F64) -> None:
+    """Set ``marks`` along one triangle, ``corners`` (3, 3); see `mark_thin`; ``px``, ``py``, ``pz`` (3,): scratch."""
+    fx2 = view.right[0] ** 2 + view.right[1] ** 2 + view.right[2] ** 2
+    fy2 = view.down[0] ** 2 + view.down[1] ** 2 + view.down[2] ** 2
+    # The pixel of the optical axis: corner = ahead − cx·right − cy·down.
+    cx = cy = 0.0
+    for k in range(3):
+        cx -= view.corner[k] * view.right[k] / fx2
+        cy -= view.corner[k] * view.down[k] / fy2
+    for c in range(3):
+        x = corners[c, 0] - view.origin[0]
+        y = corners[c, 1] - view.origin[1]
+        z = corners[c, 2] - view.origin[2]
+        away = x * view.ahead[0] + y * view.ahead[1] + z * view.ahead[2]
+        if away < NEAREST:
+            return
+        px[c] = (x * view.right[0] + y * view.right[1] + z * view.right[2]) / (fx2 * away) + cx
+        py[c] = (x * view.down[0] + y * view.down[1] + z * view.down[2]) / (fy2 * away) + cy
+        pz[c] = 1.0 / away
+    if max(px[0], px[1], px[2]) < 0 or min(px[0], px[1], px[2]) > view.width:
+        return
+    if max(py[0], py[1], py[2]) < 0 or min(py[0], py[1], py[2]) > view.height:
+        return
+    # Rows grow downwards: counter-clockwise from its front is a negative area here.
+    area = (px[1] - px[0]) * (py[2] - py[0]) - (px[2] - px[0]) * (py[1] - py[0])
+    if area >= 0:
+        return
+    first, longest = 0, 0.0
+    for c in range(3):
+        d = (c + 1) % 3
+        length = math.hypot(px[d] - px[c], py[d] - py[c])
+        if length > longest:
+            first, longest = c, length
+    if -area > NARROW * longest:
+        return
+    second, third = (first + 1) % 3, (first + 2) % 3
+    steps = 1 + int(2.0 * longest)
+    for k in range(steps):
+        w = (k + 0.5) / steps
+        # Half-way into the triangle at the middle of the side, on the side at its ends.
+        inward = 0.5 * min(w, 1.0 - w)
+        a, b = (1.0 - w) * (1.0 - inward), w * (1.0 - inward)
+        x = a * px[first] + b * px[second] + inward * px[third]
+        y = a * py[first] + b * py[second] + inward * py[third]
+        if not (0.0 <= x < view.width and 0.0 <= y < view.height):
+            continue
+        i = int(y) * view.width + int(x)
+        near = a * pz[first] + b * pz[second] + inward * pz[third]
+        if depth[i] == 0.0 or depth[i] * near > 1.0 - STEP:
+            marks[i] = 1
 
 
 @njit
@@ -467,56 +530,9 @@ def mark_thin(triangles: F32, depth: F32, view: View, marks: U8) -> None:
     one that faces the camera and is narrow on the screen is followed along its longest side, wherever the depth behind
     the pixel's centre leaves it in sight.
     """
-    fx2 = view.right[0] ** 2 + view.right[1] ** 2 + view.right[2] ** 2
-    fy2 = view.down[0] ** 2 + view.down[1] ** 2 + view.down[2] ** 2
-    # The pixel of the optical axis: corner = ahead − cx·right − cy·down.
-    cx = cy = 0.0
-    for k in range(3):
-        cx -= view.corner[k] * view.right[k] / fx2
-        cy -= view.corner[k] * view.down[k] / fy2
     px, py, pz = np.empty(3), np.empty(3), np.empty(3)
     for f in range(triangles.shape[0]):
-        hidden = False
-        for c in range(3):
-            x = triangles[f, c, 0] - view.origin[0]
-            y = triangles[f, c, 1] - view.origin[1]
-            z = triangles[f, c, 2] - view.origin[2]
-            away = x * view.ahead[0] + y * view.ahead[1] + z * view.ahead[2]
-            if away < NEAREST:
-                hidden = True
-                break
-            px[c] = (x * view.right[0] + y * view.right[1] + z * view.right[2]) / (fx2 * away) + cx
-            py[c] = (x * view.down[0] + y * view.down[1] + z * view.down[2]) / (fy2 * away) + cy
-            pz[c] = 1.0 / away
-        if hidden or px.max() < 0 or px.min() > view.width or py.max() < 0 or py.min() > view.height:
-            continue
-        # Rows grow downwards: counter-clockwise from its front is a negative area here.
-        area = (px[1] - px[0]) * (py[2] - py[0]) - (px[2] - px[0]) * (py[1] - py[0])
-        if area >= 0:
-            continue
-        first, longest = 0, 0.0
-        for c in range(3):
-            d = (c + 1) % 3
-            length = math.hypot(px[d] - px[c], py[d] - py[c])
-            if length > longest:
-                first, longest = c, length
-        if -area > NARROW * longest:
-            continue
-        second, third = (first + 1) % 3, (first + 2) % 3
-        steps = 1 + int(2.0 * longest)
-        for k in range(steps):
-            w = (k + 0.5) / steps
-            # Half-way into the triangle at the middle of the side, on the side at its ends.
-            inward = 0.5 * min(w, 1.0 - w)
-            a, b = (1.0 - w) * (1.0 - inward), w * (1.0 - inward)
-            x = a * px[first] + b * px[second] + inward * px[third]
-            y = a * py[first] + b * py[second] + inward * py[third]
-            if not (0.0 <= x < view.width and 0.0 <= y < view.height):
-                continue
-            i = int(y) * view.width + int(x)
-            near = a * pz[first] + b * pz[second] + inward * pz[third]
-            if depth[i] == 0.0 or depth[i] * near > 1.0 - STEP:
-                marks[i] = 1
+        mark_narrow(triangles[f], depth, view, marks, px, py, pz)
 
 
 @njit
