@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, NamedTuple
 
 import numba.cuda
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
 from generators.core.bvh import STACK, build
-from generators.core.cuda import allocate, in_batches, kernel, launch, require_device, upload
+from generators.core.cuda import allocate, in_batches, kernel, launch, pinned, require_device, upload
 from generators.core.jit import inline
 from generators.core.scene import F32, I32
 
@@ -223,51 +223,68 @@ def first_hit(
 
 
 @kernel
-def _intersect(tree: Tree, origins: F32, directions: F32, far: F32, count: int, face: I32, hit: F32) -> None:
-    """First hits of ``count`` rays nearer than ``far``; one origin or limit serves all rays."""
+def _intersect(tree: Tree, rays: F32, count: int, face: I32, hit: F32) -> None:
+    """First hits of ``count`` rays: ``face`` (N,), −1 without one, and ``hit`` (N, 3) distance and weights."""
     i = cuda.grid(1)
     if i >= count:
         return
     stack, entries = cuda.local.array(STACK, np.int32), cuda.local.array(STACK, np.float32)
-    o, limit = (0 if origins.shape[0] == 1 else i), far[0 if far.shape[0] == 1 else i]
-    ox, oy, oz = origins[o, 0], origins[o, 1], origins[o, 2]
-    dx, dy, dz = directions[i, 0], directions[i, 1], directions[i, 2]
+    ox, oy, oz, dx, dy, dz = rays[i, 0], rays[i, 1], rays[i, 2], rays[i, 3], rays[i, 4], rays[i, 5]
     found, t, u, v = first_hit(
-        tree.boxes, tree.children, tree.corners, ox, oy, oz, dx, dy, dz, limit, False, stack, entries
+        tree.boxes, tree.children, tree.corners, ox, oy, oz, dx, dy, dz, rays[i, 6], False, stack, entries
     )
     face[i] = tree.face[found] if found >= 0 else -1
-    hit[0, i], hit[1, i], hit[2, i] = t, u, v
+    hit[i, 0], hit[i, 1], hit[i, 2] = t, u, v
 
 
 @kernel
-def _occluded(tree: Tree, origins: F32, directions: F32, far: F32, count: int, hidden: NDArray[np.uint8]) -> None:
-    """Whether ``count`` rays meet anything nearer than ``far``; one origin serves all rays."""
+def _occluded(tree: Tree, rays: F32, count: int, hidden: NDArray[np.uint8]) -> None:
+    """Whether ``count`` rays meet anything: ``hidden`` (N,)."""
     i = cuda.grid(1)
     if i >= count:
         return
     stack, entries = cuda.local.array(STACK, np.int32), cuda.local.array(STACK, np.float32)
-    o = 0 if origins.shape[0] == 1 else i
-    ox, oy, oz = origins[o, 0], origins[o, 1], origins[o, 2]
-    dx, dy, dz = directions[i, 0], directions[i, 1], directions[i, 2]
+    ox, oy, oz, dx, dy, dz = rays[i, 0], rays[i, 1], rays[i, 2], rays[i, 3], rays[i, 4], rays[i, 5]
     found, _, _, _ = first_hit(
-        tree.boxes, tree.children, tree.corners, ox, oy, oz, dx, dy, dz, far[i], True, stack, entries
+        tree.boxes, tree.children, tree.corners, ox, oy, oz, dx, dy, dz, rays[i, 6], True, stack, entries
     )
     hidden[i] = found >= 0
 
 
 class _Buffers:
-    """Device memory for the rays of one thread's calls, used again and again: CUDA's allocation stops the device."""
+    """Memory for the rays of one call, used again and again: allocating stops the device.
+
+    Attributes:
+        rays: how many there is room for.
+        stream: CUDA stream of the call.
+        here: (N, 7) float32 origins, directions and limits on the host.
+        there: the same on the device.
+        face: (N,) int32, hit: (N, 3) float32, hidden: (N,) uint8: the results, each on the device and the host.
+    """
 
     def __init__(self, rays: int) -> None:
         what = f"{rays:,} rays"
         self.rays = rays
         self.stream = cuda.stream()
-        self.origins = allocate((rays, 3), np.float32, what)
-        self.directions = allocate((rays, 3), np.float32, what)
-        self.far = allocate(rays, np.float32, what)
-        self.face = allocate(rays, np.int32, what)
-        self.hit = allocate((3, rays), np.float32, what)
-        self.hidden = allocate(rays, np.uint8, what)
+        self.here = pinned((rays, 7), np.float32)
+        self.there = allocate((rays, 7), np.float32, what)
+        self.face = allocate(rays, np.int32, what), pinned(rays, np.int32)
+        self.hit = allocate((rays, 3), np.float32, what), pinned((rays, 3), np.float32)
+        self.hidden = allocate(rays, np.uint8, what), pinned(rays, np.uint8)
+
+    def send(self, origins: F32, directions: F32, far: F32 | None) -> None:
+        """Copy rays to the device."""
+        count = len(directions)
+        rows = self.here[:count]
+        rows[:, :3], rows[:, 3:6], rows[:, 6] = origins, directions, FAR if far is None else far
+        self.there[:count].copy_to_device(rows, stream=self.stream)
+
+    def fetch(self, *results: tuple[Any, NDArray[Any]], count: int) -> list[NDArray[Any]]:
+        """The first ``count`` rows of results, in memory of their own, once the device is done."""
+        for there, here in results:
+            there[:count].copy_to_host(here[:count], stream=self.stream)
+        self.stream.synchronize()
+        return [here[:count].copy() for _, here in results]
 
 
 #: Buffers that no thread uses at the moment.
@@ -279,15 +296,13 @@ _SMALLEST = 1 << 14
 @contextmanager
 def _buffers(rays: int) -> Iterator[_Buffers]:
     """Buffers for ``rays`` rays; those that were used before are taken if they are large enough."""
-    try:
+    own = None
+    with suppress(IndexError):
         own = _IDLE.pop()
-    except IndexError:
-        own = None
     if own is None or own.rays < rays:
         own = _Buffers(max(_SMALLEST, 1 << (rays - 1).bit_length()))
     try:
         yield own
-        own.stream.synchronize()
     finally:
         _IDLE.append(own)
 
@@ -303,10 +318,12 @@ class DeviceTracer:
         OutOfDeviceMemoryError: if the triangles do not fit.
     """
 
+    #: See `Tracer.calls_together`: a call costs about 0.5 ms, whatever the number of its rays.
+    calls_together = 16
+
     def __init__(self, triangles: F32) -> None:
         require_device()
         self.tree = upload(build_tree(triangles), f"a scene of {len(triangles):,} triangles")
-        self._no_limit = upload(np.array([FAR]))
         self._batch = BATCH
 
     def intersect(self, origins: F32, directions: F32, far: F32 | None = None) -> dict[str, Any]:
@@ -315,21 +332,21 @@ class DeviceTracer:
         Raises:
             OutOfDeviceMemoryError: if not even a small batch of rays fits.
         """
-        count = len(directions)
-        face, hit = np.empty(count, dtype=np.int32), np.empty((3, count), dtype=np.float32)
+        found: list[tuple[NDArray[Any], NDArray[Any]]] = []
 
         def work(first: int, last: int) -> None:
-            size = last - first
-            with _buffers(size) as own:
-                start, along = _rays(own, origins, directions, first, last)
-                limit = self._no_limit if far is None else _sent(own, own.far, far[first:last])
-                launch(_intersect, size, self.tree, start, along, limit, size, own.face, own.hit, stream=own.stream)
-                own.face[:size].copy_to_host(face[first:last], stream=own.stream)
-                for row in range(3):
-                    own.hit[row, :size].copy_to_host(hit[row, first:last], stream=own.stream)
+            part, count = slice(first, last), last - first
+            with _buffers(count) as own:
+                own.send(origins[part], directions[part], None if far is None else far[part])
+                launch(_intersect, count, self.tree, own.there, count, own.face[0], own.hit[0], stream=own.stream)
+                face, hit = own.fetch(own.face, own.hit, count=count)
+                found.append((face, hit))
 
-        self._batch = in_batches(work, count, self._batch, _LEAST)
-        return {"primID": face, "tfar": hit[0], "u": hit[1], "v": hit[2]}
+        self._batch = in_batches(work, len(directions), self._batch, _LEAST)
+        face = np.concatenate([part for part, _ in found]) if found else np.empty(0, dtype=np.int32)
+        hit = np.concatenate([part for _, part in found]) if found else np.empty((0, 3), dtype=np.float32)
+        distance, u, v = np.ascontiguousarray(hit.T)
+        return {"primID": face, "tfar": distance, "u": u, "v": v}
 
     def occluded(self, origins: F32, directions: F32, far: F32) -> NDArray[np.bool_]:
         """See `generators.core.rays.Tracer.occluded`.
@@ -340,25 +357,11 @@ class DeviceTracer:
         hidden = np.empty(len(directions), dtype=np.uint8)
 
         def work(first: int, last: int) -> None:
-            size = last - first
-            with _buffers(size) as own:
-                start, along = _rays(own, origins, directions, first, last)
-                limit = _sent(own, own.far, far[first:last])
-                launch(_occluded, size, self.tree, start, along, limit, size, own.hidden, stream=own.stream)
-                own.hidden[:size].copy_to_host(hidden[first:last], stream=own.stream)
+            part, count = slice(first, last), last - first
+            with _buffers(count) as own:
+                own.send(origins[part], directions[part], far[part])
+                launch(_occluded, count, self.tree, own.there, count, own.hidden[0], stream=own.stream)
+                (hidden[part],) = own.fetch(own.hidden, count=count)
 
         self._batch = in_batches(work, len(directions), self._batch, _LEAST)
         return hidden.view(np.bool_)
-
-
-def _rays(own: _Buffers, origins: F32, directions: F32, first: int, last: int) -> tuple[Any, Any]:
-    """Origins (one, if all rays share it) and directions on the device."""
-    start = origins[:1] if origins.strides[0] == 0 else origins[first:last]
-    return _sent(own, own.origins, start), _sent(own, own.directions, directions[first:last])
-
-
-def _sent(own: _Buffers, target: Any, values: F32) -> Any:
-    """The first rows of ``target`` with ``values``."""
-    rows = target[: len(values)]
-    rows.copy_to_device(np.ascontiguousarray(values, dtype=np.float32), stream=own.stream)
-    return rows

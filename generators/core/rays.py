@@ -40,6 +40,9 @@ class Tracer:
         Avs3dError: if embreex is not installed, there is no triangle, or a coordinate is not finite.
     """
 
+    #: How many pieces of a job a caller best puts into one call; here a call costs next to nothing.
+    calls_together = 1
+
     def __init__(self, triangles: F32) -> None:
         try:
             from embreex.mesh_construction import TriangleMesh

@@ -8,6 +8,7 @@ shows albedo · light + emission.
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -93,10 +94,11 @@ def bake(scene: Scene, *, quality: str = "standard", workers: int = 2, device: s
         raise Avs3dError(f"bake {scene.name}: the scene has no parts; expected at least one")
     preset = QUALITIES[quality]
     surfaces = Surfaces.of(scene.parts)
-    layouts = [_layout(part, scene.rooms, preset) for part in scene.parts]
+    with ThreadPoolExecutor(workers) as pool:
+        layouts = list(pool.map(lambda part: _layout(part, scene.rooms, preset), scene.parts))
     sheet = Sheet.of(layouts)
     dark = np.array([part.light is None for part in scene.parts])
-    texels = rasterise(surfaces, sheet, dark[surfaces.part])
+    texels = rasterise(surfaces, sheet, dark[surfaces.part], workers)
     tracer = open_tracer(surfaces.triangles, device)
     tiles = make_blocks(surfaces, sheet, texels)
     is_open = open_texels(surfaces, texels, tiles, tracer, workers)
@@ -111,12 +113,12 @@ def bake(scene: Scene, *, quality: str = "standard", workers: int = 2, device: s
     slow = Slow.of(sheet, surfaces.part[texels.face], texels, blocks, links.distance, links.is_enclosed)
     link_tracer.complete(links, np.flatnonzero(slow.is_slow & ~links.is_enclosed))
     again, more = _direct(texels, blocks, patches, tracer, workers, (bare, slow))
-    direct = _smoothed(surfaces, sheet, texels, blocks, (bare + again, variance + more))
-    bounced = solve(texels, blocks, links, direct, sampled)
+    direct = _smoothed(surfaces, sheet, texels, blocks, (bare + again, variance + more), workers)
+    bounced = solve(texels, blocks, links, direct, sampled, workers)
     gathered = final_gather(
         surfaces, sheet, texels, blocks, bounced, slow, tracer, rays=preset.gather_rays, workers=workers
     )
-    light = direct + _smoothed(surfaces, sheet, texels, blocks, gathered)
+    light = direct + _smoothed(surfaces, sheet, texels, blocks, gathered, workers)
     cells = spread(sheet, texels, fill(surfaces, sheet, texels, light, is_open))
     for number, part in enumerate(scene.parts):
         if part.light is not None:
@@ -174,7 +176,7 @@ def _sunlight(texels: Texels, blocks: Blocks, beam: Sun | None, tracer: Tracer, 
             block=blocks.of[own],
         )
 
-    in_chunks(work, len(blocks), BLOCK_CHUNK, workers)
+    in_chunks(work, len(blocks), BLOCK_CHUNK * tracer.calls_together, workers)
     return light
 
 
@@ -228,7 +230,7 @@ def _direct(
         shade(blocks.members[blocks.start[first] : blocks.start[last]], sparing=True)
 
     if besides is None:
-        in_chunks(everywhere, len(blocks), BLOCK_CHUNK, workers)
+        in_chunks(everywhere, len(blocks), BLOCK_CHUNK * tracer.calls_together, workers)
         return light, variance
     slow = besides[1]
     sites, apart = slow.sites(texels), slow.measured_apart()
@@ -238,7 +240,7 @@ def _direct(
         shade(own[apart[own]], sparing=True)
         shade(own[sites[own]], sparing=False)
 
-    in_chunks(partly, len(blocks), BLOCK_CHUNK, workers)
+    in_chunks(partly, len(blocks), BLOCK_CHUNK * tracer.calls_together, workers)
     slow.fill_between(light, variance)
     measured = sites | ~slow.is_slow[blocks.of]
     mean = blocks.mean(light, measured)
@@ -262,7 +264,7 @@ def _reach(texels: Texels, blocks: Blocks, emitters: Emitters, tracer: Tracer, w
             texel = blocks.members[blocks.start[own] + (7 * own + (turn * size[own]) // 2) % size[own]]
             here |= _sees(emitters, texels, texel, ~here, tracer, turn)
 
-    in_chunks(work, len(blocks), CHUNK, workers)
+    in_chunks(work, len(blocks), CHUNK * tracer.calls_together, workers)
     # Blocks at the rim of a shadow may just miss the emitter: they inherit from blocks near by.
     centre = texels.position[blocks.members[blocks.start[:-1]]]
     voxel = np.floor(centre / 0.4).astype(np.int64)
@@ -297,7 +299,9 @@ def _sees(
     return free
 
 
-def _smoothed(surfaces: Surfaces, sheet: Sheet, texels: Texels, blocks: Blocks, baked: tuple[F32, F32]) -> F32:
+def _smoothed(
+    surfaces: Surfaces, sheet: Sheet, texels: Texels, blocks: Blocks, baked: tuple[F32, F32], workers: int
+) -> F32:
     light, variance = baked
     variance = np.where(blocks.of >= 0, variance, -1.0).astype(np.float32)
-    return smooth(surfaces, sheet, texels, light, variance, _REACH)
+    return smooth(surfaces, sheet, texels, light, variance, _REACH, workers=workers)

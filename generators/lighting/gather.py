@@ -121,7 +121,7 @@ def open_texels(surfaces: Surfaces, texels: Texels, tiles: Blocks, tracer: Trace
         met[unsure] += backs(texel[unsure], np.ascontiguousarray(table[:, quarter:]))
         is_open[texel] = met < 0.5 * _PROBES
 
-    in_chunks(work, len(tiles), BLOCK_CHUNK, workers)
+    in_chunks(work, len(tiles), BLOCK_CHUNK * tracer.calls_together, workers)
     return is_open
 
 

@@ -32,6 +32,8 @@ _NEAREST = 1e-3
 #: A block is enclosed if all of its first rays but one meet something nearer than this (metres).
 _ENCLOSED = 0.25
 _MOST_BOUNCES = 64
+#: Blocks per piece of work when the bounces are added up.
+_SOLVE_CHUNK = 1 << 13
 #: The bounces end when no block changes by more than this part of the brightest one.
 _TOLERANCE = 2e-4
 
@@ -161,10 +163,12 @@ class LinkTracer:
                 near = 1.0 / np.maximum(far, _NEAREST)
                 links.distance[own] = 1.0 / np.maximum(near.mean(axis=1, dtype=np.float64), 1e-30)
 
-        in_chunks(work, len(chosen), _LINK_CHUNK, self.workers)
+        in_chunks(work, len(chosen), _LINK_CHUNK * self.tracer.calls_together, self.workers)
 
 
-def solve(texels: Texels, blocks: Blocks, links: Links, direct: F32, sampled: F32) -> tuple[F32, BlockLight]:
+def solve(
+    texels: Texels, blocks: Blocks, links: Links, direct: F32, sampled: F32, workers: int = 1
+) -> tuple[F32, BlockLight]:
     """The blocks' reflected radiance (B, 3), without emission and without what is sampled as an emitter, and its light.
 
     Args:
@@ -173,6 +177,7 @@ def solve(texels: Texels, blocks: Blocks, links: Links, direct: F32, sampled: F3
         links: what the blocks see.
         direct: (N, 3) direct light of the texels.
         sampled: (N, 3) the part of it that is an emitter itself (see `bright_patches`): its light is in ``direct``.
+        workers: threads; the result does not depend on them.
 
     Returns:
         The radiance, and the indirect light that comes to the blocks from it.
@@ -185,7 +190,11 @@ def solve(texels: Texels, blocks: Blocks, links: Links, direct: F32, sampled: F3
     few = np.ascontiguousarray(links.block[:, : links.block.shape[1] // 2])
     for _ in range(_MOST_BOUNCES):
         after = np.empty_like(radiance)
-        _bounce(few, own, albedo, radiance, after)
+
+        def bounce(first: int, last: int, before: F32 = radiance, after: F32 = after) -> None:
+            _bounce(few[first:last], own[first:last], albedo[first:last], before, after[first:last])
+
+        in_chunks(bounce, len(few), _SOLVE_CHUNK, workers)
         after -= known
         change = float(np.abs(after - radiance).max(initial=0.0))
         radiance = after
@@ -195,7 +204,13 @@ def solve(texels: Texels, blocks: Blocks, links: Links, direct: F32, sampled: F3
     for share in (0.0, 1.0):
         gloss = np.full(len(blocks), share, dtype=np.float32)
         light, spread = np.zeros((len(blocks), 3), dtype=np.float32), np.zeros(len(blocks), dtype=np.float32)
-        _collect(links.block.reshape(-1), radiance, links.colour, links.table, gloss, light, spread)
+
+        def collect(first: int, last: int, gloss: F32 = gloss, light: F32 = light, spread: F32 = spread) -> None:
+            part = slice(first, last)
+            rows = links.block[part].reshape(-1)
+            _collect(rows, radiance, links.colour[part], links.table, gloss[part], light[part], spread[part])
+
+        in_chunks(collect, len(blocks), _SOLVE_CHUNK, workers)
         lights.append(light)
     return radiance, BlockLight(*lights)
 
@@ -293,6 +308,6 @@ def final_gather(
         _collect(block, radiance, pattern, table, texels.gloss[texel], here, spread)
         light[texel], variance[texel] = here, spread
 
-    in_chunks(work, len(chosen), CHUNK, workers)
+    in_chunks(work, len(chosen), CHUNK * tracer.calls_together, workers)
     slow.fill_between(light, variance)
     return light, variance

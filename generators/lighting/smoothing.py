@@ -9,13 +9,15 @@ from numpy.typing import NDArray
 
 from generators.core.jit import njit
 from generators.core.scene import F32
-from generators.lighting.surfaces import Surfaces
+from generators.lighting.surfaces import Surfaces, in_chunks
 from generators.lighting.texels import Sheet, Texels
 
 #: Weights over five texels that give each of the four columns (rows) of a tile the same share.
 _WINDOW = np.array([0.5, 1.0, 1.0, 1.0, 0.5])
 #: Cells beyond the covered ones that get a value, for look-up with rounding errors and for mip-maps.
 _RINGS = 2
+#: Texels per piece of work.
+_CHUNK = 1 << 14
 
 
 @njit
@@ -102,6 +104,7 @@ def smooth(
     variance: F32,
     reach: float,
     chosen: NDArray[np.int64] | None = None,
+    workers: int = 1,
 ) -> F32:
     """Average (N, 3) ``light`` over tiles of texels of one surface, as far as its differences may be noise.
 
@@ -113,25 +116,32 @@ def smooth(
         variance: (N,) of the luminance of ``light``; negative: the texel has no light of its own.
         reach: differences of this many standard deviations count as noise.
         chosen: indices of the texels to smooth, the others stay; all if missing.
+        workers: threads; the result does not depend on them.
     """
     out = light.copy()
-    _smooth(
-        np.arange(len(light)) if chosen is None else chosen,
-        light,
-        variance,
-        texels.position,
-        texels.normal,
-        texels.across,
-        texels.cell,
-        texels.index,
-        surfaces.part[texels.face],
-        sheet.offset,
-        sheet.width,
-        sheet.height,
-        _WINDOW,
-        reach,
-        out,
-    )
+    part = surfaces.part[texels.face]
+    own = np.arange(len(light)) if chosen is None else chosen
+
+    def work(first: int, last: int) -> None:
+        _smooth(
+            own[first:last],
+            light,
+            variance,
+            texels.position,
+            texels.normal,
+            texels.across,
+            texels.cell,
+            texels.index,
+            part,
+            sheet.offset,
+            sheet.width,
+            sheet.height,
+            _WINDOW,
+            reach,
+            out,
+        )
+
+    in_chunks(work, len(own), _CHUNK, workers)
     return out
 
 

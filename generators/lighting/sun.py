@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -129,6 +130,15 @@ def _sun_rays(
                 directions[row, c] = direction[c] + disc[p, k, 0] * side[c] + disc[p, k, 1] * top[c]
 
 
+@lru_cache(maxsize=4)
+def _beam_points(samples: int) -> tuple[NDArray[np.float64], F32]:
+    """Points (16, samples, 2) on the sun's disc, radians, and in the unit square, one set per pattern."""
+    square = net(PATTERNS * samples, (0x7F4A7C15, 0x94D049BB))
+    radius = SUN_RADIUS * np.sqrt(square[:, 0])
+    disc = np.stack([radius * np.cos(2 * np.pi * square[:, 1]), radius * np.sin(2 * np.pi * square[:, 1])], axis=1)
+    return disc.reshape(PATTERNS, samples, 2), square_points(samples, (0xBF58476D, 0x1CE4E5B9))
+
+
 def sun_light(
     sun: Sun,
     pattern: I32,
@@ -167,11 +177,7 @@ def sun_light(
     side = np.cross(sun.direction, [0.0, 1.0, 0.0])
     side /= np.linalg.norm(side)
     top = np.cross(side, sun.direction)
-    square = net(PATTERNS * samples, (0x7F4A7C15, 0x94D049BB))
-    radius = SUN_RADIUS * np.sqrt(square[:, 0])
-    disc = np.stack([radius * np.cos(2 * np.pi * square[:, 1]), radius * np.sin(2 * np.pi * square[:, 1])], axis=1)
-    disc = disc.reshape(PATTERNS, samples, 2)
-    jitter = square_points(samples, (0xBF58476D, 0x1CE4E5B9))
+    disc, jitter = _beam_points(samples)
 
     def arrivals(texel: NDArray[np.int64], first: int, last: int) -> NDArray[np.int64]:
         """(n,) how many of the rays ``first`` to ``last`` of each texel arrive (or are lost)."""

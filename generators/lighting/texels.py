@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from generators.core.jit import inline, njit
 from generators.core.low_discrepancy import pattern_of
 from generators.core.scene import F32, I32
-from generators.lighting.surfaces import Surfaces, albedo_at
+from generators.lighting.surfaces import Surfaces, albedo_at, in_chunks
 from generators.lighting.unwrap import Layout
 
 #: Rays start this far above the surface, so that they do not meet it again (metres).
@@ -92,7 +92,7 @@ class Texels:
         return len(self.cell)
 
 
-def rasterise(surfaces: Surfaces, sheet: Sheet, wanted: NDArray[np.bool_] | None = None) -> Texels:
+def rasterise(surfaces: Surfaces, sheet: Sheet, wanted: NDArray[np.bool_] | None = None, workers: int = 1) -> Texels:
     """Find the texels that bilinear look-up on any face can touch.
 
     A texel whose centre lies beside its face stands for the nearest point of the face, so that the map is defined
@@ -102,13 +102,21 @@ def rasterise(surfaces: Surfaces, sheet: Sheet, wanted: NDArray[np.bool_] | None
         surfaces: the faces.
         sheet: their light maps.
         wanted: (F,) which faces; all if missing.
+        workers: threads; the result does not depend on them.
     """
     cells = int(sheet.offset[-1])
     nearest = np.full(cells, np.inf, dtype=np.float32)
     owner = np.full(cells, -1, dtype=np.int32)
     weights = np.zeros((cells, 2), dtype=np.float32)
     faces = np.flatnonzero(np.ones(len(sheet.uv), dtype=bool) if wanted is None else wanted)
-    _cover(faces, sheet.uv, surfaces.part, sheet.offset, sheet.width, sheet.height, nearest, owner, weights)
+    # Faces are ordered by part, and each part has cells of its own.
+    begin = np.searchsorted(surfaces.part[faces], np.arange(len(sheet.width) + 1))
+
+    def cover(first: int, last: int) -> None:
+        own = faces[begin[first] : begin[last]]
+        _cover(own, sheet.uv, surfaces.part, sheet.offset, sheet.width, sheet.height, nearest, owner, weights)
+
+    in_chunks(cover, len(sheet.width), 1, workers)
     cell = np.flatnonzero(owner >= 0)
     index = np.full(cells, -1, dtype=np.int32)
     index[cell] = np.arange(len(cell), dtype=np.int32)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import threading
 import time
 from dataclasses import dataclass
 
@@ -24,11 +25,21 @@ _NORMAL_WELD = 50.0
 #: From this weight on xatlas cuts at every edge where the shading normals of the two faces differ.
 _CUT_ALL = 1000.0
 _TASKS = "/proc/self/task"
+_NEW = threading.Lock()
 
 
 def _threads() -> set[str]:
     """The ids of this process's threads; none where the system does not list them."""
     return set(os.listdir(_TASKS)) if os.path.isdir(_TASKS) else set()
+
+
+def _new_atlas() -> tuple[xatlas.Atlas, set[str]]:
+    """An atlas, and the ids of its worker threads; one at a time, to tell them from those of another."""
+    with _NEW:
+        before = _threads()
+        atlas = xatlas.Atlas()
+        mine = {str(thread.native_id) for thread in threading.enumerate()}
+        return atlas, _threads() - before - mine
 
 
 def _asleep(thread: str) -> bool:
@@ -90,9 +101,7 @@ def unwrap(
     """
     count = len(positions)
     factors = np.ones(count, dtype=np.float32) if finer is None else finer
-    before = _threads()
-    atlas = xatlas.Atlas()
-    own_threads = _threads() - before
+    atlas, own_threads = _new_atlas()
     groups = [np.flatnonzero(factors == factor) for factor in np.unique(factors)]
     for group in groups:
         factor = np.float32(factors[group[0]])
