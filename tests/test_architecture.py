@@ -265,6 +265,7 @@ LONG_SIGNATURES = {
     "avs3d_bench.submission.SubmissionWriter.__init__": "public: the fields of submission.json by keyword",
     "baselines.echosegnet.run.write_echosegnet": "public: options by keyword",
     "baselines.oracle.write_oracle": "public: options by keyword",
+    "generators.plan.make_plans": "the options of a run by keyword",
     "generators.run.generation.generate": "public: the options of `avs3d generate` by keyword",
     "generators.assets.furniture.common.Kit.add": "a primitive: its form, and by keyword place and finish",
     "generators.assets.objects.forms.slab": "as Kit.add",

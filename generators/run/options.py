@@ -10,7 +10,7 @@ from typing import Literal, get_args
 from avs3d_bench.errors import UsageError, did_you_mean
 from generators.core.limits import FRAMES, SIZE, WORKERS
 
-#: Renderers, acoustic engines, and optional folders of an observation.
+#: Renderers, acoustic engines, devices, and optional folders of an observation.
 Vision = Literal["embree", "cuda", "habitat"]
 Audio = Literal["soundspaces", "tracer", "analytic"]
 Device = Literal["cpu", "cuda"]
