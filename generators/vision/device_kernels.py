@@ -32,7 +32,7 @@ TILE = TILE_WIDTH * TILE_HEIGHT
 
 # Functions that kernels call are names of their own: numba resolves them when it compiles.
 _shade, _encode, _average = cpu.shade, cpu.encode, cpu.average
-_mark_edge, _mark_narrow = cpu.mark_edge, cpu.mark_narrow
+_mark_edges, _mark_thin = cpu.mark_edges, cpu.mark_thin
 _write_geometry = cpu.write_geometry
 
 
@@ -194,8 +194,7 @@ def mark_edges(view: View, surface: I32, normal: F32, frame: FrameArrays) -> Non
     """Mark the pixels at visible edges."""
     i = cuda.grid(1)
     if i < frame.marks.shape[0]:
-        y = i // view.width
-        _mark_edge(frame.face, frame.depth, frame.rgb, view, surface, normal, frame.marks, i - y * view.width, y)
+        _mark_edges(frame.face, frame.depth, frame.rgb, view, surface, normal, frame.marks, i, i + 1)
 
 
 @kernel
@@ -204,7 +203,7 @@ def mark_thin(triangles: F32, view: View, frame: FrameArrays) -> None:
     i = cuda.grid(1)
     if i < triangles.shape[0]:
         px, py, pz = cuda.local.array(3, np.float64), cuda.local.array(3, np.float64), cuda.local.array(3, np.float64)
-        _mark_narrow(triangles[i], frame.depth, view, frame.marks, px, py, pz)
+        _mark_thin(triangles[i : i + 1], frame.depth, view, frame.marks, px, py, pz)
 
 
 @kernel

@@ -180,8 +180,8 @@ class EmbreeSession:
         """Shoot the pixels at edges again and average."""
         kernels, tables = self._kernels, self._tables
         marks = np.zeros(len(rgb), dtype=np.uint8)
-        kernels.mark_edges(self._face, depth, rgb, view, tables.surface, tables.normal, marks)
-        kernels.mark_thin(self._thin, depth, view, marks)
+        kernels.mark_edges(self._face, depth, rgb, view, tables.surface, tables.normal, marks, 0, len(marks))
+        kernels.mark_thin(self._thin, depth, view, marks, *np.empty((3, 3)))
         pixels = np.flatnonzero(marks).astype(np.int32)
         samples = len(SUB_PIXELS)
         step = CHUNK // samples

@@ -1,8 +1,9 @@
 """The compiled inner loops of the renderers: rays, shading, edges, encoding.
 
-The CPU renderer calls the loops. A thread of the CUDA renderer calls the same functions: those of one element
-(`ray_direction`, `mark_edge`, `mark_narrow`), or a loop over its own slice of the arrays. They take scalars and arrays
-only and allocate nothing.
+The CPU renderer calls the loops. A thread of the CUDA renderer calls the same functions for its own pixel: each loop
+takes slices of arrays, or the first and the last element. They take scalars and arrays only and allocate nothing. (A
+function of one element that the CPU's loop calls would cost it a third of a frame's time: numba counts references to
+arrays in every call.)
 
 A ray's direction is (x, y, −1) in camera space, not normalised, so that Embree's ``tfar`` is the depth along the
 optical axis. Colours in here are linear display light (after the tone curve, before sRGB encoding).
@@ -109,12 +110,19 @@ def write_geometry(face: I32, distance: F32, tables: SceneTables, depth: F32, id
 
 
 @inline
+def _floor(x: np.float32) -> np.float32:
+    """The integer below ``x``: exact below 2^63. numba's CUDA has no ``np.floor`` of scalars."""
+    near = np.float32(np.int64(x))
+    return near - _ONE if near > x else near
+
+
+@inline
 def _bilinear(
     texels: U8, decode: F32, base: int, height: int, width: int, s: np.float32, t: np.float32
 ) -> tuple[np.float32, np.float32, np.float32]:
     """Linear light of one mip level, which begins at ``base``, at (s, t) repeats, wrapped."""
-    x = (s - np.float32(math.floor(s))) * np.float32(width) - _HALF
-    y = (_ONE - (t - np.float32(math.floor(t)))) * np.float32(height) - _HALF
+    x = (s - _floor(s)) * np.float32(width) - _HALF
+    y = (_ONE - (t - _floor(t))) * np.float32(height) - _HALF
     # Both are ≥ −½, so that truncation after adding 1 rounds down; and one step wraps them.
     x0, y0 = np.int32(x + _ONE) - np.int32(1), np.int32(y + _ONE) - np.int32(1)
     ax, ay = x - np.float32(x0), y - np.float32(y0)
@@ -189,7 +197,7 @@ def _filtered(
             ux, uy = (root + half, xy) if half >= _ZERO else (xy, root - half)
             scale = np.float32(math.sqrt(major2 / (ux * ux + uy * uy)))
             du, dv = ux * scale / width, uy * scale / height
-    lod = max(_ZERO, min(np.float32(last - level0), _HALF * np.float32(math.log2(minor2))))
+    lod = max(_ZERO, min(np.float32(last - level0), _HALF * np.log2(minor2)))
     level = int(lod)
     blend = lod - np.float32(level)
     level += level0
@@ -444,34 +452,40 @@ def _breaks(surface: I32, normal: F32, depth: F32, view: View, a: int, b: int, i
     return bool(abs(depth[i] * here - depth[j] * there) > STEP * depth[j] * max(abs(there), 0.1))
 
 
-@inline
-def mark_edge(face: I32, depth: F32, rgb: U8, view: View, surface: I32, normal: F32, marks: U8, x: int, y: int) -> None:
-    """Set ``marks`` at pixel (x, y) and its neighbours on the right and below where an edge lies between them."""
+@njit
+def mark_edges(
+    face: I32, depth: F32, rgb: U8, view: View, surface: I32, normal: F32, marks: U8, first: int, last: int
+) -> None:
+    """Set ``marks`` (H·W,) at both pixels of each visible edge of the pixels from number ``first`` to ``last``.
+
+    An edge is where neighbours, on the right or below, show different surfaces, directions or depths, in colours that
+    differ visibly; and where the texture or the light of two faces does not fit together at their seam.
+    """
     width, height = view.width, view.height
-    i = y * width + x
-    for j, inside in ((i + 1, x + 1 < width), (i + width, y + 1 < height)):
-        if not inside or face[i] == face[j]:
-            continue
-        contrast = _contrast(rgb, i, j)
-        if contrast > STRONG or (contrast > VISIBLE and _breaks(surface, normal, depth, view, face[i], face[j], i, j)):
-            marks[i] = marks[j] = 1
+    y = first // width
+    x = first - y * width - 1
+    for i in range(first, last):
+        x += 1
+        if x == width:
+            x, y = 0, y + 1
+        for j, inside in ((i + 1, x + 1 < width), (i + width, y + 1 < height)):
+            if not inside or face[i] == face[j]:
+                continue
+            contrast = _contrast(rgb, i, j)
+            if contrast > STRONG or (
+                contrast > VISIBLE and _breaks(surface, normal, depth, view, face[i], face[j], i, j)
+            ):
+                marks[i] = marks[j] = 1
 
 
 @njit
-def mark_edges(face: I32, depth: F32, rgb: U8, view: View, surface: I32, normal: F32, marks: U8) -> None:
-    """Set ``marks`` (H·W,) at both pixels of each visible edge.
+def mark_thin(triangles: F32, depth: F32, view: View, marks: U8, px: F64, py: F64, pz: F64) -> None:
+    """Set ``marks`` (H·W,) along triangles (K, 3, 3) that are narrower than a pixel and may be seen.
 
-    An edge is where neighbours show different surfaces, directions or depths, in colours that differ visibly; and where
-    the texture or the light of two faces does not fit together at their seam.
+    The rays through the centres can miss a wire for a stretch and would draw it dashed. Each triangle is projected;
+    one that faces the camera and is narrow on the screen is followed along its longest side, wherever the depth behind
+    the pixel's centre leaves it in sight. ``px``, ``py``, ``pz`` (3,) are scratch.
     """
-    for y in range(view.height):
-        for x in range(view.width):
-            mark_edge(face, depth, rgb, view, surface, normal, marks, x, y)
-
-
-@inline
-def mark_narrow(corners: F32, depth: F32, view: View, marks: U8, px: F64, py: F64, pz: F64) -> None:
-    """Set ``marks`` along one triangle, ``corners`` (3, 3); see `mark_thin`; ``px``, ``py``, ``pz`` (3,): scratch."""
     fx2 = view.right[0] ** 2 + view.right[1] ** 2 + view.right[2] ** 2
     fy2 = view.down[0] ** 2 + view.down[1] ** 2 + view.down[2] ** 2
     # The pixel of the optical axis: corner = ahead − cx·right − cy·down.
@@ -479,60 +493,50 @@ def mark_narrow(corners: F32, depth: F32, view: View, marks: U8, px: F64, py: F6
     for k in range(3):
         cx -= view.corner[k] * view.right[k] / fx2
         cy -= view.corner[k] * view.down[k] / fy2
-    for c in range(3):
-        x = corners[c, 0] - view.origin[0]
-        y = corners[c, 1] - view.origin[1]
-        z = corners[c, 2] - view.origin[2]
-        away = x * view.ahead[0] + y * view.ahead[1] + z * view.ahead[2]
-        if away < NEAREST:
-            return
-        px[c] = (x * view.right[0] + y * view.right[1] + z * view.right[2]) / (fx2 * away) + cx
-        py[c] = (x * view.down[0] + y * view.down[1] + z * view.down[2]) / (fy2 * away) + cy
-        pz[c] = 1.0 / away
-    if max(px[0], px[1], px[2]) < 0 or min(px[0], px[1], px[2]) > view.width:
-        return
-    if max(py[0], py[1], py[2]) < 0 or min(py[0], py[1], py[2]) > view.height:
-        return
-    # Rows grow downwards: counter-clockwise from its front is a negative area here.
-    area = (px[1] - px[0]) * (py[2] - py[0]) - (px[2] - px[0]) * (py[1] - py[0])
-    if area >= 0:
-        return
-    first, longest = 0, 0.0
-    for c in range(3):
-        d = (c + 1) % 3
-        length = math.hypot(px[d] - px[c], py[d] - py[c])
-        if length > longest:
-            first, longest = c, length
-    if -area > NARROW * longest:
-        return
-    second, third = (first + 1) % 3, (first + 2) % 3
-    steps = 1 + int(2.0 * longest)
-    for k in range(steps):
-        w = (k + 0.5) / steps
-        # Half-way into the triangle at the middle of the side, on the side at its ends.
-        inward = 0.5 * min(w, 1.0 - w)
-        a, b = (1.0 - w) * (1.0 - inward), w * (1.0 - inward)
-        x = a * px[first] + b * px[second] + inward * px[third]
-        y = a * py[first] + b * py[second] + inward * py[third]
-        if not (0.0 <= x < view.width and 0.0 <= y < view.height):
-            continue
-        i = int(y) * view.width + int(x)
-        near = a * pz[first] + b * pz[second] + inward * pz[third]
-        if depth[i] == 0.0 or depth[i] * near > 1.0 - STEP:
-            marks[i] = 1
-
-
-@njit
-def mark_thin(triangles: F32, depth: F32, view: View, marks: U8) -> None:
-    """Set ``marks`` (H·W,) along triangles (K, 3, 3) that are narrower than a pixel and may be seen.
-
-    The rays through the centres can miss a wire for a stretch and would draw it dashed. Each triangle is projected;
-    one that faces the camera and is narrow on the screen is followed along its longest side, wherever the depth behind
-    the pixel's centre leaves it in sight.
-    """
-    px, py, pz = np.empty(3), np.empty(3), np.empty(3)
     for f in range(triangles.shape[0]):
-        mark_narrow(triangles[f], depth, view, marks, px, py, pz)
+        hidden = False
+        for c in range(3):
+            x = triangles[f, c, 0] - view.origin[0]
+            y = triangles[f, c, 1] - view.origin[1]
+            z = triangles[f, c, 2] - view.origin[2]
+            away = x * view.ahead[0] + y * view.ahead[1] + z * view.ahead[2]
+            if away < NEAREST:
+                hidden = True
+                break
+            px[c] = (x * view.right[0] + y * view.right[1] + z * view.right[2]) / (fx2 * away) + cx
+            py[c] = (x * view.down[0] + y * view.down[1] + z * view.down[2]) / (fy2 * away) + cy
+            pz[c] = 1.0 / away
+        if hidden or max(px[0], px[1], px[2]) < 0 or min(px[0], px[1], px[2]) > view.width:
+            continue
+        if max(py[0], py[1], py[2]) < 0 or min(py[0], py[1], py[2]) > view.height:
+            continue
+        # Rows grow downwards: counter-clockwise from its front is a negative area here.
+        area = (px[1] - px[0]) * (py[2] - py[0]) - (px[2] - px[0]) * (py[1] - py[0])
+        if area >= 0:
+            continue
+        first, longest = 0, 0.0
+        for c in range(3):
+            d = (c + 1) % 3
+            length = math.hypot(px[d] - px[c], py[d] - py[c])
+            if length > longest:
+                first, longest = c, length
+        if -area > NARROW * longest:
+            continue
+        second, third = (first + 1) % 3, (first + 2) % 3
+        steps = 1 + int(2.0 * longest)
+        for k in range(steps):
+            w = (k + 0.5) / steps
+            # Half-way into the triangle at the middle of the side, on the side at its ends.
+            inward = 0.5 * min(w, 1.0 - w)
+            a, b = (1.0 - w) * (1.0 - inward), w * (1.0 - inward)
+            x = a * px[first] + b * px[second] + inward * px[third]
+            y = a * py[first] + b * py[second] + inward * py[third]
+            if not (0.0 <= x < view.width and 0.0 <= y < view.height):
+                continue
+            i = int(y) * view.width + int(x)
+            near = a * pz[first] + b * pz[second] + inward * pz[third]
+            if depth[i] == 0.0 or depth[i] * near > 1.0 - STEP:
+                marks[i] = 1
 
 
 @njit
