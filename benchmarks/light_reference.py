@@ -200,6 +200,9 @@ def our_picture(scene: Scene, pose: Pose, camera: Intrinsics) -> tuple[F32, NDAr
     label = np.where(face >= 0, face_labels(scene)[np.maximum(face, 0)], np.int8(-1))
     label = label.reshape(shape).transpose(0, 2, 1, 3).reshape(camera.height, camera.width, n * n)
     same = (label == label[..., :1]).all(axis=2)
+    # Of a lamp beside a pixel a sliver may lie in its square, between the rays.
+    glowing = np.asarray((label < 0).any(axis=2), dtype=np.uint8)
+    same &= np.asarray(cv2.dilate(glowing, np.ones((3, 3), dtype=np.uint8))) == 0
     mean = radiance.reshape(*shape, 3).mean(axis=(1, 3), dtype=np.float64)
     middle = np.maximum(face[n // 2 :: n, n // 2 :: n], 0)
     corners = np.concatenate([part.mesh.positions for part in scene.parts])[middle].astype(np.float64)

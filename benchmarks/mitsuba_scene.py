@@ -34,8 +34,8 @@ F32 = NDArray[np.float32]
 
 #: In order of preference: vectorised on the LLVM library of the system; slow, and only for matte materials.
 VARIANTS = ("llvm_ad_rgb", "scalar_rgb")
-#: Distance of the disc that stands for the sun (m).
-_SUN_DISTANCE = 1000.0
+#: Distance of the disc that stands for the sun (m): across a home its direction turns by 10⁻⁴.
+_SUN_DISTANCE = 1e5
 #: How often lamps of other rooms are sampled, over those of the room in the picture, for equal power.
 _ELSEWHERE = 0.05
 #: Lamps this far outside of a room's box belong to it (m): the panes of its windows lie in the wall.
@@ -168,12 +168,14 @@ class ReferenceScene:
         for number, group in enumerate(groups):
             shapes[f"mesh_{number}"] = self._mesh(group, emits=sun is None and max(group.material.emission) > 0)
         if sun is not None:
-            away = _SUN_DISTANCE * sun.direction
+            corners = np.concatenate([group.positions.reshape(-1, 3) for group in groups]).astype(np.float64)
+            middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+            away = middle + _SUN_DISTANCE * sun.direction
             radiance = np.asarray(sun.radiance, dtype=np.float64) / SUN_RADIUS**2
             shapes["sun"] = {
                 "type": "disk",
                 "to_world": mi.ScalarTransform4f().look_at(
-                    origin=away.tolist(), target=[0.0, 0.0, 0.0], up=[0.0, 1.0, 0.0]
+                    origin=away.tolist(), target=middle.tolist(), up=[0.0, 1.0, 0.0]
                 )
                 @ mi.ScalarTransform4f().scale(SUN_RADIUS * _SUN_DISTANCE),
                 "emitter": {"type": "area", "radiance": {"type": "rgb", "value": radiance.tolist()}},
