@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from generators.assets.shapes import MeshBuilder
-from generators.core.low_discrepancy import pattern_of
+from generators.core.low_discrepancy import pattern_of, square_points
 from generators.core.rays import Tracer
 from generators.core.scene import Material, Mesh, Part
 from generators.lighting.blocks import make_blocks
@@ -120,6 +120,86 @@ def test_half_of_the_lamp_is_half_of_its_light_everywhere() -> None:
     assert np.abs(share - 0.5).max() < 0.2
     assert share.mean() == pytest.approx(0.5, abs=0.01)
     assert (noise > 0).all()
+
+
+class Slit:
+    """Hides all of the lamp of `lamp` but a strip across ``axis``, ``wide`` (m) from ``left`` on, from anywhere."""
+
+    def __init__(self, axis: int, left: float, wide: float) -> None:
+        self.axis, self.left, self.right = axis, left, left + wide
+
+    def __call__(self, origins: np.ndarray, directions: np.ndarray, far: np.ndarray) -> np.ndarray:
+        x = origins[:, self.axis] + directions[:, self.axis]
+        return np.asarray((x < self.left) | (x >= self.right))
+
+
+@pytest.mark.parametrize("axis", [0, 2])
+@pytest.mark.parametrize("left", np.arange(-0.5, 0.44, 0.0625).tolist())
+def test_a_sixteenth_of_the_lamp_is_found_wherever_it_is(left: float, axis: int) -> None:
+    # In the order of the sequence the first quarters of all sets would lie in four stripes of the lamp, and whole
+    # blocks would take it for hidden (or for visible, with a bar before it) although a sixteenth was not.
+    share, _, floor = lit_floor(Slit(axis, left, 1.0 / 16), saving=True)
+    together = np.bincount(floor.block, share) / np.bincount(floor.block)
+    assert (together > 0).all()
+    assert share.mean() == pytest.approx(1 / 16, rel=0.12)
+
+
+@pytest.mark.parametrize("count", [4, 8, 16])
+def test_first_quarters_of_all_sets_are_a_net_together(count: int) -> None:
+    points = square_points(count, (0x9E3779B9, 0x3C6EF372))[:, : count // 4].reshape(-1, 2)
+    for columns in (2**k for k in range(len(points).bit_length())):
+        cell = np.floor(points * (columns, len(points) // columns)).astype(int)
+        assert len(np.unique(cell, axis=0)) == len(points)
+
+
+def ball(radius: float, centre: tuple[float, float, float]) -> Emitters:
+    """A ball that shines with 8."""
+    glow = Material("glass", "glass", (0.0, 0.0, 0.0), emission=(8.0, 8.0, 8.0))
+    mesh = MeshBuilder().sphere(radius, centre, glow, segments=32, rings=24).build()
+    return find_emitters(Surfaces.of([Part("ball", mesh)]), 16)
+
+
+@pytest.mark.parametrize("distance", [0.4, 1.0, 3.0])
+def test_a_ball_shines_alike_to_all_sides(distance: float) -> None:
+    # The form factor of a ball from a point that faces it is (radius / distance)², whatever the direction.
+    emitters = ball(0.15, (1.0, 2.0, 3.0))
+    away = np.random.default_rng(5).normal(size=(500, 3))
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    pair = np.arange(len(away))
+    light = unoccluded_light(
+        emitters,
+        pair,
+        0 * pair,
+        (np.array([1.0, 2.0, 3.0]) + distance * away).astype(np.float32),
+        (-away).astype(np.float32),
+        np.zeros(len(away), dtype=np.float32),
+    )
+    share = light[:, 0] / (8.0 * (0.15 / distance) ** 2)
+    assert share.mean() == pytest.approx(1.0, abs=0.015)
+    assert share.std() < 0.02
+    assert np.abs(share - 1.0).max() < 0.06
+
+
+def test_half_a_ball_behind_a_plane_gives_what_its_visible_targets_give() -> None:
+    # The few targets that face a texel weigh more at one texel than at the next: the mean of the texels' own visible
+    # shares, the light of a ball whose upper part is hidden, would be wrong by several per cent.
+    floor, emitters = Floor(), ball(0.15, (0.0, 0.6, 0.0))
+
+    def upper(origins: np.ndarray, directions: np.ndarray, far: np.ndarray) -> np.ndarray:
+        return np.asarray(origins[:, 1] + directions[:, 1] > 0.54)
+
+    reach = np.ones((len(floor.position), 1), dtype=bool)
+    scene = (floor.position, floor.normal, floor.gloss)
+    light, _ = direct_light(emitters, reach, floor.pattern, *scene, upper, block=floor.block)
+    pair = np.arange(len(floor.position))
+    whole = unoccluded_light(emitters, pair, 0 * pair, *scene)[:, 0]
+    target = emitters.points[0].reshape(-1, 9).astype(np.float64)
+    way = target[None, :, :3] - floor.position[::7, None]
+    here, there = way[..., 1], -np.einsum("nkc,kc->nk", way, target[:, 3:6])
+    weight = np.maximum(here, 0) * np.maximum(there, 0) / np.einsum("nkc,nkc->nk", way, way) ** 2
+    seen = (weight * (target[:, 1] <= 0.54)).sum(axis=1) / weight.sum(axis=1)
+    expected = (seen * whole[::7]).sum()
+    assert light[::7, 0].sum() == pytest.approx(expected, rel=0.015)
 
 
 def test_shadow_rays_are_shot_in_quarters() -> None:

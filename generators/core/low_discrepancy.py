@@ -59,5 +59,18 @@ def cosine_directions(count: int, scramble: tuple[int, int] = (0, 0)) -> F32:
 
 
 def square_points(count: int, scramble: tuple[int, int] = (0, 0)) -> F32:
-    """(16, count, 2) points in the unit square, one set per pattern."""
-    return net(PATTERNS * count, scramble).reshape(PATTERNS, count, 2).astype(np.float32)
+    """(16, count, 2) points in the unit square, one set per pattern.
+
+    If ``count`` is a power of two, 4 or more, the first quarters of the sets cover the square together. In the order of
+    the sequence they would lie in stripes: their numbers would have two binary digits in common, and with them two
+    digits of a coordinate.
+    """
+    points = net(PATTERNS * count, scramble).reshape(PATTERNS, count, 2).astype(np.float32)
+    if count >= 4 and count & (count - 1) == 0:
+        # The quarter of its set that a pattern uses first is a linear function of the pattern's digits: the one of all
+        # such functions that makes the first quarters of the 16 sets of 8 or 16 points a (0, 2)-net together.
+        number = np.arange(PATTERNS)
+        first = ((number >> 3 ^ number >> 2) & 1) + 2 * (number >> 2 & 1)
+        order = np.arange(count) ^ (count // 4 * first)[:, None]
+        points = np.take_along_axis(points, order[..., None], axis=1)
+    return points

@@ -177,20 +177,32 @@ def _mixed(pair: Any, group: Any, sums: Any, number: Any) -> Any:
 
 
 @njit
-def _add_light(texel: Any, factor: Any, sums: Any, group: Any, number: Any, arrived: Any, variance: Any) -> Any:
-    """Add the visible part of ``factor`` (P, 3) to the light of texels, and its variance."""
-    together = np.zeros((number, 2))
+def _add_light(
+    texel: Any, factor: Any, sums: Any, shot: Any, group: Any, number: Any, arrived: Any, variance: Any
+) -> Any:
+    """Add the visible part of ``factor`` (P, 3) to the light of texels, and its variance.
+
+    ``shot`` (P,) is the number of rays of each pair. The visible share of a group is the ratio of its sums (combined
+    ratio estimator: Cochran, "Sampling Techniques", 1977, section 6.11), and a texel's deviation from it is in
+    proportion to its own rays. A mean of the texels' own ratios would be biased: of a lamp, which shines to all sides,
+    the few targets that face a texel weigh more at one texel than at the next.
+    """
+    together = np.zeros((number, 3))
     for i in range(len(texel)):
-        together[group[i], 0] += sums[i, 0]
-        together[group[i], 1] += sums[i, 1]
+        if shot[i] > 0:
+            together[group[i], 0] += sums[i, 0] / shot[i]
+            together[group[i], 1] += sums[i, 1] / shot[i]
+            together[group[i], 2] += 1.0
     for i in range(len(texel)):
         t = texel[i]
         whole, free = sums[i, 0], sums[i, 1]
-        if whole == 0.0:
-            # No target of this texel faces it (a lamp shines to all sides): those of its neighbours must tell.
-            whole, free = together[group[i], 0], together[group[i], 1]
+        all_whole, all_free = together[group[i], 0], together[group[i], 1]
         # An emitter of which only a sliver looks over the horizon may have no target there: it counts as visible.
-        visible = free / whole if whole > 0.0 else 1.0
+        visible = 1.0
+        if all_whole > 0.0:
+            share = all_free / all_whole
+            own = (free - share * whole) / max(shot[i], 1) * together[group[i], 2] / all_whole
+            visible = min(max(share + own, 0.0), 1.0)
         mean = 0.0
         for c in range(3):
             arrived[t, c] += factor[i, c] * visible
@@ -247,12 +259,14 @@ def direct_light(
     samples = emitters.points.shape[2] if rays is None else rays
     # Of all rays of a pair (texel, emitter): their weights, the weights of those that met nothing, squared weights.
     sums = np.zeros((len(texel), 3))
+    shot = np.zeros(len(texel), dtype=np.int64)
 
     def shoot(pairs: NDArray[np.int64], first: int, last: int) -> None:
         origins, directions, far, weight = shadow_rays(
             emitters, texel[pairs], light[pairs], pattern, position, normal, first, last
         )
         _add_rays(pairs, weight, hidden(origins, directions, far), last - first, sums)
+        shot[pairs] += last - first
 
     if block is None:
         group, number_of_groups = np.arange(len(texel)), len(texel)
@@ -265,5 +279,5 @@ def direct_light(
             continue
         shoot(pairs, 0, number // 4)
         shoot(_mixed(pairs, group, sums, number_of_groups), number // 4, number)
-    _add_light(texel, factor, sums, group, number_of_groups, arrived, variance)
+    _add_light(texel, factor, sums, shot, group, number_of_groups, arrived, variance)
     return arrived.astype(np.float32), variance.astype(np.float32)

@@ -21,6 +21,8 @@ _JOIN = 0.25
 _MOST = 96
 #: A texel stands out if it reflects this many times the mean radiance.
 BRIGHT = 5.0
+#: An emitter whose mean normal is shorter than this shines to several sides.
+_ONE_SIDED = 0.9
 #: Sides of the patches that bright surfaces are cut into, metres, and the share of all power that they hold.
 _PATCH = 1.0
 _SHARE = 0.97
@@ -36,6 +38,9 @@ class Emitters:
         radius: (L,) float32 of a ball round the centre that holds the emitter.
         cells: (L, `CELLS`, 9) float32: point, normal and radiance of equal pieces of the area. The first quarter and
             the first sixteenth are spread over the emitter too.
+        coarse: (L,) float32 distance (m) from its centre beyond which a quarter of its cells is enough, and a sixteenth
+            beyond twice this distance. Infinite for lamps that shine to several sides: of their cells only those count
+            that face a point, too few for a mean.
         balance: (L, 3, 3) float32: factors of the radiance (last axis: colours) with which all cells, their first
             quarter and their first sixteenth have the same mean.
         points: (L, 16, n, 9) float32: the same of shadow-ray targets per texel pattern.
@@ -48,6 +53,7 @@ class Emitters:
     centre: F32
     radius: F32
     cells: F32
+    coarse: F32
     balance: F32
     points: F32
     faces: F32
@@ -59,7 +65,7 @@ class Emitters:
 
     def joined(self, other: Emitters) -> Emitters:
         """Both sets, with equal numbers of targets."""
-        names = ("area", "centre", "radius", "cells", "balance", "points", "faces", "glow")
+        names = ("area", "centre", "radius", "cells", "coarse", "balance", "points", "faces", "glow")
         arrays = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in names}
         return Emitters(**arrays, start=np.concatenate([self.start, self.start[-1] + other.start[1:]]))
 
@@ -166,13 +172,16 @@ def find_emitters(surfaces: Surfaces, samples: int) -> Emitters:
     centres = [(f.min(axis=0) + f.max(axis=0)) / 2 for f in flat]
     own = np.concatenate(kept) if kept else np.zeros(0, dtype=np.int64)
     fine_cells = np.array(cells, dtype=np.float32).reshape(-1, CELLS, 9)
+    radius = np.array(
+        [np.linalg.norm(f - c, axis=1).max() for f, c in zip(flat, centres, strict=True)], dtype=np.float32
+    )
+    facing = np.linalg.norm(fine_cells[..., 3:6].mean(axis=1, dtype=np.float64), axis=1)
     return Emitters(
         area=np.array([area[m].sum() for m in kept], dtype=np.float32),
         centre=np.array(centres, dtype=np.float32).reshape(-1, 3),
-        radius=np.array(
-            [np.linalg.norm(f - c, axis=1).max() for f, c in zip(flat, centres, strict=True)], dtype=np.float32
-        ),
+        radius=radius,
         cells=fine_cells,
+        coarse=np.where(facing < _ONE_SIDED, np.inf, 2.0 * radius).astype(np.float32),
         balance=_balance(fine_cells),
         points=np.array(points, dtype=np.float32).reshape(-1, PATTERNS, samples, 9),
         faces=surfaces.triangles[own],
@@ -262,6 +271,7 @@ def _emitters(shares: list[NDArray[np.float64]], areas: list[float], points: lis
         centre=centre,
         radius=radius,
         cells=cells,
+        coarse=radius,
         balance=_balance(cells),
         points=targets,
         faces=nothing,

@@ -121,6 +121,7 @@ def _unoccluded(
     centre: Any,
     radius: Any,
     cells: Any,
+    coarse: Any,
     balance: Any,
     faces: Any,
     glow: Any,
@@ -145,8 +146,7 @@ def _unoccluded(
         while first + count < len(texel) and count < _LANES and light[first + count] == e:
             count += 1
         few = 0 < start[e + 1] - start[e] <= _FEW
-        # Cells of a patch all face about the same way: fewer are enough than of a lamp.
-        wide = radius[e] if start[e + 1] == start[e] else 2.0 * radius[e]
+        wide = coarse[e]
         for i in range(count):
             t = texel[first + i]
             far = np.sqrt(
@@ -216,6 +216,7 @@ def unoccluded_light(
         emitters.centre,
         emitters.radius,
         emitters.cells,
+        emitters.coarse,
         emitters.balance,
         emitters.faces,
         emitters.glow,

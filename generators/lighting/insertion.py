@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generators.core.scene import F32, I32, LightMap, Part, Scene
+from generators.lighting.blocks import make_blocks
 from generators.lighting.direct import direct_light
 from generators.lighting.gather import CHUNK, cells_at, hemisphere_rays
 from generators.lighting.lit_scene import LitScene
@@ -137,6 +138,7 @@ def gather_light(objects: Objects, room: Surroundings) -> Gathered:
     v, w = np.zeros(count * RAYS, dtype=np.float32), np.zeros(count * RAYS, dtype=np.float32)
     buried = np.zeros(count, dtype=bool)
     reach = room.reach(objects)
+    tile = make_blocks(objects.surfaces, objects.sheet, texels).of
 
     def hidden(origins: F32, directions: F32, far: F32) -> NDArray[np.bool_]:
         return room.tracer.occluded(origins, directions, far) | objects.tracer.occluded(origins, directions, far)
@@ -163,11 +165,12 @@ def gather_light(objects: Objects, room: Surroundings) -> Gathered:
         noise[part] = seen.reshape(-1, RAYS).var(axis=1) / RAYS
         weight[part] = (1 - gloss)[:, None] / np.float32(RAYS) + gloss[:, None] * narrow[pattern]
         free = np.flatnonzero(~buried[part])
+        free = free[np.argsort(tile[free + first], kind="stable")]
         position, normal, pattern, gloss = position[free], normal[free], pattern[free], gloss[free]
         own = free + first
         kind = objects.surfaces.part[texels.face[own]]
         direct[own], shadow_noise[own] = direct_light(
-            room.emitters, reach[kind], pattern, position, normal, gloss, hidden
+            room.emitters, reach[kind], pattern, position, normal, gloss, hidden, block=tile[own], sparing=False
         )
         if room.sun is not None:
             direct[own] += sun_light(
