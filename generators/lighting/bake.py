@@ -67,6 +67,8 @@ QUALITIES = {
 _FAINT = 0.08
 #: The same of a patch of sunlight, which is large and soft.
 _FAINT_PATCH = 0.16
+#: Parts that are unwrapped at once: xatlas starts a thread per core for each, and more parts get into each other's way.
+_UNWRAPPERS = 4
 #: Differences of this many standard deviations count as noise.
 _REACH = 3.0
 #: A part gets about this many texels before its texels grow to the preset's size.
@@ -94,7 +96,7 @@ def bake(scene: Scene, *, quality: str = "standard", workers: int = 2, device: s
         raise Avs3dError(f"bake {scene.name}: the scene has no parts; expected at least one")
     preset = QUALITIES[quality]
     surfaces = Surfaces.of(scene.parts)
-    with ThreadPoolExecutor(workers) as pool:
+    with ThreadPoolExecutor(min(workers, _UNWRAPPERS)) as pool:
         layouts = list(pool.map(lambda part: _layout(part, scene.rooms, preset), scene.parts))
     sheet = Sheet.of(layouts)
     dark = np.array([part.light is None for part in scene.parts])
@@ -119,7 +121,7 @@ def bake(scene: Scene, *, quality: str = "standard", workers: int = 2, device: s
         surfaces, sheet, texels, blocks, bounced, slow, tracer, rays=preset.gather_rays, workers=workers
     )
     light = direct + _smoothed(surfaces, sheet, texels, blocks, gathered, workers)
-    cells = spread(sheet, texels, fill(surfaces, sheet, texels, light, is_open))
+    cells = spread(sheet, texels, fill(surfaces, sheet, texels, light, is_open), workers)
     for number, part in enumerate(scene.parts):
         if part.light is not None:
             sheet.image(number, cells)[:] = part.light.texels

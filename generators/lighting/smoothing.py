@@ -222,12 +222,13 @@ def fill(
     return out
 
 
-def spread(sheet: Sheet, texels: Texels, light: F32) -> F32:
+def spread(sheet: Sheet, texels: Texels, light: F32, workers: int = 1) -> F32:
     """(cells, 3) light maps: the texels' light, and two rings of empty cells around them filled from them."""
     cells = np.zeros((int(sheet.offset[-1]), 3), dtype=np.float32)
     cells[texels.cell] = light
     covered = texels.index >= 0
-    for part in range(len(sheet.width)):
+
+    def work(part: int, _: int) -> None:
         image, known = sheet.image(part, cells), sheet.image(part, covered)
         for _ in range(_RINGS):
             total, number = np.zeros_like(image), np.zeros(known.shape, dtype=np.float32)
@@ -241,4 +242,6 @@ def spread(sheet: Sheet, texels: Texels, light: F32) -> F32:
             new = ~known & (number > 0)
             image[new] = total[new] / number[new][:, None]
             known |= new
+
+    in_chunks(work, len(sheet.width), 1, workers)
     return cells

@@ -19,6 +19,8 @@ from generators.lighting.unwrap import Layout
 PUSH = 0.0015
 #: Points on a chart's border are drawn this far into their face: in a corner of a room they must not lie in the wall.
 PULL = 0.004
+#: Texels per piece of work.
+_CHUNK = 1 << 15
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,17 +129,22 @@ def rasterise(surfaces: Surfaces, sheet: Sheet, wanted: NDArray[np.bool_] | None
     position, normal = np.zeros((count, 3), dtype=np.float32), np.zeros((count, 3), dtype=np.float32)
     across = np.zeros((count, 2, 3), dtype=np.float32)
     inside = weights[cell]
-    _properties(
-        face,
-        inside,
-        surfaces.triangles,
-        surfaces.normals,
-        surfaces.face_normal,
-        sheet.uv,
-        position,
-        normal,
-        across,
-    )
+
+    def properties(first: int, last: int) -> None:
+        own = slice(first, last)
+        _properties(
+            face[own],
+            inside[own],
+            surfaces.triangles,
+            surfaces.normals,
+            surfaces.face_normal,
+            sheet.uv,
+            position[own],
+            normal[own],
+            across[own],
+        )
+
+    in_chunks(properties, count, _CHUNK, workers)
     return Texels(
         cell=cell,
         index=index,
