@@ -192,3 +192,31 @@ def test_reflections_follow_lambert_and_the_mirror():
         assert out.mean(axis=0) == pytest.approx(2 / 3 * normal, abs=0.005)
     many(np.array([0.0, 1.0, 0.0]), u[:1], v[:1], False, out)
     assert out[0] == pytest.approx([0.6, 0.8, 0.0])
+
+
+def test_rounding_does_not_decide_which_of_two_surfaces_in_one_place_is_met():
+    from generators.acoustics.geometry import AcousticMesh
+    from generators.acoustics.tracer.kernels import closest_hits
+    from generators.acoustics.tracer.surfaces import scratch, surfaces_of
+
+    # One oblique rectangle, cut along either diagonal, of two materials.
+    a, b = np.array([1.0, 0.1, 0.3]), np.array([0.2, 1.1, -0.7])
+    corners = np.array([0 * a, a, a + b, b]) + [0.3, 0.7, 0.9]
+    groups = {"wood": np.array([[0, 1, 2], [0, 2, 3]]), "carpet": np.array([[1, 2, 3], [1, 3, 0]])}
+    mesh = surfaces_of(AcousticMesh(corners, groups)).mesh
+    rng = np.random.default_rng(2)
+    inside = rng.uniform(0.05, 0.95, (500, 2))
+    inside = inside[np.abs(inside[:, 0] - inside[:, 1]) > 0.01]
+    inside = inside[np.abs(inside.sum(axis=1) - 1) > 0.01]
+    target = corners[0] + inside @ np.stack([a, b])
+    found = []
+    for shift in (0.0, 1e-15, -1e-14, 3e-13):
+        origin = np.array([2.0 + shift, -1.0, 1.5 - shift])
+        directions = target - origin
+        directions /= np.linalg.norm(directions, axis=1)[:, None]
+        distance, triangle = np.empty(len(target)), np.empty(len(target), dtype=np.int32)
+        origins = np.broadcast_to(origin, target.shape).copy()
+        closest_hits(mesh, origins, directions, distance, triangle, *scratch())
+        assert (triangle >= 0).all()
+        found.append(triangle)
+    assert all((each == found[0]).all() for each in found)

@@ -169,21 +169,22 @@ def kernel(function: Callable[..., None]) -> Any:
         return cuda.jit(cache=True)(function)
 
 
-def launch(kernel: Any, count: int, *args: Any, stream: Any = 0) -> None:
-    """Run ``kernel`` with at least ``count`` threads in blocks of `BLOCK`; 0 threads are no launch.
+def launch(kernel: Any, count: int, *args: Any, stream: Any = 0, block: int = BLOCK) -> None:
+    """Run ``kernel`` with at least ``count`` threads in blocks of ``block``; 0 threads are no launch.
 
     Args:
         kernel: made by `kernel`; it returns at once in threads from ``count`` on (``cuda.grid(1)``).
         count: number of threads.
         args: device arrays, named tuples of them, numbers.
         stream: CUDA stream; 0: the default one.
+        block: threads per block; fewer than `BLOCK` spread few long threads over more processors.
 
     Raises:
         OutOfDeviceMemoryError: the kernel's own memory (stacks) does not fit.
     """
     if count <= 0:
         return
-    block = min(BLOCK, count) if is_simulated() else BLOCK
+    block = min(block, count) if is_simulated() else block
     with memory_for(f"a kernel of {count:,} threads"):
         kernel[(count + block - 1) // block, block, stream](*args)
 

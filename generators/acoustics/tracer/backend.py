@@ -7,6 +7,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from avs3d_bench import __version__
 from avs3d_bench.errors import Avs3dError
@@ -16,16 +17,19 @@ from generators.acoustics.materials import RESIDUAL
 from generators.acoustics.tracer import air, transmission
 from generators.acoustics.tracer.arrivals import Arrivals
 from generators.acoustics.tracer.diffraction import diffracted, lit_edges
-from generators.acoustics.tracer.early import early_arrivals, images_of
+from generators.acoustics.tracer.early import Images, early_arrivals, images_of
 from generators.acoustics.tracer.late import trace
 from generators.acoustics.tracer.session import TracerSession
 from generators.acoustics.tracer.settings import TraceSettings
-from generators.acoustics.tracer.surfaces import surfaces_of
+from generators.acoustics.tracer.surfaces import Surfaces, surfaces_of
+from generators.core.cuda import cuda_version, require_device
 from generators.core.scene import Scene
 
 if TYPE_CHECKING:
     from generators.acoustics.tracer.receivers.base import Receiver
 
+#: What traces and makes responses.
+DEVICES = ("cpu", "cuda")
 #: Threads that a trace may use.
 _MOST_THREADS = 256
 
@@ -37,8 +41,9 @@ class TracerBackend:
         receiver: of `AcousticSession.impulse_response`; a spherical head if missing.
         settings: how much work a trace is worth.
         absorption_scale: factor of every surface's Eyring exponent, −ln(1 − α).
-        threads: of a trace; the responses do not depend on it.
+        threads: of a trace on the CPU; the responses do not depend on it.
         others: name → receiver of `TracerSession.other_responses`.
+        device: ``cpu`` or ``cuda``. Arrivals agree to rounding; a response has other bytes on another kind of device.
     """
 
     name = "tracer"
@@ -52,11 +57,12 @@ class TracerBackend:
         absorption_scale: float = 1.0,
         threads: int = 1,
         others: Mapping[str, Receiver] | None = None,
+        device: str = "cpu",
     ) -> None:
-        """Check the numbers.
+        """Check the arguments.
 
         Raises:
-            Avs3dError: if one is out of range.
+            Avs3dError: if one is out of range, or the device cannot be used.
         """
         if receiver is None:
             from generators.acoustics.tracer.receivers.spherical import SphericalHead
@@ -69,6 +75,11 @@ class TracerBackend:
         self.settings = settings or TraceSettings()
         self.absorption_scale = checked_scale(absorption_scale)
         self.threads = threads
+        if device not in DEVICES:
+            raise Avs3dError(f"tracer: device is {device!r}, expected {' or '.join(DEVICES)}")
+        if device == "cuda":
+            require_device()
+        self.device = device
 
     def open(
         self, scene: Scene, source: tuple[float, float, float], *, room: str, sample_rate: int = 44_100
@@ -83,7 +94,12 @@ class TracerBackend:
         """
         if not 8000 <= sample_rate <= 192_000:
             raise Avs3dError(f"{scene.name}: sample rate {sample_rate!r} Hz, expected 8000 to 192000")
-        return TracerSession(
+        kind = TracerSession
+        if self.device == "cuda":
+            from generators.acoustics.tracer.device.session import DeviceSession
+
+            kind = DeviceSession
+        return kind(
             scene,
             source,
             room,
@@ -110,6 +126,7 @@ class TracerBackend:
             "wall_mass_kg_m2": transmission.SURFACE_MASS,
             "transmitting_walls": transmission.MOST_WALLS,
             **({} if self.absorption_scale == 1 else {"absorption_scale": self.absorption_scale}),
+            **({} if self.device == "cpu" else {"device": f"{self.device}: {cuda_version()}"}),
         }
 
     def warm_up(self) -> None:
@@ -130,10 +147,32 @@ class TracerBackend:
             surfaces = surfaces_of(AcousticMesh(corners, {"wood": np.array([[0, 1, 2]])}))
             surfaces.first_hits(source[None], np.array([[1.0, 0.0, 0.0]]))
             images = images_of(surfaces, source, few.early_order, few.seed)
-            found = [
-                early_arrivals(surfaces, images, listener),
-                diffracted(surfaces, lit_edges(surfaces.edges, source), listener),
-                *trace(surfaces, images, listener[None], few, 1),
-            ]
-            for receiver in (self.receiver, *self.others.values()):
-                receiver.response(Arrivals.joined(found), np.eye(3), 44_100)
+            bent = diffracted(surfaces, lit_edges(surfaces.edges, source), listener)
+            if self.device == "cuda":
+                self._warm_up_device(surfaces, images, listener, few, bent)
+            else:
+                found = [
+                    early_arrivals(surfaces, images, listener),
+                    bent,
+                    *trace(surfaces, images, listener[None], few, 1),
+                ]
+                for receiver in (self.receiver, *self.others.values()):
+                    receiver.response(Arrivals.joined(found), np.eye(3), 44_100)
+
+    def _warm_up_device(
+        self, surfaces: Surfaces, images: Images, listener: NDArray[np.float64], few: TraceSettings, bent: Arrivals
+    ) -> None:
+        from generators.acoustics.tracer.device.binaural import DeviceEars
+        from generators.acoustics.tracer.device.ears import BinauralReceiver
+        from generators.acoustics.tracer.device.trace import DeviceScene
+
+        scene = DeviceScene(surfaces, few, 1)
+        images_of(surfaces, images.source, few.early_order, few.seed, scene.search)
+        found = scene.trace(images, listener[None], lambda _: bent)
+        on_host = list(self.others.values())
+        if isinstance(self.receiver, BinauralReceiver):
+            found.responses(DeviceEars(self.receiver.ears(44_100), 44_100), [0], [np.eye(3)])
+        else:
+            on_host.append(self.receiver)
+        for receiver in on_host:
+            receiver.response(found.arrivals()[0], np.eye(3), 44_100)

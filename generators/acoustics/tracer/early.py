@@ -10,6 +10,7 @@ arbitrary polyhedra", JASA 75 (1984) 1827–1836).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,7 @@ from generators.acoustics.tracer.transmission import MOST_WALLS, wall_gain
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
+Search = Callable[[F64, F64, int], I32]
 
 #: Rays that look for sequences of mirror planes.
 _SEARCH_RAYS = 20_000
@@ -34,6 +36,8 @@ _SEARCH = 2
 _COMPLETE = {2: 24, 3: 8}
 #: Images of one position to within this distance (m) are one sound: a path along the edge of two planes.
 _SAME_IMAGE = 1e-6
+#: Surfaces on a blocked line of sight are counted up to this number: beyond it, nothing is heard through them.
+MOST_CROSSINGS = 2 * MOST_WALLS + 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +50,7 @@ class Images:
         positions: (S, K, 3) image of the source after each reflection.
         gain: (S, 8) amplitude that the reflections leave, per octave.
         keys: (S,) sorted int64 keys of the sequences (see `trace_late`).
+        group: (S,) number of the image's position; images of one position are one sound.
     """
 
     source: F64
@@ -53,6 +58,7 @@ class Images:
     positions: F64
     gain: F64
     keys: NDArray[np.int64]
+    group: NDArray[np.int64]
 
     @property
     def last(self) -> F64:
@@ -61,9 +67,18 @@ class Images:
         return np.asarray(self.positions[np.arange(len(order)), order - 1])
 
 
-def images_of(surfaces: Surfaces, source: F64, order: int, seed: int) -> Images:
-    """All candidates of up to ``order`` reflections."""
-    sequences = _candidates(surfaces, source, order, seed)
+def images_of(surfaces: Surfaces, source: F64, order: int, seed: int, search: Search | None = None) -> Images:
+    """All candidates of up to ``order`` reflections.
+
+    Args:
+        surfaces: of the scene.
+        source: (3,) metres.
+        order: most reflections.
+        seed: of the rays that look for sequences.
+        search: of source, directions (R, 3) and order: the planes (R, order) that specular rays meet, if not by the
+            CPU's kernel.
+    """
+    sequences = _candidates(surfaces, source, order, seed, search)
     positions = np.zeros((*sequences.shape, 3))
     gain = np.ones((len(sequences), 8))
     at = np.broadcast_to(source, (len(sequences), 3)).copy()
@@ -76,16 +91,21 @@ def images_of(surfaces: Surfaces, source: F64, order: int, seed: int) -> Images:
         at[has] -= 2 * height[:, None] * equation[:, :3]
         positions[has, k] = at[has]
         gain[has] *= amplitude[surfaces.plane_material[plane]]
-    return Images(source, sequences, positions, gain, np.sort(_keys(sequences, surfaces.planes)))
+    _, group = np.unique(np.round(at / _SAME_IMAGE).astype(np.int64), axis=0, return_inverse=True)
+    keys = np.sort(_keys(sequences, surfaces.planes))
+    return Images(source, sequences, positions, gain, keys, group.reshape(-1).astype(np.int64))
 
 
-def _candidates(surfaces: Surfaces, source: F64, order: int, seed: int) -> I32:
+def _candidates(surfaces: Surfaces, source: F64, order: int, seed: int, search: Search | None) -> I32:
     """(S, K) unique sequences, sorted."""
     if not surfaces.planes or not order:
         return np.zeros((0, order), dtype=np.int32)
-    met = np.empty((_SEARCH_RAYS, order), dtype=np.int32)
     directions = ray_directions(_SEARCH_RAYS, seed, _SEARCH)
-    specular_planes(surfaces.mesh, source, directions, 0, _SEARCH_RAYS, met, *scratch())
+    if search is None:
+        met = np.empty((_SEARCH_RAYS, order), dtype=np.int32)
+        specular_planes(surfaces.mesh, source, directions, 0, _SEARCH_RAYS, met, *scratch())
+    else:
+        met = search(source, directions, order)
     found = []
     for k in range(1, order + 1):
         reached = met[met[:, k - 1] >= 0].copy()
@@ -97,7 +117,12 @@ def _candidates(surfaces: Surfaces, source: F64, order: int, seed: int) -> I32:
         rows = np.stack(np.meshgrid(*[chosen] * k, indexing="ij"), axis=-1).reshape(-1, k)
         rows = rows[(rows[:, 1:] != rows[:, :-1]).all(axis=1)]
         found.append(np.pad(rows, ((0, 0), (0, order - k)), constant_values=-1).astype(np.int32))
-    return np.unique(np.concatenate(found), axis=0)
+    rows = np.concatenate(found)
+    # One number per row, in the same order as the rows: far faster to sort than rows are.
+    number = np.zeros(len(rows), dtype=np.int64)
+    for column in rows.T.astype(np.int64):
+        number = number * (surfaces.planes + 1) + column + 1
+    return np.ascontiguousarray(rows[np.unique(number, return_index=True)[1]])
 
 
 def _keys(sequences: I32, planes: int) -> NDArray[np.int64]:
@@ -110,11 +135,9 @@ def _keys(sequences: I32, planes: int) -> NDArray[np.int64]:
 def early_arrivals(surfaces: Surfaces, images: Images, listener: F64) -> Arrivals:
     """Direct sound (or what walls let through of it) and specular reflections at ``listener`` (3,)."""
     nodes, entries = scratch()
-    between = crossings(surfaces.mesh, listener, images.source, 2 * MOST_WALLS + 1, nodes, entries)
-    direct = np.ones(8) if between == 0 else wall_gain(between)
-    positions, gain = images.source[None], direct[None]
-    if len(images.sequences):
-        visible = np.zeros(len(images.sequences), dtype=np.bool_)
+    between = crossings(surfaces.mesh, listener, images.source, MOST_CROSSINGS, nodes, entries)
+    visible = np.zeros(len(images.sequences), dtype=np.bool_)
+    if len(visible):
         visible_images(
             surfaces.mesh,
             surfaces.plane_equation,
@@ -130,18 +153,40 @@ def early_arrivals(surfaces: Surfaces, images: Images, listener: F64) -> Arrival
             nodes,
             entries,
         )
-        heard = np.flatnonzero(visible)
-        at = images.last[heard]
-        _, once = np.unique(np.round(at / _SAME_IMAGE).astype(np.int64), axis=0, return_index=True)
-        once.sort()
-        positions, gain = np.concatenate([positions, at[once]]), np.concatenate([gain, images.gain[heard[once]]])
+    return heard_images(images, listener[None], visible[None], np.array([between]))[0]
+
+
+def heard_images(
+    images: Images, listeners: F64, visible: NDArray[np.bool_], between: NDArray[np.int64]
+) -> list[Arrivals]:
+    """The early arrivals of each listener.
+
+    Args:
+        images: candidates.
+        listeners: (L, 3) metres.
+        visible: (L, S) whether the path of each image source exists.
+        between: (L,) number of surfaces between source and listener, counted up to `MOST_CROSSINGS`.
+    """
+    count = len(listeners)
+    owner, image = np.nonzero(visible)
+    groups = int(images.group.max(initial=0)) + 1
+    _, once = np.unique(owner * groups + images.group[image], return_index=True)
+    once.sort()
+    owner, image = owner[once], image[once]
+    direct = np.array([np.ones(8) if surfaces == 0 else wall_gain(int(surfaces)) for surfaces in between])
+    owner = np.concatenate([np.arange(count), owner])
+    gain = np.concatenate([direct.reshape(-1, 8), images.gain[image]])
+    positions = np.concatenate([np.broadcast_to(images.source, (count, 3)), images.last[image]])
     used = gain.any(axis=1)
-    offset, gain = positions[used] - listener, gain[used]
+    owner, gain = owner[used], gain[used]
+    offset = positions[used] - listeners[owner]
     distance = np.linalg.norm(offset, axis=1)
     # Source and listener in one point: the sound comes from somewhere, by convention from −Z.
     direction = np.where(distance[:, None] > 0, offset / np.maximum(distance, 1e-30)[:, None], [0.0, 0.0, -1.0])
     pressure = gain * np.exp(-0.5 * np.outer(distance, energy_exponents())) / np.maximum(distance, NEAREST)[:, None]
-    order = np.argsort(distance, kind="stable")
-    return Arrivals(
-        distance[order] / SPEED_OF_SOUND, direction[order].astype(np.float32), pressure[order].astype(np.float32)
-    )
+    order = np.lexsort((distance, owner))
+    time = distance[order] / SPEED_OF_SOUND
+    direction, pressure = direction[order].astype(np.float32), pressure[order].astype(np.float32)
+    ends = np.cumsum(np.bincount(owner, minlength=count))
+    spans = [slice(first, last) for first, last in zip([0, *ends[:-1]], ends, strict=True)]
+    return [Arrivals(time[span], direction[span], pressure[span]) for span in spans]

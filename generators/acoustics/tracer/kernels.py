@@ -25,6 +25,9 @@ I64 = NDArray[np.int64]
 OFFSET = 1e-6
 #: The edges of a triangle belong to it, and a little more: no ray slips between two triangles that share one.
 _EDGE = 1e-9
+#: Surfaces in one place to within this distance (m), such as a cabinet's side and the wall that it stands at: far above
+#: rounding, so that it is not rounding which decides what a ray meets.
+_TIE = 1e-10
 #: Distance that stands for infinity.
 FAR = 1e30
 #: Nothing is louder than at this distance (m).
@@ -100,6 +103,8 @@ def closest(
 ) -> tuple[float, int]:
     """Find the first triangle nearer than ``limit`` along a ray; with ``any_hit``, any one.
 
+    Of several triangles in one place it is the first in the order of the tree's leaves.
+
     Returns:
         its distance and index; ``limit`` and −1 without a hit.
     """
@@ -111,14 +116,14 @@ def closest(
     top = 1
     while top > 0:
         top -= 1
-        if entries[top] >= best:
+        if entries[top] >= best + _TIE:
             continue
         node = stack[top]
         first, count = links[node, 0], links[node, 1]
         if count > 0:
             for i in range(first, first + count):
                 t = _meets(corners, i, ox, oy, oz, dx, dy, dz)
-                if t < best:
+                if t < best - _TIE or (t < best + _TIE and t < limit and (i < found or found < 0)):
                     best, found = t, i
             if any_hit and found >= 0:
                 return best, found
@@ -128,10 +133,10 @@ def closest(
             near, far, near_at, far_at = first, first + 1, left, right
             if right < left:
                 near, far, near_at, far_at = first + 1, first, right, left
-            if far_at < best:
+            if far_at < best + _TIE:
                 stack[top], entries[top] = far, far_at
                 top += 1
-            if near_at < best:
+            if near_at < best + _TIE:
                 stack[top], entries[top] = near, near_at
                 top += 1
     return best, found
@@ -492,7 +497,7 @@ def is_of_another_part(bounce: int, rained: bool, mirrored: bool, sequence: int,
 @inline
 def may_pass(box: F64, ox: float, oy: float, oz: float, ex: float, ey: float, ez: float) -> bool:
     """Whether the box about a line from o to e meets ``box`` (6,)."""
-    return (
+    return bool(
         min(ox, ex) <= box[3]
         and max(ox, ex) >= box[0]
         and min(oy, ey) <= box[4]

@@ -50,29 +50,21 @@ def trace(
     Returns:
         the late arrivals of each listener: diffuse rain, then the rays, each in the order of (ray, reflections).
     """
-    discs = _discs(surfaces, listeners, settings.radius)
+    around = discs(surfaces, listeners, settings.radius)
     air = energy_exponents()
     key = key_of(settings.seed)
-    limits = TraceLimits(
-        settings.most_reflections,
-        settings.seconds * SPEED_OF_SOUND,
-        10 ** (-settings.decay_db / 10),
-        settings.exact_scattering,
-        settings.rain_order if settings.rain_rays else 0,
-        surfaces.planes,
-        settings.early_order,
-    )
+    limits = limits_of(settings, surfaces.planes)
 
     def late(first: int, last: int, records: Records) -> int:
         near, energy = np.empty(len(listeners), dtype=np.bool_), np.empty(8)
         return trace_late(
-            surfaces.mesh, images.source, directions, first, last, key, discs, images.keys, air, limits, records,
+            surfaces.mesh, images.source, directions, first, last, key, around, images.keys, air, limits, records,
             near, energy, *scratch(),
         )  # fmt: skip
 
     def rain(first: int, last: int, records: Records) -> int:
         return trace_rain(
-            surfaces.mesh, images.source, rain_directions, first, last, key, discs, air, limits, records,
+            surfaces.mesh, images.source, rain_directions, first, last, key, around, air, limits, records,
             np.empty(8), np.empty(8), *scratch(),
         )  # fmt: skip
 
@@ -80,10 +72,24 @@ def trace(
     rain_directions = ray_directions(max(settings.rain_rays, 1), settings.seed, RAIN)
     parts = _in_blocks(rain, settings.rain_rays if settings.rain_order else 0, len(listeners), threads)
     parts += _in_blocks(late, rays, len(listeners), threads)
-    return _by_listener(parts, len(listeners))
+    return by_listener(parts, len(listeners))
 
 
-def _discs(surfaces: Surfaces, listeners: F64, radius: float) -> Listeners:
+def limits_of(settings: TraceSettings, planes: int) -> TraceLimits:
+    """Where the rays end in a scene of so many mirror planes."""
+    return TraceLimits(
+        settings.most_reflections,
+        settings.seconds * SPEED_OF_SOUND,
+        10 ** (-settings.decay_db / 10),
+        settings.exact_scattering,
+        settings.rain_order if settings.rain_rays else 0,
+        planes,
+        settings.early_order,
+    )
+
+
+def discs(surfaces: Surfaces, listeners: F64, radius: float) -> Listeners:
+    """The discs about ``listeners`` (L, 3)."""
     free = _CLEAR * clearance(surfaces.mesh.corners, listeners, radius / _CLEAR)
     size = np.clip(free, _LEAST_RADIUS, radius)
     bounds = np.concatenate([(listeners - size[:, None]).min(axis=0), (listeners + size[:, None]).max(axis=0)])
@@ -123,7 +129,7 @@ def _in_blocks(
         return list(pool.map(block, starts))
 
 
-def _by_listener(parts: list[Records], listeners: int) -> list[Arrivals]:
+def by_listener(parts: list[Records], listeners: int) -> list[Arrivals]:
     """Sort the records by listener, each listener's in their order; empties ``parts``."""
     if not parts:
         return [Arrivals.none()] * listeners

@@ -9,8 +9,6 @@ kernels of other files may use it (see `generators.core.jit`).
 
 from __future__ import annotations
 
-from typing import Any, cast
-
 import numpy as np
 
 from generators.core.jit import inline
@@ -42,6 +40,6 @@ def uniform(word: np.uint64) -> float:
 
 def words(counter: tuple[int, int, int, int], key: tuple[int, int]) -> tuple[int, int, int, int]:
     """`philox4x32` outside of kernels, uncompiled."""
-    plain = cast(Any, philox4x32).py_func
+    plain = getattr(philox4x32, "py_func", philox4x32)  # the function itself with NUMBA_DISABLE_JIT
     a, b, c, d = plain(*(np.uint64(word) for word in (*counter, *key)))
     return int(a), int(b), int(c), int(d)

@@ -117,7 +117,7 @@ class TracerSession:
         if self._bounds is not None:
             views = self._surfaces.first_hits(np.broadcast_to(position, (_VIEWS, 3)), fibonacci_directions(_VIEWS))
             check_free_source(self._scene, position, float(views.max()), self._room)
-        images = images_of(self._surfaces, position, self._settings.early_order, self._settings.seed)
+        images = self._images(position)
         self._source = (x, y, z)
         self._heard[self._source] = _Source(images, lit_edges(self._surfaces.edges, position), {})
         if len(self._heard) > _SOURCES:
@@ -151,10 +151,7 @@ class TracerSession:
             self._heard[self._source] = source
         found = source.traced[position]
         if not found.pressure.any():
-            raise Avs3dError(
-                f"{self._scene}: no sound reaches listener {position} from source "
-                f"{self._source}; the listener is enclosed by faces without an opening"
-            )
+            raise self._nothing_heard(position)
         return found
 
     def impulse_response(self, pose: Pose) -> NDArray[np.float32]:
@@ -192,12 +189,25 @@ class TracerSession:
         x, y, z = checked_position(self._scene, "listener", pose.position, self._bounds)
         return x, y, z
 
+    def _images(self, source: NDArray[np.float64]) -> Images:
+        return images_of(self._surfaces, source, self._settings.early_order, self._settings.seed)
+
+    def _nothing_heard(self, position: Position) -> Avs3dError:
+        return Avs3dError(
+            f"{self._scene}: no sound reaches listener {position} from source "
+            f"{self._source}; the listener is enclosed by faces without an opening"
+        )
+
+    def _batch(self, position: Position) -> list[Position]:
+        """``position`` and, if it was announced, those announced after it."""
+        if position not in self._announced:
+            return [position]
+        first = self._announced.index(position)
+        return self._announced[first : first + self._together]
+
     def _trace(self, source: _Source, position: Position) -> dict[Position, Arrivals]:
-        """Trace ``position`` and, if it was announced, those announced after it."""
-        batch = [position]
-        if position in self._announced:
-            first = self._announced.index(position)
-            batch = self._announced[first : first + self._together]
+        """What arrives at ``position`` and the others of its batch."""
+        batch = self._batch(position)
         listeners = np.array(batch)
         late = trace(self._surfaces, source.images, listeners, self._settings, self.rays, self._threads)
         found = {}

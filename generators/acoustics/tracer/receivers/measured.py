@@ -29,6 +29,7 @@ from avs3d_bench.schema import Scalar
 from generators.acoustics import hrtf
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.tracer.arrivals import Arrivals
+from generators.acoustics.tracer.device.ears import GRID, Ears
 from generators.acoustics.tracer.receivers.basis import Components, DirectionalBasis, directional_basis
 from generators.acoustics.tracer.receivers.sofa import HrirSet, read_hrirs
 from generators.acoustics.tracer.receivers.sphere import sphere_coefficients
@@ -46,8 +47,8 @@ I32 = NDArray[np.int32]
 C128 = NDArray[np.complex128]
 
 #: Step of the grid of directions (degrees of azimuth and elevation). The nearest of them is used.
-_STEP = 2
-_AZIMUTHS, _ELEVATIONS = 360 // _STEP, 180 // _STEP + 1
+STEP = 2
+_AZIMUTHS, _ELEVATIONS = 360 // STEP, 180 // STEP + 1
 #: 6 %, which is near the repeatability of a measurement; up to the limit, which an octave with the notches of the pinna
 #: needs. With KEMAR the third-octave levels of single directions are then off by 0.2 dB in the mean above 1 kHz;
 #: ambisonics of order 3 with a magnitude-least-squares decoder (Schörkhuber, Zaunschirm, Höldrich, DAGA 2018) have as
@@ -55,8 +56,8 @@ _AZIMUTHS, _ELEVATIONS = 360 // _STEP, 180 // _STEP + 1
 _COMPONENTS = Components(accuracy=0.06, timing=1e-5, most=16)
 #: Largest deviation of a measured delay from the sphere's (s): heads differ by less; echoes of a set-up come later.
 _MOST_DEVIATION = 0.0004
-#: Distance of the ears in `_plane_delay`, in head radii: between the 1.5 of low frequencies and the 1.3 of high ones.
-_WIDTH = 1.4
+#: Distance of the ears in `plane_delay`, in head radii: between the 1.5 of low frequencies and the 1.3 of high ones.
+PLANE_WIDTH = 1.4
 #: Band of the level that is set to the sphere's (Hz).
 _LEVEL_BAND = (353.6, 1414.2)
 #: Time before and after the responses that the table's spectra resolve (s).
@@ -74,7 +75,7 @@ class _Table:
     """The grid of directions.
 
     Attributes:
-        residual: (2, K) s, delays at both ears beyond `_plane_delay`.
+        residual: (2, K) s, delays at both ears beyond `plane_delay`.
         basis: its rows are those of the left ear, then of the right.
     """
 
@@ -111,16 +112,21 @@ class SofaHead:
         """Binaural response (2, m) float32, channel 0 is left; see `Receiver`."""
         directions = checked(arrivals, rotation, sample_rate)
         table = self._table(sample_rate)
-        samples = response_length(arrivals, sample_rate, float(hrtf.ear_delay(np.pi)) + _MOST_DEVIATION)
+        samples = response_length(arrivals, sample_rate, _reach())
         grids = grids_of_length(samples, sample_rate)
-        nodes = _nearest_node(directions)
+        nodes = nearest_node(directions)
         filters = table.basis.filters(grids)
         ports = []
         for ear in (0, 1):
-            delay = _plane_delay(directions, ear) + table.residual[ear, nodes]
+            delay = plane_delay(directions, ear) + table.residual[ear, nodes]
             index = nodes + np.int32(ear * table.residual.shape[1])
             ports.append(Port(delay, index, table.basis.rows, table.basis.columns, filters))
         return synthesise(arrivals, ports, grids, samples)
+
+    def ears(self, sample_rate: int) -> Ears:
+        """See `BinauralReceiver`."""
+        table = self._table(sample_rate)
+        return Ears(GRID, table.basis, table.residual.shape[1], table.residual, _reach())
 
     def describe(self) -> dict[str, Scalar]:
         """The settings that go into observation.json."""
@@ -148,7 +154,7 @@ class SofaHead:
         angles = np.tile(self._mesh.solid_angles(), 2)
         measured = directional_basis(spectra, angles, sample_rate, _COMPONENTS)
         corners, weights = self._mesh.interpolation(grid_directions())
-        plane = np.stack([_plane_delay(hrirs.directions, ear) for ear in (0, 1)], axis=1)
+        plane = np.stack([plane_delay(hrirs.directions, ear) for ear in (0, 1)], axis=1)
         residual = self._calibration.delays - plane
         count = len(hrirs.directions)
         ears = [
@@ -158,6 +164,11 @@ class SofaHead:
             sample_rate, np.concatenate(ears), measured.columns, measured.impulses, measured.error_db
         )
         return _Table(np.einsum("kc,kce->ek", weights, residual[corners]), basis)
+
+
+def _reach() -> float:
+    """Largest delay at an ear relative to the head's centre (s)."""
+    return float(hrtf.ear_delay(np.pi)) + _MOST_DEVIATION
 
 
 def _interpolated(
@@ -181,29 +192,29 @@ def _interpolated(
 @lru_cache(maxsize=1)
 def grid_directions() -> F64:
     """(K, 3) unit vectors of the grid in the head's frame; elevation by elevation, from below."""
-    elevation = np.radians(np.arange(_ELEVATIONS) * _STEP - 90.0)[:, None]
-    azimuth = np.radians(np.arange(_AZIMUTHS) * _STEP)[None, :]
+    elevation = np.radians(np.arange(_ELEVATIONS) * STEP - 90.0)[:, None]
+    azimuth = np.radians(np.arange(_AZIMUTHS) * STEP)[None, :]
     flat = np.cos(elevation)
     up = np.broadcast_to(np.sin(elevation), (_ELEVATIONS, _AZIMUTHS))
     return np.stack([flat * np.sin(azimuth), up, -flat * np.cos(azimuth)], axis=-1).reshape(-1, 3)
 
 
-def _nearest_node(directions: F64) -> I32:
+def nearest_node(directions: F64) -> I32:
     """(n,) index into `grid_directions`."""
     azimuth = np.degrees(np.arctan2(directions[:, 0], -directions[:, 2]))
     elevation = np.degrees(np.arcsin(np.clip(directions[:, 1], -1.0, 1.0)))
-    column = np.rint(azimuth / _STEP).astype(np.int32) % _AZIMUTHS
-    row = np.rint((elevation + 90.0) / _STEP).astype(np.int32)
+    column = np.rint(azimuth / STEP).astype(np.int32) % _AZIMUTHS
+    row = np.rint((elevation + 90.0) / STEP).astype(np.int32)
     return np.asarray(row * np.int32(_AZIMUTHS) + column, dtype=np.int32)
 
 
-def _plane_delay(directions: F64, ear: int) -> F64:
+def plane_delay(directions: F64, ear: int) -> F64:
     """(n,) s: a plane wave's delay at an ear that is farther out than the head's, linear in the direction.
 
     It takes most of the slope out of the delays that are tabulated, so that the nearest direction of the table is near
     enough, and unlike Woodworth's it is smooth where creeping waves meet.
     """
-    return np.asarray(directions[:, 0] * (-hrtf.EAR_AXES[ear] * _WIDTH * hrtf.HEAD_RADIUS / SPEED_OF_SOUND))
+    return np.asarray(directions[:, 0] * (-hrtf.EAR_AXES[ear] * PLANE_WIDTH * hrtf.HEAD_RADIUS / SPEED_OF_SOUND))
 
 
 def _sphere_delays(directions: F64) -> F64:

@@ -11,6 +11,7 @@ from avs3d_bench.schema import Scalar
 from generators.acoustics import hrtf
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.tracer.arrivals import Arrivals
+from generators.acoustics.tracer.device.ears import SPHERE, Ears
 from generators.acoustics.tracer.receivers.basis import Components, DirectionalBasis, directional_basis
 from generators.acoustics.tracer.receivers.sphere import sphere_response
 from generators.acoustics.tracer.receivers.synthesis import (
@@ -22,7 +23,7 @@ from generators.acoustics.tracer.receivers.synthesis import (
 )
 
 #: Tabulated incidence angles per half turn; the nearest one is used (at most a quarter of a degree away).
-_STEPS = 360
+STEPS = 360
 #: 5 µs is half of the least interaural delay that is heard. The 8 kHz octave has an error of 5 % in the mean: behind
 #: the head, creeping waves from all sides interfere.
 _COMPONENTS = Components(accuracy=0.01, timing=5e-6, most=6)
@@ -49,9 +50,13 @@ class SphericalHead:
         ports = []
         for ear in (0, 1):
             theta = hrtf.incidence(directions, ear)
-            index = np.rint(theta * (_STEPS / np.pi)).astype(np.int32)
+            index = np.rint(theta * (STEPS / np.pi)).astype(np.int32)
             ports.append(Port(hrtf.ear_delay(theta), index, basis.rows, basis.columns, basis.filters(grids)))
         return synthesise(arrivals, ports, grids, samples)
+
+    def ears(self, sample_rate: int) -> Ears:
+        """See `BinauralReceiver`."""
+        return Ears(SPHERE, sphere_basis(sample_rate), 0, np.zeros((2, 1)), _reach())
 
     def describe(self) -> dict[str, Scalar]:
         """The settings that go into observation.json."""
@@ -66,12 +71,12 @@ def _reach() -> float:
 @lru_cache(maxsize=4)
 def sphere_basis(sample_rate: int) -> DirectionalBasis:
     """The rigid sphere's directivity with Woodworth's delay taken out, tabulated over the angle of incidence."""
-    theta = np.linspace(0.0, np.pi, _STEPS + 1)
+    theta = np.linspace(0.0, np.pi, STEPS + 1)
     length = 1 << int(np.ceil(np.log2(_RESOLVED * sample_rate)))
     omega = 2 * np.pi * np.linspace(0.0, sample_rate / 2, length // 2 + 1)
     exact = sphere_response(theta, omega * hrtf.HEAD_RADIUS / SPEED_OF_SOUND)
     aligned = exact * np.exp(1j * omega * hrtf.ear_delay(theta)[:, None])
     # Both poles stand for a cap of half a step.
-    half = np.pi / _STEPS / 2
+    half = np.pi / STEPS / 2
     caps = np.cos(np.maximum(theta - half, 0.0)) - np.cos(np.minimum(theta + half, np.pi))
     return directional_basis(aligned, caps, sample_rate, _COMPONENTS)

@@ -1,0 +1,218 @@
+"""The tracer's kernels on a CUDA device: one thread per ray, image source or line of diffuse rain.
+
+What happens to a ray is in `generators.acoustics.tracer.kernels`, whose functions the CPU's loops call as well.
+
+Records are appended in the order in which threads come to them, which is another one in every run. Each has a ``rank``
+that gives back the CPU's order; receivers add up integers (`generators.acoustics.tracer.device.binaural`), in whose
+sums no order matters.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba.cuda
+import numpy as np
+
+from generators.acoustics.tracer.kernels import (
+    FAR,
+    OFFSET,
+    closest,
+    crossings,
+    is_of_another_part,
+    may_pass,
+    rain_gain,
+    rain_line,
+    reflect_late,
+    scatter_rain,
+    specular_planes,
+    visible_images,
+    write_passage,
+    write_record,
+)
+from generators.core.bvh import STACK
+from generators.core.cuda import kernel
+
+cuda: Any = numba.cuda
+
+#: Octave bands.
+_BANDS = 8
+#: Most reflections of an image source.
+_MOST_ORDER = 4
+
+
+@kernel
+def search(mesh: Any, source: Any, directions: Any, planes: Any) -> None:  # pragma: no cover  # compiled
+    """`specular_planes`, one thread per ray."""
+    ray = cuda.grid(1)
+    if ray < directions.shape[0]:
+        stack, entries = cuda.local.array(STACK, np.int32), cuda.local.array(STACK, np.float64)
+        specular_planes(mesh, source, directions, ray, ray + 1, planes, stack, entries)
+
+
+@kernel
+def visibility(  # pragma: no cover  # compiled
+    mesh: Any,
+    plane_equation: Any,
+    plane_bounds: Any,
+    listeners: Any,
+    source: Any,
+    sequences: Any,
+    images: Any,
+    visible: Any,
+) -> None:
+    """`visible_images` into ``visible`` (L, S), one thread per listener and image source."""
+    i = cuda.grid(1)
+    if i < visible.shape[0] * visible.shape[1]:
+        stack, entries = cuda.local.array(STACK, np.int32), cuda.local.array(STACK, np.float64)
+        points = cuda.local.array((_MOST_ORDER, 3), np.float64)
+        j = i // visible.shape[1]
+        s = i - j * visible.shape[1]
+        visible_images(
+            mesh, plane_equation, plane_bounds, listeners[j], source, sequences, images, s, s + 1, visible[j], points,
+            stack, entries,
+        )  # fmt: skip
+
+
+@kernel
+def walls_between(  # pragma: no cover  # compiled
+    mesh: Any, listeners: Any, source: Any, most: int, between: Any
+) -> None:
+    """`crossings` into ``between`` (L,), one thread per listener."""
+    j = cuda.grid(1)
+    if j < between.shape[0]:
+        stack, entries = cuda.local.array(STACK, np.int32), cuda.local.array(STACK, np.float64)
+        between[j] = crossings(mesh, listeners[j], source, most, stack, entries)
+
+
+@kernel
+def late(  # pragma: no cover  # compiled
+    mesh: Any,
+    source: Any,
+    directions: Any,
+    key: Any,
+    listeners: Any,
+    known: Any,
+    air: Any,
+    limits: Any,
+    records: Any,
+    ranks: Any,
+    first_rank: int,
+    latest: Any,
+    count: Any,
+) -> None:
+    """`trace_late`, one thread per ray.
+
+    Args:
+        mesh: and what follows: as for `trace_late`.
+        source: (3,).
+        directions: (N, 3).
+        key: (2,).
+        listeners: L discs.
+        known: sorted keys.
+        air: (8,).
+        limits: where a ray ends.
+        records: written while there is room.
+        ranks: (C,) int64, place of each record in the CPU's order, up to the listener.
+        first_rank: of these records.
+        latest: (L,) float64, longest path at each listener; raised.
+        count: (1,) int64, number of records so far; raised by the passages found, more than there was room for perhaps.
+    """
+    ray = cuda.grid(1)
+    if ray >= directions.shape[0]:
+        return
+    stack, entries = cuda.local.array(STACK, np.int32), cuda.local.array(STACK, np.float64)
+    energy = cuda.local.array(_BANDS, np.float64)
+    bounds, links, corners = mesh.bounds, mesh.links, mesh.corners
+    lx, ly, lz, radius2 = listeners.x, listeners.y, listeners.z, listeners.radius2
+    room = records.path.shape[0]
+    share = 4.0 / directions.shape[0]
+    ox, oy, oz = source[0], source[1], source[2]
+    dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
+    for b in range(_BANDS):
+        energy[b] = 1.0
+    travelled, spherical, sign = 0.0, 0.0, 1.0
+    mirrored, sequence, rained = True, 0, False
+    for bounce in range(limits.depth + 1):
+        length, hit = closest(bounds, links, corners, ox, oy, oz, dx, dy, dz, FAR, False, stack, entries)
+        reach = min(length, limits.range)
+        if not is_of_another_part(bounce, rained, mirrored, sequence, limits.early, known) and may_pass(
+            listeners.bounds, ox, oy, oz, ox + reach * dx, oy + reach * dy, oz + reach * dz
+        ):
+            for j in range(lx.shape[0]):
+                px, py, pz = lx[j] - ox, ly[j] - oy, lz[j] - oz
+                t = px * dx + py * dy + pz * dz
+                off = px * px + py * py + pz * pz - t * t
+                if t >= 0.0 and t < length and off < radius2[j]:
+                    at = cuda.atomic.add(count, 0, 1)
+                    if at < room:
+                        write_passage(
+                            records, at, j, listeners, ox, oy, oz, dx, dy, dz, travelled, spherical, sign, share,
+                            energy, air,
+                        )  # fmt: skip
+                        ranks[at] = first_rank + ray * (limits.depth + 1) + bounce
+                        cuda.atomic.max(latest, j, travelled + t)
+        travelled += length
+        if hit < 0 or bounce == limits.depth or travelled > limits.range:
+            break
+        loudest, ox, oy, oz, dx, dy, dz, spherical, sign, mirrored, sequence, rained = reflect_late(
+            mesh, key, limits, ray, bounce, hit, length, ox, oy, oz, dx, dy, dz, spherical, mirrored, sequence, energy
+        )
+        if loudest < limits.floor:
+            break
+
+
+@kernel
+def rain(  # pragma: no cover  # compiled
+    mesh: Any,
+    source: Any,
+    directions: Any,
+    key: Any,
+    listeners: Any,
+    air: Any,
+    limits: Any,
+    records: Any,
+    ranks: Any,
+    latest: Any,
+    count: Any,
+) -> None:
+    """`trace_rain`, one thread per ray and listener, with ranks from 0 on; the arguments are those of `late`."""
+    i = cuda.grid(1)
+    heads = listeners.x.shape[0]
+    if i >= directions.shape[0] * heads:
+        return
+    stack, entries = cuda.local.array(STACK, np.int32), cuda.local.array(STACK, np.float64)
+    energy, diffused = cuda.local.array(_BANDS, np.float64), cuda.local.array(_BANDS, np.float64)
+    bounds, links, corners = mesh.bounds, mesh.links, mesh.corners
+    # Neighbouring threads have the same ray, and other listeners.
+    ray = i // heads
+    j = i - ray * heads
+    room = records.path.shape[0]
+    share = 4.0 / directions.shape[0]
+    ox, oy, oz = source[0], source[1], source[2]
+    dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
+    for b in range(_BANDS):
+        energy[b] = 1.0
+    travelled = 0.0
+    for bounce in range(limits.rain):
+        length, hit = closest(bounds, links, corners, ox, oy, oz, dx, dy, dz, FAR, False, stack, entries)
+        travelled += length
+        if hit < 0 or travelled > limits.range:
+            break
+        ox, oy, oz = ox + length * dx, oy + length * dy, oz + length * dz
+        loudest, sign, nx, ny, nz, dx, dy, dz = scatter_rain(
+            mesh, key, ray, bounce, hit, dx, dy, dz, bounce < limits.exact, energy, diffused
+        )
+        ox, oy, oz = ox + OFFSET * nx, oy + OFFSET * ny, oz + OFFSET * nz
+        if loudest > 0.0:
+            d, px, py, pz, cosine = rain_line(
+                bounds, links, corners, listeners.x[j], listeners.y[j], listeners.z[j], ox, oy, oz, nx, ny, nz,
+                stack, entries,
+            )  # fmt: skip
+            if cosine > 0.0:
+                at = cuda.atomic.add(count, 0, 1)
+                if at < room:
+                    gain = rain_gain(share, cosine, d)
+                    write_record(records, at, j, travelled + d, -px, -py, -pz, sign, gain, diffused, air)
+                    ranks[at] = ray * limits.rain + bounce
+                    cuda.atomic.max(latest, j, travelled + d)

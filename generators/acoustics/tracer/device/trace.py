@@ -1,0 +1,170 @@
+"""A scene on a CUDA device, and traces of it whose records stay there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from generators.acoustics.geometry import SPEED_OF_SOUND
+from generators.acoustics.tracer.air import energy_exponents
+from generators.acoustics.tracer.arrivals import Arrivals
+from generators.acoustics.tracer.device import kernels
+from generators.acoustics.tracer.device.binaural import DeviceEars, Heard
+from generators.acoustics.tracer.early import MOST_CROSSINGS, Images, heard_images
+from generators.acoustics.tracer.kernels import LATE, RAIN
+from generators.acoustics.tracer.late import by_listener, discs, limits_of
+from generators.acoustics.tracer.rays import key_of, ray_directions
+from generators.acoustics.tracer.settings import TraceSettings
+from generators.acoustics.tracer.surfaces import Surfaces
+from generators.acoustics.tracer.tables import Records
+from generators.core.cuda import allocate, launch, upload
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+
+#: Room for records at first, in expected ones: a trace that needs more is made again, with what it needs.
+_ROOM = 1.25
+#: Rays per block: few long threads, spread over all processors.
+_RAYS = 32
+
+
+class DeviceScene:
+    """The surfaces of a scene on the device.
+
+    Args:
+        surfaces: of the scene.
+        settings: of all traces.
+        rays: of a trace.
+
+    Raises:
+        OutOfDeviceMemoryError: if they do not fit.
+    """
+
+    def __init__(self, surfaces: Surfaces, settings: TraceSettings, rays: int) -> None:
+        self._surfaces, self._settings = surfaces, settings
+        self._mesh = upload(surfaces.mesh, "the surfaces of the scene")
+        self._equation = upload(surfaces.plane_equation, "the surfaces of the scene")
+        self._bounds = upload(surfaces.plane_bounds, "the surfaces of the scene")
+        self._directions = upload(ray_directions(rays, settings.seed, LATE), "the rays")
+        self._rained = settings.rain_rays if settings.rain_order else 0
+        self._rain_directions = upload(ray_directions(max(self._rained, 1), settings.seed, RAIN), "the rays")
+        self._key, self._air = upload(key_of(settings.seed)), upload(energy_exponents())
+        self._limits = limits_of(settings, surfaces.planes)
+        #: Records per listener, as many as the trace before had.
+        self._expected = float(settings.arrivals + self._rained * settings.rain_order)
+
+    def search(self, source: F64, directions: F64, order: int) -> I32:
+        """`generators.acoustics.tracer.early.Search`."""
+        planes = allocate((len(directions), order), np.int32)
+        launch(kernels.search, len(directions), self._mesh, upload(source), upload(directions), planes)
+        found: I32 = planes.copy_to_host()
+        return found
+
+    def trace(self, images: Images, listeners: F64, others: Callable[[F64], Arrivals]) -> DeviceTrace:
+        """Trace from the source of ``images`` to ``listeners`` (L, 3).
+
+        Args:
+            images: candidates for image sources.
+            listeners: metres.
+            others: further arrivals at a listener (3,): made by the host while the device works.
+
+        Raises:
+            OutOfDeviceMemoryError: if the records do not fit.
+        """
+        heads, source = len(listeners), upload(images.source)
+        places = upload(np.ascontiguousarray(listeners))
+        visible = np.zeros((heads, len(images.sequences)), dtype=np.bool_)
+        seen = allocate(visible.shape if visible.size else (1, 1), np.bool_, "visible images")
+        launch(
+            kernels.visibility, visible.size, self._mesh, self._equation, self._bounds, places, source,
+            upload(images.sequences), upload(images.positions), seen,
+        )  # fmt: skip
+        between = allocate(heads, np.int64)
+        launch(kernels.walls_between, heads, self._mesh, places, source, MOST_CROSSINGS, between)
+        if visible.size:
+            visible = seen.copy_to_host()
+        walls = between.copy_to_host()
+        around = upload(discs(self._surfaces, listeners, self._settings.radius))
+        known = upload(images.keys)
+
+        def start(room: int) -> tuple[Records, Any, Any, Any]:
+            records = Records(
+                allocate(room, np.int32, "arrivals"),
+                allocate(room, np.float64, "arrivals"),
+                allocate((room, 3), np.float32, "arrivals"),
+                allocate((room, 8), np.float32, "arrivals"),
+            )
+            ranks, latest = allocate(room, np.int64, "arrivals"), upload(np.zeros(heads))
+            count = upload(np.zeros(1, dtype=np.int64))
+            launch(
+                kernels.rain, self._rained * heads, self._mesh, source, self._rain_directions, self._key, around,
+                self._air, self._limits, records, ranks, latest, count,
+            )  # fmt: skip
+            launch(
+                kernels.late, len(self._directions), self._mesh, source, self._directions, self._key, around, known,
+                self._air, self._limits, records, ranks, self._rained * self._limits.rain, latest, count,
+                block=_RAYS,
+            )  # fmt: skip
+            return records, ranks, latest, count
+
+        room = max(int(_ROOM * self._expected * heads), 1024)
+        records, ranks, latest, count = start(room)
+        early = heard_images(images, listeners, visible, walls)
+        early = [Arrivals.joined([found, others(place)]) for found, place in zip(early, listeners, strict=True)]
+        found = int(count.copy_to_host()[0])
+        if found > room:
+            records, ranks, latest, count = start(found)
+        self._expected = max(found / heads, 1.0)
+        last = latest.copy_to_host() / SPEED_OF_SOUND
+        return DeviceTrace(records, ranks, found, last, early)
+
+
+@dataclass(frozen=True, eq=False)
+class DeviceTrace:
+    """What a trace found.
+
+    Attributes:
+        records: `Records` on the device, in any order.
+        ranks: (C,) int64 on the device: the CPU's order up to the listener.
+        count: number of records; the arrays may be longer.
+        last: (L,) s, the last record of each listener; 0 without one.
+        early: the other arrivals of each listener.
+    """
+
+    records: Any
+    ranks: Any
+    count: int
+    last: F64
+    early: list[Arrivals]
+
+    def arrivals(self) -> list[Arrivals]:
+        """All arrivals of each listener, in the CPU's order."""
+        ranks = self.ranks[: self.count].copy_to_host()
+        order = np.argsort(ranks, kind="stable")
+        host = Records(*(np.ascontiguousarray(each[: self.count].copy_to_host()[order]) for each in self.records))
+        # Threads of one rank come in any order: listeners are told apart by `by_listener`.
+        late = by_listener([host], len(self.early))
+        return [Arrivals.joined([early, tail]) for early, tail in zip(self.early, late, strict=True)]
+
+    def responses(self, ears: DeviceEars, listeners: list[int], rotations: list[F64]) -> list[F32]:
+        """See `DeviceEars.responses`."""
+        wanted = sorted(set(listeners))
+        parts = [self.early[j] for j in wanted]
+        owner = np.repeat(np.array(wanted, dtype=np.int32), [len(part) for part in parts])
+        joined = Arrivals.joined(parts)
+        own = self.records
+        heard = [Heard(own.listener, own.path, own.direction, own.pressure, self.count, SPEED_OF_SOUND)]
+        if len(joined):
+            heard.append(
+                Heard(
+                    upload(owner), upload(joined.time), upload(joined.direction), upload(joined.pressure),
+                    len(joined), 1.0,
+                )
+            )  # fmt: skip
+        last = np.maximum(self.last, [part.time.max(initial=0.0) for part in self.early])
+        return ears.responses(heard, last, listeners, rotations)
