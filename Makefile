@@ -16,6 +16,8 @@ TORCH ?= torch==2.13.0
 # Without the SoundSpaces engine (it could not be compiled), the analytic renderer makes the sound.
 AUDIO ?= $(shell $(BIN)/python -c 'import rlr_audio_propagation' 2>/dev/null && echo soundspaces || echo analytic)
 
+# Other options of `avs3d generate`, as in make dataset AUDIO=tracer OPTIONS='--with ambisonics'.
+OPTIONS ?=
 # The renderer; habitat needs AVS3D_HABITAT_PYTHON, scans need AVS3D_SCANS (`avs3d doctor` checks them).
 VISION ?= embree
 
@@ -88,9 +90,9 @@ $(DEMO_SCORES): demo-score-%:
 	$(BIN)/avs3d-eval data/demo-submissions/$* --dataset data/demo --workers 1 \
 	  --json data/demo-scores/$*.json --html data/demo-scores/$*.html
 
-dataset: setup ## generate and validate the benchmark: MANIFEST=… OUT=… WORKERS=… VISION=… AUDIO=…
+dataset: setup ## generate and validate the benchmark: MANIFEST=… OUT=… WORKERS=… VISION=… AUDIO=… OPTIONS=…
 	@echo "sound by $(AUDIO)"
-	$(BIN)/avs3d generate $(MANIFEST) -o $(OUT) --workers $(WORKERS) --audio $(AUDIO) --vision $(VISION)
+	$(BIN)/avs3d generate $(MANIFEST) -o $(OUT) --workers $(WORKERS) --audio $(AUDIO) --vision $(VISION) $(OPTIONS)
 	$(BIN)/avs3d validate $(OUT) --deep
 
 test: setup ## run the fast tests, before each commit
