@@ -48,6 +48,9 @@ def compare(size: int, count: int) -> tuple[float, float, float]:
         assert frame.depth.tobytes() == again.depth.tobytes()
         found.append(gpu.agreement(frame, expected))
         assert {0, 2} <= set(np.unique(frame.instance_ids)) <= {0, 2, 7}
+    shared = there.share()
+    assert shared is not None
+    assert shared.render(views(1)[0]).rgb.tobytes() == there.render(views(1)[0]).rgb.tobytes()
     there.close()
     there.close()
     equal, apart, psnr = zip(*found, strict=True)

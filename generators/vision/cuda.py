@@ -8,6 +8,7 @@ other face, and a level of a colour may be off by one.
 
 from __future__ import annotations
 
+import copy
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -87,7 +88,7 @@ class CudaBackend:
 
 
 class CudaSession:
-    """An open scene. For one thread at a time, since frames share working memory."""
+    """An open scene. For one thread at a time, since frames share working memory; `share` serves another thread."""
 
     def __init__(self, scene: Scene, intrinsics: Intrinsics) -> None:
         check_camera(intrinsics)
@@ -103,8 +104,13 @@ class CudaSession:
         self._tables: Any = upload(tables, f"{scene.name}: textures and light maps")
         self._curves = upload((tone_table(), srgb_table()), "tables")
         self._offsets = upload(SUB_PIXELS, "tables")
-        self._frame = _Frame(intrinsics.width, intrinsics.height)
-        self._rays = _Rays.most(min(RAYS, max(intrinsics.width * intrinsics.height * 2, LEAST_RAYS)))
+        self._allocate()
+
+    def _allocate(self) -> None:
+        """Make the working memory of a frame."""
+        width, height = self._intrinsics.width, self._intrinsics.height
+        self._frame = _Frame(width, height)
+        self._rays = _Rays.most(min(RAYS, max(width * height * 2, LEAST_RAYS)))
 
     def render(self, pose: Pose) -> Frame:
         """Render the scene from ``pose``; the same pose gives the same bytes on one kind of device.
@@ -120,9 +126,17 @@ class CudaSession:
         self._refine_edges(view)
         return self._frame.fetched()
 
-    def share(self) -> None:
-        """None: one thread keeps the device busy."""
-        return
+    def share(self) -> CudaSession | None:
+        """The same scene with working memory of its own, so that a picture is drawn while others are encoded.
+
+        None if the device has no room for it.
+        """
+        other = copy.copy(self)
+        try:
+            other._allocate()
+        except OutOfDeviceMemoryError:
+            return None
+        return other
 
     def close(self) -> None:
         """Free the device's memory; closing twice is allowed."""
