@@ -1,0 +1,126 @@
+"""`--device cuda`: what it chooses, what tells its results from the CPU's, and one line where there is no device."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.schema import DeviceRecord
+from generators import backends
+from generators.cli import generate as command
+from generators.core import cuda
+from generators.homes import cache
+from generators.manifest import ManifestFile, read_manifest
+from generators.observation import device_record
+from generators.plan import ObservationPlan
+from generators.run import generation
+from generators.run.generation import plans_of
+from generators.run.options import GenerateOptions
+
+MANIFEST = Path(__file__).parent.parent / "scenes_manifest/demo.yaml"
+RAYS = "generators.core.device_rays"
+
+
+@pytest.fixture
+def manifest() -> ManifestFile:
+    return read_manifest(MANIFEST)
+
+
+def planned(
+    source: ManifestFile, monkeypatch: pytest.MonkeyPatch, kind: str = "H200", **chosen: str
+) -> ObservationPlan:
+    """The first plan on a machine with a device of some kind."""
+    version = f"numba-cuda 0.30 on NVIDIA {kind}"
+    monkeypatch.setattr(backends, "cuda_version", lambda: version)
+    monkeypatch.setattr("generators.vision.cuda.cuda_version", lambda: version)
+    return plans_of(source, GenerateOptions(audio="analytic", **chosen))[0]  # type: ignore[arg-type]
+
+
+def test_the_device_chooses_the_renderer_unless_one_is_named(manifest, monkeypatch) -> None:
+    assert planned(manifest, monkeypatch).vision == "embree"
+    on_device = planned(manifest, monkeypatch, device="cuda")
+    assert (on_device.vision, on_device.device) == ("cuda", "cuda")
+    mixed = planned(manifest, monkeypatch, device="cuda", vision="embree")
+    assert (mixed.vision, mixed.device) == ("embree", "cuda")
+    pictures = planned(manifest, monkeypatch, vision="cuda")
+    assert (pictures.vision, pictures.device) == ("cuda", "cpu")
+
+
+def test_observations_and_homes_of_another_device_have_other_digests(manifest, monkeypatch) -> None:
+    plans = [
+        planned(manifest, monkeypatch),
+        planned(manifest, monkeypatch, device="cuda"),
+        planned(manifest, monkeypatch, device="cuda", vision="embree"),
+        planned(manifest, monkeypatch, kind="A100", device="cuda"),
+        planned(manifest, monkeypatch, vision="cuda"),
+    ]
+    assert len({plan.digest for plan in plans}) == len(plans)
+    assert len({plan.pictures_digest for plan in plans}) == len(plans)
+    cpu, h200, mixed, a100, pictures = (plan.home_digest for plan in plans)
+    # The home depends on what baked it, not on what draws the pictures.
+    assert cpu == pictures
+    assert h200 == mixed
+    assert len({cpu, h200, a100}) == 3
+
+
+def test_what_runs_on_the_cpu_does_not_depend_on_the_sources_of_the_other_device() -> None:
+    own = backends.observation_provenance("embree", "analytic")
+    assert RAYS not in own.sources
+    assert "generators.vision.cuda" not in own.sources
+    assert RAYS in backends.observation_provenance("embree", "analytic", "cuda").sources
+    both = backends.observation_provenance("cuda", "analytic", "cuda")
+    assert {RAYS, "generators.vision.cuda", "generators.vision.device_kernels"} <= set(both.sources)
+    assert cache.builder_version("cpu") != cache.builder_version("cuda")
+
+
+def test_the_record_names_the_device(manifest, monkeypatch) -> None:
+    assert device_record(planned(manifest, monkeypatch)) is None
+    record = device_record(planned(manifest, monkeypatch, device="cuda"))
+    assert record == DeviceRecord(name="cuda", version="numba-cuda 0.30 on NVIDIA H200")
+
+
+def test_an_engine_that_can_choose_gets_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    got = {}
+    monkeypatch.setattr(backends, "_load", lambda entry: lambda **options: got.update({entry: options}))
+    for name in backends.ACOUSTIC:
+        backends.acoustic_backend(name, device="cuda")
+        backends.acoustic_backend(name)
+    assert all("device" not in options for options in got.values())  # the last call was for the CPU
+    backends.acoustic_backend("tracer", device="cuda")
+    backends.acoustic_backend("analytic", device="cuda")
+    assert got[backends.ACOUSTIC["tracer"]]["device"] == "cuda"
+    assert "device" not in got[backends.ACOUSTIC["analytic"]]
+
+
+@pytest.mark.parametrize(("free", "expected"), [(139 << 30, 16), (9 << 30, 4), (1 << 30, 1)])
+def test_as_many_processes_as_the_device_has_memory_for(
+    monkeypatch: pytest.MonkeyPatch, free: int, expected: int
+) -> None:
+    monkeypatch.setattr(cuda, "require_device", lambda: cuda.Device("T4", (7, 5), 1 << 40, free))
+    monkeypatch.setattr(generation, "available_cores", lambda: 16)
+    assert generation._workers(GenerateOptions(device="cuda")) == expected
+    assert generation._workers(GenerateOptions(vision="cuda")) == expected
+    assert generation._workers(GenerateOptions()) == 16
+
+
+@pytest.mark.parametrize("chosen", [("--device", "cuda"), ("--vision", "cuda")])
+def test_without_a_device_the_command_ends_with_one_line(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, chosen: tuple[str, str]
+) -> None:
+    monkeypatch.setattr(cuda, "cuda_problem", lambda: "no NVIDIA driver is installed")
+    result = CliRunner().invoke(
+        command, [str(MANIFEST), "-o", str(tmp_path / "out"), "--audio", "analytic", *chosen], catch_exceptions=True
+    )
+    assert isinstance(result.exception, Avs3dError)
+    assert str(result.exception) == "CUDA cannot be used: no NVIDIA driver is installed"
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_plan_of_the_cpu_is_as_before(manifest, monkeypatch) -> None:
+    plan = planned(manifest, monkeypatch)
+    assert not [name for name in plan.backends if name.startswith("device")]
+    assert plan.digest == replace(plan, device="cpu").digest
