@@ -19,7 +19,9 @@ AUDIO ?= $(shell $(BIN)/python -c 'import rlr_audio_propagation' 2>/dev/null && 
 # Other options of `avs3d generate`, as in make dataset AUDIO=tracer OPTIONS='--with ambisonics'.
 OPTIONS ?=
 # The renderer; habitat needs AVS3D_HABITAT_PYTHON, scans need AVS3D_SCANS (`avs3d doctor` checks them).
-VISION ?= embree
+VISION ?=
+# What draws the pictures, bakes the light and, with AUDIO=tracer, traces the sound: cpu or cuda (docs/gpu.md).
+DEVICE ?= cpu
 
 .PHONY: help setup demo demo-validate demo-sheets dataset test test-slow test-all lint docs bench schemas clean
 
@@ -90,9 +92,11 @@ $(DEMO_SCORES): demo-score-%:
 	$(BIN)/avs3d-eval data/demo-submissions/$* --dataset data/demo --workers 1 \
 	  --json data/demo-scores/$*.json --html data/demo-scores/$*.html
 
-dataset: setup ## generate and validate the benchmark: MANIFEST=… OUT=… WORKERS=… VISION=… AUDIO=… OPTIONS=…
+dataset: setup ## generate and validate the benchmark: MANIFEST=… OUT=… WORKERS=… VISION=… AUDIO=… DEVICE=… OPTIONS=…
 	@echo "sound by $(AUDIO)"
-	$(BIN)/avs3d generate $(MANIFEST) -o $(OUT) --workers $(WORKERS) --audio $(AUDIO) --vision $(VISION) $(OPTIONS)
+	$(if $(filter cuda,$(DEVICE)),$(PIP) -e '.[cuda]')
+	$(BIN)/avs3d generate $(MANIFEST) -o $(OUT) --audio $(AUDIO) --device $(DEVICE) \
+	  $(if $(filter cpu,$(DEVICE)),--workers $(WORKERS)) $(if $(VISION),--vision $(VISION)) $(OPTIONS)
 	$(BIN)/avs3d validate $(OUT) --deep
 
 test: setup ## run the fast tests, before each commit
