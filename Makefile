@@ -13,8 +13,10 @@ JOBS ?= $(shell n=$(WORKERS); [ "$$n" -gt 8 ] && echo 8 || echo "$$n")
 PYTEST = $(BIN)/python -m pytest -n $(JOBS) --dist worksteal --durations 10
 # A pinned PyTorch; on a machine with a GPU, `make setup TORCH=torch` installs the newest build.
 TORCH ?= torch==2.13.0
-# Without the SoundSpaces engine (it could not be compiled), the analytic renderer makes the sound.
-AUDIO ?= $(shell $(BIN)/python -c 'import rlr_audio_propagation' 2>/dev/null && echo soundspaces || echo analytic)
+# The acoustic engine; empty: the manifest's, else the tracer. Without the SoundSpaces engine (it could not be compiled),
+# the tracer makes the sound of all manifests.
+AUDIO ?= $(shell $(BIN)/python -c 'import rlr_audio_propagation' 2>/dev/null || echo tracer)
+WITH_AUDIO = $(if $(AUDIO),--audio $(AUDIO))
 
 # Other options of `avs3d generate`, as in make dataset AUDIO=tracer OPTIONS='--with ambisonics'.
 OPTIONS ?=
@@ -38,7 +40,7 @@ define install_engine
 	@echo "installing the SoundSpaces engine (a C++ compiler makes it) …"
 	@mkdir -p $(VENV)/wheels
 	$(PIP) --find-links $(VENV)/wheels -e '.[soundspaces]' || \
-	  echo "The SoundSpaces engine did not compile (a C++ compiler is needed): make uses --audio analytic instead."
+	  echo "The SoundSpaces engine did not compile (a C++ compiler is needed): make uses --audio tracer instead."
 endef
 PIP = @$(BIN)/python -m pip install --quiet --disable-pip-version-check
 
@@ -51,15 +53,11 @@ $(STAMP): pyproject.toml
 	$(install_engine)
 	@touch $@ $(DEMO_STAMP)
 
-# Only the packages that the demo needs; `make setup` adds the rest. The compiler of the engine and pip take one core
-# each, so they work side by side; if the engine does not compile, the step after it prints that.
-ENGINE := $(shell sed -n 's/^soundspaces = \["\(.*\)"\]$$/\1/p' pyproject.toml)
+# Only the packages that the demo needs; `make setup` adds the rest.
 $(DEMO_STAMP): pyproject.toml
 	$(make_venv)
 	@echo "installing the generator …"
-	@$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps -w $(VENV)/wheels '$(ENGINE)' >/dev/null 2>&1 & \
-	  $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[generate]'; code=$$?; wait; exit $$code
-	$(install_engine)
+	$(PIP) -e '.[generate]'
 	@touch $@
 
 # The submissions of the demo: `avs3d baseline` with these arguments.
@@ -72,8 +70,8 @@ BASELINE_oracle-with-errors := oracle --instance sounding --drop 0.1 --swap 0.5 
 DEMO_SCORES := $(patsubst BASELINE_%,demo-score-%,$(filter BASELINE_%,$(.VARIABLES)))
 
 demo: $(DEMO_STAMP) ## generate two observations, score six submissions, write reports
-	@echo "generating data/demo, sound by $(AUDIO) …"
-	$(BIN)/avs3d generate scenes_manifest/demo.yaml -o data/demo --workers $(WORKERS) --audio $(AUDIO)
+	@echo "generating data/demo …"
+	$(BIN)/avs3d generate scenes_manifest/demo.yaml -o data/demo --workers $(WORKERS) $(WITH_AUDIO)
 	@mkdir -p data/demo-scores
 	@echo "validating, drawing contact sheets, writing and scoring submissions, $(WORKERS) at a time …"
 	@$(MAKE) --no-print-directory --output-sync -j $(WORKERS) demo-validate demo-sheets $(DEMO_SCORES)
@@ -93,9 +91,8 @@ $(DEMO_SCORES): demo-score-%:
 	  --json data/demo-scores/$*.json --html data/demo-scores/$*.html
 
 dataset: setup ## generate and validate the benchmark: MANIFEST=… OUT=… WORKERS=… VISION=… AUDIO=… DEVICE=… OPTIONS=…
-	@echo "sound by $(AUDIO)"
 	$(if $(filter cuda,$(DEVICE)),$(PIP) -e '.[cuda]')
-	$(BIN)/avs3d generate $(MANIFEST) -o $(OUT) --audio $(AUDIO) --device $(DEVICE) \
+	$(BIN)/avs3d generate $(MANIFEST) -o $(OUT) $(WITH_AUDIO) --device $(DEVICE) \
 	  $(if $(filter cpu,$(DEVICE)),--workers $(WORKERS)) $(if $(VISION),--vision $(VISION)) $(OPTIONS)
 	$(BIN)/avs3d validate $(OUT) --deep
 

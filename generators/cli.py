@@ -95,7 +95,12 @@ class _Generate(click.Command):
     metavar="FILE",
     help="Interpreter with habitat-sim (default: $AVS3D_HABITAT_PYTHON).",
 )
-@click.option("--audio", type=click.Choice(get_args(Audio)), default="soundspaces", show_default=True)
+@click.option(
+    "--audio",
+    type=click.Choice(get_args(Audio)),
+    default=None,
+    help="Acoustic engine (default: the manifest's, or tracer).",
+)
 @click.option("--frames", type=click.IntRange(*FRAMES), default=None, help="Frames per observation (manifest: 120).")
 @click.option("--size", type=click.IntRange(*SIZE), default=None, help="Pixels per side (manifest: 1008).")
 @click.option(
@@ -128,8 +133,8 @@ def generate(
     """Generate the dataset that MANIFEST describes into a folder; run it again to continue after an interruption.
 
     The same manifest and the same versions give the same bytes, whatever the number of workers. Sound from the
-    SoundSpaces engine (RLRAudioPropagation, CC-BY-NC 4.0) is for non-commercial research; that of --audio tracer and
-    --audio analytic is free.
+    SoundSpaces engine (RLRAudioPropagation, CC-BY-NC 4.0) is for non-commercial research; that of the tracer, the
+    default, and of --audio analytic is free.
     """
     # Before numpy is imported.
     os.environ.update(ONE_THREAD)

@@ -457,6 +457,10 @@ class ObservationSpec(_Model):
         return {name: value for name, value in self.model_dump().items() if name not in usual or value != usual[name]}
 
 
+#: Acoustic engine of a manifest that names none.
+DEFAULT_AUDIO = "tracer"
+
+
 class Manifest(_Model):
     """A benchmark: its homes, its observations, its camera, and the files that replace procedural assets.
 
@@ -469,6 +473,8 @@ class Manifest(_Model):
 
     ``categories`` adds categories to the seven of the paper; each that is used needs ``objects``, and ``sounds`` if it
     sounds.
+
+    ``audio`` names the acoustic engine that the benchmark is made with, unless another one is asked for.
     """
 
     name: Slug
@@ -476,6 +482,7 @@ class Manifest(_Model):
     seed: int = Field(ge=0, strict=True)
     camera: CameraSpec = CameraSpec()
     light: Literal["preview", "standard", "high"] = "standard"
+    audio: Slug | None = None
     scans: dict[Slug, ScanSpec]
     categories: dict[CategoryName, CategorySpec] = Field({}, max_length=MOST_OWN_CATEGORIES)
     objects: dict[InstanceName, tuple[ObjectSpec, ...]] = {}
@@ -508,6 +515,10 @@ class Manifest(_Model):
             if isinstance(entry, dict) and entries[number].get("part") == "part_3" and "source_motion" not in entry:
                 entries[number] = {name: value for name, value in entries[number].items() if name != "source_motion"}
         return document | {"observations": entries}
+
+    def engine(self, asked: str | None = None) -> str:
+        """The acoustic engine: the one that is asked for, else the manifest's, else `DEFAULT_AUDIO`."""
+        return asked or self.audio or DEFAULT_AUDIO
 
     @model_validator(mode="after")
     def _consistent(self) -> Manifest:

@@ -265,7 +265,7 @@ def make_plans(
     *,
     only: Sequence[str] = (),
     vision: str = "embree",
-    audio: str = "soundspaces",
+    audio: str | None = None,
     frames: int | None = None,
     size: int | None = None,
     extras: Collection[str] = (),
@@ -278,7 +278,7 @@ def make_plans(
         source: the manifest.
         only: shell patterns of observation keys; none: all observations.
         vision: name of the renderer.
-        audio: name of the acoustic engine.
+        audio: name of the acoustic engine; None: the manifest's, else the tracer.
         frames: frames per observation; None: the manifest's.
         size: side of the pictures (pixels); None: the manifest's.
         extras: names of the optional folders: depth, rirs, stems.
@@ -295,7 +295,8 @@ def make_plans(
     manifest = source.manifest
     changes = {"frames": frames, "size": size}
     camera = manifest.camera.model_copy(update={name: value for name, value in changes.items() if value is not None})
-    backends = backend_versions(vision, audio, device)
+    engine = manifest.engine(audio)
+    backends = backend_versions(vision, engine, device)
     for spec in manifest.observations:
         _check_variant(spec, manifest)
     selected = select(manifest, only)
@@ -317,7 +318,7 @@ def make_plans(
             objects=manifest.objects,
             sounds=manifest.sounds,
             vision=vision,
-            audio=audio,
+            audio=engine,
             depth="depth" in extras,
             rirs="rirs" in extras,
             backends=backends,

@@ -79,7 +79,7 @@ def test_the_same_call_keeps_what_is_finished_and_prints_nothing(
         ({"extras": "depth"}, "extras: 'depth': expected a list of names"),
         ({"only": "part_1/*"}, "only: 'part_1/*': expected a list of patterns"),
         ({"only": ["part_9/*"]}, "part_9"),
-        ({"vision": "povray"}, "unknown vision backend 'povray': expected embree or habitat"),
+        ({"vision": "povray"}, "unknown vision backend 'povray': expected embree, cuda or habitat"),
         ({"audio": "loud"}, "unknown acoustic backend 'loud': expected soundspaces, tracer or analytic"),
     ],
 )

@@ -171,3 +171,25 @@ def test_stems_count_only_where_something_can_be_heard(tmp_path: Path) -> None:
     plain, stems = (make_plans(source, audio="analytic", extras=extras) for extras in ((), ("stems",)))
     assert [a.digest == b.digest for a, b in zip(plain, stems, strict=True)] == [False, True, False]
     assert [plan.keeps_stems for plan in stems] == [True, False, True]
+
+
+@pytest.mark.parametrize(
+    ("named", "asked", "expected"),
+    [(None, None, "tracer"), ("analytic", None, "analytic"), ("soundspaces", "analytic", "analytic")],
+)
+def test_the_engine_is_the_one_asked_for_else_the_manifests_else_the_tracer(tmp_path, named, asked, expected) -> None:
+    content = document() | ({} if named is None else {"audio": named})
+    assert make_plans(read_manifest(written(tmp_path, content)), audio=asked)[0].audio == expected
+
+
+def test_published_manifests_name_the_engine_they_were_made_with() -> None:
+    named = {
+        path.name: read_manifest(path).manifest.audio for path in MANIFESTS.glob("*.yaml") if "lock" not in path.name
+    }
+    assert named.pop("demo.yaml") is None
+    assert set(named.values()) == {"soundspaces"}
+
+
+def test_an_engine_that_there_is_not_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="unknown acoustic backend 'loud': expected soundspaces, tracer or analytic"):
+        make_plans(read_manifest(written(tmp_path, document() | {"audio": "loud"})))

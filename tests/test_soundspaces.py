@@ -188,7 +188,7 @@ def test_missing_package_names_the_extra_and_the_alternative(monkeypatch):
         raise ImportError(f"No module named {name!r}")
 
     monkeypatch.setattr(soundspaces.importlib, "import_module", absent)
-    with pytest.raises(Avs3dError, match=r"pip install 'avs3d-bench\[soundspaces\]', or use --audio analytic"):
+    with pytest.raises(Avs3dError, match=r"pip install 'avs3d-bench\[soundspaces\]', or use --audio tracer"):
         SoundSpacesBackend()
 
 

@@ -255,7 +255,7 @@ def _import_engine() -> Any:
     except ImportError as error:
         raise Avs3dError(
             f"the acoustic engine rlr-audio-propagation cannot be loaded ({error}): "
-            "pip install 'avs3d-bench[soundspaces]', or use --audio analytic"
+            "pip install 'avs3d-bench[soundspaces]', or use --audio tracer"
         ) from error
 
 

@@ -104,7 +104,7 @@ def _cuda() -> tuple[Finding, ...]:
 
 
 def _engine() -> Check:
-    fix = "pip install 'avs3d-bench[soundspaces]' (needs a C++ compiler), or generate with --audio analytic"
+    fix = "pip install 'avs3d-bench[soundspaces]' (needs a C++ compiler), or generate with --audio tracer"
     if has_module("rlr_audio_propagation") and not all(has_module(name) for name in ("trimesh", "shapely")):
         return constant("generate", "rlr-audio-propagation", "note", "installed; tried once [generate] is there")
     needed = "the acoustic engine of SoundSpaces 2.0"

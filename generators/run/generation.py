@@ -31,7 +31,7 @@ def generate(
     only: Sequence[str] = (),
     workers: int | None = None,
     vision: Vision | None = None,
-    audio: Audio = "soundspaces",
+    audio: Audio | None = None,
     frames: int | None = None,
     size: int | None = None,
     extras: Sequence[Extra] = (),
@@ -52,7 +52,8 @@ def generate(
         only: shell patterns of observation keys, e.g. ``("part_2/*",)``; the others are left out.
         workers: number of processes; None: one per core.
         vision: renderer; None: that of ``device``, embree or cuda. habitat needs ``$AVS3D_HABITAT_PYTHON``.
-        audio: acoustic engine; soundspaces needs rlr-audio-propagation (CC-BY-NC 4.0).
+        audio: acoustic engine; soundspaces needs rlr-audio-propagation (CC-BY-NC 4.0). None: the manifest's, or the
+            tracer.
         frames: frames per observation; None: the manifest's.
         size: side of the pictures (pixels); None: the manifest's.
         extras: optional folders: depth pictures, impulse responses, stems (of part_3).
@@ -99,17 +100,16 @@ def generate(
 
 def plans_of(source: ManifestFile, options: GenerateOptions) -> tuple[ObservationPlan, ...]:
     """The observations that ``options`` ask for; raises what `make_plans` and `choose_receivers` do."""
+    audio = source.manifest.engine(options.audio)
     return make_plans(
         source,
         only=options.only,
         vision=options.vision or RENDERERS[options.device],
-        audio=options.audio,
+        audio=audio,
         frames=options.frames,
         size=options.size,
         extras=options.extras,
-        receivers=choose_receivers(
-            options.audio, hrtf=options.hrtf, ambisonics=options.ambisonics, array=options.array
-        ),
+        receivers=choose_receivers(audio, hrtf=options.hrtf, ambisonics=options.ambisonics, array=options.array),
         device=options.device,
     )
 

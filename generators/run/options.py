@@ -25,7 +25,7 @@ class GenerateOptions:
         only: shell patterns of observation keys; none: all observations.
         workers: number of processes of this machine; None: one per core.
         vision: renderer; None: that of the device, embree or cuda.
-        audio: acoustic engine.
+        audio: acoustic engine; None: the manifest's, else the tracer.
         frames: frames per observation; None: the manifest's.
         size: side of the pictures (pixels); None: the manifest's.
         extras: optional folders.
@@ -39,7 +39,7 @@ class GenerateOptions:
     only: Sequence[str] = ()
     workers: int | None = None
     vision: Vision | None = None
-    audio: Audio = "soundspaces"
+    audio: Audio | None = None
     frames: int | None = None
     size: int | None = None
     extras: Sequence[Extra] = ()
