@@ -16,6 +16,7 @@ from generators.core.tone import develop, inverse_tone_curve, srgb_decode, tone_
 from generators.lighting.bake import QUALITIES, bake, insert
 from generators.lighting.sun import find_sun
 from generators.lighting.surfaces import Surfaces
+from generators.lighting.texels import Sheet, rasterise
 from generators.lighting.unwrap import unwrap
 
 SIZE = (4.0, 2.5, 3.0)
@@ -160,6 +161,36 @@ def test_what_is_emitted_is_absorbed(albedo: float) -> None:
     assert absorbed == pytest.approx(8.0 * 0.36, rel=0.04 if albedo < 0.1 else 0.06)
 
 
+def test_light_of_bright_patches_is_not_lost() -> None:
+    # What lies beside the window is bright enough to be sampled as an emitter for the bounces.
+    baked = bake(window_room("plastic"), quality="standard")
+    points, _, light = samples(baked.parts[0], 100000)
+    pane = (points[:, 2] < 1e-6) & (np.abs(points[:, 0] - 2.0) < 0.6) & (np.abs(points[:, 1] - 1.6) < 0.6)
+    absorbed = (np.where(pane, 1.0, 0.4) * light[:, 0]).mean() * area_of(baked.parts[0].mesh)
+    assert absorbed == pytest.approx(10.0 * 1.2 * 1.2, rel=0.01)
+
+
+def test_bounces_go_on_although_one_place_is_very_bright() -> None:
+    # A small lamp above the floor: the place below it is some hundred times as bright as the mean.
+    lamp = Material("lamp", "plastic", (0.0, 0.0, 0.0), emission=(100.0, 100.0, 100.0))
+    corners = [(1.95, 0.25, 1.45), (2.05, 0.25, 1.45), (2.05, 0.25, 1.55), (1.95, 0.25, 1.55)]
+    baked = bake(scene_of(box_room(matte(0.85)).build(), MeshBuilder().quad(corners, lamp).build()), quality="standard")
+    points, _, light = samples(baked.parts[0], 400000)
+    # Only reflections light walls and ceiling.
+    floor = points[:, 1] < 1e-6
+    room = area_of(baked.parts[0].mesh)
+    absorbed = 0.15 * light[:, 0].mean() * room
+    assert light[floor, 0].max() > 30 * light[~floor, 0].mean()
+    assert absorbed == pytest.approx(100.0 * 0.1 * 0.1, rel=0.04)
+
+
+def test_texels_stand_for_the_whole_surface() -> None:
+    part = Part("room", box_room(matte(0.5)).build())
+    surfaces = Surfaces.of([part])
+    texels = rasterise(surfaces, Sheet.of([unwrap(part.mesh.positions, 0.04, normals=part.mesh.normals)]))
+    assert texels.area.sum() == pytest.approx(area_of(part.mesh), rel=0.03)
+
+
 def test_colour_bleeds() -> None:
     red = Material("red", "plaster", (0.7, 0.1, 0.1))
     builder = box_room(matte(0.6))
@@ -222,10 +253,10 @@ def test_exposure_follows_the_light(furnished: Scene, lit: Scene) -> None:
     assert 0.15 < np.median(shown) < 0.45
 
 
-def window_room() -> Scene:
-    """A box with a window of 1.2 m × 1.2 m in the wall at z = 0."""
+def window_room(glass: str = "glass") -> Scene:
+    """A box with a window of 1.2 m × 1.2 m in the wall at z = 0; the sun shines through it only if it is of glass."""
     x, y, z = SIZE
-    white, pane = matte(0.6), Material("sky", "glass", (0.0, 0.0, 0.0), emission=(10.0, 10.0, 10.0))
+    white, pane = matte(0.6), Material("sky", glass, (0.0, 0.0, 0.0), emission=(10.0, 10.0, 10.0))
     b = MeshBuilder()
     b.quad([(0, 0, z), (x, 0, z), (x, 0, 0), (0, 0, 0)], white)
     b.quad([(0, y, 0), (x, y, 0), (x, y, z), (0, y, z)], white)

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from avs3d_bench.geometry import Intrinsics, Pose
-from benchmarks.light_reference import CLASSES, Comparison, agreement, face_labels, pooled, without_gloss
+from benchmarks.light_reference import CLASSES, Comparison, agreement, compare, face_labels, pooled, without_gloss
 from generators.assets.shapes import MeshBuilder
 from generators.core.scene import LightMap, Material, Part, Scene
 from generators.core.tone import WHITE
+from generators.lighting.bake import bake
 from generators.vision.embree import EmbreeBackend
-from tests.test_light import LAMP, box_room, ceiling_lamp, matte, parallel_form_factor, scene_of
+from tests.test_light import LAMP, box_room, ceiling_lamp, matte, parallel_form_factor, scene_of, window_room
 
 UP = np.array([0.0, 1.0, 0.0, 0.0], dtype=np.float32)
 
@@ -128,3 +130,27 @@ def test_reference_shows_the_form_factor_of_a_lamp(reference: object) -> None:
     picture = ReferenceScene(reference, scene).render(pose, Intrinsics.from_fov(16), samples=128)
     expected = 0.5 * LAMP.emission[0] * parallel_form_factor(np.zeros(2), 0.5, 2.0)
     assert picture[7:9, 7:9].mean() == pytest.approx(expected, rel=0.02)
+
+
+def block_room() -> Scene:
+    """A grey box with a block on its floor and a lamp below its ceiling."""
+    block = MeshBuilder().box((0.6, 0.8, 0.5), (1.0, 0.4, 1.0), matte(0.6), bevel=0.01).build()
+    return scene_of(box_room(matte(0.6)).build(), block, ceiling_lamp(2.0, 1.5, 0.8, 2.4))
+
+
+def ball_room() -> Scene:
+    """A grey box with a ball of light."""
+    glass = Material("glass", "glass", (0.0, 0.0, 0.0), emission=(8.0, 8.0, 8.0))
+    ball = MeshBuilder().sphere(0.15, (1.2, 1.7, 1.0), glass, segments=32, rings=24).build()
+    return scene_of(box_room(matte(0.6)).build(), ball)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("room", [block_room, ball_room, window_room])
+def test_baked_light_agrees_with_the_reference(reference: object, room: Callable[[], Scene]) -> None:
+    baked = bake(room(), quality="standard")
+    poses = [Pose.from_yaw((2.0, 1.3, 2.6), 0.0), Pose.from_yaw((0.5, 1.3, 2.5), np.radians(-45))]
+    found = agreement([pooled(view) for view in compare(reference, baked, None, poses, size=48, samples=64)])
+    assert found.noise < 0.03
+    assert found.median < 0.03
+    assert found.ratio == pytest.approx(1.0, abs=0.02)

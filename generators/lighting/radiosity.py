@@ -34,8 +34,8 @@ _ENCLOSED = 0.25
 _MOST_BOUNCES = 64
 #: Blocks per piece of work when the bounces are added up.
 _SOLVE_CHUNK = 1 << 13
-#: The bounces end when no block changes by more than this part of the brightest one.
-_TOLERANCE = 2e-4
+#: The bounces end when no block changes by more than this part of their mean: a block beside a bulb is no measure.
+_TOLERANCE = 1e-3
 
 
 @njit
@@ -198,7 +198,7 @@ def solve(
         after -= known
         change = float(np.abs(after - radiance).max(initial=0.0))
         radiance = after
-        if change <= _TOLERANCE * float(radiance.max(initial=0.0)):
+        if not len(blocks) or change <= _TOLERANCE * float(radiance.mean(dtype=np.float64)):
             break
     lights = []
     for share in (0.0, 1.0):

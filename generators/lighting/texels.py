@@ -21,6 +21,8 @@ PUSH = 0.0015
 PULL = 0.004
 #: Texels per piece of work.
 _CHUNK = 1 << 15
+#: Squared distance from which on a texel's centre lies beside its face (texels²); below it is rounding.
+_ASIDE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +157,7 @@ def rasterise(surfaces: Surfaces, sheet: Sheet, wanted: NDArray[np.bool_] | None
         across=across,
         albedo=albedo_at(surfaces, face, inside[:, 0], inside[:, 1]),
         gloss=surfaces.gloss[surfaces.material[face]],
-        area=np.where(nearest[cell] > 0, 0.0, np.linalg.norm(np.cross(across[:, 0], across[:, 1]), axis=1)).astype(
+        area=np.where(nearest[cell] > _ASIDE, 0.0, np.linalg.norm(np.cross(across[:, 0], across[:, 1]), axis=1)).astype(
             np.float32
         ),
     )
