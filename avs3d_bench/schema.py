@@ -465,6 +465,12 @@ class ObservationRecord(Record):
         return self.left_out - {"background"} if self.is_sound_scene else self.left_out
 
     @property
+    def made_with(self) -> dict[str, str]:
+        """Renderer, acoustic engine and device → version, as dataset.json lists them under ``backends``."""
+        found = {self.vision.backend: self.vision.version, self.acoustics.backend: self.acoustics.version}
+        return found | ({f"device {self.device.name}": self.device.version} if self.device else {})
+
+    @property
     def is_sound_scene(self) -> bool:
         """Whether this is an observation of part_3."""
         return self.part == SOUND_SCENES

@@ -145,8 +145,7 @@ def _difference(plan: ObservationPlan, record: ObservationRecord, dataset: Datas
             (name, version, here.libraries.get(name, "none"))
             for name, version in (there.libraries if there else {}).items()
         ),
-        (record.vision.backend, record.vision.version, plan.backends.get(record.vision.backend, "none")),
-        (record.acoustics.backend, record.acoustics.version, plan.backends.get(record.acoustics.backend, "none")),
+        *((name, version, plan.backends.get(name, "none")) for name, version in record.made_with.items()),
     ]
     said = [f"{name} {then}, installed: {now}" for name, then, now in dict.fromkeys(pairs) if then != now]
     if not said and there is not None and there.digest != here.digest:

@@ -265,6 +265,7 @@ LONG_SIGNATURES = {
     "avs3d_bench.submission.SubmissionWriter.__init__": "public: the fields of submission.json by keyword",
     "baselines.echosegnet.run.write_echosegnet": "public: options by keyword",
     "baselines.oracle.write_oracle": "public: options by keyword",
+    "generators.acoustics.tracer.session.TracerSession.__init__": "internal: the arguments of its backend, by keyword",
     "generators.plan.make_plans": "the options of a run by keyword",
     "generators.run.generation.generate": "public: the options of `avs3d generate` by keyword",
     "generators.assets.furniture.common.Kit.add": "a primitive: its form, and by keyword place and finish",
@@ -306,7 +307,7 @@ def parameters_of(function: ast.FunctionDef) -> int:
 
 def is_kernel(name: str, function: ast.FunctionDef) -> bool:
     """Whether numba compiles a function, or it hands arrays to such."""
-    compiled = {"njit", "inline"} & {ast.unparse(each).partition("(")[0] for each in function.decorator_list}
+    compiled = {"njit", "inline", "kernel"} & {ast.unparse(each).partition("(")[0] for each in function.decorator_list}
     return bool(compiled) or name.startswith(KERNELS)
 
 

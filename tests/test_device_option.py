@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.schema import DeviceRecord
+from avs3d_bench.validation.catalogue import _backends
 from generators import backends
 from generators.cli import generate as command
 from generators.core import cuda
@@ -124,3 +126,23 @@ def test_a_plan_of_the_cpu_is_as_before(manifest, monkeypatch) -> None:
     plan = planned(manifest, monkeypatch)
     assert not [name for name in plan.backends if name.startswith("device")]
     assert plan.digest == replace(plan, device="cpu").digest
+
+
+def test_dataset_json_lists_the_device_of_its_observations(tmp_path: Path) -> None:
+    import tiny
+
+    tiny.write_dataset(tmp_path, frames=1, size=16)
+    data = Dataset(tmp_path)
+    own = data[0].record
+    assert own is not None
+    made = own.model_copy(update={"device": DeviceRecord(name="cuda", version="numba-cuda 0.30 on NVIDIA H200")})
+    assert made.made_with == own.made_with | {"device cuda": "numba-cuda 0.30 on NVIDIA H200"}
+    there = data.record
+    assert there is not None
+    listed = there.model_copy(update={"backends": made.made_with})
+    assert not list(_backends(listed, {own.key: made}))
+    assert list(_backends(listed, {own.key: own})) == ["backend device cuda is listed, but no observation used it"]
+    absent = there.model_copy(update={"backends": own.made_with})
+    assert list(_backends(absent, {own.key: made})) == [
+        "backend device cuda is absent, in the observations numba-cuda 0.30 on NVIDIA H200"
+    ]

@@ -160,8 +160,8 @@ def _categories_of(record: DatasetRecord, records: Mapping[str, ObservationRecor
 def _backends(record: DatasetRecord, records: Mapping[str, ObservationRecord]) -> Iterator[str]:
     used: dict[str, set[str]] = {}
     for found in records.values():
-        used.setdefault(found.vision.backend, set()).add(found.vision.version)
-        used.setdefault(found.acoustics.backend, set()).add(found.acoustics.version)
+        for name, version in found.made_with.items():
+            used.setdefault(name, set()).add(version)
     for name, versions in sorted(used.items()):
         if versions != {record.backends.get(name)}:
             said = record.backends.get(name, "absent")
