@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from avs3d_bench.geometry import Intrinsics, Pose
+from generators.core.cuda import cuda_problem
 from generators.core.scene import Scene
 from generators.vision.embree import EmbreeBackend, warm_up
 
@@ -64,6 +65,25 @@ def bench_vision(scene: Scene | None = None, size: int = 1008, repeats: int = 5)
     }
 
 
+def cuda_frame(flat: Scene, size: int = 1008, repeats: int = 5) -> float:
+    """Wall time of a frame on the CUDA device, copies to the host included: median over all views (s)."""
+    from generators.vision.cuda import CudaBackend
+
+    session = CudaBackend().open(flat, Intrinsics.from_fov(size))
+    taken = []
+    for room in flat.rooms:
+        x, _, z = (np.array(room.low) + np.array(room.high)) / 2
+        for heading in HEADINGS:
+            pose = Pose.from_yaw((x, 1.5, z), np.radians(heading))
+            session.render(pose)  # compiles
+            for _ in range(repeats):
+                start = time.perf_counter()
+                session.render(pose)
+                taken.append(time.perf_counter() - start)
+    session.close()
+    return float(np.median(taken))
+
+
 def run_all(repeats: int = 5) -> dict[str, float]:
     """Figures for `make bench`, in an apartment of the open benchmark."""
     from benchmarks.bench_pipeline import MANIFEST
@@ -73,7 +93,8 @@ def run_all(repeats: int = 5) -> dict[str, float]:
 
     flat = open_home(make_plans(read_manifest(MANIFEST), audio="analytic")[0], default_cache(), workers=2)
     figures = bench_vision(flat, repeats=repeats)
-    return {
+    on_device = {} if cuda_problem() else {"RGB + ids + depth, 1008², on CUDA (s)": cuda_frame(flat, repeats=repeats)}
+    return on_device | {
         "RGB + ids + depth, 1008² (CPU s)": figures["frame_cpu_s"],
         "RGB + ids + depth, slowest view (CPU s)": figures["frame_cpu_s_worst"],
         "opening the scene (CPU s)": figures["open_cpu_s"],

@@ -19,6 +19,7 @@ for _variable, _value in ONE_THREAD.items():
 #: Figure → (at most, at least): the project's targets on a core of about 2.1 GHz.
 TARGETS: dict[str, tuple[float | None, float | None]] = {
     "RGB + ids + depth, 1008² (CPU s)": (0.5, None),
+    "RGB + ids + depth, 1008², on CUDA (s)": (0.01, None),
     "impulse response (CPU s)": (0.15, None),
     "broadband level, SD over draws (dB)": (0.2, None),
     "frame of a 120-frame observation, all in (CPU s)": (0.8, None),
