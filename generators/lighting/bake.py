@@ -95,18 +95,20 @@ def bake(scene: Scene, *, quality: str = "standard", workers: int = 2, device: s
     if not scene.parts:
         raise Avs3dError(f"bake {scene.name}: the scene has no parts; expected at least one")
     preset = QUALITIES[quality]
-    surfaces = Surfaces.of(scene.parts)
     with ThreadPoolExecutor(min(workers, _UNWRAPPERS)) as pool:
-        layouts = list(pool.map(lambda part: _layout(part, scene.rooms, preset), scene.parts))
+        unwrapped = [pool.submit(_layout, part, scene.rooms, preset) for part in scene.parts]
+        # What needs no light maps, meanwhile.
+        surfaces = Surfaces.of(scene.parts)
+        tracer = open_tracer(surfaces.triangles, device)
+        emitters = find_emitters(surfaces, preset.shadow_rays)
+        beam = find_sun(scene.name, surfaces, tracer)
+        layouts = [each.result() for each in unwrapped]
     sheet = Sheet.of(layouts)
     dark = np.array([part.light is None for part in scene.parts])
     texels = rasterise(surfaces, sheet, dark[surfaces.part], workers)
-    tracer = open_tracer(surfaces.triangles, device)
     tiles = make_blocks(surfaces, sheet, texels)
     is_open = open_texels(surfaces, texels, tiles, tracer, workers)
     blocks = tiles.where(is_open)
-    emitters = find_emitters(surfaces, preset.shadow_rays)
-    beam = find_sun(scene.name, surfaces, tracer)
     bare, variance = _direct(texels, blocks, emitters, tracer, workers)
     bare += _sunlight(texels, blocks, beam, tracer, preset, workers)
     patches, sampled = _patches(texels, blocks, bare, preset)
