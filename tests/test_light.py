@@ -218,8 +218,11 @@ def test_light_does_not_pass_walls() -> None:
     assert samples(baked.parts[1])[2].max() < 1e-3
 
 
-def test_result_does_not_depend_on_workers(furnished: Scene, lit: Scene) -> None:
-    for workers in (1, 2, 3):
+def test_result_does_not_depend_on_workers_or_on_the_size_of_calls(
+    furnished: Scene, lit: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for workers, together in ((1, 1), (2, 1), (3, 16)):
+        monkeypatch.setattr(Tracer, "calls_together", together)
         again = bake(furnished, quality="preview", workers=workers)
         assert again.rooms == lit.rooms
         for one, other in zip(lit.parts, again.parts, strict=True):
