@@ -111,6 +111,43 @@ def test_bad_triangles_are_refused_in_one_line() -> None:
         build_tree(np.zeros((0, 3, 3)))
 
 
+class _Traversal:
+    """The device's traversal, compiled for the CPU, in the place of Embree."""
+
+    calls_together = 16
+
+    def __init__(self, triangles: np.ndarray) -> None:
+        self._triangles = triangles
+
+    def intersect(self, origins, directions, far=FAR):
+        face, distance, weights = trace(self._triangles, origins, directions, far)
+        weights = weights.astype(F32)
+        return {"primID": face, "tfar": distance.astype(F32), "u": weights[:, 0].copy(), "v": weights[:, 1].copy()}
+
+    def occluded(self, origins, directions, far):
+        return trace(self._triangles, origins, directions, far, any_hit=True)[0] >= 0
+
+
+def test_light_baked_with_the_devices_rays_is_that_of_embree(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A room with a lamp and a table, in which no two faces lie in one place: only rounding differs."""
+    from test_light import box_room, ceiling_lamp, matte, scene_of
+
+    from generators.assets.shapes import MeshBuilder
+    from generators.lighting import bake as baking
+
+    table = MeshBuilder().box((0.8, 0.4, 0.6), (1.0, 0.6, 1.1), matte(0.4)).build()
+    scene = scene_of(box_room(matte(0.6)).build(), ceiling_lamp(1.2, 1.0, 0.6, 2.0), table)
+    expected = baking.bake(scene, quality="preview")
+    monkeypatch.setattr(baking, "open_tracer", lambda triangles, device: _Traversal(triangles))
+    found = baking.bake(scene, quality="preview")
+    for one, other in zip(found.parts, expected.parts, strict=True):
+        assert one.light is not None
+        assert other.light is not None
+        here, there = one.light.texels.astype(float), other.light.texels.astype(float)
+        assert np.quantile(np.abs(here - there), 0.99) < 0.01 * there.mean()
+        assert here.mean() == pytest.approx(there.mean(), rel=1e-3)
+
+
 _PROGRAM = """
 import numpy as np
 from generators.core.device_rays import DeviceTracer
