@@ -73,8 +73,10 @@ TABLE: dict[str, str] = {
     "generators/acoustics/clips.py": "observation",
     "generators/acoustics/analytic.py": "observation",
     "generators/acoustics/soundspaces.py": "",
-    "generators/acoustics/tracer/arrivals.py": "",
-    "generators/acoustics/tracer/receivers/synthesis.py": "",
+    # The receivers of a run (generators/receivers.py) import these for every engine.
+    "generators/acoustics/tracer/arrivals.py": "observation",
+    "generators/acoustics/tracer/receivers/synthesis.py": "observation",
+    "generators/acoustics/tracer/device/trace.py": "",
     "generators/vision/kernels.py": "observation",
     "generators/vision/embree.py": "observation",
     "generators/vision/habitat.py": "",
