@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 import tiny
+import tiny_scenes
 from browser import launch
 from test_inspector import player, until
-from tiny_receivers import add_receivers, plane_wave
+from tiny_receivers import add_receivers, add_waves, plane_wave
 
 from avs3d_bench import layout, media
 from avs3d_bench.dataset import Dataset
@@ -181,6 +182,7 @@ def test_a_turn_mixes_x_and_y_as_the_closed_form_says(site: Path, browser: Any) 
         assert not said
 
 
+@pytest.mark.slow
 def test_a_source_at_the_left_is_ahead_after_a_turn_to_the_left(site: Path, root: Path, browser: Any) -> None:
     gain = 10 ** (read_track(Dataset(root)[KEY]).gain / 20)
     with player(browser, (site / KEY / "index.html").as_uri()) as (page, said, asked):
@@ -214,4 +216,34 @@ def test_a_source_at_the_left_is_ahead_after_a_turn_to_the_left(site: Path, root
         until(page, "!document.getElementById('sound').paused")
         assert page.get_attribute("#stage", "data-head") == ""
         assert page.evaluate("document.getElementById('sound').currentTime") > 1
+        assert not said
+
+
+@pytest.mark.slow
+def test_stems_head_and_siblings_of_a_sound_scene_take_turns(tmp_path: Path, browser: Any) -> None:
+    root = tiny_scenes.write_sound_scenes(tmp_path / "scenes", stems=True)
+    add_waves(root)
+    site = build_site(Dataset(root), tiny_scenes.GROUP, (), tmp_path / "site", workers=1).folder
+    with player(browser, (site / tiny_scenes.BOTH / "index.html").as_uri()) as (page, said, _):
+        stems, head = (f"document.getElementById('stage').dataset.{name}" for name in ("stems", "head"))
+        page.click("#play")
+        until(page, "document.getElementById('sound').currentTime > 0.1")
+        page.click("[data-lane=background] [data-kind=mute]")
+        until(page, f"Boolean({stems})")
+        page.keyboard.press("h")
+        until(page, f"{head} === '0'")
+        assert page.get_attribute("[data-lane=background] [data-kind=mute]", "aria-pressed") == "false"
+        assert page.evaluate(stems) is None
+        page.click("[data-lane=source_1] [data-kind=solo]")
+        until(page, f"Boolean({stems})")
+        assert page.get_attribute("#head", "aria-pressed") == "false"
+        assert page.is_disabled("#look")
+        page.keyboard.press("h")
+        until(page, f"{head} === '0'")
+        # A sibling is heard as it is, from its own track.
+        page.keyboard.press("g")
+        until(page, f"document.getElementById('key').textContent !== '{tiny_scenes.BOTH}' && {head} === ''")
+        until(page, "!document.getElementById('sound').paused")
+        page.keyboard.press("h")
+        until(page, f"{head} === '0'")
         assert not said

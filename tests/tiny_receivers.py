@@ -27,6 +27,18 @@ def plane_wave(samples: np.ndarray, azimuth: float, elevation: float) -> np.ndar
     return np.outer(gains, samples).astype(np.float32)
 
 
+def add_waves(root: Path) -> None:
+    """Write first-order ambisonics of a dataset of sound scenes: waves from ahead; its hashes are not renewed."""
+    for observation in Dataset(root):
+        record = observation.record
+        assert record is not None
+        for frame in observation.frames:
+            path = observation.path / layout.audio_path(layout.clips_folder(layout.AMBISONICS), frame.index)
+            media.write_wav(path, plane_wave(frame.audio().mean(axis=0), 0.0, 0.0))
+        acoustics = record.acoustics.model_copy(update={"ambisonics": AmbisonicsRecord(order=1)})
+        media.write_json(observation.path / layout.OBSERVATION_JSON, record.model_copy(update={"acoustics": acoustics}))
+
+
 def add_receivers(root: Path, *, order: int = 1) -> Path:
     """Write the clips of both receivers, and renew the records; channels beyond the first order are silent."""
     records = []
