@@ -147,4 +147,4 @@ def check_engine(audio: str, **chosen: object) -> None:
     for name, value in chosen.items():
         if value is not None and audio != ENGINE:
             option = f"--{name}" if name == "hrtf" else f"--with {name}"
-            raise UsageError(f"{option} needs --audio {ENGINE}, found --audio {audio}")
+            raise UsageError(f"{option} needs the engine {ENGINE}, found {audio}: add --audio {ENGINE}")

@@ -184,7 +184,7 @@ def test_the_intensity_of_the_direct_sound_points_to_the_source(every: Dataset) 
             off = np.degrees(np.arccos(intensity @ true / np.linalg.norm(intensity)))
             assert off < 4, (key, frame.name, off)
             # A band-limited pulse between two samples: its energy is that of amplitude 1 at 1 m, its peak is not.
-            assert np.linalg.norm(pressure) == pytest.approx(1 / entry.distance, rel=0.2)
+            assert np.linalg.norm(pressure) == pytest.approx(1 / entry.distance, rel=0.35)
             judged += 1
     assert judged >= 4
 
@@ -335,7 +335,7 @@ def test_other_engines_have_no_other_receivers(
 ) -> None:
     done = CliRunner().invoke(generate, [str(manifest), "-o", str(tmp_path / "out"), "--audio", audio, *options])
     assert isinstance(done.exception, UsageError)
-    assert str(done.exception) == f"{what} needs --audio tracer, found --audio {audio}"
+    assert str(done.exception) == f"{what} needs the engine tracer, found {audio}: add --audio tracer"
     assert not (tmp_path / "out").exists()
 
 
@@ -403,7 +403,7 @@ def test_options_in_python() -> None:
         GenerateOptions(extras=("ambisonics",))  # type: ignore[arg-type]
     with pytest.raises(UsageError, match="order is 0"):
         choose_receivers("tracer", ambisonics=0)
-    with pytest.raises(UsageError, match="--with ambisonics needs --audio tracer"):
+    with pytest.raises(UsageError, match="--with ambisonics needs the engine tracer"):
         acoustic_backend("analytic", receivers=Receivers(ambisonics=1))
 
 
