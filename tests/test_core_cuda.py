@@ -5,6 +5,9 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -172,3 +175,24 @@ def test_a_kernel_with_a_shared_function_runs_in_the_simulator(tmp_path: Path) -
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == "CUDA simulator"
+
+
+def test_threads_launch_kernels_one_after_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    """numba-cuda fails where two threads load the same kernel at once."""
+    running, most = 0, 0
+
+    class Kernel:
+        def __getitem__(self, shape: object) -> Callable[..., None]:
+            def run(*args: object) -> None:
+                nonlocal running, most
+                running += 1
+                most = max(most, running)
+                time.sleep(0.005)
+                running -= 1
+
+            return run
+
+    monkeypatch.delenv("NUMBA_ENABLE_CUDASIM", raising=False)
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda _: cuda.launch(Kernel(), 1), range(16)))
+    assert most == 1

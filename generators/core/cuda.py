@@ -29,6 +29,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -54,6 +55,8 @@ _OUT_OF_MEMORY = 2
 #: Device memory of a worker process (bytes): CUDA's context and kernels, a home, a picture, the rays of a batch.
 WORKER_MEMORY = 2 << 30
 _INSTALL = "pip install 'avs3d-bench[cuda]'"
+#: One launch at a time: numba-cuda 0.30 loads a kernel on its first one, and fails where two threads do so at once.
+_LAUNCHING = threading.Lock()
 
 
 class OutOfDeviceMemoryError(Avs3dError):
@@ -185,7 +188,7 @@ def launch(kernel: Any, count: int, *args: Any, stream: Any = 0, block: int = BL
     if count <= 0:
         return
     block = min(block, count) if is_simulated() else block
-    with memory_for(f"a kernel of {count:,} threads"):
+    with memory_for(f"a kernel of {count:,} threads"), _LAUNCHING:
         kernel[(count + block - 1) // block, block, stream](*args)
 
 
@@ -314,6 +317,8 @@ def _cache_of_source() -> Iterator[None]:
 def _numba_cuda() -> Any:
     # numba-cuda 0.30 names this function as it compiles; numpy 2.5 has removed it.
     np.__dict__.setdefault("row_stack", np.vstack)
+    # A warning for each launch of few threads, which a small picture or the last rays of a batch are.
+    os.environ.setdefault("NUMBA_CUDA_LOW_OCCUPANCY_WARNINGS", "0")
     from numba import cuda
 
     return cuda
