@@ -56,6 +56,8 @@ OVERSAMPLING = 4
 POOL = 3
 #: Two pixels show one plane if the cosine between their normals and the distance of their planes (m) are within these.
 SAME_NORMAL, SAME_PLANE = 0.98, 0.02
+#: The picture of the documentation: scale and JPEG quality.
+DOCS_SCALE, DOCS_QUALITY = 2, 85
 #: Side of the pictures from which views are chosen (pixels).
 PREVIEW = 48
 #: The relative difference at which a map is fully red or fully blue.
@@ -313,6 +315,13 @@ def sheet(views: Sequence[Comparison], exposure: float) -> NDArray[np.uint8]:
     return np.concatenate(rows, axis=0)
 
 
+def write_picture(path: Path, rows: Sequence[NDArray[np.uint8]]) -> None:
+    """Write sheets, one above the other, enlarged, as a JPEG."""
+    picture = np.ascontiguousarray(np.concatenate(rows, axis=0)[..., ::-1])
+    large = cv2.resize(picture, None, fx=DOCS_SCALE, fy=DOCS_SCALE, interpolation=cv2.INTER_CUBIC)
+    cv2.imwrite(str(path), large, [cv2.IMWRITE_JPEG_QUALITY, DOCS_QUALITY])
+
+
 def table(results: dict[str, dict[str, Agreement]]) -> str:
     """The figures as a Markdown table."""
     lines = [
@@ -356,6 +365,7 @@ def main(
         mi = load_mitsuba(variant)
         output.mkdir(parents=True, exist_ok=True)
         results: dict[str, dict[str, Agreement]] = {}
+        rows = []
         for key in observations or OBSERVATIONS:
             started = time.process_time()
             scene, room, poses = prepared_room(key, cache or default_cache(), matte=matte)
@@ -366,6 +376,7 @@ def main(
             results[key]["all"] = agreement(found)
             name = key.replace("/", "-")
             picture = sheet(found, scene.exposure)
+            rows.append(sheet(found[:1], scene.exposure))
             cv2.imwrite(str(output / f"{name}.png"), np.ascontiguousarray(picture[..., ::-1]))
             np.savez_compressed(
                 output / f"{name}.npz",
@@ -374,6 +385,7 @@ def main(
                 label=np.stack([view.label for view in found]),
             )
             click.echo(f"{key}: {time.process_time() - started:.0f} s CPU", err=True)
+        write_picture(output / "light-reference.jpg", rows)
     except Avs3dError as error:
         raise click.ClickException(str(error)) from error
     figures = {key: {name: asdict(found) for name, found in classes.items()} for key, classes in results.items()}
