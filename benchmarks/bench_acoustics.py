@@ -1,11 +1,12 @@
 """CPU time and variance of impulse responses in a furnished flat, and CPU time of source signals and clips.
 
-As a script, it prints the figures as JSON.
+As a script, it prints the figures as JSON; with the argument ``cuda``, those of the tracer on the CUDA device alone.
 """
 
 from __future__ import annotations
 
 import json
+import sys
 import time
 from collections.abc import Callable
 from functools import partial
@@ -25,6 +26,7 @@ from generators.acoustics.tracer.backend import TracerBackend
 from generators.acoustics.tracer.settings import TraceSettings
 from generators.apartments.apartment import build_apartment
 from generators.assets.sounds import synthesise
+from generators.core.cuda import cuda_problem
 from generators.core.scene import Scene
 
 ROOMS = ("bathroom", "kitchen", "living_room")
@@ -33,6 +35,8 @@ SOURCE, LISTENER = (0.5, 0.15), (0.6, 0.55)
 SOURCE_HEIGHT, EAR_HEIGHT = 1.2, 1.5
 #: Poses of an observation, which share a trace of the tracer.
 POSES = 120
+#: Sources whose responses are timed on a CUDA device.
+CUDA_SOURCES = 16
 #: Number of draws for a standard deviation; with fewer, 0.15 dB and 0.2 dB could not be distinguished.
 DRAWS = 12
 
@@ -88,6 +92,8 @@ def run_all(repeats: int = 5) -> dict[str, float]:
         figures[f"T30, {room} (s)"] = decay
 
     figures |= _tracer(scene)
+    if cuda_problem() is None:
+        figures |= tracer_on_cuda(scene)
 
     times = []
     for session, pose in _sessions(AnalyticBackend(), scene):
@@ -108,22 +114,15 @@ def _tracer(scene: Scene) -> dict[str, float]:
     TracerBackend().warm_up()
     traces, responses, spreads = [], [], []
     for room in ROOMS:
-        source, (x, y, z) = _place(scene, room, SOURCE, SOURCE_HEIGHT), _place(scene, room, LISTENER, EAR_HEIGHT)
-        turn = np.linspace(0, 2 * np.pi, POSES, endpoint=False)
-        poses = [Pose.from_yaw((x + 0.2 * np.cos(a), y, z + 0.2 * np.sin(a)), 0.7) for a in turn]
-        session = TracerBackend().open(scene, source, room=room)
-        session.impulse_response(Pose.from_yaw((x, y, z), 0.7))  # the first one builds the receiver's tables
+        poses = _circle(scene, room)
+        session = TracerBackend().open(scene, _place(scene, room, SOURCE, SOURCE_HEIGHT), room=room)
+        # The first one builds the receiver's tables.
+        session.impulse_response(Pose.from_yaw(_place(scene, room, LISTENER, EAR_HEIGHT), 0.7))
         session.prepare(poses)
         traces.append(_cpu(partial(session.arrivals, poses[0])) / POSES)
         responses.append(median(_cpu(partial(session.impulse_response, pose)) for pose in poses[:10]))
         session.close()
-        levels = []
-        for seed in range(DRAWS):
-            session = TracerBackend(settings=TraceSettings(seed=seed)).open(scene, source, room=room)
-            response = session.impulse_response(Pose.from_yaw((x, y, z), 0.7))
-            levels.append(10 * np.log10(np.sum(np.square(response, dtype=np.float64))))
-            session.close()
-        spreads.append(float(np.std(levels, ddof=1)))
+        spreads.append(_spread(TracerBackend, scene, room))
     both = [trace + response for trace, response in zip(traces, responses, strict=True)]
     return {
         f"tracer, share of a trace for {POSES} poses (CPU s)": median(traces),
@@ -135,5 +134,62 @@ def _tracer(scene: Scene) -> dict[str, float]:
     }
 
 
+def tracer_on_cuda(scene: Scene) -> dict[str, float]:
+    """The tracer on a CUDA device: wall-clock time of all poses of many sources, one after the other, in one thread."""
+    backend = TracerBackend(device="cuda")
+    backend.warm_up()
+    rates: dict[str, list[float]] = {"poses on a circle of 20 cm": [], "poses all through the room": []}
+    errors, spreads = [], []
+    for room in ROOMS:
+        x, y, z = _place(scene, room, SOURCE, SOURCE_HEIGHT)
+        for poses, found in zip((_circle(scene, room), _walk(scene, room)), rates.values(), strict=True):
+            session = backend.open(scene, (x, y, z), room=room)
+            session.prepare(poses)
+            first = session.impulse_response(poses[0])  # builds the receiver's tables
+            start = time.perf_counter()
+            for number in range(1, CUDA_SOURCES + 1):
+                session.move_source((x + 0.01 * number, y, z))
+                for pose in poses:
+                    session.impulse_response(pose)
+            found.append(CUDA_SOURCES * len(poses) / (time.perf_counter() - start))
+            session.close()
+            expected = TracerBackend().open(scene, (x, y, z), room=room).impulse_response(poses[0])
+            errors.append(20 * np.log10(np.linalg.norm(first - expected) / np.linalg.norm(expected)))
+        spreads.append(_spread(partial(TracerBackend, device="cuda"), scene, room))
+    return {
+        **{f"tracer on CUDA, {name} (responses/s)": median(found) for name, found in rates.items()},
+        **{f"tracer on CUDA, {name}, worst room (responses/s)": min(found) for name, found in rates.items()},
+        "tracer on CUDA, broadband level, SD over draws (dB)": median(spreads),
+        "tracer on CUDA, broadband level, SD, worst room (dB)": max(spreads),
+        "tracer on CUDA, difference from the CPU's responses, largest (dB)": max(errors),
+    }
+
+
+def _walk(scene: Scene, room: str) -> list[Pose]:
+    """As many poses along the diagonal of the room."""
+    share = np.linspace(0.15, 0.85, POSES)
+    return [Pose.from_yaw(_place(scene, room, (a, a), EAR_HEIGHT), 7 * a) for a in share.tolist()]
+
+
+def _circle(scene: Scene, room: str) -> list[Pose]:
+    """The poses of an observation: on a circle of 20 cm."""
+    x, y, z = _place(scene, room, LISTENER, EAR_HEIGHT)
+    turn = np.linspace(0, 2 * np.pi, POSES, endpoint=False)
+    return [Pose.from_yaw((x + 0.2 * np.cos(a), y, z + 0.2 * np.sin(a)), 0.7) for a in turn]
+
+
+def _spread(backend: Callable[..., TracerBackend], scene: Scene, room: str) -> float:
+    """Standard deviation of the broadband level of one response over seeds, dB."""
+    source, listener = _place(scene, room, SOURCE, SOURCE_HEIGHT), _place(scene, room, LISTENER, EAR_HEIGHT)
+    levels = []
+    for seed in range(DRAWS):
+        session = backend(settings=TraceSettings(seed=seed)).open(scene, source, room=room)
+        response = session.impulse_response(Pose.from_yaw(listener, 0.7))
+        levels.append(10 * np.log10(np.sum(np.square(response, dtype=np.float64))))
+        session.close()
+    return float(np.std(levels, ddof=1))
+
+
 if __name__ == "__main__":
-    print(json.dumps(run_all(), indent=2))
+    of_cuda = sys.argv[1:] == ["cuda"]
+    print(json.dumps(tracer_on_cuda(build_apartment("bench", 1)) if of_cuda else run_all(), indent=2))
