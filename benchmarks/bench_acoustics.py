@@ -154,7 +154,7 @@ def tracer_on_cuda(scene: Scene) -> dict[str, float]:
             found.append(CUDA_SOURCES * len(poses) / (time.perf_counter() - start))
             session.close()
             expected = TracerBackend().open(scene, (x, y, z), room=room).impulse_response(poses[0])
-            errors.append(20 * np.log10(np.linalg.norm(first - expected) / np.linalg.norm(expected)))
+            errors.append(20 * float(np.log10(np.linalg.norm(first - expected) / np.linalg.norm(expected))))
         spreads.append(_spread(partial(TracerBackend, device="cuda"), scene, room))
     return {
         **{f"tracer on CUDA, {name} (responses/s)": median(found) for name, found in rates.items()},

@@ -168,7 +168,7 @@ class TracerBackend:
 
         scene = DeviceScene(surfaces, few, 1)
         images_of(surfaces, images.source, few.early_order, few.seed, scene.search)
-        found = scene.trace(images, listener[None], lambda _: bent)
+        found = scene.trace(images, listener[None], lambda _: [bent])
         on_host = list(self.others.values())
         if isinstance(self.receiver, BinauralReceiver):
             found.responses(DeviceEars(self.receiver.ears(44_100), 44_100), [0], [np.eye(3)])

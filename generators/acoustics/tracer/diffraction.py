@@ -46,6 +46,8 @@ _NEAR, _STEP = 0.05, 0.01
 _FAINTEST = 10 ** (-50 / 20)
 #: Parallel edges (cosine of the angle between them) nearer than this (m) are those of one thin body.
 _PARALLEL, _THIN = 0.99, 0.3
+#: Angle (radians) that rounding does not exceed.
+_SLACK = 1e-6
 #: Visible ends short of the surface that the edge lies on (m).
 _SHORT = 2e-3
 
@@ -109,6 +111,26 @@ def diffracted(surfaces: Surfaces, lit: LitEdges, listener: F64) -> Arrivals:
         if not any(_are_one(edges, e, other) for other in used):
             used.append(e)
     return Arrivals.joined([arrivals for _, e, arrivals in found if e in used])
+
+
+def diffracted_at(surfaces: Surfaces, lit: LitEdges, listeners: F64) -> list[Arrivals]:
+    """`diffracted` at each of ``listeners`` (L, 3): those that no edge can reach are found together."""
+    edges = lit.edges
+    if not len(edges):
+        return [Arrivals.none()] * len(listeners)
+    offset = [listeners[:, axis, None] - edges.start[:, axis] for axis in range(3)]
+    x, y = (
+        offset[0] * axes[:, 0] + offset[1] * axes[:, 1] + offset[2] * axes[:, 2] for axes in (edges.face, edges.side)
+    )
+    angle = np.mod(np.arctan2(y, x), 2 * np.pi)
+    # With a little room for rounding: `diffracted` looks again.
+    near = (angle < edges.opening + _SLACK) & (lit.angle < edges.opening + _SLACK)
+    near &= np.pi - np.abs(angle - lit.angle) < _NONE + _SLACK
+    near &= lit.radius > _SHORT
+    return [
+        diffracted(surfaces, lit, listener) if some else Arrivals.none()
+        for listener, some in zip(listeners, near.any(axis=1), strict=True)
+    ]
 
 
 def _are_one(edges: Edges, e: int, other: int) -> bool:

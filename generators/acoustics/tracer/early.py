@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,38 +92,59 @@ def images_of(surfaces: Surfaces, source: F64, order: int, seed: int, search: Se
         at[has] -= 2 * height[:, None] * equation[:, :3]
         positions[has, k] = at[has]
         gain[has] *= amplitude[surfaces.plane_material[plane]]
-    _, group = np.unique(np.round(at / _SAME_IMAGE).astype(np.int64), axis=0, return_inverse=True)
     keys = np.sort(_keys(sequences, surfaces.planes))
-    return Images(source, sequences, positions, gain, keys, group.reshape(-1).astype(np.int64))
+    return Images(source, sequences, positions, gain, keys, _groups(np.round(at / _SAME_IMAGE).astype(np.int64)))
+
+
+def _groups(rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(R,) a number for each of ``rows`` (R, K), the same for equal rows."""
+    order = np.lexsort(rows.T)
+    ordered = rows[order]
+    group = np.empty(len(rows), dtype=np.int64)
+    is_new = np.ones(len(rows), dtype=np.int64)
+    is_new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+    group[order] = np.cumsum(is_new)
+    return group
 
 
 def _candidates(surfaces: Surfaces, source: F64, order: int, seed: int, search: Search | None) -> I32:
     """(S, K) unique sequences, sorted."""
     if not surfaces.planes or not order:
         return np.zeros((0, order), dtype=np.int32)
-    directions = ray_directions(_SEARCH_RAYS, seed, _SEARCH)
+    directions = _search_directions(seed)
     if search is None:
-        met = np.empty((_SEARCH_RAYS, order), dtype=np.int32)
-        specular_planes(surfaces.mesh, source, directions, 0, _SEARCH_RAYS, met, *scratch())
+        met = np.empty((len(directions), order), dtype=np.int32)
+        specular_planes(surfaces.mesh, source, directions, 0, len(directions), met, *scratch())
     else:
         met = search(source, directions, order)
-    found = []
-    for k in range(1, order + 1):
-        reached = met[met[:, k - 1] >= 0].copy()
-        reached[:, k:] = -1
-        found.append(reached)
+    # One number per sequence, in the order of its rows: far faster to sort than rows are.
+    base = surfaces.planes + 1
+    numbers = [np.unique(_numbers(met, base))]
+    for k in range(1, order):  # the beginnings of all sequences
+        numbers.append(np.unique(numbers[0] // base**k * base**k))
     by_area = np.argsort(-surfaces.plane_area, kind="stable")
     for k in range(1, order + 1):
         chosen = by_area[: _COMPLETE.get(k, 0) if k > 1 else None]
         rows = np.stack(np.meshgrid(*[chosen] * k, indexing="ij"), axis=-1).reshape(-1, k)
         rows = rows[(rows[:, 1:] != rows[:, :-1]).all(axis=1)]
-        found.append(np.pad(rows, ((0, 0), (0, order - k)), constant_values=-1).astype(np.int32))
-    rows = np.concatenate(found)
-    # One number per row, in the same order as the rows: far faster to sort than rows are.
+        numbers.append(_numbers(rows, base) * base ** (order - k))
+    found = np.unique(np.concatenate(numbers))
+    found = found[found > 0]
+    places = base ** np.arange(order - 1, -1, -1)
+    return np.ascontiguousarray(found[:, None] // places % base - 1, dtype=np.int32)
+
+
+@lru_cache(maxsize=4)
+def _search_directions(seed: int) -> F64:
+    return ray_directions(_SEARCH_RAYS, seed, _SEARCH)
+
+
+def _numbers(rows: NDArray[np.integer], base: int) -> NDArray[np.int64]:
+    """(R,) the rows (R, K) as numbers of K digits: plane + 1, 0 behind the last."""
     number = np.zeros(len(rows), dtype=np.int64)
     for column in rows.T.astype(np.int64):
-        number = number * (surfaces.planes + 1) + column + 1
-    return np.ascontiguousarray(rows[np.unique(number, return_index=True)[1]])
+        number = number * base + column + 1
+    return number
 
 
 def _keys(sequences: I32, planes: int) -> NDArray[np.int64]:

@@ -29,7 +29,7 @@ from generators.acoustics.tracer.receivers.gridding import FRACTIONS, TAPS, Grid
 from generators.acoustics.tracer.receivers.measured import PLANE_WIDTH, STEP
 from generators.acoustics.tracer.receivers.spherical import STEPS
 from generators.acoustics.tracer.receivers.synthesis import TAIL, checked, grids_of_length
-from generators.core.cuda import allocate, in_batches, is_simulated, kernel, launch, pinned, upload
+from generators.core.cuda import allocate, in_batches, is_simulated, kernel, launch, upload
 from generators.core.jit import inline
 
 cuda: Any = numba.cuda
@@ -275,14 +275,27 @@ def _filtered(  # pragma: no cover  # compiled
 
 
 @kernel
-def _taken(spectra: Any, responses: int, period: int, samples: int, out: Any) -> None:  # pragma: no cover  # compiled
-    """The first ``samples`` of each series of ``period`` samples: (R, 2, n) float32."""
+def _taken(  # pragma: no cover  # compiled
+    spectra: Any, responses: int, period: int, samples: Any, first: Any, longest: int, out: Any
+) -> None:
+    """The beginnings of series of ``period`` samples, one after the other: left ear, right ear of each response.
+
+    Args:
+        spectra: (R, period, 2).
+        responses: R.
+        period: of the series.
+        samples: (R,) int64, length of each response.
+        first: (R,) int64, where each response begins.
+        longest: of ``samples``.
+        out: float32, filled in.
+    """
     i = cuda.grid(1)
-    r = i // samples
+    r = i // longest
     if r < responses:
-        n = i - r * samples
-        out[r, 0, n] = spectra[r, n, 0] / period
-        out[r, 1, n] = spectra[r, n, 1] / period
+        n = i - r * longest
+        if n < samples[r]:
+            out[first[r] + n] = spectra[r, n, 0] / period
+            out[first[r] + samples[r] + n] = spectra[r, n, 1] / period
 
 
 @dataclass(frozen=True, eq=False)
@@ -344,7 +357,6 @@ class DeviceEars:
         self._residual = upload(np.ascontiguousarray(ears.residual), "delays of a receiver")
         self._window = upload(window_table(), "tables of a receiver")
         self._lengths: OrderedDict[int, _Tables] = OrderedDict()
-        self._host: F32 = np.zeros(0, dtype=np.float32)
         self._together = 1 if is_simulated() else _TOGETHER
 
     def responses(
@@ -375,18 +387,18 @@ class DeviceEars:
                     len(latest),
                     [listeners[at] for at in some],
                     np.stack([np.asarray(rotations[at], dtype=np.float64) for at in some]),
-                    max(samples[at] for at in some),
+                    [samples[at] for at in some],
                 )
-                for row, at in zip(out, some, strict=True):
-                    found[at] = row[:, : samples[at]].copy()
+                for response, at in zip(out, some, strict=True):
+                    found[at] = response
 
             self._together = in_batches(work, len(members), self._together)
         return found
 
     def _of_one_length(
-        self, heard: Sequence[Heard], grids: Grids, heads: int, listeners: list[int], rotations: F64, samples: int
-    ) -> F32:
-        """(R, 2, ``samples``), valid until the next call."""
+        self, heard: Sequence[Heard], grids: Grids, heads: int, listeners: list[int], rotations: F64, samples: list[int]
+    ) -> list[F32]:
+        """(2, m) of each response, m samples; all of them are parts of one array."""
         count = len(listeners)
         tables = self._tables(grids)
         response_of = np.full(heads, -1, dtype=np.int32)
@@ -403,23 +415,25 @@ class DeviceEars:
         x = allocate((count, tables.numbers, 2), np.float32, "the spectra of responses")
         y = allocate((count, tables.numbers, 2), np.float32, "the spectra of responses")
         launch(_fold, count * tables.numbers, integers, count, tables.numbers, tables.layout, x)
-        first = 0
+        at = 0
         for length, (_, rank) in zip(grids.lengths.tolist(), ears.basis.columns, strict=True):
             if length:
-                transform(x, y, count, first, length, rank)
-                first += length * rank
+                transform(x, y, count, at, length, rank)
+                at += length * rank
         a = allocate((count, grids.samples, 2), np.float64, "responses")
         b = allocate((count, grids.samples, 2), np.float64, "responses")
         bins = grids.samples // 2 + 1
         launch(_filtered, count * bins, x, y, count, grids.samples, tables.layout, tables.filters, a)
         series = b if transform(a, b, count, 0, grids.samples, 1, inverse=True) else a
-        out = allocate((count, 2, samples), np.float32, "responses")
-        launch(_taken, count * samples, series, count, grids.samples, samples, out)
-        if self._host.size < out.size:
-            self._host = pinned(out.size, np.float32)
-        found = self._host[: out.size].reshape(out.shape)
-        out.copy_to_host(found)
-        return found
+        ends = 2 * np.cumsum(np.array(samples, dtype=np.int64))
+        out = allocate(int(ends[-1]), np.float32, "responses")
+        lengths, first = np.array(samples, dtype=np.int64), np.concatenate([[0], ends[:-1]])
+        launch(
+            _taken, count * max(samples), series, count, grids.samples, upload(lengths), upload(first), max(samples),
+            out,
+        )  # fmt: skip
+        flat = out.copy_to_host()
+        return [part.reshape(2, -1) for part in np.split(flat, ends[:-1])]
 
     def _tables(self, grids: Grids) -> _Tables:
         if grids.samples not in self._lengths:

@@ -37,6 +37,8 @@ cuda: Any = numba.cuda
 
 #: Octave bands.
 _BANDS = 8
+#: Most threads per block of `late`: few, since all of them go on until the last ray of the block has ended.
+LATE_BLOCK = 32
 #: Most reflections of an image source.
 _MOST_ORDER = 4
 
@@ -101,7 +103,7 @@ def late(  # pragma: no cover  # compiled
     latest: Any,
     count: Any,
 ) -> None:
-    """`trace_late`, one thread per ray.
+    """`trace_late`, one thread per ray, in blocks of at most `LATE_BLOCK`.
 
     Args:
         mesh: and what follows: as for `trace_late`.
@@ -119,47 +121,72 @@ def late(  # pragma: no cover  # compiled
         count: (1,) int64, number of records so far; raised by the passages found, more than there was room for perhaps.
     """
     ray = cuda.grid(1)
-    if ray >= directions.shape[0]:
-        return
+    own, threads = cuda.threadIdx.x, cuda.blockDim.x
     stack, entries = cuda.local.array(STACK, np.int32), cuda.local.array(STACK, np.float64)
     energy = cuda.local.array(_BANDS, np.float64)
+    # A ray that passes one of many listeners passes most of its neighbours: the threads of a block share this work.
+    lines = cuda.shared.array((LATE_BLOCK, 10), np.float64)
+    energies = cuda.shared.array((LATE_BLOCK, _BANDS), np.float64)
+    passing = cuda.shared.array(LATE_BLOCK, np.int64)
     bounds, links, corners = mesh.bounds, mesh.links, mesh.corners
     lx, ly, lz, radius2 = listeners.x, listeners.y, listeners.z, listeners.radius2
     room = records.path.shape[0]
     share = 4.0 / directions.shape[0]
-    ox, oy, oz = source[0], source[1], source[2]
-    dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
+    ox, oy, oz, dx, dy, dz = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0
+    going = ray < directions.shape[0]
+    if going:
+        ox, oy, oz = source[0], source[1], source[2]
+        dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
     for b in range(_BANDS):
         energy[b] = 1.0
     travelled, spherical, sign = 0.0, 0.0, 1.0
     mirrored, sequence, rained = True, 0, False
-    for bounce in range(limits.depth + 1):
-        length, hit = closest(bounds, links, corners, ox, oy, oz, dx, dy, dz, FAR, False, stack, entries)
-        reach = min(length, limits.range)
-        if not is_of_another_part(bounce, rained, mirrored, sequence, limits.early, known) and may_pass(
-            listeners.bounds, ox, oy, oz, ox + reach * dx, oy + reach * dy, oz + reach * dz
-        ):
-            for j in range(lx.shape[0]):
-                px, py, pz = lx[j] - ox, ly[j] - oy, lz[j] - oz
-                t = px * dx + py * dy + pz * dz
+    bounce = 0
+    while cuda.syncthreads_or(np.int32(1) if going else np.int32(0)):
+        length, hit = 0.0, -1
+        passing[own] = -1
+        if going:
+            length, hit = closest(bounds, links, corners, ox, oy, oz, dx, dy, dz, FAR, False, stack, entries)
+            reach = min(length, limits.range)
+            if not is_of_another_part(bounce, rained, mirrored, sequence, limits.early, known) and may_pass(
+                listeners.bounds, ox, oy, oz, ox + reach * dx, oy + reach * dy, oz + reach * dz
+            ):
+                passing[own] = first_rank + ray * (limits.depth + 1) + bounce
+                lines[own, 0], lines[own, 1], lines[own, 2] = ox, oy, oz
+                lines[own, 3], lines[own, 4], lines[own, 5] = dx, dy, dz
+                lines[own, 6], lines[own, 7], lines[own, 8], lines[own, 9] = length, travelled, spherical, sign
+                for b in range(_BANDS):
+                    energies[own, b] = energy[b]
+        cuda.syncthreads()
+        for k in range(threads):
+            if passing[k] < 0:
+                continue
+            sx, sy, sz, tx, ty, tz = lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3], lines[k, 4], lines[k, 5]
+            for j in range(own, lx.shape[0], threads):
+                px, py, pz = lx[j] - sx, ly[j] - sy, lz[j] - sz
+                t = px * tx + py * ty + pz * tz
                 off = px * px + py * py + pz * pz - t * t
-                if t >= 0.0 and t < length and off < radius2[j]:
+                if t >= 0.0 and t < lines[k, 6] and off < radius2[j]:
                     at = cuda.atomic.add(count, 0, 1)
                     if at < room:
                         write_passage(
-                            records, at, j, listeners, ox, oy, oz, dx, dy, dz, travelled, spherical, sign, share,
-                            energy, air,
+                            records, at, j, listeners, sx, sy, sz, tx, ty, tz, lines[k, 7], lines[k, 8], lines[k, 9],
+                            share, energies[k], air,
                         )  # fmt: skip
-                        ranks[at] = first_rank + ray * (limits.depth + 1) + bounce
-                        cuda.atomic.max(latest, j, travelled + t)
-        travelled += length
-        if hit < 0 or bounce == limits.depth or travelled > limits.range:
-            break
-        loudest, ox, oy, oz, dx, dy, dz, spherical, sign, mirrored, sequence, rained = reflect_late(
-            mesh, key, limits, ray, bounce, hit, length, ox, oy, oz, dx, dy, dz, spherical, mirrored, sequence, energy
-        )
-        if loudest < limits.floor:
-            break
+                        ranks[at] = passing[k]
+                        cuda.atomic.max(latest, j, lines[k, 7] + t)
+        cuda.syncthreads()
+        if going:
+            travelled += length
+            if hit < 0 or bounce == limits.depth or travelled > limits.range:
+                going = False
+            else:
+                loudest, ox, oy, oz, dx, dy, dz, spherical, sign, mirrored, sequence, rained = reflect_late(
+                    mesh, key, limits, ray, bounce, hit, length, ox, oy, oz, dx, dy, dz, spherical, mirrored,
+                    sequence, energy,
+                )  # fmt: skip
+                going = loudest >= limits.floor
+        bounce += 1
 
 
 @kernel

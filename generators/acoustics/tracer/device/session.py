@@ -16,7 +16,7 @@ from generators.acoustics.tracer.arrivals import Arrivals
 from generators.acoustics.tracer.device.binaural import DeviceEars
 from generators.acoustics.tracer.device.ears import BinauralReceiver, Ears
 from generators.acoustics.tracer.device.trace import DeviceScene, DeviceTrace
-from generators.acoustics.tracer.diffraction import diffracted
+from generators.acoustics.tracer.diffraction import diffracted_at
 from generators.acoustics.tracer.early import Images, images_of
 from generators.acoustics.tracer.session import Position, TracerSession, _Source
 from generators.core.cuda import OutOfDeviceMemoryError, require_device
@@ -61,7 +61,8 @@ class DeviceSession(TracerSession):
         self._on_device: DeviceScene | None = None
         #: The last trace: its source, its listeners, what it found.
         self._last: tuple[Position, list[Position], DeviceTrace] | None = None
-        self._responses: dict[_Asked, F32] = {}
+        #: None where no sound arrives.
+        self._responses: dict[_Asked, F32 | None] = {}
         #: The announced poses with their positions.
         self._poses: list[tuple[Position, Pose]] = []
         super().__init__(*args, **kwargs)
@@ -81,7 +82,7 @@ class DeviceSession(TracerSession):
         if asked not in self._responses:
             self._respond(pose)
         response = self._responses[asked]
-        if not response.any():
+        if response is None:
             raise self._nothing_heard(self._position(pose))
         return response
 
@@ -109,8 +110,8 @@ class DeviceSession(TracerSession):
         made = trace.responses(ears, [j for j, _ in some], [each.rotation_matrix for _, each in some])
         while len(self._responses) + len(made) > _KEPT and self._responses:
             self._responses.pop(next(iter(self._responses)))
-        for (_, each), response in zip(some, made, strict=True):
-            self._responses[self._asked(each)] = response
+        for (j, each), response in zip(some, made, strict=True):
+            self._responses[self._asked(each)] = None if trace.is_silent(j) else response
 
     def _traced(self, position: Position) -> tuple[DeviceTrace, list[Position]]:
         """The last trace if it was from this source to ``position``, or a new one."""
@@ -118,7 +119,7 @@ class DeviceSession(TracerSession):
             return self._last[2], self._last[1]
         self._last = None  # its memory is free for the next one
         source = self._heard[self._source]
-        others = partial(diffracted, self._surfaces, source.edges)
+        others = partial(diffracted_at, self._surfaces, source.edges)
         while True:
             batch = self._batch(position)
             try:
@@ -147,5 +148,5 @@ class DeviceSession(TracerSession):
         return self._on_device
 
 
-def _nothing(listener: F64) -> Arrivals:
-    return Arrivals.none()
+def _nothing(listeners: F64) -> list[Arrivals]:
+    return [Arrivals.none()] * len(listeners)

@@ -29,8 +29,6 @@ I32 = NDArray[np.int32]
 
 #: Room for records at first, in expected ones: a trace that needs more is made again, with what it needs.
 _ROOM = 1.25
-#: Rays per block: few long threads, spread over all processors.
-_RAYS = 32
 
 
 class DeviceScene:
@@ -65,13 +63,13 @@ class DeviceScene:
         found: I32 = planes.copy_to_host()
         return found
 
-    def trace(self, images: Images, listeners: F64, others: Callable[[F64], Arrivals]) -> DeviceTrace:
+    def trace(self, images: Images, listeners: F64, others: Callable[[F64], list[Arrivals]]) -> DeviceTrace:
         """Trace from the source of ``images`` to ``listeners`` (L, 3).
 
         Args:
             images: candidates for image sources.
             listeners: metres.
-            others: further arrivals at a listener (3,): made by the host while the device works.
+            others: further arrivals at listeners (L, 3): made by the host while the device works.
 
         Raises:
             OutOfDeviceMemoryError: if the records do not fit.
@@ -108,14 +106,14 @@ class DeviceScene:
             launch(
                 kernels.late, len(self._directions), self._mesh, source, self._directions, self._key, around, known,
                 self._air, self._limits, records, ranks, self._rained * self._limits.rain, latest, count,
-                block=_RAYS,
+                block=kernels.LATE_BLOCK,
             )  # fmt: skip
             return records, ranks, latest, count
 
         room = max(int(_ROOM * self._expected * heads), 1024)
         records, ranks, latest, count = start(room)
         early = heard_images(images, listeners, visible, walls)
-        early = [Arrivals.joined([found, others(place)]) for found, place in zip(early, listeners, strict=True)]
+        early = [Arrivals.joined(pair) for pair in zip(early, others(listeners), strict=True)]
         found = int(count.copy_to_host()[0])
         if found > room:
             records, ranks, latest, count = start(found)
@@ -141,6 +139,10 @@ class DeviceTrace:
     count: int
     last: F64
     early: list[Arrivals]
+
+    def is_silent(self, listener: int) -> bool:
+        """Whether nothing arrives at a listener."""
+        return not self.last[listener] and not self.early[listener].pressure.any()
 
     def arrivals(self) -> list[Arrivals]:
         """All arrivals of each listener, in the CPU's order."""
