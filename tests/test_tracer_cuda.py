@@ -112,6 +112,33 @@ def simulated_arrivals():
     ]
 
 
+def simulated_shortage():
+    """Runs in the simulator: sizes of the batches that were tried if one listener fits; what is said if none does."""
+    from generators.acoustics.tracer import early
+    from generators.acoustics.tracer.device.trace import DeviceScene
+    from generators.core.cuda import OutOfDeviceMemoryError
+
+    early._SEARCH_RAYS = 8
+    session = TracerBackend(settings=FEW, device="cuda").open(ROOM, tuple(SOURCE), room=ROOM.rooms[0].name)
+    session.prepare(POSES)
+    tried, room, trace = [], [1], DeviceScene.trace
+
+    def limited(scene, images, listeners, others):
+        tried.append(len(listeners))
+        if len(listeners) > room[0]:
+            raise OutOfDeviceMemoryError("CUDA: too little device memory for arrivals")
+        return trace(scene, images, listeners, others)
+
+    DeviceScene.trace = limited
+    counts = [len(session.arrivals(pose)) for pose in POSES[:2]]
+    room[0] = 0
+    try:
+        session.arrivals(POSES[2])
+    except OutOfDeviceMemoryError as error:
+        return [tried, counts, str(error)]
+    return None
+
+
 def simulated(function):
     """The result of one of the functions above, run in the simulator."""
     here = Path(__file__).parent
@@ -144,6 +171,17 @@ def test_the_kernels_make_the_responses_of_the_cpu():
     errors = simulated(simulated_receivers)
     assert len(errors) == 4
     assert max(errors.values()) < 2e-6, errors
+
+
+def test_too_little_memory_makes_batches_smaller_and_then_is_one_line(monkeypatch):
+    from generators.acoustics.tracer import early
+
+    tried, counts, said = simulated(simulated_shortage)
+    assert tried == [3, 2, 1, 1, 1]
+    monkeypatch.setattr(early, "_SEARCH_RAYS", 8)
+    session = TracerBackend(settings=FEW).open(ROOM, tuple(SOURCE), room=ROOM.rooms[0].name)
+    assert counts == [len(session.arrivals(pose)) for pose in POSES[:2]]
+    assert said == "CUDA: too little device memory for arrivals"
 
 
 def test_heads_are_binaural_receivers_and_ambisonics_are_not():

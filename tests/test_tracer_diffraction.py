@@ -9,7 +9,7 @@ from tracer_rooms import SIZE, SOURCE, box, label, surfaces
 from generators.acoustics.geometry import SPEED_OF_SOUND, AcousticMesh
 from generators.acoustics.tracer.air import energy_exponents
 from generators.acoustics.tracer.arrivals import BANDS
-from generators.acoustics.tracer.diffraction import diffracted, lit_edges
+from generators.acoustics.tracer.diffraction import diffracted, diffracted_at, lit_edges
 from generators.acoustics.tracer.surfaces import surfaces_of
 
 #: Half of the length of the edges: their ends come too late to matter.
@@ -182,3 +182,14 @@ def test_the_edges_of_a_thin_wall_count_once():
     arrivals = diffracted(found, lit_edges(found.edges, source), listener)
     total = abs(pressure(arrivals, 2000, 5, 0.0)) * np.linalg.norm(listener - source)
     assert 0.1 < total < 0.75
+
+
+def test_many_listeners_have_the_arrivals_of_each():
+    found = right_wedge()
+    lit = lit_edges(found.edges, np.array([-1.0, -2.0, 0.0]))
+    listeners = np.random.default_rng(1).uniform(-4.0, 4.0, (200, 3))
+    together = diffracted_at(found, lit, listeners)
+    alone = [diffracted(found, lit, listener) for listener in listeners]
+    assert 20 < sum(len(each) > 0 for each in alone) < 180
+    for one, other in zip(together, alone, strict=True):
+        assert (one.time.tobytes(), one.pressure.tobytes()) == (other.time.tobytes(), other.pressure.tobytes())

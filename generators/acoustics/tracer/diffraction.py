@@ -129,7 +129,7 @@ def diffracted_at(surfaces: Surfaces, lit: LitEdges, listeners: F64) -> list[Arr
     near &= lit.radius > _SHORT
     return [
         diffracted(surfaces, lit, listener) if some else Arrivals.none()
-        for listener, some in zip(listeners, near.any(axis=1), strict=True)
+        for listener, some in zip(listeners, np.asarray(near.any(axis=1)), strict=True)
     ]
 
 
