@@ -16,7 +16,7 @@ from generators.lighting.form_factors import unoccluded_light
 from generators.lighting.gather import open_texels
 from generators.lighting.interpolation import BlockLight, Slow
 from generators.lighting.radiosity import LinkTracer
-from generators.lighting.sun import Sun, sun_light
+from generators.lighting.sun import SUN_RADIUS, Sun, _beam_points, sun_light
 from generators.lighting.surfaces import Surfaces
 from generators.lighting.texels import Sheet, Texels, rasterise
 from generators.lighting.unwrap import unwrap
@@ -150,6 +150,22 @@ def test_first_quarters_of_all_sets_are_a_net_together(count: int) -> None:
     for columns in (2**k for k in range(len(points).bit_length())):
         cell = np.floor(points * (columns, len(points) // columns)).astype(int)
         assert len(np.unique(cell, axis=0)) == len(points)
+
+
+@pytest.mark.parametrize("samples", [16, 32])
+def test_the_sun_s_disc_and_the_texel_are_sampled_independently(samples: int) -> None:
+    # The share of rays beyond an edge, of rays that start all over a texel, to points all over the disc.
+    disc, jitter = (each.reshape(-1, 2).astype(np.float64) for each in _beam_points(samples))
+    rng = np.random.default_rng(2)
+    radius, angle = np.sqrt(rng.random(100_000)), 2 * np.pi * rng.random(100_000)
+    free_disc = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    free_jitter = rng.random((100_000, 2))
+    errors = []
+    for turn, other, edge in rng.uniform((0, 0, -0.8), (2 * np.pi, 2 * np.pi, 0.8), (100, 3)):
+        one, two = np.array([np.cos(turn), np.sin(turn)]), 2 * np.array([np.cos(other), np.sin(other)])
+        share = (disc / SUN_RADIUS @ one + (jitter - 0.5) @ two > edge).mean()
+        errors.append(share - (free_disc @ one + (free_jitter - 0.5) @ two > edge).mean())
+    assert np.sqrt(np.mean(np.square(errors))) < 0.018
 
 
 def ball(radius: float, centre: tuple[float, float, float]) -> Emitters:
