@@ -51,6 +51,10 @@ def test_a_missing_package_is_named_with_the_line_that_installs_it(monkeypatch: 
             RuntimeError("[804] Call to cuInit results in\nCUDA_ERROR_COMPAT"),
             "CUDA does not start ([804] Call to cuInit",
         ),
+        (
+            RuntimeError("[2] Call to cuDevicePrimaryCtxRetain results in CUDA_ERROR_OUT_OF_MEMORY"),
+            "the device has no memory left for a process ([2] Call to cuDevicePrimaryCtxRetain",
+        ),
     ],
 )
 def test_what_the_driver_says_is_one_line(monkeypatch: pytest.MonkeyPatch, raised: Exception, expected: str) -> None:
@@ -196,3 +200,37 @@ def test_threads_launch_kernels_one_after_another(monkeypatch: pytest.MonkeyPatc
     with ThreadPoolExecutor(8) as pool:
         list(pool.map(lambda _: cuda.launch(Kernel(), 1), range(16)))
     assert most == 1
+
+
+def test_buffers_on_the_host_that_do_not_fit_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Callers of `pinned` then take fewer rays, as they do where the device's memory is short."""
+
+    def fail(*args: object, **named: object) -> None:
+        raise _DriverError(2, "Call to cuMemHostAlloc results in CUDA_ERROR_OUT_OF_MEMORY")
+
+    monkeypatch.delenv("NUMBA_ENABLE_CUDASIM", raising=False)
+    monkeypatch.setattr(cuda, "_numba_cuda", lambda: SimpleNamespace(pinned_array=fail))
+    monkeypatch.setattr(cuda, "require_device", lambda: cuda.Device("NVIDIA T4", (7, 5), 16 << 30, 1 << 30))
+    with pytest.raises(OutOfDeviceMemoryError, match=r"^CUDA: too little .* for buffers on the host \(4\.0 MiB\)"):
+        cuda.pinned((1 << 18, 4), "float32")
+
+
+def test_threads_that_make_kernels_leave_the_cache_folder_as_it_was() -> None:
+    try:
+        from numba.cuda.core import config as config
+    except ImportError:
+        from numba.core import config as config
+    with cuda._cache_of_source():  # imports what sets the folder of the CPU's kernels
+        pass
+    before, inside = config.CACHE_DIR, []
+
+    def make(_: int) -> None:
+        with cuda._cache_of_source():
+            time.sleep(0.002)
+            inside.append(config.CACHE_DIR)
+
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(make, range(16)))
+    assert before == config.CACHE_DIR
+    assert len(set(inside)) == 1
+    assert inside[0].endswith(cuda._source_digest())

@@ -7,8 +7,10 @@ import json
 import os
 import subprocess
 import sys
+from collections import OrderedDict
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -139,6 +141,29 @@ def simulated_shortage():
     return None
 
 
+def simulated_batches():
+    """Runs in the simulator: sizes of batches of 10 responses, with room for all, for 4, for less than it seemed."""
+    from generators.acoustics.tracer.device import binaural
+    from generators.core.cuda import OutOfDeviceMemoryError
+
+    ears = binaural.DeviceEars(small_ears(0), 8000)
+    tried, fitting = [], [0]
+
+    def of_one_length(heard, grids, heads, listeners, rotations, samples):
+        tried[-1].append(len(listeners))
+        if len(listeners) > fitting[0]:
+            raise OutOfDeviceMemoryError("full")
+        return [np.full((2, 5), listener, dtype=np.float32) for listener in listeners]
+
+    ears._tables = lambda grids: SimpleNamespace(memory=1000)
+    ears._of_one_length, ears._together = of_one_length, 128
+    for binaural._MEMORY, fitting[0] in ((1 << 30, 128), (4500, 128), (4500, 3), (4500, 128), (500, 128)):
+        tried.append([])
+        found = ears.responses([], np.full(10, 0.05), list(range(10)), [np.eye(3)] * 10)
+        assert [int(each[0, 0]) for each in found] == list(range(10))
+    return tried
+
+
 def simulated(function):
     """The result of one of the functions above, run in the simulator."""
     here = Path(__file__).parent
@@ -182,6 +207,25 @@ def test_too_little_memory_makes_batches_smaller_and_then_is_one_line(monkeypatc
     session = TracerBackend(settings=FEW).open(ROOM, tuple(SOURCE), room=ROOM.rooms[0].name)
     assert counts == [len(session.arrivals(pose)) for pose in POSES[:2]]
     assert said == "CUDA: too little device memory for arrivals"
+
+
+def test_a_batch_of_responses_keeps_to_the_memory_of_a_process():
+    # What did not fit once is not tried again; a single response is always tried.
+    assert simulated(simulated_batches) == [[10], [4, 4, 2], [4, 2, 2, 2, 2, 2], [2] * 5, [1] * 10]
+
+
+def test_a_thread_keeps_its_last_heads_at_each_sample_rate(monkeypatch):
+    from generators.acoustics.tracer.device import session
+
+    monkeypatch.setattr(session, "DeviceEars", lambda ears, rate: (ears, rate))
+    monkeypatch.setattr(session, "_heads", OrderedDict())
+    heads = [SimpleNamespace(basis=object()) for _ in range(session._HEADS + 1)]
+    first = session._on_device(heads[0], 44_100)
+    assert session._on_device(heads[0], 48_000)[1] == 48_000
+    for head in heads[1:-1]:
+        session._on_device(head, 44_100)
+        assert session._on_device(heads[0], 44_100) is first  # the last ones used are kept
+    assert len(session._heads) == session._HEADS
 
 
 def test_heads_are_binaural_receivers_and_ambisonics_are_not():

@@ -57,6 +57,8 @@ WORKER_MEMORY = 2 << 30
 _INSTALL = "pip install 'avs3d-bench[cuda]'"
 #: One launch at a time: numba-cuda 0.30 loads a kernel on its first one, and fails where two threads do so at once.
 _LAUNCHING = threading.Lock()
+#: One thread at a time changes numba's settings.
+_SETTING = threading.Lock()
 
 
 class OutOfDeviceMemoryError(Avs3dError):
@@ -107,6 +109,8 @@ def cuda_problem() -> str | None:
         cuda.current_context().get_memory_info()
     except Exception as error:  # the driver, the libraries or the device: each has exceptions of its own
         said = _one_line(error)
+        if _is_out_of_memory(error):
+            return f"the device has no memory left for a process ({said}); end other programs, or use fewer --workers"
         if "driver library cannot be found" in said:
             return "no NVIDIA driver is installed (libcuda.so.1 is missing); without one, use --device cpu"
         if "NO_DEVICE" in said or "no CUDA-capable device" in said or "No CUDA GPUs" in said:
@@ -222,9 +226,16 @@ def allocate(shape: int | tuple[int, ...], dtype: DTypeLike, what: str = "result
 
 
 def pinned(shape: int | tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-    """An array of the host's memory that the device reads and writes at full speed; use it again and again."""
+    """An array of the host's memory that the device reads and writes at full speed; use it again and again.
+
+    Raises:
+        OutOfDeviceMemoryError: if the host cannot spare so much for the device.
+    """
     cuda = _numba_cuda()
-    return np.empty(shape, dtype=dtype) if is_simulated() else np.asarray(cuda.pinned_array(shape, dtype=dtype))
+    if is_simulated():
+        return np.empty(shape, dtype=dtype)
+    with memory_for("buffers on the host", int(np.prod(shape)) * np.dtype(dtype).itemsize):
+        return np.asarray(cuda.pinned_array(shape, dtype=dtype))
 
 
 @contextmanager
@@ -306,12 +317,13 @@ def _cache_of_source() -> Iterator[None]:
     except ImportError:  # the module that comes with numba itself, where numba-cuda is not installed
         from numba.core import config as config
     settings: Any = config
-    before = settings.CACHE_DIR
-    settings.CACHE_DIR = str(CACHE_FOLDER / "cuda" / _source_digest())
-    try:
-        yield
-    finally:
-        settings.CACHE_DIR = before
+    with _SETTING:  # modules with kernels may be imported by several threads
+        before = settings.CACHE_DIR
+        settings.CACHE_DIR = str(CACHE_FOLDER / "cuda" / _source_digest())
+        try:
+            yield
+        finally:
+            settings.CACHE_DIR = before
 
 
 def _numba_cuda() -> Any:

@@ -41,8 +41,9 @@ F64 = NDArray[np.float64]
 _UNIT = float(2**44)
 #: Threads that share a record: those of a warp add to neighbouring numbers.
 _LANES = 1 if is_simulated() else 32
-#: Responses that are computed together; about 25 MB of device memory each at a second and 44.1 kHz.
-_TOGETHER = 128
+#: Most responses that are computed together, and most bytes of them, a part of what a worker process may take
+#: (`generators.core.cuda.WORKER_MEMORY`). One of a second at 44.1 kHz takes 26 MB.
+_TOGETHER, _MEMORY = 128, 1 << 30
 #: Lengths of response whose tables are kept on the device.
 _LENGTHS = 8
 _OCTAVES = len(BANDS)
@@ -307,12 +308,14 @@ class _Tables:
         swapped: per octave.
         integers: of one ear of a response.
         numbers: complex ones of a response.
+        memory: device memory of a response, bytes.
         filters: (F, 2) on the device.
     """
 
     layout: _Layout
     integers: int
     numbers: int
+    memory: int
     filters: Any
 
 
@@ -334,10 +337,13 @@ def _tables(ears: Ears, grids: Grids) -> _Tables:
         np.array([len(factors(int(length))) % 2 if length else 0 for length in lengths]),
     )
     flat = np.concatenate([each.reshape(-1) for each in filters])
+    # Integers of both ears, two arrays of spectra, two of the response as float64, and the response.
+    memory = 2 * 8 * int(sizes.sum()) + 2 * 8 * int(inside.sum()) + (2 * 16 + 2 * 4) * grids.samples
     return _Tables(
         upload(_Layout(*(np.ascontiguousarray(each, dtype=np.int64) for each in layout)), "tables of a receiver"),
         int(sizes.sum()),
         int(inside.sum()),
+        memory,
         upload(np.stack([flat.real, flat.imag], axis=1).astype(np.float32), "filters of a receiver"),
     )
 
@@ -392,8 +398,15 @@ class DeviceEars:
                 for response, at in zip(out, some, strict=True):
                     found[at] = response
 
-            self._together = in_batches(work, len(members), self._together)
+            batch = self._batch(self._tables(grids[members[0]]))
+            fitted = in_batches(work, len(members), batch)
+            if fitted < batch:
+                self._together = fitted
         return found
+
+    def _batch(self, tables: _Tables) -> int:
+        """How many responses of one length are computed together."""
+        return max(1, min(self._together, _MEMORY // tables.memory))
 
     def _of_one_length(
         self, heard: Sequence[Heard], grids: Grids, heads: int, listeners: list[int], rotations: F64, samples: list[int]

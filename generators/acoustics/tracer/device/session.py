@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Iterable
+from contextlib import suppress
 from functools import partial
 from threading import get_ident
 from typing import Any
@@ -30,18 +31,22 @@ _Asked = tuple[Position, tuple[float, float, float], tuple[float, float, float, 
 _KEPT = 512
 #: Heads whose tables are kept on the device.
 _HEADS = 4
-#: The last heads of each thread, by their tables on the host.
-_heads: OrderedDict[tuple[int, int], tuple[Ears, DeviceEars]] = OrderedDict()
+#: The last heads of each thread, by their tables on the host and the sample rate.
+_heads: OrderedDict[tuple[int, int, int], tuple[Ears, DeviceEars]] = OrderedDict()
 
 
 def _on_device(ears: Ears, sample_rate: int) -> DeviceEars:
-    key = (id(ears.basis), get_ident())
-    if key not in _heads:
+    key = (id(ears.basis), sample_rate, get_ident())
+    # Taken out while it is looked at: another thread may drop the oldest one at any time.
+    found = _heads.pop(key, None)
+    if found is None:
         # The tables on the host are kept as well, so that their id is not given to others.
-        _heads[key] = (ears, DeviceEars(ears, sample_rate))
-        if len(_heads) > _HEADS:
+        found = ears, DeviceEars(ears, sample_rate)
+    _heads[key] = found
+    with suppress(KeyError):
+        while len(_heads) > _HEADS:
             _heads.popitem(last=False)
-    return _heads[key][1]
+    return found[1]
 
 
 class DeviceSession(TracerSession):

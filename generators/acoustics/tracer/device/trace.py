@@ -116,6 +116,7 @@ class DeviceScene:
         early = [Arrivals.joined(pair) for pair in zip(early, others(listeners), strict=True)]
         found = int(count.copy_to_host()[0])
         if found > room:
+            del records, ranks, latest, count  # their memory is free for the next ones
             records, ranks, latest, count = start(found)
         self._expected = max(found / heads, 1.0)
         last = latest.copy_to_host() / SPEED_OF_SOUND
