@@ -465,10 +465,10 @@ class ObservationRecord(Record):
         return self.left_out - {"background"} if self.is_sound_scene else self.left_out
 
     @property
-    def made_with(self) -> dict[str, str]:
-        """Renderer, acoustic engine and device → version, as dataset.json lists them under ``backends``."""
-        found = {self.vision.backend: self.vision.version, self.acoustics.backend: self.acoustics.version}
-        return found | ({f"device {self.device.name}": self.device.version} if self.device else {})
+    def made_with(self) -> tuple[tuple[str, str], ...]:
+        """(name, version) of renderer, acoustic engine and any device; dataset.json has them in ``backends``."""
+        engines = ((self.vision.backend, self.vision.version), (self.acoustics.backend, self.acoustics.version))
+        return (*engines, (f"device {self.device.name}", self.device.version)) if self.device else engines
 
     @property
     def is_sound_scene(self) -> bool:

@@ -20,7 +20,7 @@ from avs3d_bench.parallel import available_cores
 from avs3d_bench.scheduling.tasks import Event
 from generators import backends
 from generators import observation as story
-from generators.acoustics.clips import binaural_clip
+from generators.acoustics.clips import receiver_clip
 from generators.core.folders import default_cache
 from generators.homes.store import prepare_home
 from generators.manifest import ManifestFile
@@ -77,7 +77,7 @@ def timed_engines(spent: dict[str, float], wall: dict[str, float] | None = None)
         patch.object(
             hearing, "acoustic_backend", backend(backends.acoustic_backend, "impulse_response", "impulse response")
         ),
-        patch.object(hearing, "binaural_clip", timed("convolve", binaural_clip)),
+        patch.object(hearing, "receiver_clip", timed("convolve", receiver_clip)),
         patch.object(ObservationWriter, "add_pictures", timed("encode", ObservationWriter.add_pictures)),
         patch.object(ObservationWriter, "add_sound", timed("encode", ObservationWriter.add_sound)),
         patch.object(ObservationWriter, "add_mono", timed("encode", ObservationWriter.add_mono)),

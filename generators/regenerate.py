@@ -145,7 +145,7 @@ def _difference(plan: ObservationPlan, record: ObservationRecord, dataset: Datas
             (name, version, here.libraries.get(name, "none"))
             for name, version in (there.libraries if there else {}).items()
         ),
-        *((name, version, plan.backends.get(name, "none")) for name, version in record.made_with.items()),
+        *((name, version, plan.backends.get(name, "none")) for name, version in record.made_with),
     ]
     said = [f"{name} {then}, installed: {now}" for name, then, now in dict.fromkeys(pairs) if then != now]
     if not said and there is not None and there.digest != here.digest:

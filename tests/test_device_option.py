@@ -136,13 +136,13 @@ def test_dataset_json_lists_the_device_of_its_observations(tmp_path: Path) -> No
     own = data[0].record
     assert own is not None
     made = own.model_copy(update={"device": DeviceRecord(name="cuda", version="numba-cuda 0.30 on NVIDIA H200")})
-    assert made.made_with == own.made_with | {"device cuda": "numba-cuda 0.30 on NVIDIA H200"}
+    assert made.made_with == (*own.made_with, ("device cuda", "numba-cuda 0.30 on NVIDIA H200"))
     there = data.record
     assert there is not None
-    listed = there.model_copy(update={"backends": made.made_with})
+    listed = there.model_copy(update={"backends": dict(made.made_with)})
     assert not list(_backends(listed, {own.key: made}))
     assert list(_backends(listed, {own.key: own})) == ["backend device cuda is listed, but no observation used it"]
-    absent = there.model_copy(update={"backends": own.made_with})
+    absent = there.model_copy(update={"backends": dict(own.made_with)})
     assert list(_backends(absent, {own.key: made})) == [
         "backend device cuda is absent, in the observations numba-cuda 0.30 on NVIDIA H200"
     ]

@@ -294,7 +294,7 @@ def test_an_observation_that_fails_on_several_cores_leaves_nothing(
             child.kill()
 
     if what == "sound":
-        monkeypatch.setattr(hearing, "binaural_clip", fail)
+        monkeypatch.setattr(hearing, "receiver_clip", fail)
     if what == "picture":
         monkeypatch.setattr(ObservationWriter, "add_pictures", fail)
     kind, words = {

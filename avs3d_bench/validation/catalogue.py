@@ -160,7 +160,7 @@ def _categories_of(record: DatasetRecord, records: Mapping[str, ObservationRecor
 def _backends(record: DatasetRecord, records: Mapping[str, ObservationRecord]) -> Iterator[str]:
     used: dict[str, set[str]] = {}
     for found in records.values():
-        for name, version in found.made_with.items():
+        for name, version in found.made_with:
             used.setdefault(name, set()).add(version)
     for name, versions in sorted(used.items()):
         if versions != {record.backends.get(name)}:

@@ -87,7 +87,7 @@ def seal(source: ManifestFile, root: Path, software: Provenance) -> None:
             continue
         record = read_observation(folder)
         entries.append(DatasetEntry.of(record, files.sha256_file(folder / layout.OBSERVATION_JSON)))
-        backends |= record.made_with
+        backends |= dict(record.made_with)
         used = [(instance.asset, instance.licence) for instance in record.instances]
         if record.sound is not None:
             used.append((record.sound.asset, record.sound.licence))
