@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from importlib import import_module
 from typing import Any
 
 from avs3d_bench import __version__
 from avs3d_bench.errors import UsageError
 from avs3d_bench.provenance import Provenance, provenance
 from generators.acoustics.base import AcousticBackend, CompiledBackend
+from generators.core.by_name import load
 from generators.core.cuda import cuda_version
 from generators.core.rays import TRACERS
-from generators.receivers import Receivers, check_engine
+from generators.receivers import ENGINE, PARTS, Receivers, check_engine
 from generators.vision.base import VisionBackend
 
 #: The function that makes an observation (see `avs3d_bench.provenance`).
@@ -43,7 +43,7 @@ def vision_backend(name: str) -> VisionBackend:
     """
     if name not in VISION:
         raise UsageError(f"unknown vision backend {name!r}: expected {_any_of(VISION)}")
-    backend: VisionBackend = _load(VISION[name])()
+    backend: VisionBackend = load(VISION[name])()
     return backend
 
 
@@ -70,7 +70,7 @@ def acoustic_backend(
         options |= {"receiver": receivers.head(), "others": receivers.others()}
     if device != "cpu" and name in ON_DEVICE:
         options["device"] = device
-    backend: AcousticBackend = _load(ACOUSTIC[name])(**options)
+    backend: AcousticBackend = load(ACOUSTIC[name])(**options)
     return backend
 
 
@@ -92,15 +92,11 @@ def _any_of(names: Iterable[str]) -> str:
     return f"{', '.join(first)} or {last}"
 
 
-def _load(named: str) -> Any:
-    module, _, name = named.partition(":")
-    return getattr(import_module(module), name)
-
-
 def unused_backends(vision: str, audio: str, device: str = "cpu") -> tuple[str, ...]:
-    """The entries of the backends and ray tracers that are not chosen, and so never run."""
+    """The entries of the backends, ray tracers and receivers that are not chosen, and so never run."""
     unused = [entry for name, entry in VISION.items() if name != vision]
     unused += [entry for name, entry in ACOUSTIC.items() if name != audio]
+    unused += PARTS.values() if audio != ENGINE else ()
     return (*unused, *(entry for name, entry in TRACERS.items() if name not in ("cpu", device)))
 
 

@@ -16,6 +16,7 @@ from avs3d_bench import layout
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.schema import AmbisonicsRecord, ArrayRecord
 from avs3d_bench.user_path import user_path
+from generators.core.by_name import load
 
 if TYPE_CHECKING:
     from generators.acoustics.tracer.receivers.base import FreeFieldReceiver
@@ -23,6 +24,13 @@ if TYPE_CHECKING:
 
 #: The engine whose sound other receivers than its own head can hear.
 ENGINE = "tracer"
+#: What reads and makes the receivers. Texts: the sound of the other engines does not depend on their sources.
+PARTS = {
+    "head": "generators.acoustics.tracer.receivers.measured:SofaHead",
+    "ambisonics": "generators.acoustics.tracer.receivers.ambisonics:Ambisonics",
+    "array": "generators.acoustics.tracer.receivers.microphones:Array",
+    "array file": "generators.acoustics.tracer.receivers.microphones:read_array",
+}
 
 
 @dataclass(frozen=True)
@@ -56,7 +64,11 @@ class Receivers:
         return found
 
     def identity(self) -> dict[str, Any]:
-        """What the bytes of an observation depend on; where the SOFA file lies is no part of it."""
+        """What an observation depends on; where the SOFA file lies and what it is called is no part of it.
+
+        observation.json records the name that the file had (``asset`` of `HrtfRecord`, the setting ``hrtf_file``).
+        A rerun and a regeneration compare the sha256 of its contents alone.
+        """
         array = None if self.array is None else self.array.model_dump(mode="json")
         return {"hrtf": self.hrtf_sha256, "ambisonics": self.ambisonics, "array": array}
 
@@ -79,14 +91,11 @@ class Receivers:
 
     def others(self) -> dict[str, FreeFieldReceiver]:
         """Name → receiver, in the order of `channels`."""
-        from generators.acoustics.tracer.receivers.ambisonics import Ambisonics
-        from generators.acoustics.tracer.receivers.microphones import Array
-
         found: dict[str, FreeFieldReceiver] = {}
         if self.ambisonics:
-            found[layout.AMBISONICS] = Ambisonics(self.ambisonics)
+            found[layout.AMBISONICS] = load(PARTS["ambisonics"])(self.ambisonics)
         if self.array is not None:
-            found[layout.ARRAY] = Array(self.array)
+            found[layout.ARRAY] = load(PARTS["array"])(self.array)
         return found
 
 
@@ -97,9 +106,8 @@ OWN_HEAD = Receivers()
 @lru_cache(maxsize=1)
 def _head(path: Path, _state: tuple[int, int] | None) -> SofaHead:
     """The head of a file, read once in a process as long as the file's size and time stay the same."""
-    from generators.acoustics.tracer.receivers.measured import SofaHead
-
-    return SofaHead(path)
+    head: SofaHead = load(PARTS["head"])(path)
+    return head
 
 
 def choose_receivers(
@@ -123,19 +131,14 @@ def choose_receivers(
     """
     check_engine(audio, hrtf=hrtf, ambisonics=ambisonics, array=array)
     if array is not None and not isinstance(array, ArrayRecord):
-        from generators.acoustics.tracer.receivers.microphones import read_array
-
-        array = read_array(user_path(array))
+        array = load(PARTS["array file"])(user_path(array))
     if ambisonics is not None:
-        from generators.acoustics.tracer.receivers.ambisonics import Ambisonics
-
-        Ambisonics(ambisonics)  # checks the order
+        load(PARTS["ambisonics"])(ambisonics)  # checks the order
     if hrtf is None:
         return Receivers(ambisonics=ambisonics or 0, array=array)
-    from generators.acoustics.tracer.receivers.measured import SofaHead
-
     path = user_path(hrtf).absolute()
-    return Receivers(path, SofaHead(path).hrirs.sha256, ambisonics or 0, array)
+    head: SofaHead = load(PARTS["head"])(path)
+    return Receivers(path, head.hrirs.sha256, ambisonics or 0, array)
 
 
 def check_engine(audio: str, **chosen: object) -> None:

@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
@@ -23,7 +23,7 @@ SIMULATOR = {**os.environ, "NUMBA_ENABLE_CUDASIM": "1", "NUMBA_DISABLE_JIT": "1"
 
 
 @pytest.fixture(autouse=True)
-def _asked_again():
+def _asked_again() -> Iterator[None]:
     cuda_problem.cache_clear()
     yield
     cuda_problem.cache_clear()

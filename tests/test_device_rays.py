@@ -161,7 +161,7 @@ far = rng.uniform(0, 3, 40).astype(np.float32)
 for start in (origins, repeated(origins[0], 40)):
     for limit in (None, far):
         a = there.intersect(start, directions, limit)
-        b = here.intersect(start, directions, None if limit is None else limit.copy())
+        b = here.intersect(start, directions, limit)
         assert (a["primID"] == b["primID"]).all()
         np.testing.assert_allclose(a["tfar"], b["tfar"], rtol=1e-5)
         met = a["primID"] >= 0

@@ -33,6 +33,7 @@ from generators.homes.cache import BUILDER
 from generators.library.store import CLEANING
 from generators.manifest import read_manifest
 from generators.plan import make_plans
+from generators.receivers import PARTS
 from generators.run.dataset_record import read_observation
 from generators.run.finished import find_damage
 from generators.run.worker import Place, make_observation, prepare
@@ -73,9 +74,8 @@ TABLE: dict[str, str] = {
     "generators/acoustics/clips.py": "observation",
     "generators/acoustics/analytic.py": "observation",
     "generators/acoustics/soundspaces.py": "",
-    # The receivers of a run (generators/receivers.py) import these for every engine.
-    "generators/acoustics/tracer/arrivals.py": "observation",
-    "generators/acoustics/tracer/receivers/synthesis.py": "observation",
+    "generators/acoustics/tracer/arrivals.py": "",
+    "generators/acoustics/tracer/receivers/synthesis.py": "",
     "generators/acoustics/tracer/device/trace.py": "",
     "generators/vision/kernels.py": "observation",
     "generators/vision/embree.py": "observation",
@@ -161,6 +161,18 @@ def test_an_edit_changes_every_result_that_depends_on_it_and_no_other(packages: 
         found[file] = " ".join(name for name in RESULTS if after[name] != before[name])
     assert found == TABLE
     assert digests(Sources([str(packages)])) == before
+
+
+@pytest.mark.parametrize("audio", ["soundspaces", "analytic"])
+def test_sound_of_other_engines_does_not_depend_on_the_tracer_and_its_receivers(audio: str) -> None:
+    def parts_of_tracer(engine: str) -> set[str]:
+        return {name for name in observation_provenance("embree", engine).sources if ".tracer" in name}
+
+    assert parts_of_tracer(audio) == set()
+    named = {part.partition(":")[0] for part in PARTS.values()}
+    assert {*named, "generators.acoustics.tracer.receivers.sofa", "generators.acoustics.tracer.late"} <= (
+        parts_of_tracer("tracer")
+    )
 
 
 def test_the_table_has_a_file_of_every_folder() -> None:

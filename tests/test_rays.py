@@ -8,7 +8,7 @@ import pytest
 from avs3d_bench.errors import Avs3dError
 from generators.assets.shapes import MeshBuilder
 from generators.core import rays
-from generators.core.rays import RayCaster
+from generators.core.rays import RayCaster, Tracer
 from generators.core.scene import Material, Part, Scene
 
 GREY = Material("grey", "plaster")
@@ -36,6 +36,15 @@ def test_occluded_stops_at_the_distance() -> None:
     ray = [[0, 0, -1]] * 3
     assert caster.occluded((0, 0, 0), ray, [1.4, 1.6, np.inf]).tolist() == [False, True, True]
     assert caster.occluded([[0, 0, -1.4]], [[0, 0, 1]]).tolist() == [False]
+
+
+def test_a_query_leaves_its_limits_as_they_were() -> None:
+    tracer = Tracer(_scene().parts[0].mesh.positions)
+    origins, directions = np.zeros((2, 3), dtype=np.float32), np.array([[0, 0, -1], [0, 0, 1]], dtype=np.float32)
+    far = np.full(2, 5, dtype=np.float32)
+    assert tracer.intersect(origins, directions, far)["tfar"].tolist() == [4, 5]
+    assert tracer.occluded(origins, directions, far).tolist() == [True, False]
+    assert far.tolist() == [5, 5]
 
 
 def test_any_chunking_gives_the_same_bytes(monkeypatch: pytest.MonkeyPatch) -> None:

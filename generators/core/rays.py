@@ -7,7 +7,6 @@ same bytes for any chunking and in any process, because each ray is traced by it
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.lib.stride_tricks import as_strided
 from numpy.typing import ArrayLike, NDArray
 
 from avs3d_bench.errors import Avs3dError
+from generators.core.by_name import load
 from generators.core.scene import F32, I32, Scene
 
 #: Number of rays per call of Embree; its result arrays (32 bytes a ray) then fit into a core's cache.
@@ -68,9 +68,11 @@ class Tracer:
         Args:
             origins: (N, 3) float32.
             directions: (N, 3) float32, any length.
-            far: (N,) float32, largest distance in direction lengths; no limit if missing.
+            far: (N,) float32, largest distance in direction lengths; no limit if missing. It is not changed.
         """
-        hits: dict[str, Any] = self._scene.run(origins, directions, far, query="INTERSECT", output=True)
+        # Embree writes the distances of the hits into the array of the limits.
+        limit = None if far is None else far.copy()
+        hits: dict[str, Any] = self._scene.run(origins, directions, limit, query="INTERSECT", output=True)
         return hits
 
     def occluded(self, origins: F32, directions: F32, far: F32) -> NDArray[np.bool_]:
@@ -85,8 +87,7 @@ def open_tracer(triangles: F32, device: str = "cpu") -> Tracer:
     Raises:
         Avs3dError: see `Tracer`, or if CUDA cannot be used.
     """
-    module, _, name = TRACERS[device].partition(":")
-    tracer: Tracer = getattr(import_module(module), name)(triangles)
+    tracer: Tracer = load(TRACERS[device])(triangles)
     return tracer
 
 
