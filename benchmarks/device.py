@@ -2,6 +2,7 @@
 
     python -m benchmarks.device                    # all tables
     python -m benchmarks.device pictures light     # some of them
+    python -m benchmarks.device bake               # the stages of building and lighting a home
     python -m benchmarks.device dataset --output data/timed --audio tracer
 
 Without a CUDA device it prints the CPU's columns and says why the others are missing.
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import cProfile
+import hashlib
 import pstats
 import resource
 import shutil
@@ -27,6 +29,7 @@ from avs3d_bench.geometry import Intrinsics, Pose
 from avs3d_bench.one_thread import ONE_THREAD
 from avs3d_bench.parallel import available_cores
 from avs3d_bench.scheduling.tasks import Policy
+from benchmarks.stages import StageClock
 from generators.core.cuda import cuda_problem, require_device
 from generators.core.scene import Scene
 from generators.vision.base import VisionBackend, VisionSession
@@ -44,6 +47,42 @@ SHARES = {
     "place the objects, plan the walk": (("generators/arrangement.py", "arrange"),),
     "points of the surfaces": (("generators/recording/surface_points.py", "add"),),
     "load the home": (("generators/homes/store.py", "open_home"),),
+}
+#: Stages of building a home: title and function.
+BUILDING = {
+    "floor plan": "generators.apartments.apartment:make_floor_plan",
+    "shells of the rooms": "generators.apartments.apartment:build_shell",
+    "furnish a room": "generators.apartments.apartment:furnish",
+    "move a piece to its place": "generators.apartments.apartment:_part",
+    "material": "generators.assets.materials:Palette.material",
+    "piece of furniture": "generators.apartments.interior.arrange:build_furniture",
+}
+#: Stages of lighting it.
+LIGHTING = {
+    "gather the faces, reduce the textures": "generators.lighting.bake:Surfaces.of",
+    "open the tracer": "generators.lighting.bake:open_tracer",
+    "find the emitters": "generators.lighting.bake:find_emitters",
+    "find the sun": "generators.lighting.bake:find_sun",
+    "unwrap a part": "generators.lighting.bake:_layout",
+    "join the light maps": "generators.lighting.bake:Sheet.of",
+    "find the texels": "generators.lighting.bake:rasterise",
+    "group them in blocks": "generators.lighting.bake:make_blocks",
+    "open texels": "generators.lighting.bake:open_texels",
+    "direct light": "generators.lighting.bake:_direct",
+    "emitters within reach": "generators.lighting.bake:_reach",
+    "sunlight": "generators.lighting.bake:_sunlight",
+    "bright patches": "generators.lighting.bake:_patches",
+    "links": "generators.lighting.bake:LinkTracer.trace",
+    "where light is slow": "generators.lighting.bake:Slow.of",
+    "more links": "generators.lighting.bake:LinkTracer.complete",
+    "interpolate": "generators.lighting.bake:Slow.interpolate",
+    "smooth": "generators.lighting.bake:_smoothed",
+    "bounces": "generators.lighting.bake:solve",
+    "final gather": "generators.lighting.bake:final_gather",
+    "fill covered texels": "generators.lighting.bake:fill",
+    "spread to empty cells": "generators.lighting.bake:spread",
+    "light maps of the parts": "generators.lighting.bake:with_light",
+    "exposure": "generators.lighting.bake:expose",
 }
 
 
@@ -143,6 +182,34 @@ def light() -> None:
     print(f"  pictures of both: PSNR {min(found):.1f} dB worst, {np.median(found):.1f} dB median of {len(found)} views")
 
 
+def baking(seed: int = 2) -> None:
+    """Time of the stages of building and lighting a home, and a digest of its light."""
+    from generators.lighting.bake import bake
+
+    cores = available_cores()
+    unlit()  # what is imported and made once
+    with StageClock(BUILDING) as clock:
+        scene = unlit(seed)
+    faces = sum(len(part.mesh.positions) for part in scene.parts)
+    print(f"\nBuilding a home of {faces:,} triangles\n{clock.table()}")
+    for device in devices():
+        bake(scene, quality="preview", workers=cores, device=device)  # compiles
+        for _ in range(2):
+            with StageClock(LIGHTING) as clock:
+                lit = bake(scene, quality="standard", workers=cores, device=device)
+        print(f"\nLighting it on {device}, quality standard, {cores} threads (second time)\n{clock.table()}")
+        print(f"  digest of the light: {light_digest(lit)}")
+
+
+def light_digest(scene: Scene) -> str:
+    """Digest of all light maps and exposures of a scene."""
+    digest = hashlib.sha256(repr([room.exposure for room in scene.rooms]).encode())
+    for part in scene.parts:
+        if part.light is not None:
+            digest.update(part.light.uv.tobytes() + np.ascontiguousarray(part.light.texels).tobytes())
+    return digest.hexdigest()[:16]
+
+
 def observation(manifest: Path, audio: str, frames: int) -> None:
     """Where the time of one observation goes, in one process."""
     from generators.homes.store import prepare_home
@@ -235,7 +302,7 @@ def dataset(manifest: Path, audio: str, output: Path | None, frames: int | None)
 def main() -> None:
     """Print the tables that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("tables", nargs="*", help="pictures, light, observation, dataset (default: the first three)")
+    parser.add_argument("tables", nargs="*", help="pictures, light, observation (the default); bake, dataset")
     parser.add_argument("--size", type=int, default=1008, help="side of the pictures, pixels")
     parser.add_argument("--audio", default="analytic", help="acoustic engine of observation and dataset")
     parser.add_argument("--manifest", type=Path, default=MANIFEST, help="of observation and dataset")
@@ -248,6 +315,8 @@ def main() -> None:
             pictures(chosen.size)
         elif table == "light":
             light()
+        elif table == "bake":
+            baking()
         elif table == "observation":
             observation(chosen.manifest, chosen.audio, chosen.frames or 120)
         elif table == "dataset":
