@@ -27,6 +27,7 @@ from generators.acoustics.materials import MATERIALS, spectral_label
 from generators.acoustics.tracer.air import energy_exponents
 from generators.acoustics.tracer.arrivals import BANDS
 from generators.acoustics.tracer.backend import TracerBackend
+from generators.acoustics.tracer.receivers.bands import band_weights
 from generators.acoustics.tracer.receivers.microphones import Array
 from generators.acoustics.tracer.settings import TraceSettings
 from generators.assets.shapes import MeshBuilder
@@ -50,6 +51,11 @@ SHOWN, STEP = 0.8, 0.004
 RAYS, DRAWS = (250, 1000, 4000, 16_000), 12
 #: Distance of two microphones (m), poses, and the time from which the field counts as diffuse (s).
 APART, FIELDS, DIFFUSE_FROM = 0.2, 24, 0.06
+
+#: The row of the box of plaster that the tracer should have: see `filtered_t30`.
+FILTERED = "closed form, the tracer's octaves, as measured"
+#: Length of the transform in which the measure's filter is sampled (0.7 Hz).
+_TRANSFORM = 1 << 16
 
 Spectrum = Sequence[float]
 
@@ -131,6 +137,36 @@ def _t30(energy: F64) -> float:
     return float(-60 / np.polyfit(inside * STEP, curve[inside], 1)[0])
 
 
+def filtered_t30(times: Sequence[float], *, sharp_octaves: bool = False, sharp_measure: bool = False) -> list[float]:
+    """T30 (6,) s that `measure` reads in `OCTAVES` of noise whose octaves decay with known times.
+
+    The expected energy behind the measure's filter, without noise. The ringing of the filters is left out: decays are
+    slow beside it.
+
+    Args:
+        times: (8,) T of each octave of `BANDS` (s).
+        sharp_octaves: octaves that end abruptly at their edges, instead of those of the tracer, which overlap.
+        sharp_measure: a measure whose filter passes the octave alone, instead of `octave_filtered`.
+    """
+    seconds = np.arange(0, 2 * max(times), STEP)
+    amplitude = 10 ** (-3 * seconds[:, None] / np.asarray(times))
+    frequency = np.fft.rfftfreq(_TRANSFORM, 1 / SAMPLE_RATE)
+    weights = band_weights(frequency)
+    if sharp_octaves:
+        weights = (weights > 0.5).astype(float)
+    impulse = np.zeros(_TRANSFORM // 8)
+    impulse[len(impulse) // 2] = 1.0
+    read = []
+    for band in OCTAVES:
+        passed = np.abs(np.fft.rfft(octave_filtered(impulse, SAMPLE_RATE, band), _TRANSFORM)) ** 2
+        if sharp_measure:
+            passed = np.abs(np.log2(np.maximum(frequency, 1) / band)) < 0.5
+        # One arrival has one sign in all octaves, so that its amplitudes add up where octaves overlap.
+        shared = (weights * passed) @ weights.T
+        read.append(_t30(np.einsum("ti,ij,tj->t", amplitude, shared, amplitude)))
+    return read
+
+
 def _direct() -> float:
     """Mean energy of the direct sound."""
     return float(np.mean([1 / math.dist(SOURCE, listener) ** 2 for listener in LISTENERS]))
@@ -177,11 +213,21 @@ def diffuse_boxes() -> dict[str, Any]:
 
 
 def plaster_box() -> dict[str, Any]:
-    """A diffuse box of plaster as dwellings have it: T30 (s) in each octave."""
+    """A diffuse box of plaster as dwellings have it: T30 (s) in each octave.
+
+    The octaves decay so differently that no filter reads each by itself: `filtered_t30` of the closed form is what an
+    exact engine would show.
+    """
     absorption = MATERIALS["plaster"].in_situ
-    closed = [kuttruff(a, band) for a, band in zip(absorption, OCTAVES, strict=True)]
+    outer = (absorption[0], *absorption, absorption[-1])
+    closed = [kuttruff(a, band) for a, band in zip(outer, BANDS, strict=True)]
     found = {engine: simulate(engine, uniform(absorption))["t30"].tolist() for engine in ENGINES}
-    return {"closed form": closed} | found
+    return {
+        "closed form": closed[1:-1],
+        "closed form, sharp octaves, as measured": filtered_t30(closed, sharp_octaves=True),
+        "closed form, the tracer's octaves, sharp measure": filtered_t30(closed, sharp_measure=True),
+        FILTERED: filtered_t30(closed),
+    } | found
 
 
 def mirror_boxes() -> dict[str, Any]:

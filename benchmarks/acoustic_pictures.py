@@ -15,7 +15,7 @@ import click
 import numpy as np
 
 from avs3d_bench import files
-from benchmarks.acoustic_closed_forms import SHOWN, STEP
+from benchmarks.acoustic_closed_forms import FILTERED, SHOWN, STEP
 from benchmarks.acoustic_measures import OCTAVES
 
 if TYPE_CHECKING:
@@ -49,6 +49,7 @@ def draw_plaster(axes: Axes, closed: dict[str, Any]) -> None:
     """T30 per octave in a diffuse box of plaster."""
     for name, colour in (CLOSED, TRACER, OTHER):
         axes.semilogx(OCTAVES, closed["plaster"][name], "o-", color=colour, label=name)
+    axes.semilogx(OCTAVES, closed["plaster"][FILTERED], "x:", color="black", label="closed form, as measured")
     axes.set(xlabel="Hz", ylabel="T30, s", ylim=(0, 1.2), title="Diffuse box of plaster")
     axes.set_xticks(OCTAVES, [str(band) for band in OCTAVES])
     axes.minorticks_off()

@@ -7,8 +7,11 @@ from avs3d_bench.layout import SAMPLE_RATE
 
 pytest.importorskip("rlr_audio_propagation", reason="the acoustic engine (extra soundspaces) is not installed")
 from benchmarks.acoustic_agreement import Rows, even_surfaces
+from benchmarks.acoustic_closed_forms import filtered_t30
 from benchmarks.acoustic_measures import OCTAVES, measure, octave_energies, split
 from generators.acoustics.materials import MATERIALS, material_for
+from generators.acoustics.tracer.arrivals import Arrivals
+from generators.acoustics.tracer.receivers.ambisonics import Ambisonics
 
 HEADS = {
     "tracer": {"octaves": [1.0] * 6, "white": [2.0]},
@@ -44,6 +47,45 @@ def test_t30_of_decaying_noise_is_its_own():
     found = np.array(measure(noise.astype(np.float32), None).t30)
     # In the lowest octave, 30 dB of a decay are 27 independent samples.
     assert found.mean(axis=0) == pytest.approx([0.4] * len(OCTAVES), rel=0.1)
+
+
+#: T of each octave (s): 125 Hz decays much faster than 250 Hz, as in a room of plaster.
+STEEP = (0.29, 0.29, 0.66, 0.95, 1.04, 0.78, 0.63, 0.5)
+
+
+def decaying_arrivals(times, rng, count=20_000):
+    """Late arrivals from all around whose octaves decay with ``times``."""
+    seconds = rng.uniform(0, 1.5 * max(times), count)
+    direction = rng.standard_normal((count, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    pressure = rng.choice([-1.0, 1.0], count)[:, None] * 10 ** (-3 * seconds[:, None] / np.array(times))
+    return Arrivals(seconds, direction.astype(np.float32), pressure.astype(np.float32))
+
+
+def test_t30_behind_the_filters_is_what_noise_of_known_decays_reads():
+    rng = np.random.default_rng(0)
+    found = []
+    for _ in range(24):
+        response = Ambisonics(1).response(decaying_arrivals(STEEP, rng), np.eye(3), SAMPLE_RATE)[:1]
+        found.append(measure(response, None).t30[0])
+    expected = filtered_t30(STEEP)
+    assert np.mean(found, axis=0)[0] == pytest.approx(expected[0], rel=0.1)
+    assert np.mean(found, axis=0)[1:] == pytest.approx(expected[1:], rel=0.04)
+    assert expected[0] > 1.5 * STEEP[1]
+
+
+def test_t30_behind_the_filters_is_the_decay_where_octaves_decay_alike():
+    for octaves in (False, True):
+        for measured in (False, True):
+            found = filtered_t30([0.4] * 8, sharp_octaves=octaves, sharp_measure=measured)
+            assert found == pytest.approx([0.4] * len(OCTAVES), rel=1e-6)
+
+
+def test_either_filter_alone_hides_a_fast_decay_beside_a_slow_one():
+    both = filtered_t30(STEEP)
+    assert filtered_t30(STEEP, sharp_octaves=True)[0] == pytest.approx(both[0], rel=0.05)
+    assert filtered_t30(STEEP, sharp_measure=True)[0] == pytest.approx(both[0], rel=0.05)
+    assert filtered_t30(STEEP, sharp_octaves=True, sharp_measure=True) == pytest.approx(STEEP[1:-1], rel=0.01)
 
 
 def figures(level, drr, t30, ild):
