@@ -42,7 +42,7 @@ from generators.core.tone import develop  # noqa: E402
 F32 = NDArray[np.float32]
 
 MANIFEST = Path(__file__).parents[1] / "scenes_manifest" / "open-s34-o7.yaml"
-#: Rooms of three homes, of three types; the first two have sun.
+#: Rooms of three homes, of three types; all have sun, the bathroom a narrow patch of it.
 OBSERVATIONS = (
     "part_1/apartment_1/living_room/1",
     "part_1/apartment_2/kitchen/2",
