@@ -238,7 +238,7 @@ class HrtfRecord(LicenceRecord):
     The licence is the file's own (its global attribute License), by its SPDX identifier if that is clear.
     """
 
-    asset: Text = Field(description="'hrtf:' and the file's name")
+    asset: Text = Field(description="'hrtf:' and the name that the file had; sha256 tells it from others")
     title: Text = Field(description="title, database and subject in the file")
     sha256: Sha256 = Field(description="of the file")
 

@@ -72,7 +72,7 @@ class _Generate(click.Command):
 
 
 @click.command(cls=_Generate, context_settings=HELP)
-@click.argument("manifest", type=click.Path(path_type=Path))
+@click.argument("manifest", type=PATH)
 @click.option("-o", "--output", "root", required=True, type=PATH, metavar="ROOT", help="The dataset's folder.")
 @click.option(
     "--workers", type=click.IntRange(*WORKERS), default=None, help="Worker processes (default: one per core)."
@@ -90,7 +90,7 @@ class _Generate(click.Command):
 )
 @click.option(
     "--habitat-python",
-    type=click.Path(path_type=Path),
+    type=PATH,
     default=None,
     metavar="FILE",
     help="Interpreter with habitat-sim (default: $AVS3D_HABITAT_PYTHON).",
@@ -114,7 +114,7 @@ class _Generate(click.Command):
 @click.option("--hrtf", type=PATH, metavar="FILE", help="SOFA file of the head that hears (--audio tracer only).")
 @click.option(
     "--scans",
-    type=click.Path(path_type=Path),
+    type=PATH,
     default=None,
     metavar="ROOT",
     help="Folder with HM3D, Matterport3D or other scans (default: $AVS3D_SCANS).",

@@ -27,6 +27,7 @@ from avs3d_bench.schema import (
     SoundRecord,
     VisionRecord,
 )
+from avs3d_bench.text import readable
 from generators.acoustics.base import AcousticBackend
 from generators.acoustics.clips import GAIN, check_clip, mono_clip, rms
 from generators.acoustics.decay import reverberation_time
@@ -292,7 +293,7 @@ def describe_head(receivers: Receivers) -> HrtfRecord | None:
     head = receivers.head()
     if head is None or receivers.hrtf is None:
         return None
-    hrirs, name = head.hrirs, receivers.hrtf.name
+    hrirs, name = head.hrirs, readable(receivers.hrtf.name)
     return HrtfRecord(
         asset=f"hrtf:{name}",
         name=spdx(hrirs.licence) or "unknown",

@@ -256,7 +256,12 @@ def test_observations_of_other_options_are_never_mixed(manifest: Path, tmp_path:
     out = tmp_path / "out"
     small = ["--audio", "analytic", "--frames", 3, "--workers", 1]
     assert call(manifest, "-o", out, "--only", "part_1/*", *small, "--size", 32)[0] == 0
-    refused(*call(manifest, "-o", out, "--only", "part_2/*", *small, "--size", 48), 2, "other options", KEYS[0])
+    refused(
+        *call(manifest, "-o", out, "--only", "part_2/*", *small, "--size", 48),
+        2,
+        "--size (recorded 32, asked 48);",
+        KEYS[0],
+    )
     code, output = call(manifest, "-o", out, "--only", "part_2/*", *small, "--size", 32)
     assert code == 0, output
     assert len(Dataset(out)) == 2
@@ -268,7 +273,7 @@ def test_another_manifest_or_other_options_do_not_overwrite(root: Path, manifest
     code, output = call(manifest, "-o", root, "--audio", "analytic", "--workers", 1)
     assert code == 2
     assert output.strip().splitlines()[-1].startswith("avs3d: error:")
-    assert "another manifest, other options or another version" in output
+    assert "--with rirs (recorded with, asked without)" in output
     assert tree_digest(root) == before
 
 

@@ -208,9 +208,11 @@ def test_a_licence_that_forbids_the_use_is_refused_unless_allowed_by_name() -> N
     assert "allowed by name" in check_licence("x/1", "CC-BY-NC-4.0", ("cc by-nc 4.0",))
     assert check_licence("x/1", "CC-BY-4.0") == ""
     assert "same terms" in check_licence("x/1", "CC-BY-SA-4.0")
-    assert conditions(["CC0-1.0", "CC-BY-SA-4.0", "CC-BY-NC-4.0", "CC-BY-SA-4.0"]) == (
-        "CC-BY-NC-4.0 forbids commercial use",
-        "CC-BY-SA-4.0 asks that what is made from it is shared under the same terms",
+    assets = [("d", "CC-BY-SA-4.0"), ("a", "CC0-1.0"), ("c", "CC-BY-NC-4.0"), ("b", "CC-BY-SA-4.0"), ("x", "unknown")]
+    assert conditions([*assets, *assets]) == (
+        "c: licence CC-BY-NC-4.0 forbids commercial use",
+        "b and 1 more: licence CC-BY-SA-4.0 asks that what is made from it is shared under the same terms",
+        "x: licence unknown is not known to allow adaptation and sharing",
     )
 
 

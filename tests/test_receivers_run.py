@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
 from avs3d_bench import layout, media
+from avs3d_bench.cli import avs3d, run
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.report import Problem
@@ -24,6 +28,7 @@ from generators.manifest import read_manifest
 from generators.plan import make_plans
 from generators.receivers import OWN_HEAD, Receivers, choose_receivers
 from generators.regenerate import regenerate
+from generators.run.differences import describe_differences
 from generators.run.options import GenerateOptions
 from tests.homes import tree_digest, write_manifest
 from tests.sofa_files import write_sphere
@@ -245,8 +250,51 @@ def test_a_rerun_keeps_what_the_same_receivers_heard_and_refuses_others(
     for options in ((*one, "--hrtf", other), one, ("--only", ONE, "--hrtf", head)):
         done = call(manifest, measured.root, *options)
         assert isinstance(done.exception, UsageError)
-        assert "was generated from another manifest, other options" in str(done.exception)
+        assert "was generated with other options or versions: " in str(done.exception)
     assert tree_digest(measured.root) == before
+    sha, theirs = media.sha256_file(head)[:12], media.sha256_file(other)[:12]
+    refused = call(manifest, measured.root, *one, "--hrtf", other, "--frames", 3, "--size", 48, "--with", "depth")
+    assert str(refused.exception) == (
+        f"{measured.root / ONE}: was generated with other options or versions: --frames (recorded 2, asked 3), "
+        f"--size (recorded 32, asked 48), --hrtf (recorded sphere.sofa, sha256 {sha}…, asked other.sofa, "
+        f"sha256 {theirs}…), --with depth (recorded without, asked with); "
+        "choose another folder with -o, or delete it to have it made again"
+    )
+    assert "--hrtf (recorded sphere.sofa, sha256" in str(call(manifest, measured.root, *one).exception)
+
+
+@pytest.mark.slow
+def test_every_option_that_is_recorded_is_named_where_it_differs(every: Dataset, manifest: Path) -> None:
+    source, array = read_manifest(manifest), manifest.parent / "array.yaml"
+    same: dict[str, Any] = {"audio": "tracer", "frames": 2, "size": 32, "extras": ("rirs", "stems")}
+    receivers = choose_receivers("tracer", ambisonics=2, array=array)
+    assert receivers.array is not None
+    other = ArrayRecord(
+        microphones=(MicrophoneRecord(name="centre", position=(0, 0, 0.5)), *receivers.array.microphones[1:])
+    )
+    cases: list[tuple[str, Receivers, dict[str, Any], str]] = [
+        (ONE, receivers, {}, ""),
+        ("part_3/box/kitchen/2", receivers, {}, ""),
+        (SCENE, receivers, {"extras": ("rirs",)}, "--with stems (recorded with, asked without)"),
+        (SCENE, receivers, {"extras": ("stems",)}, "--with rirs (recorded with, asked without)"),
+        (ONE, OWN_HEAD, {"audio": "analytic"}, "--audio (recorded tracer, asked analytic), "
+         "--with ambisonics (recorded order 2, asked none), --with array (recorded 3 microphones, asked none)"),
+        (ONE, Receivers(ambisonics=2, array=other), {},
+         "--with array (recorded centre at [0.0, 0.0, 0.0], asked centre at [0.0, 0.0, 0.5])"),
+    ]  # fmt: skip
+    for key, chosen, change, expected in cases:
+        (plan,) = make_plans(source, only=[key], receivers=chosen, **same | change)
+        record = record_of(every[key])
+        assert describe_differences(plan, record) == expected
+        assert (plan.digest == record.plan_sha256) == (expected == "")
+        if not expected:
+            elsewhere = replace(plan, vision="cuda", device="cuda", seed=plan.seed + 1)
+            elsewhere = replace(elsewhere, backends=plan.backends | {"tracer": "0.0"})
+            assert describe_differences(elsewhere, record) == (
+                "--vision (recorded embree, asked cuda), --device (recorded cpu, asked cuda), "
+                f"seed of the manifest (recorded {plan.seed}, asked {plan.seed + 1}), "
+                f"version of tracer (recorded {plan.backends['tracer']}, asked 0.0)"
+            )
 
 
 @pytest.mark.slow
@@ -278,6 +326,7 @@ def test_regeneration_needs_the_file_of_the_head(measured: Dataset, manifest: Pa
         return list(regenerate(measured.root, {ONE: (0,)}, manifest, lambda _: None, hrtf))
 
     assert made(head) == []
+    assert made(Path(shutil.copy(head, tmp_path / os.fsdecode(b"K\xf6pfe.sofa")))) == []
     with pytest.raises(UsageError, match=r"heard with the head of sphere\.sofa \(sha256 .*name that file with --hrtf"):
         made(None)
     with pytest.raises(UsageError, match=r"other\.sofa: sha256 .*, but part_1/box/kitchen/1 was heard with"):
@@ -337,6 +386,15 @@ def test_other_engines_have_no_other_receivers(
     assert isinstance(done.exception, UsageError)
     assert str(done.exception) == f"{what} needs the engine tracer, found {audio}: add --audio tracer"
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("command", [["generate", "demo.yaml", "-o", "out"], ["validate", "out", "--regenerate", "1"]])
+def test_an_empty_name_of_a_head_is_one_line(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        run(avs3d, [*command, "--hrtf", ""])
+    assert ended.value.code == 2
+    expected = "avs3d: error: Invalid value for '--hrtf': the name is empty; expected a file or folder\n"
+    assert capsys.readouterr().err == expected
 
 
 def _empty(path: Path) -> None:

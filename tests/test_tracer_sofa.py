@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.files import dump_json
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.hrtf import HEAD_RADIUS
 from generators.acoustics.tracer.arrivals import BANDS, Arrivals
@@ -18,6 +20,9 @@ from generators.acoustics.tracer.receivers.measured import SofaHead, grid_direct
 from generators.acoustics.tracer.receivers.sofa import read_hrirs
 from generators.acoustics.tracer.receivers.sphere import sphere_response
 from generators.acoustics.tracer.receivers.sphere_mesh import SphereMesh
+from generators.backends import acoustic_backend
+from generators.observation import describe_head
+from generators.receivers import choose_receivers
 from tests.sofa_files import RATE, fibonacci, sphere_impulses, write, write_sphere
 
 h5py = pytest.importorskip("h5py", reason="h5py is not installed: pip install 'avs3d-bench[sofa]'")
@@ -283,6 +288,31 @@ def test_wrong_fields_get_one_line(tmp_path: Path, fields: dict[str, Any], messa
         SofaHead(path)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_names_and_texts_that_are_no_utf_8_become_readable(tmp_path: Path) -> None:
+    path = write(tmp_path / os.fsdecode(b"K\xf6pfe.sofa"), *sphere_of())
+    with h5py.File(path, "r+") as file:
+        file.attrs["Title"] = np.bytes_(b"K\xf6pfe")
+        for name, text in ((b"License", b"CC-BY 4.0 \xff"), (b"Organization", b"Universit\xe4t"), (b"\xfe", b"\xfe")):
+            file.attrs.create(name, text, dtype=h5py.string_dtype())
+    receivers = choose_receivers("tracer", hrtf=path)
+    record = describe_head(receivers)
+    assert record is not None
+    assert (record.asset, record.title) == ("hrtf:K\N{REPLACEMENT CHARACTER}pfe.sofa", "K\N{REPLACEMENT CHARACTER}pfe")
+    assert record.author == "Universit\N{REPLACEMENT CHARACTER}t"
+    assert record.name == "CC-BY 4.0 \N{REPLACEMENT CHARACTER}"
+    assert record.source == "K\N{REPLACEMENT CHARACTER}pfe.sofa"
+    settings = acoustic_backend("tracer", receivers=receivers).describe()
+    assert settings["hrtf_file"] == record.source
+    for document in (record, settings):
+        assert "\N{REPLACEMENT CHARACTER}" in dump_json(document).encode().decode()
+
+
+def test_a_head_without_a_title_has_the_same_name_in_every_file(tmp_path: Path) -> None:
+    for name in ("one.sofa", "two.sofa"):
+        path = write(tmp_path / name, *sphere_of(), Title=None)
+        assert SofaHead(path).hrirs.name == "not stated in the file"
 
 
 def test_another_convention_is_refused(tmp_path: Path) -> None:

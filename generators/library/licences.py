@@ -133,9 +133,27 @@ def check_licence(asset: str, name: str, allowed: Collection[str] = ()) -> str:
     )
 
 
-def conditions(names: Iterable[str]) -> tuple[str, ...]:
-    """Notes for a dataset with assets under the licences ``names``: one line per licence that is not free, sorted."""
-    return tuple(f"{one.name} {one.reason}" for one in map(terms, sorted(set(names))) if one.verdict != "free")
+def conditions(assets: Iterable[tuple[str, str]]) -> tuple[str, ...]:
+    """Notes for a dataset: one line per licence that is not free, sorted by the licence's name.
+
+    Args:
+        assets: pairs of an asset and the name of its licence. The note names the first asset under the licence, in
+            alphabetical order, and the number of others.
+
+    Examples:
+        >>> conditions([("a bell", "CC0-1.0"), ("a hall", "CC-BY-NC-4.0"), ("a room", "CC-BY-NC-4.0")])
+        ('a hall and 1 more: licence CC-BY-NC-4.0 forbids commercial use',)
+    """
+    under: dict[str, list[str]] = {}
+    for asset, name in sorted(set(assets)):
+        under.setdefault(name, []).append(asset)
+    notes = []
+    for name, (first, *others) in sorted(under.items()):
+        found = terms(name)
+        if found.verdict != "free":
+            more = f" and {len(others)} more" if others else ""
+            notes.append(f"{first}{more}: licence {name} {found.reason}")
+    return tuple(notes)
 
 
 def from_sketchfab(slug: str, label: str) -> str:

@@ -126,7 +126,7 @@ def _record(
         if "soundspaces" in backends
         else "Apache-2.0",
         # What is not made here keeps its own terms; those that only ask for attribution find it beside.
-        *conditions(attribution.name for attribution in attributions),
+        *conditions((attribution.asset, attribution.name) for attribution in attributions),
     ]
     entries = tuple(entries)
     newer = bool(source.manifest.categories) or any(entry.part == SOUND_SCENES for entry in entries)

@@ -12,6 +12,7 @@ from avs3d_bench.schema import ObservationRecord
 from generators.plan import ObservationPlan
 from generators.recording.writer import hidden_name
 from generators.run.dataset_record import read_observation
+from generators.run.differences import describe_differences
 
 
 def find_finished(root: Path, plan: ObservationPlan) -> ObservationRecord | None:
@@ -28,9 +29,10 @@ def find_finished(root: Path, plan: ObservationPlan) -> ObservationRecord | None
     if record.plan_sha256 != plan.digest:
         if plan.scan.source == "scan":
             _ = plan.scan_files  # a scan that is not there has another digest, too: that is what is to be said then
+        known = describe_differences(plan, record)
+        how = f"with other options or versions: {known}" if known else "from another manifest or by another version"
         raise UsageError(
-            f"{folder}: was generated from another manifest, other options or another version; "
-            "choose another folder with -o, or delete it to have it made again"
+            f"{folder}: was generated {how}; choose another folder with -o, or delete it to have it made again"
         )
     return record
 

@@ -26,6 +26,7 @@ from scipy.signal import CZT
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.schema import Scalar
+from avs3d_bench.text import readable
 from generators.acoustics import hrtf
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.tracer.arrivals import Arrivals
@@ -134,7 +135,7 @@ class SofaHead:
         return {
             "receiver": "binaural",
             "head": hrirs.name,
-            "hrtf_file": self._path.name,
+            "hrtf_file": readable(self._path.name),
             "hrtf_sha256": hrirs.sha256,
             "hrtf_licence": hrirs.licence or "not stated in the file",
             "hrtf_directions": len(hrirs.directions),

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import open_regular, sha256_file
+from avs3d_bench.text import readable
 
 F64 = NDArray[np.float64]
 
@@ -58,7 +59,7 @@ class HrirSet:
         impulses: (M, 2, N) left and right ear.
         delays: (M, 2) s to be added to the impulse responses' own.
         sample_rate: Hz.
-        name: title, database and subject, as far as the file has them.
+        name: title, database and subject, as far as the file has them; "not stated in the file" without any.
         licence: the file's own words; may be empty.
         author: the organisation that made it, or whom to contact; may be empty.
         origin: where it came from, in the file's words; may be empty.
@@ -120,7 +121,7 @@ def read_hrirs(path: str | Path) -> HrirSet:
         impulses[keep],
         delays[keep] / rate[0],
         float(rate[0]),
-        _title(file) or path.stem,
+        _title(file) or "not stated in the file",
         file.attributes.get("License", "")[:_LONGEST_TEXT],
         (file.attributes.get("Organization") or file.attributes.get("AuthorContact", ""))[:_LONGEST_TEXT],
         (file.attributes.get("Origin") or file.attributes.get("References", ""))[:_LONGEST_TEXT],
@@ -189,13 +190,13 @@ def _opened(path: Path) -> _File:
 
 
 def _text(value: Any) -> str:
-    """An attribute as one line of text."""
+    """An attribute as one line of text; bytes that are no UTF-8 become the replacement character."""
     if getattr(value, "shape", ()) is None:  # an empty attribute
         return ""
     if isinstance(value, np.ndarray):
         value = value.ravel()[0] if value.size else ""
     text = value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
-    return " ".join(text.split())
+    return " ".join(readable(text).split())
 
 
 def _broadcast(values: F64, shape: tuple[int, ...], what: str, path: Path) -> F64:

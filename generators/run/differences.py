@@ -1,0 +1,84 @@
+"""The options that a finished observation was made with against those of a run, for the message that refuses it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from avs3d_bench import layout
+from avs3d_bench.schema import AcousticsRecord, ArrayRecord, ObservationRecord
+from avs3d_bench.text import readable
+from generators.plan import ObservationPlan
+from generators.receivers import Receivers
+
+
+def describe_differences(plan: ObservationPlan, record: ObservationRecord) -> str:
+    """The options and versions that differ: ``--frames (recorded 120, asked 8), --audio (…)``; empty if none is known.
+
+    Known is what observation.json records. Not all that the bytes depend on is there: the manifest's homes and files,
+    for example, are only in the digest of the plan.
+
+    Args:
+        plan: what the run asks for.
+        record: of the finished observation.
+    """
+    pairs = [*_options(plan, record), *_versions(plan, record)]
+    return ", ".join(f"{name} (recorded {then}, asked {now})" for name, then, now in pairs if then != now)
+
+
+def _options(plan: ObservationPlan, record: ObservationRecord) -> Iterator[tuple[str, str, str]]:
+    """(option, recorded, asked) of every option."""
+    acoustics, asked = record.acoustics, plan.receivers
+    yield "--audio", acoustics.backend, plan.audio
+    yield "--vision", record.vision.backend, plan.vision
+    yield "--device", record.device.name if record.device else "cpu", plan.device
+    yield "--frames", str(len(record.frames)), str(plan.camera.frames)
+    yield "--size", str(record.intrinsics.width), str(plan.camera.size)
+    then, now = _head(acoustics), _chosen_head(asked)
+    if (acoustics.hrtf.sha256 if acoustics.hrtf else "") != asked.hrtf_sha256:
+        yield "--hrtf", then, now
+    order = acoustics.ambisonics.order if acoustics.ambisonics else 0
+    yield "--with ambisonics", _order(order), _order(asked.ambisonics)
+    if acoustics.array != asked.array:
+        yield "--with array", *_arrays(acoustics.array, asked.array)
+    folders = {path.partition("/")[0] for path in record.files}
+    yield f"--with {layout.DEPTH}", _given(layout.DEPTH in folders), _given(plan.depth)
+    if plan.spec.sources or not plan.spec.is_sound_scene:  # a silent scene has no responses, whatever was asked
+        yield f"--with {layout.RIRS}", _given(layout.RIRS in folders), _given(plan.rirs)
+    yield f"--with {layout.STEMS}", _given(layout.STEMS in folders), _given(plan.keeps_stems)
+    yield "seed of the manifest", str(record.seed), str(plan.seed)
+
+
+def _versions(plan: ObservationPlan, record: ObservationRecord) -> Iterator[tuple[str, str, str]]:
+    """(name, recorded, installed) of the engines that both were made with."""
+    for name, version in record.made_with:
+        if name in plan.backends:
+            yield f"version of {name}", version, plan.backends[name]
+
+
+def _given(flag: bool) -> str:
+    return "with" if flag else "without"
+
+
+def _order(order: int) -> str:
+    return f"order {order}" if order else "none"
+
+
+def _head(acoustics: AcousticsRecord) -> str:
+    head = acoustics.hrtf
+    return "none" if head is None else f"{head.asset.removeprefix('hrtf:')}, sha256 {head.sha256[:12]}…"
+
+
+def _chosen_head(receivers: Receivers) -> str:
+    return (
+        "none" if receivers.hrtf is None else f"{readable(receivers.hrtf.name)}, sha256 {receivers.hrtf_sha256[:12]}…"
+    )
+
+
+def _arrays(then: ArrayRecord | None, now: ArrayRecord | None) -> tuple[str, str]:
+    """Both arrays in words that differ: the number of microphones, or the first one that is another."""
+    counts = [f"{array.channels} microphones" if array else "none" for array in (then, now)]
+    if then is None or now is None or counts[0] != counts[1]:
+        return counts[0], counts[1]
+    pairs = zip(then.microphones, now.microphones, strict=True)
+    old, new = next((old, new) for old, new in pairs if old != new)
+    return f"{old.name} at {list(old.position)}", f"{new.name} at {list(new.position)}"
