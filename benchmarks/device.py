@@ -110,7 +110,7 @@ def unlit(seed: int = 1) -> Scene:
     """A furnished apartment without light."""
     from generators.apartments.apartment import build_apartment
 
-    return build_apartment("bench", seed)
+    return build_apartment("bench", seed, available_cores())
 
 
 def pictures(size: int) -> None:

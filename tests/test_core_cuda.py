@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -16,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from avs3d_bench.errors import Avs3dError
-from generators.core import cuda
+from generators.core import cuda, jit
 from generators.core.cuda import OutOfDeviceMemoryError, cuda_problem, in_batches, memory_for, require_device
 
 SIMULATOR = {**os.environ, "NUMBA_ENABLE_CUDASIM": "1", "NUMBA_DISABLE_JIT": "1", "PYTHONWARNINGS": "ignore"}
@@ -233,4 +234,41 @@ def test_threads_that_make_kernels_leave_the_cache_folder_as_it_was() -> None:
         list(pool.map(make, range(16)))
     assert before == config.CACHE_DIR
     assert len(set(inside)) == 1
-    assert inside[0].endswith(cuda._source_digest())
+    assert inside[0].endswith(jit.source_digest())
+
+
+def test_kernels_are_compiled_by_one_and_then_loaded_by_all_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(jit, "CACHE_FOLDER", tmp_path)
+    together, most, order = [0], [0], []
+    lock = threading.Lock()
+
+    def warm_up(number: int) -> None:
+        with jit.compile_lock("trial"):
+            with lock:
+                together[0] += 1
+                most[0] = max(most[0], together[0])
+                order.append(len(list(tmp_path.glob("trial-*.compiled"))))
+            time.sleep(0.3)
+            with lock:
+                together[0] -= 1
+
+    warm_up(0)
+    assert order == [0]
+    threads = [threading.Thread(target=warm_up, args=(number,)) for number in range(1, 5)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert order[1:] == [1] * 4
+    assert most[0] > 1
+
+
+def test_kernels_that_failed_to_compile_do_not_count_as_compiled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(jit, "CACHE_FOLDER", tmp_path)
+    with pytest.raises(Avs3dError), jit.compile_lock("trial"):
+        raise Avs3dError("no compiler")
+    assert not list(tmp_path.glob("*.compiled"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,12 +115,26 @@ def _room_supports(a: Arranger) -> list[Support]:
     return out
 
 
-def build_apartment(name: str, seed: int) -> Scene:
+def _furnished(arranged: Arranger) -> tuple[list[Part], list[Support]]:
+    """The parts in a room, and what things may stand on there."""
+    room = arranged.room
+    parts: list[Part] = []
+    count: Counter[str] = Counter()
+    for piece in arranged.placed:
+        kind = piece.furniture.kind
+        parts.append(_part(piece, f"{room.name}/{kind}_{count[kind]}"))
+        count[kind] += 1
+    parts += [Part(f"{room.name}/{extra.name}", extra.mesh) for extra in arranged.extras]
+    return parts, _room_supports(arranged) + _furniture_supports(arranged)
+
+
+def build_apartment(name: str, seed: int, workers: int = 1) -> Scene:
     """Build a furnished flat without its light.
 
     Args:
         name: the scene's name; it does not influence the flat.
         seed: decides everything, 0 or more; consecutive seeds differ in layout and style.
+        workers: threads; the flat does not depend on them.
 
     Returns:
         A scene of one part per room's shell (``shell_<room>``), one per piece of furniture (``<room>/<kind>_<n>``), all
@@ -130,16 +145,22 @@ def build_apartment(name: str, seed: int) -> Scene:
     )
     plan = make_floor_plan(seed, plan_rng)
     palette = Palette.from_seed(palette_rng, tuple(STYLES)[seed % len(STYLES)])
-    parts = list(build_shell(plan, palette, shell_rng))
+    pool = ThreadPoolExecutor(workers) if workers > 1 else None
+    try:
+        # Textures take longest: other threads draw them while this one builds the meshes.
+        if pool is not None:
+            palette.prepare(pool)
+        furnished = [
+            _furnished(furnish(plan, room, palette, seed, rng))
+            for room, rng in zip(plan.rooms, furniture_rng.spawn(len(plan.rooms)), strict=True)
+        ]
+        parts = list(build_shell(plan, palette, shell_rng))
+    finally:
+        if pool is not None:
+            pool.shutdown(cancel_futures=True)
     supports: list[Support] = []
-    for room, rng in zip(plan.rooms, furniture_rng.spawn(len(plan.rooms)), strict=True):
-        arranged = furnish(plan, room, palette, seed, rng)
-        count: Counter[str] = Counter()
-        for piece in arranged.placed:
-            kind = piece.furniture.kind
-            parts.append(_part(piece, f"{room.name}/{kind}_{count[kind]}"))
-            count[kind] += 1
-        parts += [Part(f"{room.name}/{extra.name}", extra.mesh) for extra in arranged.extras]
-        supports += _room_supports(arranged) + _furniture_supports(arranged)
+    for own, places in furnished:
+        parts += own
+        supports += places
     rooms = tuple(Room(r.name, (r.x0, 0.0, r.z0), (r.x1, plan.height, r.z1)) for r in plan.rooms)
     return Scene(name, tuple(parts), rooms, tuple(supports))

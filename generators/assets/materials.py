@@ -8,9 +8,12 @@ so that the result does not depend on the order of requests. Each role has one m
 
 from __future__ import annotations
 
+import threading
 import zlib
 from collections.abc import Callable
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +24,8 @@ from generators.assets.styles import STYLES, Style
 from generators.assets.textures import cloth, pictures, surfaces, wood
 from generators.assets.textures.noise import Image, hex_colour, shift_colour, to_linear
 from generators.core.scene import Material, Texture
+
+T = TypeVar("T")
 
 ROOM_KINDS = ("bathroom", "kitchen", "living_room", "hall", "bedroom")
 #: Numbers of variants of the roles that have several.
@@ -69,8 +74,29 @@ def _linear(code: str | NDArray[np.float64]) -> tuple[float, float, float]:
     return float(r), float(g), float(b)
 
 
+class _Once:
+    """Things that are made once each; several threads may ask for one at the same time."""
+
+    def __init__(self) -> None:
+        self._made: dict[str, Future[Any]] = {}
+        self._lock = threading.Lock()
+
+    def get(self, name: str, make: Callable[[], T]) -> T:
+        """What ``make`` returned on the first call with this name; others wait for it."""
+        with self._lock:
+            known = self._made.get(name)
+            own = self._made[name] = Future() if known is None else known
+        if known is None:
+            try:
+                own.set_result(make())
+            except BaseException as error:
+                own.set_exception(error)
+        made: T = own.result()
+        return made
+
+
 class Palette:
-    """The materials of one flat.
+    """The materials of one flat; safe to use from several threads at once.
 
     Args:
         style: a key of `STYLES`.
@@ -85,8 +111,7 @@ class Palette:
             raise UsageError(f"unknown style {style!r}: expected one of {', '.join(STYLES)}")
         self.style = style
         self.entropy = entropy
-        self._made: dict[str, Material] = {}
-        self._shared: dict[str, Image] = {}
+        self._made, self._shared = _Once(), _Once()
 
     @classmethod
     def from_seed(cls, rng: np.random.Generator, style: str | None = None) -> Palette:
@@ -105,18 +130,24 @@ class Palette:
         Raises:
             UsageError: if there is no such role.
         """
-        if role not in self._made:
-            recipe = _RECIPES.get(role)
-            if recipe is None:
-                raise UsageError(f"unknown material role {role!r}: expected one of {', '.join(_RECIPES)}")
-            self._made[role] = recipe(self, STYLES[self.style], role, self.stream(role))
-        return self._made[role]
+        recipe = _RECIPES.get(role)
+        if recipe is None:
+            raise UsageError(f"unknown material role {role!r}: expected one of {', '.join(_RECIPES)}")
+        return self._made.get(role, lambda: recipe(self, STYLES[self.style], role, self.stream(role)))
+
+    def prepare(self, pool: Executor) -> None:
+        """Let ``pool`` make all materials, those first that take longest and that most flats have.
+
+        Whoever asks for one meanwhile waits for it, or makes it if nobody has begun. Each material has a random stream
+        of its own, so that its bytes do not depend on when it is made. About a seventh of the work is for materials
+        that a flat turns out not to have; cancel what is left when the flat is built.
+        """
+        for role in (*_LONGEST, *(role for role in ROLES if role not in _LONGEST)):
+            pool.submit(self.material, role)
 
     def shared(self, purpose: str, make: Callable[[np.random.Generator], Image]) -> Image:
         """Pixels that several roles share, made once."""
-        if purpose not in self._shared:
-            self._shared[purpose] = make(self.stream(purpose))
-        return self._shared[purpose]
+        return self._shared.get(purpose, lambda: make(self.stream(purpose)))
 
     def finish(self, room: str) -> RoomFinish:
         """The surfaces of a room of ``ROOM_KINDS``.
@@ -377,3 +408,16 @@ _RECIPES: dict[str, Recipe] = {
 
 #: All roles for which a palette has a material.
 ROLES = tuple(_RECIPES)
+#: The roles whose textures take longest, longest first (see `Palette.prepare`).
+_LONGEST = (
+    "floor_bathroom",
+    "floor_kitchen",
+    "tiles_bathroom",
+    "tiles_kitchen",
+    "floor_living_room",
+    *(f"picture_{k}" for k in reversed(range(PICTURES))),
+    "hob",
+    "window_view",
+    *(f"wall_{room}" for room in ROOM_KINDS),
+    *(f"accent_{room}" for room in ROOM_KINDS),
+)

@@ -26,7 +26,6 @@ Examples:
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
 import threading
@@ -36,7 +35,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -297,20 +295,10 @@ def _sizes(size: int | None) -> str:
     )
 
 
-@lru_cache(maxsize=1)
-def _source_digest() -> str:
-    """Digest of all source files of the generator, by name and content."""
-    root = Path(__file__).parents[1]
-    digest = hashlib.sha256()
-    for path in sorted(root.rglob("*.py")):
-        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()[:16]
-
-
 @contextmanager
 def _cache_of_source() -> Iterator[None]:
     """Have numba-cuda keep what it compiles in a folder of this version of the source."""
-    from generators.core.jit import CACHE_FOLDER
+    from generators.core.jit import CACHE_FOLDER, source_digest
 
     try:
         from numba.cuda.core import config as config
@@ -319,7 +307,7 @@ def _cache_of_source() -> Iterator[None]:
     settings: Any = config
     with _SETTING:  # modules with kernels may be imported by several threads
         before = settings.CACHE_DIR
-        settings.CACHE_DIR = str(CACHE_FOLDER / "cuda" / _source_digest())
+        settings.CACHE_DIR = str(CACHE_FOLDER / "cuda" / source_digest())
         try:
             yield
         finally:

@@ -9,10 +9,14 @@ frame do not change.
 
 from __future__ import annotations
 
+import hashlib
 import os
+import platform
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -67,11 +71,35 @@ def inline(function: F) -> F:
     return cast(F, numba.njit(error_model="numpy")(function))
 
 
-@contextmanager
-def compile_lock() -> Iterator[None]:
-    """Let one process at a time compile; the others then load its result from the cache.
+@lru_cache(maxsize=1)
+def source_digest() -> str:
+    """Digest of all source files of the generator, by name and content."""
+    root = Path(__file__).parents[1]
+    digest = hashlib.sha256()
+    for path in sorted(root.rglob("*.py")):
+        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:16]
 
-    If the cache folder's file system has no locks, several processes may compile; that costs only time.
+
+@contextmanager
+def compile_lock(what: str) -> Iterator[None]:
+    """Let one process at a time compile; the others then load its result from the cache, all at once.
+
+    A file in the cache folder says that ``what`` has been compiled. It may be wrong (compiled code was deleted, or is
+    for another kind of processor), and the folder's file system may have no locks: then several processes may compile,
+    which costs only time.
+
+    Args:
+        what: which kernels, a name for files; others are compiled at the same time.
     """
-    with turn(CACHE_FOLDER / "compile.lock"):
-        yield
+    software = f"{source_digest()} {numba.__version__} {sys.version} {platform.machine()}"
+    version = hashlib.sha256(software.encode()).hexdigest()[:16]
+    done = CACHE_FOLDER / f"{what}-{version}.compiled"
+    if not done.exists():
+        with turn(CACHE_FOLDER / f"{what}.lock"):
+            if not done.exists():
+                yield
+                with suppress(OSError):
+                    done.touch()
+                return
+    yield

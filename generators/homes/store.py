@@ -34,7 +34,7 @@ def open_home(plan: ObservationPlan, folder: Path, *, workers: int = 1) -> Scene
             from generators.lighting.bake import bake
 
             assert plan.scan.seed is not None
-            unlit = build_apartment(plan.spec.scan, plan.scan.seed)
+            unlit = build_apartment(plan.spec.scan, plan.scan.seed, workers)
             return bake(unlit, quality=plan.light, workers=workers, device=plan.device)
 
         scene = cached_scene(folder, plan.home_digest, build, plan.device)

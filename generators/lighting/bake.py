@@ -28,7 +28,7 @@ from generators.lighting.lit_scene import LitScene
 from generators.lighting.radiosity import LinkTracer, final_gather, solve
 from generators.lighting.smoothing import fill, smooth, spread
 from generators.lighting.sun import Sun, find_sun, sun_light
-from generators.lighting.surfaces import Surfaces, in_chunks
+from generators.lighting.surfaces import Surfaces, in_chunks, rows_in_chunks
 from generators.lighting.texels import Sheet, Texels, rasterise
 from generators.lighting.unwrap import Layout, unwrap
 
@@ -106,15 +106,15 @@ def bake(scene: Scene, *, quality: str = "standard", workers: int = 2, device: s
     sheet = Sheet.of(layouts)
     dark = np.array([part.light is None for part in scene.parts])
     texels = rasterise(surfaces, sheet, dark[surfaces.part], workers)
-    tiles = make_blocks(surfaces, sheet, texels)
+    tiles = make_blocks(surfaces, sheet, texels, workers)
     is_open = open_texels(surfaces, texels, tiles, tracer, workers)
     blocks = tiles.where(is_open)
     bare, variance = _direct(texels, blocks, emitters, tracer, workers)
     bare += _sunlight(texels, blocks, beam, tracer, preset, workers)
-    patches, sampled = _patches(texels, blocks, bare, preset)
+    patches, sampled = _patches(texels, blocks, bare, preset, workers)
     link_tracer = LinkTracer(surfaces, sheet, texels, blocks, tracer, workers)
     links = link_tracer.trace(preset.block_rays)
-    slow = Slow.of(sheet, surfaces.part[texels.face], texels, blocks, links.distance, links.is_enclosed)
+    slow = Slow.of(sheet, surfaces.part[texels.face], texels, blocks, links.distance, links.is_enclosed, workers)
     link_tracer.complete(links, np.flatnonzero(slow.is_slow & ~links.is_enclosed))
     again, more = _direct(texels, blocks, patches, tracer, workers, (bare, slow))
     direct = _smoothed(surfaces, sheet, texels, blocks, (bare + again, variance + more), workers)
@@ -123,12 +123,12 @@ def bake(scene: Scene, *, quality: str = "standard", workers: int = 2, device: s
         surfaces, sheet, texels, blocks, bounced, slow, tracer, rays=preset.gather_rays, workers=workers
     )
     light = direct + _smoothed(surfaces, sheet, texels, blocks, gathered, workers)
-    cells = spread(sheet, texels, fill(surfaces, sheet, texels, light, is_open), workers)
+    cells = spread(sheet, texels, fill(surfaces, sheet, texels, light, is_open, workers=workers), workers)
     for number, part in enumerate(scene.parts):
         if part.light is not None:
             sheet.image(number, cells)[:] = part.light.texels
     lit = replace(scene, parts=with_light(scene.parts, layouts, sheet, cells))
-    return expose(lit, LitScene(surfaces, sheet, cells, tracer))
+    return expose(lit, LitScene(surfaces, sheet, cells, tracer), workers)
 
 
 def with_light(parts: tuple[Part, ...], layouts: list[Layout], sheet: Sheet, cells: F32) -> tuple[Part, ...]:
@@ -184,14 +184,23 @@ def _sunlight(texels: Texels, blocks: Blocks, beam: Sun | None, tracer: Tracer, 
     return light
 
 
-def _patches(texels: Texels, blocks: Blocks, direct: F32, preset: Quality) -> tuple[Emitters, F32]:
+def _patches(texels: Texels, blocks: Blocks, direct: F32, preset: Quality, workers: int) -> tuple[Emitters, F32]:
     """What stands out by its direct light as emitters, and the light (N, 3) of the texels in them."""
-    radiance = texels.albedo * direct
+
+    def average(rows: slice) -> F32:
+        own = blocks.members[rows]
+        return np.asarray((texels.albedo[own] * direct[own]).mean(axis=1))
+
+    def strongest(rows: slice) -> F32:
+        return np.asarray((texels.albedo[rows] * direct[rows]).max(axis=1))
+
     own = blocks.members
-    mean = float(np.average(radiance[own].mean(axis=1), weights=texels.area[own] + 1e-12)) if len(own) else 0.0
-    bright = np.flatnonzero(radiance.max(axis=1) > BRIGHT * mean)
+    averages = rows_in_chunks(average, len(own), workers)
+    mean = float(np.average(averages, weights=texels.area[own] + 1e-12)) if len(own) else 0.0
+    bright = np.flatnonzero(rows_in_chunks(strongest, len(texels), workers) > BRIGHT * mean)
+    radiance = texels.albedo[bright] * direct[bright]
     patches, used = bright_patches(
-        texels.position[bright], texels.normal[bright], texels.area[bright], radiance[bright], preset.shadow_rays
+        texels.position[bright], texels.normal[bright], texels.area[bright], radiance, preset.shadow_rays
     )
     sampled = np.zeros_like(direct)
     sampled[bright[used]] = direct[bright[used]]
@@ -247,8 +256,8 @@ def _direct(
     in_chunks(partly, len(blocks), BLOCK_CHUNK * tracer.calls_together, workers)
     slow.fill_between(light, variance)
     measured = sites | ~slow.is_slow[blocks.of]
-    mean = blocks.mean(light, measured)
-    slow.interpolate(texels, BlockLight(mean, mean), light, measured)
+    mean = blocks.mean(light, measured, workers)
+    slow.interpolate(texels, BlockLight(mean, mean), light, measured, workers)
     variance[slow.is_slow[blocks.of]] = 0.0
     return light, variance
 
@@ -275,11 +284,12 @@ def _reach(texels: Texels, blocks: Blocks, emitters: Emitters, tracer: Tracer, w
     voxel -= voxel.min(axis=0) - 1
     shape = tuple(voxel.max(axis=0) + 2)
     grid = np.zeros((*shape, len(emitters)), dtype=bool)
-    np.logical_or.at(grid, tuple(voxel.T), seen)
-    near = np.zeros_like(seen)
-    for step in np.ndindex(3, 3, 3):
-        near |= grid[tuple((voxel + np.array(step) - 1).T)]
-    return near
+    block, light = np.nonzero(seen)
+    grid[(*voxel[block].T, light)] = True
+    near = np.zeros_like(grid)
+    for x, y, z in np.ndindex(3, 3, 3):
+        near[1:-1, 1:-1, 1:-1] |= grid[x : shape[0] - 2 + x, y : shape[1] - 2 + y, z : shape[2] - 2 + z]
+    return rows_in_chunks(lambda rows: near[tuple(voxel[rows].T)], len(voxel), workers)
 
 
 def _sees(

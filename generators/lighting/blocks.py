@@ -9,8 +9,11 @@ from numpy.typing import NDArray
 
 from generators.core.low_discrepancy import TILE
 from generators.core.scene import F32, I32
-from generators.lighting.surfaces import Surfaces
+from generators.lighting.surfaces import Surfaces, in_chunks
 from generators.lighting.texels import Sheet, Texels
+
+#: Blocks per piece of work.
+_CHUNK = 1 << 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,14 +35,23 @@ class Blocks:
     def __len__(self) -> int:
         return len(self.start) - 1
 
-    def mean(self, values: F32, measured: NDArray[np.bool_] | None = None) -> F32:
-        """(B, C) mean over each block of (N, C) ``values``; of those that are ``measured`` (N,), where it is given."""
-        if not len(self):
-            return np.zeros((0, values.shape[1]), dtype=np.float32)
-        weight = np.ones(len(self.members)) if measured is None else measured[self.members].astype(np.float64)
-        total = np.add.reduceat(values[self.members] * weight[:, None], self.start[:-1], axis=0)
-        number = np.add.reduceat(weight, self.start[:-1])
-        return np.asarray(total / np.maximum(number, 1.0)[:, None], dtype=np.float32)
+    def mean(self, values: F32, measured: NDArray[np.bool_] | None = None, workers: int = 1) -> F32:
+        """(B, C) mean over each block of (N, C) ``values``; of those that are ``measured`` (N,), where it is given.
+
+        It is computed on ``workers`` threads and does not depend on them.
+        """
+        out = np.zeros((len(self), values.shape[1]), dtype=np.float32)
+
+        def work(first: int, last: int) -> None:
+            begin, start = self.start[first], self.start[first:last]
+            own = self.members[begin : self.start[last]]
+            weight = np.ones(len(own)) if measured is None else measured[own].astype(np.float64)
+            total = np.add.reduceat(values[own] * weight[:, None], start - begin, axis=0)
+            number = np.add.reduceat(weight, start - begin)
+            out[first:last] = total / np.maximum(number, 1.0)[:, None]
+
+        in_chunks(work, len(self), _CHUNK, workers)
+        return out
 
     def where(self, kept: NDArray[np.bool_]) -> Blocks:
         """The blocks of the texels for which ``kept`` (N,) is true; a block without such a texel is gone."""
@@ -47,20 +59,31 @@ class Blocks:
         return _grouped(members, self.place[self.of[members]], len(self.of))
 
 
-def make_blocks(surfaces: Surfaces, sheet: Sheet, texels: Texels) -> Blocks:
-    """Group all texels."""
-    part = surfaces.part[texels.face]
-    local = texels.cell - sheet.offset[part]
-    column, row = local % sheet.width[part] // TILE, local // sheet.width[part] // TILE
-    chart = sheet.chart[texels.face].astype(np.int64)
-    members = np.lexsort((column, row, chart))  # stable: by number within a block
-    return _grouped(members, np.stack([chart, row, column], axis=1)[members], len(texels))
+def make_blocks(surfaces: Surfaces, sheet: Sheet, texels: Texels, workers: int = 1) -> Blocks:
+    """Group all texels, on ``workers`` threads; the result does not depend on them."""
+    count = len(texels)
+    members, place = np.empty(count, dtype=np.int64), np.empty((count, 3), dtype=np.int64)
+    # Texels and charts are both ordered by part.
+    begin = np.searchsorted(texels.cell, sheet.offset)
+
+    def group(part: int, _: int) -> None:
+        own = slice(begin[part], begin[part + 1])
+        row, column = np.divmod(texels.cell[own] - sheet.offset[part], sheet.width[part])
+        chart = sheet.chart[texels.face[own]].astype(np.int64)
+        order = np.lexsort((column // TILE, row // TILE, chart))  # stable: by number within a block
+        members[own] = order + begin[part]
+        place[own] = np.stack([chart, row // TILE, column // TILE], axis=1)[order]
+
+    in_chunks(group, len(sheet.width), 1, workers)
+    return _grouped(members, place, count)
 
 
 def _grouped(members: NDArray[np.int64], place: NDArray[np.int64], texels: int) -> Blocks:
     """Blocks of ``members`` (M,), numbers of texels ordered by ``place`` (M, 3); ``texels`` is how many there are."""
     fresh = np.ones(len(members), dtype=bool)
-    fresh[1:] = np.any(place[1:] != place[:-1], axis=1)
+    fresh[1:] = False
+    for column in place.T:
+        fresh[1:] |= column[1:] != column[:-1]
     of = np.full(texels, -1, dtype=np.int32)
     of[members] = np.cumsum(fresh) - 1
     first = np.flatnonzero(fresh)

@@ -109,16 +109,16 @@ def face_groups(surfaces: Surfaces, faces: NDArray[np.int64]) -> NDArray[np.int6
 
 def _tiles(triangles: F32) -> list[tuple[int, bool]]:
     """(first face, whether it and the next one are the halves of a parallelogram) of every tile of the faces."""
+    a, b, c = triangles[:-1].astype(np.float64).transpose(1, 0, 2)
+    d, e, f = triangles[1:].astype(np.float64).transpose(1, 0, 2)
+    close = 1e-4 * (np.linalg.norm(c - a, axis=1) + 1e-9)
+    pairs = np.all([np.linalg.norm(gap, axis=1) < close for gap in (d - a, e - c, a + c - b - f)], axis=0).tolist()
+    pairs.append(False)
     tiles: list[tuple[int, bool]] = []
     face = 0
     while face < len(triangles):
-        whole = False
-        if face + 1 < len(triangles):
-            (a, b, c), (d, e, f) = triangles[face].astype(np.float64), triangles[face + 1].astype(np.float64)
-            close = 1e-4 * (np.linalg.norm(c - a) + 1e-9)
-            whole = all(np.linalg.norm(gap) < close for gap in (d - a, e - c, a + c - b - f))
-        tiles.append((face, whole))
-        face += 2 if whole else 1
+        tiles.append((face, pairs[face]))
+        face += 2 if pairs[face] else 1
     return tiles
 
 

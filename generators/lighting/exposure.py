@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +22,7 @@ _TURNS = 8
 _SIDE = 24
 
 
-def expose(scene: Scene, lit: LitScene | None = None) -> Scene:
+def expose(scene: Scene, lit: LitScene | None = None, workers: int = 1) -> Scene:
     """The scene whose rooms have the exposure that suits their light; ``lit`` is the same scene, if it is loaded.
 
     Pictures of 90° are taken from a grid of places in each room, at eye height, all round. Their log-average (the key
@@ -31,7 +32,10 @@ def expose(scene: Scene, lit: LitScene | None = None) -> Scene:
     if not scene.rooms:
         return scene
     loaded = lit or LitScene.of(scene.parts)
-    return replace(scene, rooms=tuple(replace(room, exposure=_exposure(loaded, room)) for room in scene.rooms))
+    with ThreadPoolExecutor(workers) as pool:
+        exposures = list(pool.map(lambda room: _exposure(loaded, room), scene.rooms))
+    rooms = tuple(replace(room, exposure=own) for room, own in zip(scene.rooms, exposures, strict=True))
+    return replace(scene, rooms=rooms)
 
 
 def _exposure(lit: LitScene, room: Room) -> float:

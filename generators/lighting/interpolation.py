@@ -17,6 +17,7 @@ from generators.core.jit import njit
 from generators.core.low_discrepancy import TILE
 from generators.core.scene import F32, I32
 from generators.lighting.blocks import Blocks
+from generators.lighting.surfaces import in_chunks
 from generators.lighting.texels import Sheet, Texels
 
 #: A block is far from everything if the harmonic mean distance is at least this many times its side.
@@ -31,6 +32,8 @@ _RINGS = 2
 _RADIUS = 9.0
 #: Added to the variance of the blocks' places (texels²), so that one or two blocks give no wild slope.
 _RIDGE = 0.5
+#: Texels and blocks per piece of work.
+_TEXELS, _BLOCKS = 1 << 14, 1 << 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +49,7 @@ class BlockLight:
     lobe: F32
 
 
-def _around(blocks: Blocks) -> I32:
+def _around(blocks: Blocks, workers: int = 1) -> I32:
     """(B, 25) the blocks in the tiles around each block, of the same chart; -1 where there is none."""
     if not len(blocks):
         return np.zeros((0, (2 * _RINGS + 1) ** 2), dtype=np.int32)
@@ -55,11 +58,17 @@ def _around(blocks: Blocks) -> I32:
     # Ascending, because blocks are ordered by chart, row and column.
     key = (chart * rows + row + _RINGS) * columns + column + _RINGS
     steps = range(-_RINGS, _RINGS + 1)
-    found = []
-    for step in [dy * columns + dx for dy in steps for dx in steps]:
-        at = np.minimum(np.searchsorted(key, key + step), len(key) - 1)
-        found.append(np.where(key[at] == key + step, at, -1))
-    return np.stack(found, axis=1).astype(np.int32)
+    wanted = [dy * columns + dx for dy in steps for dx in steps]
+    found = np.empty((len(key), len(wanted)), dtype=np.int32)
+
+    def look(first: int, last: int) -> None:
+        own = key[first:last]
+        for number, step in enumerate(wanted):
+            at = np.minimum(np.searchsorted(key, own + step), len(key) - 1)
+            found[first:last, number] = np.where(key[at] == own + step, at, -1)
+
+    in_chunks(look, len(key), _BLOCKS, workers)
+    return found
 
 
 @njit
@@ -199,6 +208,7 @@ class Slow:
         blocks: Blocks,
         distance: F32,
         is_enclosed: NDArray[np.bool_] | None = None,
+        workers: int = 1,
     ) -> Slow:
         """Judge all blocks.
 
@@ -210,13 +220,20 @@ class Slow:
             distance: (B,) harmonic mean of the distances to what a block sees, metres.
             is_enclosed: (B,) whether a block lies in a narrow gap, where no camera sees it: its light is
                 interpolated. None is if missing.
+            workers: threads; the result does not depend on them.
         """
-        local = texels.cell - sheet.offset[part]
-        place = np.stack([local % sheet.width[part], local // sheet.width[part]], axis=1).astype(np.float32)
-        side = np.linalg.norm(texels.across, axis=2).max(axis=1)
-        size = TILE * blocks.mean(side[:, None])[:, 0]
+        place, side = np.empty((len(texels), 2), dtype=np.float32), np.empty((len(texels), 1), dtype=np.float32)
+
+        def measure(first: int, last: int) -> None:
+            own = slice(first, last)
+            row, column = np.divmod(texels.cell[own] - sheet.offset[part[own]], sheet.width[part[own]])
+            place[own, 0], place[own, 1] = column, row
+            side[own, 0] = np.linalg.norm(texels.across[own], axis=2).max(axis=1)
+
+        in_chunks(measure, len(texels), _TEXELS, workers)
+        size = TILE * blocks.mean(side, workers=workers)[:, 0]
         ratio = distance / np.maximum(size, 1e-9)
-        facing = blocks.mean(texels.normal)
+        facing = blocks.mean(texels.normal, workers=workers)
         length = np.linalg.norm(facing, axis=1)
         facing /= np.maximum(length, 1e-9)[:, None]
         trust = np.clip(ratio / _FAR, 0.05, 1.0) ** 2
@@ -225,11 +242,16 @@ class Slow:
             is_slow |= is_enclosed
         some = (ratio >= _NEAR) & (length >= _FLAT) & ~is_slow
         members = blocks.members
-        white = place.sum(axis=1).astype(np.int64)[members] % 2 == 1
-        between = members[some[blocks.of[members]] & white]
+        between = members[some[blocks.of[members]]]
+        between = between[(place[between, 0] + place[between, 1]) % 2 == 1]
         beside = np.empty((len(between), 4), dtype=np.int32)
-        chart = sheet.chart[texels.face]
-        _beside(between, chart, place, texels.cell, sheet.width[part], texels.index, blocks.of, beside)
+        chart, width = sheet.chart[texels.face], sheet.width[part]
+
+        def look(first: int, last: int) -> None:
+            own = between[first:last]
+            _beside(own, chart, place, texels.cell, width, texels.index, blocks.of, beside[first:last])
+
+        in_chunks(look, len(between), _TEXELS, workers)
         enough = (beside >= 0).sum(axis=1) >= 2
         trusted = trust.astype(np.float32)
         return Slow(
@@ -238,7 +260,7 @@ class Slow:
             trusted,
             facing,
             place,
-            _around(blocks),
+            _around(blocks, workers),
             between[enough],
             np.ascontiguousarray(beside[enough]),
         )
@@ -269,7 +291,12 @@ class Slow:
         return sites
 
     def interpolate(
-        self, texels: Texels, light: BlockLight, out: F32, measured: NDArray[np.bool_] | None = None
+        self,
+        texels: Texels,
+        light: BlockLight,
+        out: F32,
+        measured: NDArray[np.bool_] | None = None,
+        workers: int = 1,
     ) -> None:
         """Write the light of the blocks around into ``out`` (N, 3) at the texels of slow blocks; other rows stay.
 
@@ -280,23 +307,28 @@ class Slow:
             light: of the blocks.
             out: (N, 3) float32.
             measured: (N,) which texels a block's light is the mean of; all if missing.
+            workers: threads; the result does not depend on them.
         """
         blocks = self.blocks
         texel = blocks.members[self.is_slow[blocks.of[blocks.members]]]
-        centre = blocks.mean(self.place) if measured is None else blocks.mean(self.place, measured)
-        _fit(
-            texel,
-            blocks.of,
-            self.place,
-            texels.normal,
-            texels.gloss,
-            self.around,
-            centre,
-            self.facing,
-            self.trust,
-            light.flat,
-            light.lobe,
-            _RADIUS,
-            _RIDGE,
-            out,
-        )
+        centre = blocks.mean(self.place, measured, workers)
+
+        def fit(first: int, last: int) -> None:
+            _fit(
+                texel[first:last],
+                blocks.of,
+                self.place,
+                texels.normal,
+                texels.gloss,
+                self.around,
+                centre,
+                self.facing,
+                self.trust,
+                light.flat,
+                light.lobe,
+                _RADIUS,
+                _RIDGE,
+                out,
+            )
+
+        in_chunks(fit, len(texel), _TEXELS, workers)

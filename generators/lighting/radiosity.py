@@ -182,9 +182,9 @@ def solve(
     Returns:
         The radiance, and the indirect light that comes to the blocks from it.
     """
-    albedo = blocks.mean(texels.albedo)
-    own = blocks.mean(direct)
-    known = albedo * blocks.mean(sampled)
+    albedo = blocks.mean(texels.albedo, workers=workers)
+    own = blocks.mean(direct, workers=workers)
+    known = albedo * blocks.mean(sampled, workers=workers)
     radiance = albedo * own - known
     # The half of the rays that all blocks shot: what a block reflects is seen together with many others.
     few = np.ascontiguousarray(links.block[:, : links.block.shape[1] // 2])
@@ -295,7 +295,7 @@ def final_gather(
     light = np.zeros((len(texels), 3), dtype=np.float32)
     variance = np.zeros(len(texels), dtype=np.float32)
     table = cosine_directions(rays, (0x0, 0x0))
-    slow.interpolate(texels, known, light)
+    slow.interpolate(texels, known, light, workers=workers)
     chosen = blocks.members[slow.measured_apart()[blocks.members]]
 
     def work(first: int, last: int) -> None:

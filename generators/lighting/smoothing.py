@@ -157,12 +157,17 @@ def _fill(
     width: Any,
     height: Any,
     rings: Any,
+    first: Any,
+    last: Any,
 ) -> Any:
-    """Flood known light into the unknown texels of a chart, ring by ring."""
-    count = len(cell)
+    """Flood known light into the unknown ones of the texels ``first`` to ``last``, whole charts, ring by ring."""
+    count = 0
+    for i in range(first, last):
+        if not known[i]:
+            count += 1
     waiting = np.empty(count, dtype=np.int64)
     number = 0
-    for i in range(count):
+    for i in range(first, last):
         if not known[i]:
             waiting[number] = i
             number += 1
@@ -192,7 +197,7 @@ def _fill(
                         sums[c] += weight * light[j, c]
             if total > 0.0:
                 for c in range(3):
-                    fresh[i, c] = sums[c] / total
+                    fresh[filled, c] = sums[c] / total
                 done[filled] = i
                 filled += 1
             else:
@@ -202,24 +207,63 @@ def _fill(
             i = done[n]
             known[i] = True
             for c in range(3):
-                light[i, c] = fresh[i, c]
+                light[i, c] = fresh[n, c]
         number = left
         if filled == 0:
             break
 
 
 def fill(
-    surfaces: Surfaces, sheet: Sheet, texels: Texels, light: F32, known: NDArray[np.bool_], rings: int = -1
+    surfaces: Surfaces,
+    sheet: Sheet,
+    texels: Texels,
+    light: F32,
+    known: NDArray[np.bool_],
+    rings: int = -1,
+    workers: int = 1,
 ) -> F32:
     """A copy of (N, 3) ``light`` in which unknown texels take the light of the nearest known ones of their chart.
 
-    ``rings`` limits how many texels deep; negative: no limit.
+    ``rings`` limits how many texels deep; negative: no limit. ``workers`` threads do it; the result does not depend on
+    them.
     """
-    out = light.copy()
+    out, is_known = light.copy(), known.copy()
     part = surfaces.part[texels.face]
     chart = sheet.chart[texels.face]
-    _fill(out, known.copy(), chart, texels.cell, texels.index, part, sheet.offset, sheet.width, sheet.height, rings)
+    begin = np.searchsorted(texels.cell, sheet.offset)
+    maps = (sheet.offset, sheet.width, sheet.height)
+
+    def flood(number: int, _: int) -> None:
+        own = (begin[number], begin[number + 1])
+        _fill(out, is_known, chart, texels.cell, texels.index, part, *maps, rings, *own)
+
+    in_chunks(flood, len(sheet.width), 1, workers)
     return out
+
+
+@njit
+def _ring(image: Any, known: Any, fresh: Any) -> Any:
+    """Give empty cells the mean of the known ones among the four beside them; ``fresh`` is working memory."""
+    rows, columns = known.shape
+    for y in range(rows):
+        for x in range(columns):
+            fresh[y, x] = False
+            if known[y, x]:
+                continue
+            red = green = blue = number = np.float32(0.0)
+            for dy, dx in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+                row, column = y + dy, x + dx
+                if 0 <= row < rows and 0 <= column < columns and known[row, column]:
+                    red += image[row, column, 0]
+                    green += image[row, column, 1]
+                    blue += image[row, column, 2]
+                    number += np.float32(1.0)
+            if number > np.float32(0.0):
+                fresh[y, x] = True
+                image[y, x, 0], image[y, x, 1], image[y, x, 2] = red / number, green / number, blue / number
+    for y in range(rows):
+        for x in range(columns):
+            known[y, x] |= fresh[y, x]
 
 
 def spread(sheet: Sheet, texels: Texels, light: F32, workers: int = 1) -> F32:
@@ -231,17 +275,7 @@ def spread(sheet: Sheet, texels: Texels, light: F32, workers: int = 1) -> F32:
     def work(part: int, _: int) -> None:
         image, known = sheet.image(part, cells), sheet.image(part, covered)
         for _ in range(_RINGS):
-            total, number = np.zeros_like(image), np.zeros(known.shape, dtype=np.float32)
-            for axis in (0, 1):
-                for side in (1, -1):
-                    here: list[slice] = [slice(None), slice(None)]
-                    there: list[slice] = [slice(None), slice(None)]
-                    here[axis], there[axis] = (slice(1, None), slice(-1)) if side == 1 else (slice(-1), slice(1, None))
-                    total[tuple(here)] += np.where(known[tuple(there)][..., None], image[tuple(there)], 0.0)
-                    number[tuple(here)] += known[tuple(there)]
-            new = ~known & (number > 0)
-            image[new] = total[new] / number[new][:, None]
-            known |= new
+            _ring(image, known, np.empty_like(known))
 
     in_chunks(work, len(sheet.width), 1, workers)
     return cells

@@ -20,7 +20,7 @@ PUSH = 0.0015
 #: Points on a chart's border are drawn this far into their face: in a corner of a room they must not lie in the wall.
 PULL = 0.004
 #: Texels per piece of work.
-_CHUNK = 1 << 15
+_CHUNK = 1 << 14
 #: Squared distance from which on a texel's centre lies beside its face (texels²); below it is rounding.
 _ASIDE = 1e-4
 
@@ -125,18 +125,23 @@ def rasterise(surfaces: Surfaces, sheet: Sheet, wanted: NDArray[np.bool_] | None
     index = np.full(cells, -1, dtype=np.int32)
     index[cell] = np.arange(len(cell), dtype=np.int32)
     face = owner[cell]
-    part = surfaces.part[face]
-    local = cell - sheet.offset[part]
     count = len(cell)
     position, normal = np.zeros((count, 3), dtype=np.float32), np.zeros((count, 3), dtype=np.float32)
     across = np.zeros((count, 2, 3), dtype=np.float32)
-    inside = weights[cell]
+    albedo, gloss = np.empty((count, 3), dtype=np.float32), np.empty(count, dtype=np.float32)
+    area, pattern = np.empty(count, dtype=np.float32), np.empty(count, dtype=np.int32)
 
     def properties(first: int, last: int) -> None:
         own = slice(first, last)
+        part = surfaces.part[face[own]]
+        local, width = cell[own] - sheet.offset[part], sheet.width[part]
+        inside = weights[cell[own]]
+        pattern[own] = pattern_of((local % width).astype(np.int32), (local // width).astype(np.int32))
+        albedo[own] = albedo_at(surfaces, face[own], inside[:, 0], inside[:, 1])
+        gloss[own] = surfaces.gloss[surfaces.material[face[own]]]
         _properties(
             face[own],
-            inside[own],
+            inside,
             surfaces.triangles,
             surfaces.normals,
             surfaces.face_normal,
@@ -145,21 +150,21 @@ def rasterise(surfaces: Surfaces, sheet: Sheet, wanted: NDArray[np.bool_] | None
             normal[own],
             across[own],
         )
+        whole = np.linalg.norm(np.cross(across[own, 0], across[own, 1]), axis=1)
+        area[own] = np.where(nearest[cell[own]] > _ASIDE, 0.0, whole)
 
     in_chunks(properties, count, _CHUNK, workers)
     return Texels(
         cell=cell,
         index=index,
         face=face,
-        pattern=pattern_of((local % sheet.width[part]).astype(np.int32), (local // sheet.width[part]).astype(np.int32)),
+        pattern=pattern,
         position=position,
         normal=normal,
         across=across,
-        albedo=albedo_at(surfaces, face, inside[:, 0], inside[:, 1]),
-        gloss=surfaces.gloss[surfaces.material[face]],
-        area=np.where(nearest[cell] > _ASIDE, 0.0, np.linalg.norm(np.cross(across[:, 0], across[:, 1]), axis=1)).astype(
-            np.float32
-        ),
+        albedo=albedo,
+        gloss=gloss,
+        area=area,
     )
 
 

@@ -67,7 +67,7 @@ class CudaBackend:
 
         require_device()
         scene, camera, pose = trial_scene()
-        with compile_lock():
+        with compile_lock("pictures-cuda"):
             session = self.open(scene, camera)
             session.render(pose)
             session.close()

@@ -212,7 +212,7 @@ def warm_up() -> None:
     from generators.core.jit import compile_lock
 
     scene, camera, pose = trial_scene()
-    with compile_lock():
+    with compile_lock("pictures"):
         session = EmbreeBackend().open(scene, camera)
         session.render(pose)
         session.close()

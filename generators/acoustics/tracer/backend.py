@@ -143,7 +143,7 @@ class TracerBackend:
         corners = np.array([[0.0, 0.0, -3.0], [0.0, 0.0, 3.0], [0.0, -4.0, 0.0]])
         source, listener = np.array([-1.0, -0.5, 0.0]), np.array([1.0, -0.5, 0.0])
         few = TraceSettings(rain_rays=1, most_reflections=1)
-        with compile_lock():
+        with compile_lock(f"sound-{self.device}"):
             surfaces = surfaces_of(AcousticMesh(corners, {"wood": np.array([[0, 1, 2]])}))
             surfaces.first_hits(source[None], np.array([[1.0, 0.0, 0.0]]))
             images = images_of(surfaces, source, few.early_order, few.seed)
