@@ -3,7 +3,7 @@
     python -m benchmarks.acoustic_closed_forms [-o build/agreement]
 
 Both engines get the same boxes and an omnidirectional listener. Prints tables and writes closed_forms.json and
-closed_forms.md, from which `benchmarks.acoustic_pictures` draws. Takes about three minutes on one core.
+closed_forms.md, from which `benchmarks.acoustic_pictures` draws. Takes about a minute on one core.
 """
 
 from __future__ import annotations
