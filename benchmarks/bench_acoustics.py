@@ -1,6 +1,7 @@
 """CPU time and variance of impulse responses in a furnished flat, and CPU time of source signals and clips.
 
-As a script, it prints the figures as JSON; with the argument ``cuda``, those of the tracer on the CUDA device alone.
+As a script, it prints the figures as JSON; with the argument ``cuda``, those of the tracer on the CUDA device alone;
+with the argument ``rooms``, the standard deviation of the level in every room of the open benchmark.
 """
 
 from __future__ import annotations
@@ -8,8 +9,9 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
+from pathlib import Path
 from statistics import median
 
 import numpy as np
@@ -17,6 +19,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.geometry import Pose
 from avs3d_bench.layout import SAMPLE_RATE
+from benchmarks.unseen_homes import home_of
 from generators.acoustics.analytic import AnalyticBackend
 from generators.acoustics.base import AcousticBackend, AcousticSession
 from generators.acoustics.clips import binaural_clip
@@ -25,10 +28,17 @@ from generators.acoustics.soundspaces import SoundSpacesBackend
 from generators.acoustics.tracer.backend import TracerBackend
 from generators.acoustics.tracer.settings import TraceSettings
 from generators.apartments.apartment import build_apartment
+from generators.arrangement import arrange, draw_sounding
 from generators.assets.sounds import synthesise
 from generators.core.cuda import cuda_problem
 from generators.core.scene import Scene
+from generators.paths.stage import Stage
+from generators.plan import ObservationPlan, make_plans, read_manifest
 
+Position = tuple[float, float, float]
+
+#: The open benchmark.
+MANIFEST = Path(__file__).parent.parent / "scenes_manifest" / "open-s34-o7.yaml"
 ROOMS = ("bathroom", "kitchen", "living_room")
 #: Source and listener as shares of the room's box (x, z); heights in metres.
 SOURCE, LISTENER = (0.5, 0.15), (0.6, 0.55)
@@ -47,7 +57,7 @@ def _cpu(work: Callable[[], object]) -> float:
     return time.process_time() - start
 
 
-def _place(scene: Scene, room: str, share: tuple[float, float], height: float) -> tuple[float, float, float]:
+def _place(scene: Scene, room: str, share: tuple[float, float], height: float) -> Position:
     box = scene.room(room)
     return (
         box.low[0] + share[0] * (box.high[0] - box.low[0]),
@@ -81,7 +91,7 @@ def run_all(repeats: int = 5) -> dict[str, float]:
             responses.append(session.impulse_response(pose))
             spent.append(time.process_time() - start)
         times.append(median(spent))
-        spreads.append(float(np.std([10 * np.log10(np.sum(np.square(r, dtype=np.float64))) for r in responses])))
+        spreads.append(_deviation(responses))
         decays.append(reverberation_time(responses[:2], SAMPLE_RATE) or float("nan"))
         session.close()
     figures["impulse response (CPU s)"] = median(times)
@@ -178,18 +188,65 @@ def _circle(scene: Scene, room: str) -> list[Pose]:
     return [Pose.from_yaw((x + 0.2 * np.cos(a), y, z + 0.2 * np.sin(a)), 0.7) for a in turn]
 
 
+def _deviation(responses: Sequence[NDArray[np.float32]]) -> float:
+    """Standard deviation of the broadband level of several draws of one response, dB."""
+    return float(np.std([10 * np.log10(np.sum(np.square(r, dtype=np.float64))) for r in responses], ddof=1))
+
+
 def _spread(backend: Callable[..., TracerBackend], scene: Scene, room: str) -> float:
     """Standard deviation of the broadband level of one response over seeds, dB."""
-    source, listener = _place(scene, room, SOURCE, SOURCE_HEIGHT), _place(scene, room, LISTENER, EAR_HEIGHT)
-    levels = []
+    listener = Pose.from_yaw(_place(scene, room, LISTENER, EAR_HEIGHT), 0.7)
+    return _deviation(_draws(backend, scene, room, _place(scene, room, SOURCE, SOURCE_HEIGHT), listener))
+
+
+def _draws(
+    backend: Callable[..., TracerBackend], scene: Scene, room: str, source: Position, pose: Pose
+) -> list[NDArray[np.float32]]:
+    """The tracer's response of one pose with `DRAWS` seeds."""
+    drawn = []
     for seed in range(DRAWS):
         session = backend(settings=TraceSettings(seed=seed)).open(scene, source, room=room)
-        response = session.impulse_response(Pose.from_yaw(listener, 0.7))
-        levels.append(10 * np.log10(np.sum(np.square(response, dtype=np.float64))))
+        drawn.append(session.impulse_response(pose))
         session.close()
-    return float(np.std(levels, ddof=1))
+    return drawn
+
+
+def spreads_of_rooms() -> dict[str, dict[str, float]]:
+    """Standard deviation of the broadband level over draws in every room of the open benchmark, dB.
+
+    The first observation of each room with its objects and its source, heard from the middle of its walk.
+    """
+    first: dict[str, ObservationPlan] = {}
+    for plan in make_plans(read_manifest(MANIFEST)):
+        first.setdefault(f"{plan.spec.scan}/{plan.spec.room}", plan)
+    found = {}
+    for name in sorted(first):
+        plan = first[name]
+        home = home_of(plan).for_room(plan.spec.room)
+        seen = arrange(plan, home)
+        stage = Stage(home, seen.placements, draw_sounding(plan, seen.placements), seen.motion)
+        scene, source = stage.scene(0), stage.source(0).source_position
+        pose, room = seen.poses[len(seen.poses) // 2], plan.spec.room
+        engine = SoundSpacesBackend().open(scene, source, room=room)
+        found[name] = {
+            "tracer": _deviation(_draws(TracerBackend, scene, room, source, pose)),
+            "soundspaces": _deviation([engine.impulse_response(pose) for _ in range(DRAWS)]),
+        }
+        engine.close()
+    return found
+
+
+def main(arguments: list[str]) -> None:
+    """Print the figures that the arguments of the command line ask for."""
+    works: dict[tuple[str, ...], Callable[[], object]] = {
+        (): run_all,
+        ("cuda",): lambda: tracer_on_cuda(build_apartment("bench", 1)),
+        ("rooms",): spreads_of_rooms,
+    }
+    if tuple(arguments) not in works:
+        sys.exit(f"bench_acoustics: unknown argument {' '.join(arguments)!r}; expected none, cuda or rooms")
+    print(json.dumps(works[tuple(arguments)](), indent=2))
 
 
 if __name__ == "__main__":
-    of_cuda = sys.argv[1:] == ["cuda"]
-    print(json.dumps(tracer_on_cuda(build_apartment("bench", 1)) if of_cuda else run_all(), indent=2))
+    main(sys.argv[1:])

@@ -6,10 +6,12 @@ import math
 from collections import defaultdict
 from pathlib import Path
 
+import numpy as np
 import pytest
 import tiny
 
 from avs3d_bench.dataset import Dataset
+from benchmarks import bench_acoustics
 from benchmarks.bench_pipeline import timed_engines
 from benchmarks.dataset_report import facts
 from generators import observation as story
@@ -38,3 +40,14 @@ def test_the_level_of_a_dataset_is_that_of_its_energy(tmp_path: Path) -> None:
     frames = [frame.model_copy(update=loud[i % 2]) for i, frame in enumerate(record.frames[:10])]
     found = facts(record.model_copy(update={"frames": frames}))["level (dB)"]
     assert found == pytest.approx(10 * math.log10((0.1**2 + 0.3**2) / 2), abs=1e-9)
+
+
+def test_the_deviation_of_a_response_is_that_of_its_level() -> None:
+    response = np.full((2, 10), 0.1, dtype=np.float32)
+    found = bench_acoustics._deviation([response, response * 10 ** (1 / 20)])
+    assert found == pytest.approx(1 / math.sqrt(2), rel=1e-5)
+
+
+def test_an_unknown_argument_of_the_acoustic_benchmark_is_one_line() -> None:
+    with pytest.raises(SystemExit, match="unknown argument 'room'; expected none, cuda or rooms"):
+        bench_acoustics.main(["room"])
