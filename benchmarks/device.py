@@ -199,6 +199,21 @@ def baking(seed: int = 2) -> None:
                 lit = bake(scene, quality="standard", workers=cores, device=device)
         print(f"\nLighting it on {device}, quality standard, {cores} threads (second time)\n{clock.table()}")
         print(f"  digest of the light: {light_digest(lit)}")
+    if "cuda" in devices():
+        _pieces(scene, cores)
+
+
+def _pieces(scene: Scene, cores: int) -> None:
+    """Time of a bake on CUDA with other sizes of the pieces of work; its light is the same."""
+    from generators.core.device_rays import DeviceTracer
+    from generators.lighting.bake import bake
+
+    used = DeviceTracer.calls_together
+    for together in (1, 2, 4, 8, 16):
+        DeviceTracer.calls_together = together
+        taken = [clock(partial(bake, scene, quality="standard", workers=cores, device="cuda")) for _ in range(3)]
+        print(f"  {together:2d} pieces to a call: {min(taken):.2f} s best of {len(taken)}")
+    DeviceTracer.calls_together = used
 
 
 def light_digest(scene: Scene) -> str:
