@@ -7,7 +7,6 @@ Every primitive is added to a `MeshBuilder`, in metres, Y up. Texture coordinate
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import pairwise
 
 import numpy as np
 import trimesh
@@ -15,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 from shapely.geometry import Polygon
 
+from generators.core.arrays import cross, distinct_rows
 from generators.core.scene import F32, Material, Mesh
 
 Array = NDArray[np.float64]
@@ -49,24 +49,23 @@ def rotation(axis: str, degrees: float) -> Array:
 
 def corner_normals(triangles: Array, crease: float = 40.0) -> Array:
     """Shading normals (F, 3, 3): faces that meet at less than ``crease`` degrees are smoothed together."""
-    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    length = np.linalg.norm(cross, axis=1, keepdims=True)
-    face = cross / np.where(length > 0, length, 1.0)
+    area = cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    length = np.linalg.norm(area, axis=1, keepdims=True)
+    face = area / np.where(length > 0, length, 1.0)
     keys = np.round(triangles.reshape(-1, 3) * 1e5).astype(np.int64)
-    _, inverse = np.unique(keys, axis=0, return_inverse=True)
-    inverse = inverse.reshape(-1)
+    inverse = distinct_rows(keys)[1]
     order = np.argsort(inverse, kind="stable")
-    starts = np.searchsorted(inverse[order], np.arange(inverse.max() + 2))
+    number = np.bincount(inverse)
+    starts = np.cumsum(number) - number
     limit = np.cos(np.radians(crease))
     out = np.repeat(face, 3, axis=0)
     owner = np.repeat(np.arange(len(triangles)), 3)
-    for first, last in pairwise(starts):
-        corners = order[first:last]
-        if len(corners) < 2:
-            continue
+    # All vertices together in which equally many corners meet.
+    for count in np.unique(number[number > 1]).tolist():
+        corners = order[starts[number == count, None] + np.arange(count)]
         faces = owner[corners]
-        near = face[faces] @ face[faces].T >= limit - 1e-6
-        out[corners] = near.astype(float) @ cross[faces]
+        near = face[faces] @ face[faces].swapaxes(1, 2) >= limit - 1e-6
+        out[corners] = near.astype(float) @ area[faces]
     norm = np.linalg.norm(out, axis=1, keepdims=True)
     flat = np.repeat(face, 3, axis=0)
     out = np.where(norm > 1e-12, out / np.where(norm > 0, norm, 1.0), flat)
@@ -76,8 +75,8 @@ def corner_normals(triangles: Array, crease: float = 40.0) -> Array:
 
 def box_uv(triangles: Array, tile: float) -> Array:
     """(F, 3, 2) coordinates in repeats of ``tile`` metres, projected along each face's dominant axis."""
-    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    axis = np.argmax(np.abs(cross), axis=1)
+    across = cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    axis = np.argmax(np.abs(across), axis=1)
     columns = np.array([[2, 1], [0, 2], [0, 1]])[axis]
     return np.take_along_axis(triangles, columns[:, None, :].repeat(3, axis=1), axis=2) / tile
 
@@ -137,10 +136,8 @@ class MeshBuilder:
         turn = np.eye(3) if rotate is None else np.asarray(rotate, dtype=np.float64)
         shift = np.asarray(centre, dtype=np.float64)
         triangles = local[index]
-        keep = (
-            np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
-            > 1e-12
-        )
+        across = cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+        keep = np.linalg.norm(across, axis=1) > 1e-12
         triangles = triangles[keep]
         uv = box_uv(triangles, self.tiles.get(material.name, 1.0)) if uv is None else np.asarray(uv)[keep]
         normals = corner_normals(triangles, crease) if normals is None else np.asarray(normals)[keep]
