@@ -10,6 +10,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -102,21 +103,36 @@ def _plan(source: ManifestFile, observation: Observation, dataset: DatasetRecord
             f"{observation.path}: {layout.OBSERVATION_JSON} has no plan_sha256: it was not made by this toolkit"
         )
     camera = record.intrinsics
-    (plan,) = make_plans(
-        source,
-        only=(observation.key,),
-        vision=record.vision.backend,
-        audio=record.acoustics.backend,
-        frames=len(record.frames),
-        size=camera.width,
-        # The optional folders have the names of their options.
-        extras={path.partition("/")[0] for path in record.files} & {layout.DEPTH, layout.RIRS, layout.STEMS},
-        receivers=_receivers(observation.key, record.acoustics, hrtf),
-        device=record.device.name if record.device else "cpu",
-    )
+    plans = [
+        make_plans(
+            source,
+            only=(observation.key,),
+            vision=record.vision.backend,
+            audio=record.acoustics.backend,
+            frames=len(record.frames),
+            size=camera.width,
+            extras=extras,
+            receivers=_receivers(observation.key, record.acoustics, hrtf),
+            device=record.device.name if record.device else "cpu",
+        )[0]
+        for extras in _possible_extras(record)
+    ]
+    plan = next((plan for plan in plans if plan.digest == record.plan_sha256), plans[0])
     if plan.digest != record.plan_sha256:
         raise UsageError(f"{observation.key}: {_difference(plan, record, dataset)}")
     return plan
+
+
+def _possible_extras(record: ObservationRecord) -> Iterator[set[str]]:
+    """The options `--with` with which the observation may have been made; the likeliest first.
+
+    The optional folders have the names of their options. Silence has neither responses nor stems, so that its files do
+    not tell whether these were asked for.
+    """
+    found = {path.partition("/")[0] for path in record.files} & {layout.DEPTH, layout.RIRS, layout.STEMS}
+    untold = (layout.RIRS, layout.STEMS) if record.is_sound_scene and not record.sources else ()
+    for number in range(len(untold) + 1):
+        yield from (found | set(more) for more in combinations(untold, number))
 
 
 def _receivers(key: str, acoustics: AcousticsRecord, hrtf: Path | None) -> Receivers:

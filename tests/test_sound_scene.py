@@ -259,6 +259,14 @@ def test_frames_made_again_are_the_same_and_a_changed_stem_is_found(
     assert [(p.path, p.message) for p in found] == [(changed, "differs from the regenerated file")]
 
 
+@pytest.mark.slow
+def test_silence_with_responses_and_stems_can_be_regenerated(manifest: Path, tmp_path: Path) -> None:
+    """Neither leaves a file in a silent observation, but both count in its plan."""
+    key = "part_3/box/kitchen/4"
+    _run(manifest, tmp_path / "tree", "--with", "rirs", "--only", key)
+    assert list(regenerate(tmp_path / "tree", {key: (3,)}, manifest, lambda _: None)) == []
+
+
 def test_the_mesh_of_a_scene_holds_every_sounding_object(group: Dataset) -> None:
     observation = sibling(group, 5)
     record = observation.record
