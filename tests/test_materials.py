@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
 from avs3d_bench.errors import UsageError
+from generators.assets import materials
 from generators.assets.finishes import DRY_FLOORS, accent_wall, dry_floor, wall_tiles, wet_floor, worktop
 from generators.assets.materials import ROLES, ROOM_KINDS, TILES, Palette
 from generators.assets.styles import STYLES
@@ -63,6 +65,37 @@ def test_materials_do_not_depend_on_the_order_they_are_asked_for() -> None:
         assert (a.texture is None) == (b.texture is None)
         if a.texture is not None and b.texture is not None:
             assert a.texture.pixels.tobytes() == b.texture.pixels.tobytes()
+
+
+def test_threads_that_ask_for_a_material_at_once_get_the_same_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    roles, made = ("soil", "floor_hall", "metal"), []
+    own = Palette.from_seed(np.random.default_rng(9), "industrial")
+    alone = Palette.from_seed(np.random.default_rng(9), "industrial")
+    monkeypatch.setattr(materials, "ROLES", roles)
+    monkeypatch.setattr(materials, "_LONGEST", ())
+    stream = Palette.stream
+    monkeypatch.setattr(Palette, "stream", lambda self, name: made.append((self, name)) or stream(self, name))
+    with ThreadPoolExecutor(4) as pool:
+        own.prepare(pool)
+        found = list(pool.map(own.material, roles * 5))
+    assert len({id(material) for material in found}) == len(roles)
+    assert [made.count((own, role)) for role in roles] == [1, 1, 1]
+    for material in found[:2]:
+        texture, expected = material.texture, alone.material(material.name).texture
+        assert texture is not None
+        assert expected is not None
+        assert texture.pixels.tobytes() == expected.pixels.tobytes()
+
+
+def test_a_material_that_cannot_be_made_says_so_to_everyone(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise UsageError("no paint")
+
+    monkeypatch.setitem(materials._RECIPES, "metal", fail)
+    own = Palette.from_seed(np.random.default_rng(9), "industrial")
+    for _ in range(2):
+        with pytest.raises(UsageError, match="no paint"):
+            own.material("metal")
 
 
 def test_another_seed_is_another_flat() -> None:
