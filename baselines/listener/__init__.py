@@ -1,0 +1,11 @@
+"""The listener: a small network that looks and listens, trained on datasets of this project's own generator.
+
+    from baselines.listener import load_listener, write_listener
+
+`model` is the network on one page, `features` and `direction` are what it hears, `shards` and `batches` what it is
+trained on, `training` how. The public names are listed in `__init__.pyi`; they are imported on first use.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

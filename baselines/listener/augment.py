@@ -1,0 +1,197 @@
+"""From a plan to tensors on a device: gathering, mirroring with swapped ears, colours, levels and noise.
+
+The geometry stays valid: pictures are mirrored only together with the ears, and never cropped. All random numbers come
+from one generator per (seed, step, rank).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn.functional import avg_pool2d, pad
+
+from baselines.listener.batches import Plan
+from baselines.listener.shards import SIDE, Store
+
+#: Range of gains (dB), and of the level of a second sound over the first (dB).
+GAIN_DB, MIX_DB = 6.0, 10.0
+#: Noise under a sound, below its level (dB); noise instead of a sound, level re full scale (dB).
+NOISE_BELOW_DB, NOISE_ALONE_DB = (20.0, 50.0), (-90.0, -40.0)
+#: Probabilities: mirrored, grey, blurred, noise under a sound, noise instead of silence.
+MIRRORED, GREY, BLURRED, NOISY, NOISE_ALONE = 0.5, 0.1, 0.15, 0.5, 0.7
+#: Share of the memory that is free on a GPU which the store may take.
+STORE_SHARE = 0.5
+
+
+@dataclass
+class Batch:
+    """B pictures with K sounds each, on a device.
+
+    Attributes:
+        pictures: (B, 3, SIDE, SIDE) float32, 0 to 1.
+        classes: (B, SIDE, SIDE) int64.
+        cameras: (B, 4), see `direction.pixel_angles`.
+        sounds: (B·K, 2, n) float32.
+        masks: (B·K, SIDE, SIDE) bool.
+        audible: (B·K, categories) float32.
+    """
+
+    pictures: Tensor
+    classes: Tensor
+    cameras: Tensor
+    sounds: Tensor
+    masks: Tensor
+    audible: Tensor
+
+
+class Bank:
+    """The store as tensors: on the device if it fits there, else in mapped memory, from which batches are copied.
+
+    Args:
+        store: what is stored.
+        device: where batches go.
+    """
+
+    def __init__(self, store: Store, device: Any) -> None:
+        self.device = torch.device(device)
+        arrays = {name: getattr(store, name) for name in ("pictures", "classes", "sounds", "masks")}
+        self.resident = False
+        if self.device.type == "cuda":
+            free, _ = torch.cuda.mem_get_info(self.device)
+            self.resident = sum(array.nbytes for array in arrays.values()) < STORE_SHARE * free
+        self._tensors = {name: torch.from_numpy(np.asarray(array)) for name, array in arrays.items()}
+        if self.resident:
+            self._tensors = {name: tensor.to(self.device) for name, tensor in self._tensors.items()}
+        self._cameras = torch.tensor(store.table.cameras, dtype=torch.float32, device=self.device)
+
+    def rows(self, name: str, index: Tensor) -> Tensor:
+        """Rows of ``pictures``, ``classes``, ``sounds`` or ``masks``, on the device."""
+        source = self._tensors[name]
+        return source.index_select(0, index.to(source.device)).to(self.device, non_blocking=True)
+
+    def cameras(self, views: Tensor) -> Tensor:
+        """(B, 4)."""
+        return self._cameras[views.to(self.device)]
+
+    def gather(self, plan: Plan, generator: torch.Generator | None) -> Batch:
+        """The batch of a plan; without a generator nothing is changed at random.
+
+        Args:
+            plan: what to gather.
+            generator: of the device, for augmentation.
+        """
+        views = torch.from_numpy(plan.views)
+        pictures = self.rows("pictures", views).permute(0, 3, 1, 2).float() / 255
+        batch = Batch(
+            pictures=pictures,
+            classes=self.rows("classes", views).long(),
+            cameras=self.cameras(views),
+            sounds=self._mixed(plan, generator),
+            masks=self._united(plan),
+            audible=torch.from_numpy(plan.audible).to(self.device, torch.float32),
+        )
+        return batch if generator is None else augmented(batch, generator)
+
+    def _mixed(self, plan: Plan, generator: torch.Generator | None) -> Tensor:
+        first = self._sounds(plan.sounds[:, 0])
+        second = np.flatnonzero(plan.sounds[:, 1] >= 0)
+        if len(second):
+            other, rows = self._sounds(plan.sounds[second, 1]), torch.from_numpy(second).to(self.device)
+            ratio = level(first[rows]) / level(other)
+            change = 0.0 if generator is None else uniform(generator, len(second), -MIX_DB, MIX_DB)
+            gain = ratio * 10 ** (torch.as_tensor(change, device=self.device) / 20)
+            first[rows] += other * gain[:, None, None]
+        return first
+
+    def _sounds(self, index: Any) -> Tensor:
+        numbers = torch.from_numpy(index)
+        chosen = self.rows("sounds", numbers.clamp(min=0)).float()
+        return chosen * (numbers >= 0).to(self.device)[:, None, None]
+
+    def _united(self, plan: Plan) -> Tensor:
+        out = torch.zeros(len(plan.truths), SIDE, SIDE, dtype=torch.bool, device=self.device)
+        for column in range(plan.truths.shape[1]):
+            rows = np.flatnonzero(plan.truths[:, column] >= 0)
+            if len(rows):
+                packed = self.rows("masks", torch.from_numpy(plan.truths[rows, column]))
+                out[torch.from_numpy(rows).to(self.device)] |= unpack(packed)
+        return out
+
+
+def unpack(packed: Tensor) -> Tensor:
+    """(B, SIDE, SIDE) bool of masks with eight pixels a byte."""
+    shifts = torch.arange(7, -1, -1, device=packed.device, dtype=torch.uint8)
+    return ((packed[..., None] >> shifts) & 1).flatten(-2)[..., :SIDE].bool()
+
+
+def level(sound: Tensor) -> Tensor:
+    """(B,) RMS over both ears, never 0."""
+    return sound.square().mean(dim=(1, 2)).sqrt().clamp(min=1e-7)
+
+
+def uniform(generator: torch.Generator, count: int, low: float = 0.0, high: float = 1.0) -> Tensor:
+    """(count,) uniform numbers."""
+    return low + (high - low) * torch.rand(count, generator=generator, device=generator.device)
+
+
+def augmented(batch: Batch, generator: torch.Generator) -> Batch:
+    """The batch with random changes that keep its truth."""
+    count, per = len(batch.pictures), len(batch.sounds) // len(batch.pictures)
+    mirrored = uniform(generator, count) < MIRRORED
+    heard = mirrored.repeat_interleave(per)
+    cameras = batch.cameras.clone()
+    cameras[mirrored, 2] = 1 - cameras[mirrored, 2]
+    return Batch(
+        pictures=coloured(_where(mirrored, batch.pictures.flip(-1), batch.pictures), generator),
+        classes=_where(mirrored, batch.classes.flip(-1), batch.classes),
+        cameras=cameras,
+        sounds=louder(_where(heard, batch.sounds.flip(1), batch.sounds), generator),
+        masks=_where(heard, batch.masks.flip(-1), batch.masks),
+        audible=batch.audible,
+    )
+
+
+def coloured(pictures: Tensor, generator: torch.Generator) -> Tensor:
+    """Other brightness, contrast, gamma, saturation and tint; some grey, some blurred; a little noise."""
+    count = len(pictures)
+
+    def each(low: float, high: float, channels: int = 1) -> Tensor:
+        return uniform(generator, count * channels, low, high).view(count, channels, 1, 1)
+
+    out = pictures.clamp(min=1e-4) ** torch.exp(each(-0.4, 0.4))
+    out = out * each(0.7, 1.3) * each(0.88, 1.12, 3)
+    mean = out.mean(dim=(1, 2, 3), keepdim=True)
+    out = mean + (out - mean) * each(0.7, 1.3)
+    grey = out.mean(dim=1, keepdim=True)
+    saturation = each(0.5, 1.4) * (each(0, 1) >= GREY)
+    out = grey + (out - grey) * saturation
+    blurred = avg_pool2d(pad(out, (1, 1, 1, 1), mode="replicate"), 3, 1)
+    out = torch.where(each(0, 1) < BLURRED, blurred, out)
+    noise = torch.randn(out.shape, generator=generator, device=out.device)
+    return (out + each(0, 0.03) * noise).clamp(0, 1)
+
+
+def louder(sounds: Tensor, generator: torch.Generator) -> Tensor:
+    """Another gain, and noise: under a sound, or alone instead of digital silence."""
+    count = len(sounds)
+    gain = 10 ** (uniform(generator, count, -GAIN_DB, GAIN_DB) / 20)
+    out = sounds * gain[:, None, None]
+    mine = level(out)
+    silent = mine < 1e-6
+    below = mine * 10 ** (-uniform(generator, count, *NOISE_BELOW_DB) / 20)
+    alone = 10 ** (uniform(generator, count, *NOISE_ALONE_DB) / 20)
+    chance = uniform(generator, count)
+    amount = torch.where(silent, alone * (chance < NOISE_ALONE), below * (chance < NOISY))
+    noise = torch.randn(sounds.shape, generator=generator, device=sounds.device)
+    # In half of them both ears share most of the noise, as in a small room.
+    shared = (uniform(generator, count) < 0.5)[:, None, None] * 0.7
+    noise = (1 - shared) * noise + shared * noise.mean(dim=1, keepdim=True)
+    return out + noise * amount[:, None, None]
+
+
+def _where(rows: Tensor, yes: Tensor, no: Tensor) -> Tensor:
+    return torch.where(rows.view(-1, *[1] * (yes.ndim - 1)), yes, no)

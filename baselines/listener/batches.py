@@ -1,0 +1,251 @@
+"""Which pictures and sounds make a batch: sets of one picture with several sounds, so that the mask must follow the sound.
+
+A set has `SOUNDS` sounds for one picture. Siblings of a group are taken first: the same picture while something else
+sounds. Where a picture has too few siblings, sounds are made for it:
+
+- *silence*: nothing, or noise of no source; nothing is marked;
+- *foreign*: the sound of a category that is not in the room, from another observation; nothing is marked;
+- *elsewhere*: the sound of a category that is in view, from a lateral angle at which none of it is; nothing is marked;
+- *mixed*: two sounds at once; what is marked is marked in either.
+
+A plan depends on (seed, step, rank) alone: a run that goes on after an interruption gets the same batches.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench.errors import UsageError
+from avs3d_bench.taxonomy import CATEGORIES
+from baselines.listener.shards import Store
+
+#: Sounds of one picture in a batch.
+SOUNDS = 4
+#: Of pictures in which none of the categories is visible, one in this many is used in an epoch.
+EMPTY_PICTURES = 3
+#: Share of homes that are kept for validation.
+VALIDATION_SHARE = 0.08
+#: How far a made sound's lateral angle is from what is in view (rad): more than the blur of the cues.
+CLEARANCE = math.radians(30.0)
+#: Draws before a kind of sound that needs luck is given up for this picture.
+_DRAWS = 8
+_NUMBER = {name: number for number, name in enumerate(CATEGORIES)}
+
+
+class Kind(IntEnum):
+    """What a sound is to its picture."""
+
+    OWN = 0
+    SWAPPED = 1
+    SILENT = 2
+    OFF_SCREEN = 3
+    FOREIGN = 4
+    ELSEWHERE = 5
+    MIXED = 6
+
+
+#: The kinds that answer the question "does the mask follow the sound?"; at least a third of each batch.
+COUNTERFACTUAL = (Kind.SWAPPED, Kind.SILENT, Kind.OFF_SCREEN, Kind.FOREIGN, Kind.ELSEWHERE)
+
+
+@dataclass
+class Plan:
+    """The contents of a batch of B pictures.
+
+    Attributes:
+        views: (B,) pictures.
+        sounds: (B·SOUNDS, 2) sounds that are added; −1: none.
+        truths: (B·SOUNDS, 2) sounds whose masks are united; −1: none.
+        audible: (B·SOUNDS, categories) bool.
+        kinds: (B·SOUNDS,) of `Kind`.
+    """
+
+    views: NDArray[np.int64]
+    sounds: NDArray[np.int64]
+    truths: NDArray[np.int64]
+    audible: NDArray[np.bool_]
+    kinds: NDArray[np.int64]
+
+    @property
+    def counterfactual(self) -> float:
+        """Share of sounds that are silent, off-screen, swapped, foreign or from elsewhere."""
+        return float(np.isin(self.kinds, COUNTERFACTUAL).mean())
+
+    def shares(self) -> Counter[str]:
+        """How many sounds there are of each kind."""
+        return Counter(Kind(number).name.lower() for number in self.kinds.tolist())
+
+
+@dataclass
+class Slot:
+    """One sound of a picture, see `Plan`."""
+
+    sounds: list[int]
+    truths: list[int]
+    audible: set[int]
+    kind: Kind
+
+
+def split_homes(homes: Sequence[str]) -> tuple[set[str], set[str]]:
+    """(training, validation): by a hash of their names, so that the same home is always on the same side.
+
+    With one home alone there is no validation.
+    """
+    ranked = sorted(set(homes), key=lambda name: hashlib.sha256(name.encode()).hexdigest())
+    kept = max(1, round(VALIDATION_SHARE * len(ranked))) if len(ranked) > 1 else 0
+    return set(ranked[kept:]), set(ranked[:kept])
+
+
+@dataclass
+class Sampler:
+    """Plans batches.
+
+    Attributes:
+        store: what there is.
+        batch: pictures of a batch of one device.
+        seed: of all choices.
+        ranks: devices.
+    """
+
+    store: Store
+    batch: int
+    seed: int = 0
+    ranks: int = 1
+    visible: NDArray[np.int64] = field(init=False)
+    empty: NDArray[np.int64] = field(init=False)
+
+    def __post_init__(self) -> None:
+        table = self.store.table
+        training, _ = split_homes(table.homes)
+        views = np.asarray([number for number, home in enumerate(table.homes) if home in training], np.int64)
+        seen = np.isfinite(np.asarray(self.store.extents)[:, :, 0]).any(axis=1)
+        self.visible, self.empty = views[seen[views]], views[~seen[views]]
+        if not len(self.visible):
+            raise UsageError("no category is visible in any picture of the training homes; there is nothing to learn")
+        self._of_view: dict[int, list[int]] = {}
+        self._of_category: list[list[int]] = [[] for _ in CATEGORIES]
+        for sound, view in enumerate(table.view):
+            if table.homes[view] in training:
+                self._of_view.setdefault(view, []).append(sound)
+                if len(table.audible[sound]) == 1:
+                    self._of_category[_NUMBER[table.audible[sound][0]]].append(sound)
+        self._present = [{_NUMBER[name] for name in names} for names in table.present]
+        self._audible = [{_NUMBER[name] for name in names} for names in table.audible]
+        self._order: tuple[int, NDArray[np.int64]] = (-1, np.zeros(0, np.int64))
+
+    @property
+    def epoch(self) -> int:
+        """Pictures of an epoch."""
+        return len(self.visible) + len(self.empty) // EMPTY_PICTURES
+
+    @property
+    def steps(self) -> int:
+        """Steps of an epoch."""
+        return max(1, self.epoch // (self.batch * self.ranks))
+
+    def plan(self, step: int, rank: int = 0) -> Plan:
+        """The batch of a step on one of the devices."""
+        epoch, within = divmod(step, self.steps)
+        if self._order[0] != epoch:
+            self._order = (epoch, self._shuffled(epoch))
+        start = (within * self.ranks + rank) * self.batch
+        views = self._order[1][start : start + self.batch]
+        rng = np.random.default_rng((self.seed, 1, step, rank))
+        slots = [slot for view in views for slot in self._set(int(view), rng)]
+        audible = np.zeros((len(slots), len(CATEGORIES)), np.bool_)
+        for row, slot in zip(audible, slots, strict=True):
+            row[list(slot.audible)] = True
+        return Plan(
+            views=views,
+            sounds=np.asarray([(*slot.sounds, -1, -1)[:2] for slot in slots], np.int64),
+            truths=np.asarray([(*slot.truths, -1, -1)[:2] for slot in slots], np.int64),
+            audible=audible,
+            kinds=np.asarray([slot.kind for slot in slots], np.int64),
+        )
+
+    def _shuffled(self, epoch: int) -> NDArray[np.int64]:
+        rng = np.random.default_rng((self.seed, 0, epoch))
+        few = rng.choice(self.empty, len(self.empty) // EMPTY_PICTURES, replace=False) if len(self.empty) else []
+        order = rng.permutation(np.concatenate([self.visible, np.asarray(few, np.int64)]))
+        return np.resize(order, max(len(order), self.batch * self.ranks))
+
+    def _set(self, view: int, rng: np.random.Generator) -> list[Slot]:
+        """The sounds of a picture: two or three siblings where there are some, the rest made."""
+        siblings = rng.permutation(self._of_view[view]).tolist()
+        # One that shows something comes first, so that most sets have a mask to find.
+        siblings.sort(key=lambda sound: self.store.marked[sound] == 0)
+        slots = [self._real(siblings[0], siblings[0])]
+        # A real sibling of another truth before one of the same.
+        rest = sorted(siblings[1:], key=lambda sound: self._same(siblings[0], sound))
+        slots += [self._real(sound, siblings[0]) for sound in rest[:2]]
+        if len(slots) == 1:
+            slots.append(self._mixed(view, siblings, rng))
+        while len(slots) < SOUNDS - 1:
+            slots.append(self._negative(view, rng))
+        several = len(siblings) > 1 and rng.random() < 0.25
+        slots.append(self._mixed(view, siblings, rng) if several else self._negative(view, rng))
+        return slots
+
+    def _same(self, first: int, other: int) -> bool:
+        return bool((self.store.masks[first] == self.store.masks[other]).all())
+
+    def _real(self, sound: int, first: int) -> Slot:
+        """A sound of the picture itself; ``first`` is the first of the set."""
+        if not self._audible[sound]:
+            kind = Kind.SILENT
+        elif not self.store.marked[sound]:
+            kind = Kind.OFF_SCREEN
+        else:
+            kind = Kind.OWN if sound == first or self._same(first, sound) else Kind.SWAPPED
+        return Slot([sound], [sound], self._audible[sound], kind)
+
+    def _mixed(self, view: int, siblings: list[int], rng: np.random.Generator) -> Slot:
+        """The first sibling's sound with that of another one, or with a foreign one."""
+        first = siblings[0]
+        others = [sound for sound in siblings[1:] if self._audible[sound]]
+        if not self._audible[first]:
+            return self._negative(view, rng)
+        if others:
+            other = others[int(rng.integers(len(others)))]
+            return Slot([first, other], [first, other], self._audible[first] | self._audible[other], Kind.MIXED)
+        foreign = self._foreign(view, rng)
+        if foreign is None:
+            return self._real(first, first)
+        return Slot([first, *foreign.sounds], [first], self._audible[first] | foreign.audible, Kind.MIXED)
+
+    def _negative(self, view: int, rng: np.random.Generator) -> Slot:
+        """A made sound with which nothing is marked."""
+        luck = rng.random()
+        made = None
+        if luck < 0.4:
+            made = self._foreign(view, rng)
+        elif luck < 0.7:
+            made = self._elsewhere(view, rng)
+        return made or Slot([], [], set(), Kind.SILENT)
+
+    def _foreign(self, view: int, rng: np.random.Generator) -> Slot | None:
+        absent = [c for c in range(len(CATEGORIES)) if c not in self._present[view] and self._of_category[c]]
+        if not absent:
+            return None
+        category = absent[int(rng.integers(len(absent)))]
+        sound = self._of_category[category][int(rng.integers(len(self._of_category[category])))]
+        return Slot([sound], [], {category}, Kind.FOREIGN)
+
+    def _elsewhere(self, view: int, rng: np.random.Generator) -> Slot | None:
+        low, high = np.asarray(self.store.extents[view]).T
+        seen = [c for c in range(len(CATEGORIES)) if np.isfinite(low[c]) and self._of_category[c]]
+        for _ in range(_DRAWS if seen else 0):
+            category = seen[int(rng.integers(len(seen)))]
+            sound = self._of_category[category][int(rng.integers(len(self._of_category[category])))]
+            lateral = self.store.table.lateral[sound]
+            if lateral is not None and not low[category] - CLEARANCE < lateral < high[category] + CLEARANCE:
+                return Slot([sound], [], {category}, Kind.ELSEWHERE)
+        return None

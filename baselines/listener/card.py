@@ -1,0 +1,138 @@
+"""The model card: what was trained on what, with which command, on which machine, and how well; JSON and Markdown."""
+
+from __future__ import annotations
+
+import platform
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from avs3d_bench import __version__, media
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.files import atomic_path, write_json
+from avs3d_bench.taxonomy import CATEGORIES
+from baselines.listener.batches import split_homes
+from baselines.listener.model import parameter_count
+from baselines.listener.training import Result, Settings
+from baselines.listener.weights import NETWORK_VERSION, save_weights
+
+WEIGHTS, CARD_JSON, CARD_MD = "listener.safetensors", "model_card.json", "model_card.md"
+LICENCE = "Apache-2.0"
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What the run ran on.
+
+    Attributes:
+        devices: names of the devices.
+        precision: of the computation.
+    """
+
+    devices: tuple[str, ...]
+    precision: str
+
+    @classmethod
+    def of(cls, fabric: Any, precision: str) -> Machine:
+        """The machine of a launched Fabric."""
+        cuda = fabric.device.type == "cuda"
+        name = torch.cuda.get_device_name(fabric.device) if cuda else f"CPU ({platform.machine()})"
+        return cls((name,) * fabric.world_size, precision)
+
+
+def write_result(
+    folder: Path, result: Result, settings: Settings, machine: Machine, manifest: Path | None = None
+) -> dict[str, Any]:
+    """Write the averaged weights of a finished run and its card.
+
+    Args:
+        folder: of the run.
+        result: of `training.train`.
+        settings: of the run.
+        machine: what it ran on.
+        manifest: of the training data, whose sha256 the card shall name.
+
+    Returns:
+        The card.
+    """
+    digest = save_weights(result.network, folder / WEIGHTS)
+    table, state = result.store.table, result.state
+    training, kept = split_homes(table.homes)
+    total = sum(state.shares.values())
+    card = {
+        "name": "avs3d listener",
+        "network_version": NETWORK_VERSION,
+        "toolkit_version": __version__,
+        "licence": LICENCE,
+        "weights": {"file": WEIGHTS, "sha256": digest, "parameters": parameter_count(result.network)},
+        "categories": list(CATEGORIES),
+        "data": {
+            "shards_sha256": table.digest,
+            "manifest": manifest.name if manifest else None,
+            "manifest_sha256": media.sha256_file(manifest) if manifest else None,
+            "pictures": len(table.groups),
+            "sounds": len(table.keys),
+            "training_homes": len(training),
+            "validation_homes": sorted(kept),
+        },
+        "training": {
+            "command": " ".join(["avs3d", *sys.argv[1:]]),
+            "seed": settings.seed,
+            "steps": settings.steps,
+            "batch_per_device": settings.batch,
+            "highest_rate": settings.rate,
+            "minutes": round(state.seconds / 60, 1),
+            "devices": list(machine.devices),
+            "precision": machine.precision,
+            "torch": torch.__version__,
+            "shares_of_sounds": {name: round(count / total, 4) for name, count in sorted(state.shares.items())},
+        },
+        "validation": result.validation,
+    }
+    write_json(folder / CARD_JSON, card)
+    with atomic_path(folder / CARD_MD) as temporary:
+        temporary.write_text(markdown(card))
+    return card
+
+
+def check_manifest(path: Path | None) -> None:
+    """Refuse a manifest that is not there, before training rather than after it.
+
+    Raises:
+        Avs3dError: if there is no such file.
+    """
+    if path is not None and not path.is_file():
+        raise Avs3dError(f"{path}: no such file; --manifest names the manifest of the training data")
+
+
+def markdown(card: dict[str, Any]) -> str:
+    """The card for readers."""
+    data, training, weights = card["data"], card["training"], card["weights"]
+    manifest = f"`{data['manifest']}` (sha256 `{data['manifest_sha256']}`)" if data["manifest"] else "not named"
+    shares = ", ".join(f"{name} {value:.1%}" for name, value in training["shares_of_sounds"].items())
+    figures = "\n".join(
+        f"| {name} | {'-' if value is None else f'{value:.3f}'} |" for name, value in card["validation"].items()
+    )
+    return f"""# {card["name"]}, version {card["network_version"]}
+
+Marks what sounds in a picture, given one second of binaural sound. Categories: {", ".join(card["categories"])}.
+
+- Weights: `{weights["file"]}`, {weights["parameters"]:,} parameters, float16, sha256 `{weights["sha256"]}`, {card["licence"]}.
+- Data: {data["sounds"]:,} sounds of {data["pictures"]:,} pictures; {data["training_homes"]} homes for training,
+  {len(data["validation_homes"])} for validation. Manifest: {manifest}. Shards: sha256 `{data["shards_sha256"]}`.
+- Command: `{training["command"]}`
+- Seed {training["seed"]}, {training["steps"]:,} steps of {training["batch_per_device"]} sounds a device.
+- Hardware: {", ".join(training["devices"])}; {training["precision"]}; torch {training["torch"]}; {training["minutes"]} minutes.
+- Sounds in the batches: {shares}.
+
+Validation, on homes that were not trained on:
+
+| figure | value |
+|---|---|
+{figures}
+
+Trained on generated homes, objects and sounds alone: real rooms, other categories and other kinds of heads are untested.
+"""

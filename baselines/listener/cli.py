@@ -1,0 +1,82 @@
+"""The command `avs3d train`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from avs3d_bench.errors import UsageError
+from avs3d_bench.groups import PATH, WORKERS, Group
+
+_PRECISION = {"bf16": "bf16-mixed", "fp32": "32-true"}
+#: Epochs of a run that names neither steps nor epochs.
+_EPOCHS = 30
+
+
+@click.group(cls=Group, noun="network")
+def train() -> None:
+    """Train a network of this package."""
+
+
+@train.command(short_help="The network that looks and listens.")
+@click.option("--data", type=PATH, required=True, metavar="SHARDS", help="Folder with WebDataset shards.")
+@click.option("-o", "--output", "folder", type=PATH, required=True, metavar="DIR", help="Folder of the run.")
+@click.option("--epochs", type=click.FloatRange(0, min_open=True), help=f"Passes over the pictures [{_EPOCHS}].")
+@click.option("--steps", type=click.IntRange(1), help="Steps of the whole schedule, instead of --epochs.")
+@click.option("--minutes", type=click.FloatRange(0, min_open=True), help="Stop after this time; run again to go on.")
+@click.option(
+    "--batch-size", "batch", type=click.IntRange(1), default=256, show_default=True, help="Sounds per device."
+)
+@click.option("--rate", type=click.FloatRange(0, min_open=True), default=1.5e-3, show_default=True,
+              help="Highest learning rate.")  # fmt: skip
+@click.option(
+    "--devices", type=click.IntRange(1), default=1, show_default=True, help="Number of GPUs, or of processes."
+)
+@click.option("--accelerator", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", show_default=True)
+@click.option("--precision", type=click.Choice(list(_PRECISION)), default="bf16", show_default=True)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option("--validate-every", type=click.IntRange(1), metavar="STEPS", help="[a tenth of the run]")
+@click.option("--manifest", type=PATH, help="Manifest of the data, whose sha256 the model card names.")
+@click.option("--compile", is_flag=True, help="Use torch.compile.")
+@click.option("--workers", type=WORKERS, default=None, help="Processes that read shards [one per core].")
+def listener(
+    data: Path, folder: Path, epochs: float | None, steps: int | None, manifest: Path | None, **chosen: Any
+) -> None:
+    """Train the listener, or go on with the run of DIR.
+
+    Writes listener.safetensors and a model card into DIR when all steps are done. One line of JSON per report goes to
+    stdout. A run that was killed goes on from its last checkpoint when it is started again with the same options.
+    """
+    if epochs is not None and steps is not None:
+        raise UsageError("--epochs and --steps: expected one of them")
+    _require_packages()
+    from baselines.listener.card import check_manifest
+    from baselines.listener.job import Job, run_job
+
+    check_manifest(manifest)
+    job = Job(data=data, folder=folder, epochs=epochs or _EPOCHS, steps=steps, manifest=manifest, **chosen)
+    finished, step, total = run_job(job, _PRECISION[job.precision], progress=sys.stderr.isatty())
+    if finished is None:
+        return
+    if not finished:
+        click.echo(f"{folder}: stopped after step {step} of {total}; run the same command again to go on")
+    else:
+        click.echo(f"{folder}: {total} steps; weights in listener.safetensors, figures in model_card.md")
+
+
+def _require_packages() -> None:
+    """Raise an error if packages are missing.
+
+    Raises:
+        UsageError: naming the package and how to install it.
+    """
+    from baselines.networks.checkpoints import has_package
+
+    for names in (("torch",), ("safetensors",), ("lightning_fabric", "lightning")):
+        if not any(has_package(name) for name in names):
+            raise UsageError(
+                f"training needs the Python package {names[0]}, which is not installed: pip install 'avs3d-bench[train]'"
+            )

@@ -1,0 +1,83 @@
+"""One run of `avs3d train listener`: options become settings and a Fabric, a finished run weights and a card."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from avs3d_bench.errors import UsageError
+from baselines.listener.batches import SOUNDS, Sampler
+from baselines.listener.card import Machine, write_result
+from baselines.listener.training import Schedule, Settings, prepare, train
+
+
+@dataclass(frozen=True)
+class Job:
+    """The options of the command, as it names them."""
+
+    data: Path
+    folder: Path
+    epochs: float
+    steps: int | None = None
+    manifest: Path | None = None
+    minutes: float | None = None
+    batch: int = 256
+    rate: float = 1.5e-3
+    devices: int = 1
+    accelerator: str = "auto"
+    precision: str = "bf16"
+    seed: int = 0
+    validate_every: int | None = None
+    compile: bool = False
+    workers: int | None = None
+
+
+def make_fabric(job: Job, precision: str) -> Any:
+    """A Lightning Fabric, from either of its packages.
+
+    Raises:
+        UsageError: if there are fewer devices than asked for.
+    """
+    name = job.accelerator
+    if name == "auto":
+        name = "cuda" if torch.cuda.is_available() else "cpu"
+    if name == "cuda" and torch.cuda.device_count() < job.devices:
+        raise UsageError(f"--devices {job.devices}: found {torch.cuda.device_count()} CUDA devices; ask for fewer")
+    try:
+        module: Any = import_module("lightning_fabric")
+    except ImportError:
+        module = import_module("lightning.fabric")
+    strategy = "ddp" if job.devices > 1 else "auto"
+    return module.Fabric(accelerator=name, devices=job.devices, precision=precision, strategy=strategy)
+
+
+def run_job(job: Job, precision: str, *, progress: bool = False) -> tuple[bool | None, int, int]:
+    """Train; (finished, steps that are done, all steps). ``finished`` is None on all devices but the first.
+
+    Raises:
+        UsageError: if options contradict each other or the folder's run.
+        Avs3dError: if data is damaged, memory does not suffice, or the loss is no number.
+    """
+    torch.set_float32_matmul_precision("high")
+    torch.backends.cudnn.benchmark = True
+    fabric = make_fabric(job, precision)
+    fabric.launch()
+    # The settings are checked before minutes are spent on reading.
+    settings = Settings(steps=job.steps or 1, batch=job.batch, rate=job.rate, seed=job.seed)
+    store = prepare(job.data, job.folder, fabric, workers=job.workers, progress=progress)
+    if not job.steps:
+        sampler = Sampler(store, job.batch // SOUNDS, job.seed, fabric.world_size)
+        settings = replace(settings, steps=max(1, round(job.epochs * sampler.steps)))
+    schedule = Schedule(minutes=job.minutes, validate_every=job.validate_every, compile=job.compile)
+    result = train(store, job.folder, settings, fabric=fabric, schedule=schedule)
+    if fabric.global_rank:
+        return None, result.step, settings.steps
+    if result.finished:
+        write_result(job.folder, result, settings, Machine.of(fabric, precision), job.manifest)
+    sys.stdout.flush()
+    return result.finished, result.step, settings.steps

@@ -1,0 +1,154 @@
+"""What training minimises, and what validation measures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from baselines.listener.augment import Batch
+from baselines.listener.model import CLASSES, Output
+
+#: Weights of the terms.
+MASK_WEIGHT, DICE_WEIGHT, CLASS_WEIGHT, AUDIBLE_WEIGHT = 5.0, 1.0, 2.0, 0.5
+#: Weight of pixels of the seven categories over those of nothing, in the cross-entropy.
+OBJECT_WEIGHT = 3.0
+#: As in the benchmark's protocol `listen`: a prediction is right above this IoU; truths differ below it.
+RIGHT_IOU = 0.5
+
+
+@dataclass
+class Losses:
+    """The terms, means over the batch, before their weights.
+
+    Attributes:
+        mask: binary cross-entropy of the mask.
+        dice: soft Dice loss of the masks that are not empty.
+        classes: cross-entropy of the classes of pixels.
+        audible: binary cross-entropy of the audible categories.
+    """
+
+    mask: Tensor
+    dice: Tensor
+    classes: Tensor
+    audible: Tensor
+
+    @property
+    def total(self) -> Tensor:
+        """The weighted sum."""
+        return (
+            MASK_WEIGHT * self.mask
+            + DICE_WEIGHT * self.dice
+            + CLASS_WEIGHT * self.classes
+            + AUDIBLE_WEIGHT * self.audible
+        )
+
+    def detached(self) -> Losses:
+        """The same numbers without their history."""
+        return Losses(self.mask.detach(), self.dice.detach(), self.classes.detach(), self.audible.detach())
+
+
+def full_size(logits: Tensor, size: tuple[int, int]) -> Tensor:
+    """(B, C, H, W) logits at the size of pictures, from stride 2 of padded ones; bilinear."""
+    large = functional.interpolate(logits.float(), scale_factor=2.0, mode="bilinear", align_corners=False)
+    return large[..., : size[0], : size[1]]
+
+
+def losses(output: Output, batch: Batch) -> Losses:
+    """Of a batch."""
+    size = (batch.masks.shape[-2], batch.masks.shape[-1])
+    mask = full_size(output.mask[:, None], size)[:, 0]
+    truth = batch.masks.float()
+    weights = torch.full((CLASSES,), OBJECT_WEIGHT, device=mask.device)
+    weights[0] = 1.0
+    return Losses(
+        mask=functional.binary_cross_entropy_with_logits(mask, truth),
+        dice=dice_loss(mask, truth),
+        classes=functional.cross_entropy(full_size(output.classes, size), batch.classes, weights),
+        audible=functional.binary_cross_entropy_with_logits(output.audible.float(), batch.audible),
+    )
+
+
+def dice_loss(mask: Tensor, truth: Tensor) -> Tensor:
+    """1 − soft Dice (Milletari et al., "V-Net", 3DV 2016), the mean over masks that are not empty; 0 if all are.
+
+    Args:
+        mask: (B, H, W) logits.
+        truth: (B, H, W) 0 or 1.
+    """
+    share = mask.sigmoid()
+    both, sums = (share * truth).sum(dim=(1, 2)), (share + truth).sum(dim=(1, 2))
+    marked = (truth.amax(dim=(1, 2)) > 0).float()
+    dice = (2 * both + 1) / (sums + 1)
+    return ((1 - dice) * marked).sum() / marked.sum().clamp(min=1)
+
+
+#: Names of the sums that validation adds up over pictures and devices.
+SUMS = (
+    "iou", "seen", "false", "unseen", "right_pairs", "pairs", "class_both", "class_either", "audible_right", "sounds",
+)  # fmt: skip
+
+
+def measure(output: Output, batch: Batch, threshold: float = 0.5) -> dict[str, float]:
+    """The sums of `SUMS` over one picture with all its sounds.
+
+    Args:
+        output: for one picture.
+        batch: of that picture.
+        threshold: probability above which a pixel is marked.
+    """
+    size = (batch.masks.shape[-2], batch.masks.shape[-1])
+    marked = full_size(output.mask[:, None], size)[:, 0].sigmoid() > threshold
+    truth = batch.masks
+    ious = _iou(marked, truth)
+    seen = truth.flatten(1).any(dim=1)
+    wrong = marked.flatten(1).any(dim=1)
+    right = torch.where(seen, ious > RIGHT_IOU, ~wrong)
+    pairs = list(_pairs(truth))
+    what = full_size(output.classes, size).argmax(dim=1)
+    objects, found = batch.classes > 0, what > 0
+    heard = (output.audible > 0) == (batch.audible > 0.5)
+    return {
+        "iou": float(ious[seen].sum()),
+        "seen": float(seen.sum()),
+        "false": float((wrong & ~seen).sum()),
+        "unseen": float((~seen).sum()),
+        "right_pairs": float(sum(bool(right[one] and right[other]) for one, other in pairs)),
+        "pairs": float(len(pairs)),
+        "class_both": float(((what == batch.classes) & objects).sum()),
+        "class_either": float((objects | found).sum()),
+        "audible_right": float(heard.all(dim=1).sum()),
+        "sounds": float(len(heard)),
+    }
+
+
+def _iou(one: Tensor, other: Tensor) -> Tensor:
+    """(B,) IoU of masks (B, H, W); 1 where both are empty."""
+    both, either = (one & other).flatten(1).sum(dim=1), (one | other).flatten(1).sum(dim=1)
+    return torch.where(either > 0, both / either.clamp(min=1), torch.ones_like(both, dtype=torch.float32))
+
+
+def _pairs(truth: Tensor) -> Iterator[tuple[int, int]]:
+    """Pairs of sounds whose truths differ."""
+    for one, other in combinations(range(len(truth)), 2):
+        if float(_iou(truth[one][None], truth[other][None])) < RIGHT_IOU:
+            yield one, other
+
+
+def figures(sums: dict[str, float]) -> dict[str, float | None]:
+    """Validation as it is printed: shares, None where there was nothing to measure."""
+
+    def share(part: str, whole: str) -> float | None:
+        return round(sums[part] / sums[whole], 4) if sums[whole] else None
+
+    return {
+        "iou": share("iou", "seen"),
+        "fp_rate": share("false", "unseen"),
+        "pair_accuracy": share("right_pairs", "pairs"),
+        "class_iou": share("class_both", "class_either"),
+        "audible": share("audible_right", "sounds"),
+    }

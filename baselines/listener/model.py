@@ -1,0 +1,270 @@
+"""The network: a picture and one second of binaural sound become a mask of what sounds.
+
+*What* and *where* stay apart until the last step:
+
+    picture ── encoder ──┬── decoder ──────────────── classes: what is at each pixel (the sound is not used)
+                         │                                │
+    sound ── encoder ────│──┬───────────────────────── audible: what is heard (the picture is not used)
+                         │  │                             │
+                         │  │        match map: how probable it is that the category of this pixel is heard
+                         │  │                             │
+                         └── attention ── decoder ── mask: what sounds
+                                             │
+    sound ── steered response ── direction map: how well this pixel's direction explains both ears
+
+The last decoder gets the match map (what) and the direction map (where) at every level. No gradient flows from the
+mask into the match map: classes and audible categories learn from their own truths alone.
+
+One picture serves several sounds: the picture's encoder and first decoder run once for all of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from avs3d_bench.taxonomy import CATEGORIES
+from baselines.listener import direction, features
+from baselines.listener.blocks import Block, ChannelNorm, Listen, Up, down
+
+#: Side of the pictures the network works on (pixels), and the multiple to which they are padded at right and bottom.
+SIDE, MULTIPLE = 252, 32
+#: Classes of a pixel: 0 nothing of these, then the categories in the taxonomy's order.
+CLASSES = 1 + len(CATEGORIES)
+#: Mean and standard deviation of a channel of pictures (of 0 to 1), roughly.
+PICTURE_MEAN, PICTURE_STD = 0.45, 0.25
+#: Stride of the finest level that gets the direction map (pixels).
+FINEST = 4
+
+
+@dataclass(frozen=True)
+class Widths:
+    """Size of the network.
+
+    Attributes:
+        image: channels of the encoder at strides 2, 4, 8, 16, 32.
+        blocks: ConvNeXt blocks at each of these strides.
+        decoder: channels of both decoders at strides 16, 8, 4, 2.
+        audio: channels of the sound's encoder; the last is also that of the tokens, and of the attention.
+        attention: layers of it.
+    """
+
+    image: tuple[int, ...] = (32, 64, 128, 256, 256)
+    blocks: tuple[int, ...] = (0, 2, 2, 4, 2)
+    decoder: tuple[int, ...] = (128, 96, 64, 32)
+    audio: tuple[int, ...] = (32, 64, 128, 256)
+    attention: int = 2
+
+
+class Output(NamedTuple):
+    """The network's answer for B pictures with K sounds each; all numbers are logits.
+
+    Attributes:
+        classes: (B, CLASSES, h, w) at stride 2: what is at each pixel, from the picture alone.
+        audible: (B·K, categories): what is heard, from the sound alone.
+        mask: (B·K, h, w) at stride 2: what sounds.
+    """
+
+    classes: Tensor
+    audible: Tensor
+    mask: Tensor
+
+
+class Sound(NamedTuple):
+    """What `Listener` gets of B sounds: see `features` and `direction`.
+
+    Attributes:
+        bands: (B, features.CHANNELS, features.BANDS, T).
+        levels: (B, 4).
+        where: (B, direction.CHANNELS, H / FINEST, W / FINEST), the direction map of the sound's picture.
+    """
+
+    bands: Tensor
+    levels: Tensor
+    where: Tensor
+
+
+class PictureEncoder(nn.Module):
+    """ConvNeXt-like: features at strides 2, 4, 8, 16 and 32."""
+
+    def __init__(self, widths: Widths) -> None:
+        super().__init__()
+        first = widths.image[0]
+        self.stem = nn.Sequential(
+            nn.Conv2d(3, first, 3, stride=2, padding=1),
+            ChannelNorm(first),
+            nn.GELU(),
+            nn.Conv2d(first, first, 3, padding=1),
+        )
+        stages: list[nn.Module] = []
+        for before, after, count in zip(widths.image[:-1], widths.image[1:], widths.blocks[1:], strict=True):
+            stages.append(nn.Sequential(down(before, after), *(Block(after) for _ in range(count))))
+        self.stages = nn.ModuleList(stages)
+
+    def forward(self, picture: Tensor) -> list[Tensor]:
+        """Of (B, 3, H, W) normalised."""
+        found = [self.stem(picture)]
+        for stage in self.stages:
+            found.append(stage(found[-1]))
+        return found
+
+
+class SoundEncoder(nn.Module):
+    """A small 2D CNN over mel bands and windows: tokens over time, and which categories are audible."""
+
+    def __init__(self, widths: Widths) -> None:
+        super().__init__()
+        layers: list[nn.Module] = []
+        before = features.CHANNELS
+        for after in widths.audio:
+            layers += [nn.Conv2d(before, after, 3, stride=2, padding=1), ChannelNorm(after), nn.GELU()]
+            before = after
+        bands = features.BANDS >> len(widths.audio)
+        self.layers = nn.Sequential(*layers)
+        self.token = nn.Linear(before * bands, before)
+        self.level = nn.Sequential(nn.Linear(4, before), nn.GELU(), nn.Linear(before, before))
+        self.norm = nn.LayerNorm(before)
+        self.audible = nn.Linear(2 * before, len(CATEGORIES))
+
+    def forward(self, bands: Tensor, levels: Tensor) -> tuple[Tensor, Tensor]:
+        """Tokens (B, m, C), the first of which holds the broadband levels, and logits (B, categories)."""
+        moments = self.token(self.layers(bands).permute(0, 3, 1, 2).flatten(2))
+        tokens = self.norm(torch.cat([self.level(levels)[:, None].to(moments.dtype), moments], dim=1))
+        return tokens, self.audible(torch.cat([tokens.mean(dim=1), tokens.amax(dim=1)], dim=1))
+
+
+class PictureDecoder(nn.Module):
+    """Classes of pixels, from the picture alone."""
+
+    def __init__(self, widths: Widths) -> None:
+        super().__init__()
+        image, wide = widths.image, widths.decoder
+        befores = (image[-1], *wide[:-1])
+        self.levels = nn.ModuleList(
+            Up(before, skip, 0, after) for before, skip, after in zip(befores, image[-2::-1], wide, strict=True)
+        )
+        self.head = nn.Conv2d(wide[-1], CLASSES, 1)
+
+    def forward(self, encoded: list[Tensor]) -> Tensor:
+        """(B, CLASSES, h, w) logits at stride 2."""
+        x = encoded[-1]
+        for level, skip in zip(self.levels, encoded[-2::-1], strict=True):
+            x = level(x, skip)
+        return self.head(x)  # type: ignore[no-any-return]
+
+
+class SoundingDecoder(nn.Module):
+    """The mask: attention to the sound at strides 32, then a decoder that gets what (match) and where (direction)."""
+
+    def __init__(self, widths: Widths) -> None:
+        super().__init__()
+        image, wide, width = widths.image, widths.decoder, widths.audio[-1]
+        self.enter = nn.Conv2d(image[-1] + direction.CHANNELS + 1, width, 1)
+        self.attention = nn.ModuleList(Listen(width) for _ in range(widths.attention))
+        befores = (width, *wide[:-1])
+        # The level of stride 2 has no direction map: the match map alone is that fine.
+        mores = [direction.CHANNELS + 1] * (len(wide) - 1) + [1]
+        self.levels = nn.ModuleList(
+            Up(before, skip, more, after)
+            for before, skip, more, after in zip(befores, image[-2::-1], mores, wide, strict=True)
+        )
+        self.head = nn.Conv2d(wide[-1], 1, 1)
+
+    def forward(self, encoded: list[Tensor], tokens: Tensor, match: Tensor, where: Tensor) -> Tensor:
+        """(B·K, h, w) logits at stride 2.
+
+        Args:
+            encoded: of B pictures, strides 2 to 32.
+            tokens: (B·K, m, C).
+            match: (B·K, 1, h, w) at stride 2.
+            where: (B·K, D, h/2, w/2) at stride `FINEST`.
+        """
+        count = tokens.shape[0]
+        cues = {2: match, FINEST: torch.cat([functional.avg_pool2d(match, FINEST // 2), where], dim=1)}
+        for stride in (8, 16, 32):
+            cues[stride] = functional.avg_pool2d(cues[stride // 2], 2)
+        last = encoded[-1].repeat_interleave(count // encoded[-1].shape[0], 0)
+        x = self.enter(torch.cat([last, cues[32]], dim=1))
+        cells = x.flatten(2).transpose(1, 2)
+        for layer in self.attention:
+            cells = layer(cells, tokens)
+        x = cells.transpose(1, 2).unflatten(-1, x.shape[-2:])
+        for level, skip, stride in zip(self.levels, encoded[-2::-1], (16, 8, 4, 2), strict=True):
+            x = level(x, skip, cues[stride])
+        return self.head(x)[:, 0]  # type: ignore[no-any-return]
+
+
+class Listener(nn.Module):
+    """The whole network.
+
+    Args:
+        widths: its size; the default has fewer than 7 million parameters.
+    """
+
+    def __init__(self, widths: Widths = Widths()) -> None:  # noqa: B008
+        super().__init__()
+        self.widths = widths
+        self.picture_encoder = PictureEncoder(widths)
+        self.picture_decoder = PictureDecoder(widths)
+        self.sound_encoder = SoundEncoder(widths)
+        self.sounding_decoder = SoundingDecoder(widths)
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What `Widths` was built with, as JSON types."""
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self.widths).items()}
+
+    def forward(self, picture: Tensor, sound: Sound) -> Output:
+        """The answers for B pictures with K sounds each.
+
+        Args:
+            picture: (B, 3, H, W) float, 0 to 1; padded to a multiple of `MULTIPLE` here.
+            sound: of `hear`, of B·K sounds: the K of the first picture, then those of the second, …
+        """
+        height, width = picture.shape[-2:]
+        normalised = (picture - PICTURE_MEAN) / PICTURE_STD
+        normalised = functional.pad(normalised, (0, -width % MULTIPLE, 0, -height % MULTIPLE))
+        encoded = self.picture_encoder(normalised.contiguous(memory_format=torch.channels_last))
+        classes = self.picture_decoder(encoded)
+        tokens, audible = self.sound_encoder(sound.bands, sound.levels)
+        match = match_map(classes, audible)
+        where = functional.pad(sound.where, (0, -(-width % MULTIPLE) // -FINEST, 0, -(-height % MULTIPLE) // -FINEST))
+        mask = self.sounding_decoder(encoded, tokens, match, where.to(match.dtype))
+        return Output(classes, audible, mask)
+
+
+def hear(sound: Tensor, camera: Tensor, size: tuple[int, int]) -> Sound:
+    """Features of sounds and their direction maps; float32, without gradient.
+
+    Args:
+        sound: (B, 2, n), channel 0 left.
+        camera: (B, 4), see `direction.pixel_angles`.
+        size: (height, width) of the pictures; multiples of `FINEST`.
+    """
+    with torch.no_grad(), torch.autocast(sound.device.type, enabled=False):
+        both = features.spectra(sound)
+        angles = direction.pixel_angles(camera, (size[0] // FINEST, size[1] // FINEST))
+        where = direction.direction_map(direction.steered_response(both), angles)
+        return Sound(features.band_features(both), features.broadband_levels(sound), where)
+
+
+def match_map(classes: Tensor, audible: Tensor) -> Tensor:
+    """(B·K, 1, h, w): the probability that a pixel's category is heard; no gradient flows through it.
+
+    Args:
+        classes: (B, CLASSES, h, w) logits.
+        audible: (B·K, categories) logits.
+    """
+    count = audible.shape[0] // classes.shape[0]
+    what = classes.detach().softmax(dim=1)[:, 1:]
+    heard = audible.detach().sigmoid().unflatten(0, (-1, count))
+    return torch.einsum("bchw,bkc->bkhw", what, heard).flatten(0, 1)[:, None]
+
+
+def parameter_count(network: nn.Module) -> int:
+    """Trainable parameters."""
+    return sum(parameter.numel() for parameter in network.parameters())

@@ -1,0 +1,347 @@
+"""Reading WebDataset shards once, into arrays that stay on disk and are mapped into memory.
+
+The shards are those of `avs3d export webdataset` or of `avs3d generate --format webdataset`. Siblings of a group share
+their pictures, so one copy is stored. What is stored lies in a folder beside the checkpoints; several processes (one
+per GPU) and a run that goes on after an interruption map the same files.
+
+This module needs numpy alone: it runs in worker processes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import math
+import tarfile
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench import layout
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.exports import decode_sample
+from avs3d_bench.files import write_json
+from avs3d_bench.parallel import advance, process_each
+from avs3d_bench.schema import AUDIBLE_LEVEL_DB
+from avs3d_bench.staging import staged_folder
+from avs3d_bench.taxonomy import CATEGORIES
+
+#: Side of the pictures the network works on (pixels).
+SIDE = 252
+#: Changes when the stored arrays do: folders of other versions are written again.
+VERSION = 1
+TABLE = "table.json"
+_REQUIRED = {
+    "json": "facts",
+    "rgb.png": "picture",
+    "binaural.wav": "sound",
+    "mask.png": "mask",
+    "instances.png": "instance ids",
+}
+_CLASS = {name: number for number, name in enumerate(CATEGORIES, start=1)}
+#: Bytes of zeros at the end of a whole tar archive.
+_END = 2 * tarfile.BLOCKSIZE
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One frame of one observation.
+
+    Attributes:
+        key: ``<observation key>/<frame name>``.
+        group: key of the observation whose pictures it shares, with the frame's name.
+        home: name of the scan.
+        audible: categories that are heard.
+        lateral: lateral angle of the only audible source (rad); NaN if there is none, or several.
+        camera: fx, fy, cx, cy as shares of the picture's width and height.
+        instances: (id, class) of the instances of the seven categories.
+        members: name → (offset, size) in the shard.
+    """
+
+    key: str
+    group: str
+    home: str
+    audible: tuple[str, ...]
+    lateral: float
+    camera: tuple[float, float, float, float]
+    instances: tuple[tuple[int, int], ...]
+    members: dict[str, tuple[int, int]]
+
+
+@dataclass(frozen=True)
+class Table:
+    """What is stored, without the pixels and samples. A *view* is a picture with all sounds that belong to it.
+
+    Attributes:
+        version: `VERSION`.
+        digest: sha256 over the shards' names and sha256.
+        keys: of each sound, ``<observation key>/<frame name>``.
+        view: of each sound, its picture.
+        audible: of each sound, the categories that are heard.
+        lateral: of each sound, the lateral angle of its only audible source (rad), None if there is none or several.
+        groups: of each picture, the group and frame.
+        homes: of each picture.
+        cameras: of each picture, see `Entry`.
+        present: of each picture, the categories in the room.
+    """
+
+    version: int
+    digest: str
+    keys: list[str]
+    view: list[int]
+    audible: list[list[str]]
+    lateral: list[float | None]
+    groups: list[str]
+    homes: list[str]
+    cameras: list[list[float]]
+    present: list[list[str]]
+
+
+@dataclass(frozen=True)
+class Store:
+    """The arrays, mapped into memory.
+
+    Attributes:
+        table: what they hold.
+        pictures: (P, 252, 252, 3) uint8 RGB.
+        classes: (P, 252, 252) uint8: class of the visible instance, 0 none of the seven categories.
+        sounds: (N, 2, 44100) float16.
+        masks: (N, 252, 32) uint8: the mask of what sounds, eight pixels a byte.
+        marked: (N,) int32: pixels of the mask.
+        extents: (P, 7, 2) float32: lowest and highest lateral angle at which a category is visible (rad), NaN if not.
+    """
+
+    table: Table
+    pictures: NDArray[np.uint8]
+    classes: NDArray[np.uint8]
+    sounds: NDArray[np.float16]
+    masks: NDArray[np.uint8]
+    marked: NDArray[np.int32]
+    extents: NDArray[np.float32]
+
+
+def _shapes(views: int, sounds: int) -> dict[str, tuple[tuple[int, ...], Any]]:
+    return {
+        "pictures": ((views, SIDE, SIDE, 3), np.uint8),
+        "classes": ((views, SIDE, SIDE), np.uint8),
+        "sounds": ((sounds, 2, layout.SAMPLE_RATE), np.float16),
+        "masks": ((sounds, SIDE, math.ceil(SIDE / 8)), np.uint8),
+        "marked": ((sounds,), np.int32),
+        "extents": ((views, len(CATEGORIES), 2), np.float32),
+    }
+
+
+def find_shards(root: str | Path) -> list[Path]:
+    """The tar files below a folder, in order of their names.
+
+    Raises:
+        UsageError: if there is none.
+    """
+    root = Path(root)
+    hidden = {path for path in root.rglob("*.tar") if any(p.startswith(".") for p in path.relative_to(root).parts)}
+    found = sorted(set(root.rglob("*.tar")) - hidden)
+    if not found:
+        raise UsageError(f"{root}: no shards (*.tar); expected a folder of `avs3d export webdataset`")
+    return found
+
+
+def index_shard(path: Path) -> tuple[str, list[Entry]]:
+    """The sha256 of a shard, and its frames.
+
+    Raises:
+        Avs3dError: if it is cut short, or a frame lacks what training needs.
+    """
+    try:
+        data = path.read_bytes()
+        with tarfile.open(fileobj=io.BytesIO(data)) as archive:
+            infos = [info for info in archive if info.isfile()]
+    except (OSError, tarfile.TarError) as error:
+        raise Avs3dError(f"{path}: cannot be read as a shard ({error}); it may be cut short: write it again") from None
+    if data[-_END:].strip(b"\0") or len(data) < _END:
+        raise Avs3dError(f"{path}: the shard is cut short, its end mark is missing; write it again")
+    samples: dict[str, dict[str, tuple[int, int]]] = {}
+    for info in infos:
+        folder, _, name = info.name.rpartition("/")
+        stem, _, member = name.partition(".")
+        samples.setdefault(f"{folder}/{stem}", {})[member] = (info.offset_data, info.size)
+    return hashlib.sha256(data).hexdigest(), [_entry(path, key, found, data) for key, found in samples.items()]
+
+
+def _entry(path: Path, key: str, members: dict[str, tuple[int, int]], data: bytes) -> Entry:
+    for name, what in _REQUIRED.items():
+        if name not in members:
+            raise Avs3dError(
+                f"{path}: {key} has no {what} ({name}); the listener is trained on frames with all of them"
+            )
+    offset, size = members["json"]
+    try:
+        facts = json.loads(data[offset : offset + size])
+        audible, lateral = _heard(facts)
+        (fx, _, cx), (_, fy, cy), _ = facts["intrinsics"]
+        width, height = facts["width"], facts["height"]
+        return Entry(
+            key=key,
+            group=f"{facts.get('group') or facts['key']}/{facts['frame']}",
+            home=facts["scan"],
+            audible=audible,
+            lateral=lateral,
+            camera=(fx / width, fy / height, cx / width, cy / height),
+            instances=tuple((i["id"], _CLASS[i["category"]]) for i in facts["instances"] if i["category"] in _CLASS),
+            members={name: members[name] for name in _REQUIRED},
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        kind = type(error).__name__
+        raise Avs3dError(f"{path}: {key}.json lacks facts or is damaged ({kind}: {error}); export it again") from None
+
+
+def _heard(facts: dict[str, Any]) -> tuple[tuple[str, ...], float]:
+    """The audible categories, and the lateral angle of the only source (NaN if there is none, or several)."""
+    if "audible" in facts:
+        category = {source["id"]: source["category"] for source in facts["sources"]}
+        names = [category[each["source"]] for each in facts["audible"]]
+        first = facts["sources"][0]["id"] if facts["sources"] else None
+        only = [each["source"] for each in facts["audible"]] == [first]
+    else:
+        loudest = max(facts["rms_left"], facts["rms_right"])
+        only = loudest > 10 ** (AUDIBLE_LEVEL_DB / 20)
+        names = [facts["category"]] if only else []
+    azimuth, elevation = facts["azimuth"], facts["elevation"]
+    known = only and azimuth is not None and elevation is not None
+    lateral = math.asin(math.sin(math.radians(azimuth)) * math.cos(math.radians(elevation))) if known else math.nan
+    return tuple(sorted({name for name in names if name in _CLASS})), lateral
+
+
+def read_store(root: str | Path, folder: str | Path, *, workers: int | None = None, progress: bool = False) -> Store:
+    """The frames of all shards below ``root``; what is stored in ``folder`` already is mapped, not read again.
+
+    Args:
+        root: folder with shards.
+        folder: where the arrays go.
+        workers: processes; None: one per core.
+        progress: show bars on stderr.
+
+    Raises:
+        UsageError: if there are no shards.
+        Avs3dError: if a shard is damaged or lacks what training needs, or the system refuses.
+    """
+    folder, shards = Path(folder), find_shards(root)
+    found = dict(process_each(index_shard, shards, workers=workers, label="index of shards", progress=progress))
+    names = "".join(f"{path.relative_to(root).as_posix()} {found[path][0]}\n" for path in shards)
+    digest = hashlib.sha256(names.encode()).hexdigest()
+    if stored := open_store(folder, digest):
+        return stored
+    entries = [(path, entry) for path in shards for entry in found[path][1]]
+    table, first = _table(digest, [entry for _, entry in entries])
+    jobs: dict[Path, list[tuple[int, int | None, Entry]]] = {}
+    for number, (path, entry) in enumerate(entries):
+        view = table.view[number]
+        jobs.setdefault(path, []).append((number, view if first[view] == number else None, entry))
+    with staged_folder(folder, lambda _: None) as fresh:
+        for name, (shape, kind) in _shapes(len(table.groups), len(table.keys)).items():
+            np.lib.format.open_memmap(fresh / f"{name}.npy", "w+", dtype=kind, shape=shape).flush()
+        decode = partial(_decode_shard, fresh)
+        sizes = [len(job) for job in jobs.values()]
+        for _ in process_each(
+            decode, list(jobs.items()), workers=workers, label="frames", progress=progress, sizes=sizes
+        ):
+            pass
+        write_json(fresh / TABLE, asdict(table))
+    opened = open_store(folder, digest)
+    assert opened is not None
+    return opened
+
+
+def open_store(folder: str | Path, digest: str | None = None) -> Store | None:
+    """Map what is stored; None if there is nothing, or it comes from other shards."""
+    folder = Path(folder)
+    try:
+        table = Table(**json.loads((folder / TABLE).read_text()))
+    except (OSError, ValueError, TypeError):
+        return None
+    if table.version != VERSION or (digest is not None and table.digest != digest):
+        return None
+    # Copy-on-write: torch takes arrays that can be written to; nothing is.
+    return Store(table, **{name: np.load(folder / f"{name}.npy", mmap_mode="c") for name in _shapes(0, 0)})
+
+
+def _table(digest: str, entries: Sequence[Entry]) -> tuple[Table, list[int]]:
+    """The table, and for each picture the sound whose sample it is read from."""
+    names = list(_CLASS)
+    views: dict[str, int] = {}
+    first: list[int] = []
+    for number, entry in enumerate(entries):
+        if entry.group not in views:
+            views[entry.group] = len(first)
+            first.append(number)
+    shown = [entries[number] for number in first]
+    table = Table(
+        version=VERSION,
+        digest=digest,
+        keys=[entry.key for entry in entries],
+        view=[views[entry.group] for entry in entries],
+        audible=[list(entry.audible) for entry in entries],
+        lateral=[None if math.isnan(entry.lateral) else entry.lateral for entry in entries],
+        groups=[entry.group for entry in shown],
+        homes=[entry.home for entry in shown],
+        cameras=[list(entry.camera) for entry in shown],
+        present=[sorted({names[number - 1] for _, number in entry.instances}) for entry in shown],
+    )
+    return table, first
+
+
+def _decode_shard(folder: Path, job: tuple[Path, list[tuple[int, int | None, Entry]]]) -> None:
+    """Decode frames of a shard into the arrays; of each sound (its number, its picture if it is read here, entry)."""
+    path, frames = job
+    arrays = {name: np.load(folder / f"{name}.npy", mmap_mode="r+") for name in _shapes(0, 0)}
+    with path.open("rb") as stream:
+        for done, (number, view, entry) in enumerate(frames, start=1):
+            wanted = [name for name in _REQUIRED if view is not None or name in ("binaural.wav", "mask.png")]
+            raw: dict[str, Any] = {"__key__": f"{path}: {entry.key}"}
+            for name in wanted:
+                offset, size = entry.members[name]
+                stream.seek(offset)
+                raw[name] = stream.read(size)
+            sample = decode_sample(raw)
+            if sample["binaural"].shape != (2, layout.SAMPLE_RATE):
+                shape = sample["binaural"].shape
+                raise Avs3dError(f"{path}: {entry.key}: sound of shape {shape}, expected (2, {layout.SAMPLE_RATE})")
+            arrays["sounds"][number] = sample["binaural"]
+            mask = fit(sample["mask"].astype(np.uint8), cv2.INTER_NEAREST)
+            arrays["masks"][number], arrays["marked"][number] = np.packbits(mask, axis=-1), np.count_nonzero(mask)
+            if view is not None:
+                arrays["pictures"][view] = fit(sample["rgb"].transpose(1, 2, 0), cv2.INTER_AREA)
+                lookup = np.zeros(int(sample["instance_ids"].max()) + 1, np.uint8)
+                for instance, label in entry.instances:
+                    if instance < len(lookup):
+                        lookup[instance] = label
+                arrays["classes"][view] = fit(lookup[sample["instance_ids"]], cv2.INTER_NEAREST)
+                arrays["extents"][view] = extents(arrays["classes"][view], entry.camera)
+            advance(done, len(frames))
+
+
+def fit(pixels: NDArray[np.uint8], how: int) -> NDArray[np.uint8]:
+    """Pixels (H, W[, C]) at the network's size; the field of view stays."""
+    if pixels.shape[:2] == (SIDE, SIDE):
+        return pixels
+    return np.asarray(cv2.resize(np.ascontiguousarray(pixels), (SIDE, SIDE), interpolation=how), np.uint8)
+
+
+def extents(classes: NDArray[np.uint8], camera: Sequence[float]) -> NDArray[np.float32]:
+    """(7, 2) lowest and highest lateral angle (rad) at which each category is visible, NaN if it is not."""
+    fx, fy, cx, cy = camera
+    height, width = classes.shape
+    x = ((np.arange(width) + 0.5) / width - cx) / fx
+    y = ((np.arange(height)[:, None] + 0.5) / height - cy) / fy
+    lateral = np.arcsin(x / np.sqrt(x**2 + y**2 + 1))
+    out = np.full((len(CATEGORIES), 2), np.nan, np.float32)
+    for label in np.unique(classes[classes > 0]):
+        seen = lateral[classes == label]
+        out[label - 1] = seen.min(), seen.max()
+    return out

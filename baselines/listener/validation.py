@@ -1,0 +1,61 @@
+"""Validation: homes that training never sees, every picture with all of its own sounds, unchanged."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+
+from avs3d_bench.taxonomy import CATEGORIES
+from baselines.listener.augment import Bank
+from baselines.listener.batches import Kind, Plan, split_homes
+from baselines.listener.losses import SUMS, figures, measure
+from baselines.listener.model import Listener, hear
+from baselines.listener.shards import Store, Table
+
+#: Most pictures that are looked at; they are spread evenly over all.
+MOST_PICTURES = 512
+
+
+def validation_views(table: Table) -> list[int]:
+    """Pictures of the homes kept for validation; of the only home, where there is one alone."""
+    training, kept = split_homes(table.homes)
+    views = [view for view, home in enumerate(table.homes) if home in (kept or training)]
+    return [views[i] for i in np.linspace(0, len(views) - 1, min(len(views), MOST_PICTURES)).round().astype(int)]
+
+
+def view_plan(table: Table, view: int, sounds: list[int]) -> Plan:
+    """One picture with its own sounds."""
+    column = np.asarray(sounds, np.int64)[:, None]
+    pair = np.concatenate([column, np.full_like(column, -1)], axis=1)
+    audible = np.asarray([[name in table.audible[sound] for name in CATEGORIES] for sound in sounds], np.bool_)
+    return Plan(np.asarray([view], np.int64), pair, pair, audible, np.full(len(sounds), Kind.OWN, np.int64))
+
+
+def validate(network: Any, store: Store, bank: Bank, fabric: Any) -> dict[str, float | None]:
+    """Figures of a network over the validation homes; each device looks at its share.
+
+    Args:
+        network: the (averaged) `Listener`.
+        store: what is stored.
+        bank: the same on the device.
+        fabric: a launched `lightning.fabric.Fabric`.
+    """
+    assert isinstance(network, Listener)
+    of_view: dict[int, list[int]] = {}
+    for sound, view in enumerate(store.table.view):
+        of_view.setdefault(view, []).append(sound)
+    sums = torch.zeros(len(SUMS), dtype=torch.float64, device=fabric.device)
+    training = network.training
+    network.eval()
+    with torch.inference_mode(), fabric.autocast():
+        for view in validation_views(store.table)[fabric.global_rank :: fabric.world_size]:
+            batch = bank.gather(view_plan(store.table, view, of_view[view]), None)
+            cameras = batch.cameras.expand(len(batch.sounds), -1)
+            heard = hear(batch.sounds, cameras, (batch.pictures.shape[-2], batch.pictures.shape[-1]))
+            found = measure(network(batch.pictures, heard), batch)
+            sums += torch.tensor([found[name] for name in SUMS], dtype=torch.float64, device=fabric.device)
+    network.train(training)
+    total = fabric.all_reduce(sums, reduce_op="sum")
+    return figures(dict(zip(SUMS, total.tolist(), strict=True)))

@@ -1,0 +1,107 @@
+"""The network's weights as a file: float16 safetensors that say what they are, checked before they are used."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+
+from avs3d_bench import media
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.files import atomic_path
+from baselines.listener.model import Listener, Widths
+
+#: Changes when the network's layers, its features or its direction map do.
+NETWORK_VERSION = 1
+#: The weights of this package, their sha256 beside them, and the card of the run that made them.
+PACKAGED = Path(__file__).parent / "weights" / "listener.safetensors"
+_FORMAT = "avs3d-listener"
+_DIGEST_SUFFIX = ".sha256"
+
+
+def save_weights(network: Listener, path: str | Path) -> str:
+    """Write a network's weights as float16, and their sha256 to a file beside; both atomically.
+
+    Returns:
+        The sha256.
+    """
+    path = Path(path)
+    tensors = {name: tensor.detach().cpu().half().contiguous() for name, tensor in network.state_dict().items()}
+    about = {"format": _FORMAT, "version": str(NETWORK_VERSION), "widths": json.dumps(network.settings)}
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(save(tensors, metadata=about))
+    digest = media.sha256_file(path)
+    with atomic_path(digest_path(path)) as temporary:
+        temporary.write_text(f"{digest}  {path.name}\n")
+    return digest
+
+
+def digest_path(path: Path) -> Path:
+    """The file with the sha256 of a file of weights."""
+    return path.with_name(path.name + _DIGEST_SUFFIX)
+
+
+def load_listener(path: str | Path | None = None, *, device: Any = "cpu") -> tuple[Listener, str]:
+    """The network with its weights in float32, in evaluation mode, and the weights' sha256.
+
+    Args:
+        path: file of weights; None: those of the package. The sha256 in the file beside it is checked, if there is one;
+            that of the package must be there.
+        device: where the network goes.
+
+    Raises:
+        Avs3dError: if the file is missing or cut short, is another one than its digest says, or belongs to another
+            version of the network.
+    """
+    packaged = path is None
+    path = PACKAGED if path is None else Path(path)
+    if not path.is_file():
+        hint = "this package comes without weights; train some and name them" if packaged else "expected weights"
+        raise Avs3dError(f"{path}: no such file; {hint} (--weights FILE, see `avs3d train listener`)")
+    digest = hashlib.sha256(media.read_bytes(path)).hexdigest()
+    expected = _expected(path, required=packaged)
+    if expected not in (None, digest):
+        raise Avs3dError(f"{path}: sha256 {digest[:12]}…, expected {str(expected)[:12]}…; the file was changed or cut")
+    try:
+        with safe_open(path, "pt") as file:
+            about = file.metadata() or {}
+            tensors = {name: file.get_tensor(name).float() for name in file.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError) as error:
+        raise Avs3dError(f"{path}: no whole safetensors file ({error}); copy or train it again") from None
+    network = _network(path, about)
+    if {name: tensor.shape for name, tensor in network.state_dict().items()} != {
+        n: t.shape for n, t in tensors.items()
+    }:
+        raise Avs3dError(
+            f"{path}: its tensors are not those of version {NETWORK_VERSION} of the listener; train it again"
+        )
+    network.load_state_dict(tensors)
+    return network.eval().requires_grad_(False).to(device), digest
+
+
+def _expected(path: Path, *, required: bool) -> str | None:
+    beside = digest_path(path)
+    if not beside.is_file():
+        if required:
+            raise Avs3dError(
+                f"{beside}: missing, the digest of the weights cannot be checked; install the package again"
+            )
+        return None
+    return (media.read_bytes(beside).decode(errors="replace").split() or [""])[0]
+
+
+def _network(path: Path, about: dict[str, str]) -> Listener:
+    """An untrained network of the size that the file names."""
+    if about.get("format") != _FORMAT:
+        raise Avs3dError(f"{path}: no weights of the listener (format {about.get('format')}), expected {_FORMAT}")
+    if about.get("version") != str(NETWORK_VERSION):
+        raise Avs3dError(
+            f"{path}: weights of version {about.get('version')} of the listener, expected {NETWORK_VERSION}; "
+            "take those of this version of the package, or train again"
+        )
+    widths = json.loads(about["widths"])
+    return Listener(Widths(**{name: tuple(v) if isinstance(v, list) else v for name, v in widths.items()}))
