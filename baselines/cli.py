@@ -233,6 +233,26 @@ def denseav(
     _done(write_denseav(Dataset(root), path, model, only=only, overwrite=overwrite, progress=sys.stderr.isatty()))
 
 
+@baseline.command(short_help="The network of this package that looks and listens.")
+@_common
+@click.option("--weights", type=PATH, metavar="FILE", help="Weights of `avs3d train listener` [the package's].")
+@click.option("--device", default=None, help="cpu, cuda:0, … [CUDA where there is one].")
+def listener(
+    root: Path, path: Path, only: tuple[str, ...], overwrite: bool, weights: Path | None, device: str | None
+) -> None:
+    """Run the listener, frame by frame: the picture and one second of binaural sound give the mask of what sounds.
+
+    It was trained on datasets of this package's generator alone. In part_3 categories/ is written as well.
+    """
+    from avs3d_bench.dataset import Dataset
+    from baselines.listener.packages import require
+    from baselines.listener.predict import load_method, write_listener
+
+    require("baselines")
+    model = load_method(weights, device=device)
+    _done(write_listener(Dataset(root), path, model, only=only, overwrite=overwrite, progress=sys.stderr.isatty()))
+
+
 @baseline.command(short_help="3D Gaussian splatting, lifted masks, refined by sound.")
 @_common
 @click.option("--masks", required=True, metavar="oracle|owod-bind|DIR", help="2D masks of the train frames.")

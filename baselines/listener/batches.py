@@ -1,4 +1,4 @@
-"""Which pictures and sounds make a batch: sets of one picture with several sounds, so that the mask must follow the sound.
+"""The pictures and sounds of a batch: sets of one picture with several sounds, so that the mask must follow the sound.
 
 A set has `SOUNDS` sounds for one picture. Siblings of a group are taken first: the same picture while something else
 sounds. Where a picture has too few siblings, sounds are made for it:

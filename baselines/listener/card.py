@@ -15,8 +15,9 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import atomic_path, write_json
 from avs3d_bench.taxonomy import CATEGORIES
 from baselines.listener.batches import split_homes
+from baselines.listener.checkpoint import Settings
 from baselines.listener.model import parameter_count
-from baselines.listener.training import Result, Settings
+from baselines.listener.steps import Result
 from baselines.listener.weights import NETWORK_VERSION, save_weights
 
 WEIGHTS, CARD_JSON, CARD_MD = "listener.safetensors", "model_card.json", "model_card.md"
@@ -120,12 +121,15 @@ def markdown(card: dict[str, Any]) -> str:
 
 Marks what sounds in a picture, given one second of binaural sound. Categories: {", ".join(card["categories"])}.
 
-- Weights: `{weights["file"]}`, {weights["parameters"]:,} parameters, float16, sha256 `{weights["sha256"]}`, {card["licence"]}.
-- Data: {data["sounds"]:,} sounds of {data["pictures"]:,} pictures; {data["training_homes"]} homes for training,
-  {len(data["validation_homes"])} for validation. Manifest: {manifest}. Shards: sha256 `{data["shards_sha256"]}`.
+- Weights: `{weights["file"]}`, {weights["parameters"]:,} parameters, float16, {card["licence"]},
+  sha256 `{weights["sha256"]}`.
+- Data: {data["sounds"]:,} sounds of {data["pictures"]:,} pictures; {data["training_homes"]} homes were trained
+  on, {len(data["validation_homes"])} kept for validation.
+  Manifest: {manifest}. Shards: sha256 `{data["shards_sha256"]}`.
 - Command: `{training["command"]}`
 - Seed {training["seed"]}, {training["steps"]:,} steps of {training["batch_per_device"]} sounds a device.
-- Hardware: {", ".join(training["devices"])}; {training["precision"]}; torch {training["torch"]}; {training["minutes"]} minutes.
+- Hardware: {", ".join(training["devices"])}; {training["precision"]}; torch {training["torch"]};
+  {training["minutes"]} minutes.
 - Sounds in the batches: {shares}.
 
 Validation, on homes that were not trained on:
@@ -134,5 +138,5 @@ Validation, on homes that were not trained on:
 |---|---|
 {figures}
 
-Trained on generated homes, objects and sounds alone: real rooms, other categories and other kinds of heads are untested.
+Trained on generated homes, objects and sounds alone: real rooms, other categories and other heads are untested.
 """

@@ -52,7 +52,9 @@ def listener(
     """
     if epochs is not None and steps is not None:
         raise UsageError("--epochs and --steps: expected one of them")
-    _require_packages()
+    from baselines.listener.packages import require
+
+    require("train")
     from baselines.listener.card import check_manifest
     from baselines.listener.job import Job, run_job
 
@@ -65,18 +67,3 @@ def listener(
         click.echo(f"{folder}: stopped after step {step} of {total}; run the same command again to go on")
     else:
         click.echo(f"{folder}: {total} steps; weights in listener.safetensors, figures in model_card.md")
-
-
-def _require_packages() -> None:
-    """Raise an error if packages are missing.
-
-    Raises:
-        UsageError: naming the package and how to install it.
-    """
-    from baselines.networks.checkpoints import has_package
-
-    for names in (("torch",), ("safetensors",), ("lightning_fabric", "lightning")):
-        if not any(has_package(name) for name in names):
-            raise UsageError(
-                f"training needs the Python package {names[0]}, which is not installed: pip install 'avs3d-bench[train]'"
-            )

@@ -16,6 +16,7 @@ Lateral angles are radians, 0 ahead and positive to the right. Silence gives 0 e
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import torch
@@ -74,14 +75,14 @@ def steered_response(both: Spectra) -> Tensor:
     magnitude = cross.abs()
     transform = cross / magnitude.clamp(min=1e-20)
     out = []
-    for low, high in zip(PHASE_GROUPS[:-1], PHASE_GROUPS[1:], strict=True):
+    for low, high in pairwise(PHASE_GROUPS):
         chosen = (at >= low) & (at < high)
         weight = _window_weights(magnitude[:, chosen].sum(dim=1))
         phase = (transform[:, chosen] * weight[:, None]).sum(dim=-1)  # (B, f)
         turn = torch.polar(torch.ones(1, device=device), 2 * math.pi * at[chosen, None] * woodworth_delay(angles))
         out.append(torch.real(phase @ turn) / int(chosen.sum()))
     out.append(torch.stack(out).mean(dim=0))
-    for low, high in zip(LEVEL_GROUPS[:-1], LEVEL_GROUPS[1:], strict=True):
+    for low, high in pairwise(LEVEL_GROUPS):
         chosen = (at >= low) & (at < high)
         powers = [ear[:, chosen].abs().square().sum(dim=1) for ear in (both.left, both.right)]
         weight = _window_weights(torch.sqrt(powers[0] * powers[1]))

@@ -105,7 +105,7 @@ def band_features(both: Spectra) -> Tensor:
     magnitude = torch.sqrt(real.square() + imaginary.square())
     loudness = torch.sqrt(_smooth(powers[0]) * _smooth(powers[1]))
     floor = 10 ** (FLOOR_DB / 10)
-    heard = magnitude / (magnitude + floor)
+    heard = loudness / (loudness + floor)
     return torch.stack(
         [
             *((level - FLOOR_DB) / LEVEL_SCALE_DB - 1 for level in levels),

@@ -13,7 +13,9 @@ import torch
 from avs3d_bench.errors import UsageError
 from baselines.listener.batches import SOUNDS, Sampler
 from baselines.listener.card import Machine, write_result
-from baselines.listener.training import Schedule, Settings, prepare, train
+from baselines.listener.checkpoint import Settings
+from baselines.listener.steps import Schedule
+from baselines.listener.training import prepare, train
 
 
 @dataclass(frozen=True)

@@ -205,8 +205,9 @@ class Listener(nn.Module):
         widths: its size; the default has fewer than 7 million parameters.
     """
 
-    def __init__(self, widths: Widths = Widths()) -> None:  # noqa: B008
+    def __init__(self, widths: Widths | None = None) -> None:
         super().__init__()
+        widths = widths or Widths()
         self.widths = widths
         self.picture_encoder = PictureEncoder(widths)
         self.picture_decoder = PictureDecoder(widths)

@@ -1,0 +1,146 @@
+"""Settings and state of a training run, and its checkpoint: written atomically, taken over only by the same run."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.files import atomic_path
+from baselines.listener.batches import SOUNDS
+from baselines.listener.model import Listener, Widths
+
+CHECKPOINT = "checkpoint.pt"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of a run; those that change what is learnt must be the same when it goes on.
+
+    Attributes:
+        steps: of the whole schedule.
+        batch: sounds of a batch on each device; a picture has `SOUNDS` of them.
+        rate: highest learning rate.
+        decay: weight decay.
+        warm_up: share of the steps in which the rate rises.
+        average: decay of the exponential moving average of the weights.
+        seed: of weights, batches and augmentation.
+        widths: size of the network.
+    """
+
+    steps: int
+    batch: int = 256
+    rate: float = 1.5e-3
+    decay: float = 0.05
+    warm_up: float = 0.04
+    average: float = 0.998
+    seed: int = 0
+    widths: Widths = field(default_factory=Widths)
+
+    def __post_init__(self) -> None:
+        if self.steps < 1:
+            raise UsageError(f"--steps {self.steps}: expected at least 1")
+        if self.batch < SOUNDS or self.batch % SOUNDS:
+            raise UsageError(f"--batch-size {self.batch}: expected a multiple of {SOUNDS}, the sounds of a picture")
+
+    def rate_at(self, step: int) -> float:
+        """Learning rate of a step: rises linearly, then falls as half a cosine, to 1 % of the highest."""
+        warm = max(1, round(self.warm_up * self.steps))
+        if step < warm:
+            return self.rate * (step + 1) / warm
+        share = (step - warm) / max(1, self.steps - warm)
+        return self.rate * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * min(1.0, share))))
+
+
+@dataclass
+class State:
+    """What a checkpoint holds, beside the settings.
+
+    Attributes:
+        network: learns.
+        average: the moving average of its weights.
+        optimiser: AdamW.
+        step: steps that are done.
+        seconds: time that they took, on the clock.
+        shares: sounds of each kind that were in the batches of this device.
+    """
+
+    network: Listener
+    average: AveragedModel
+    optimiser: torch.optim.Optimizer
+    step: int = 0
+    seconds: float = 0.0
+    shares: Counter[str] = field(default_factory=Counter)
+
+
+def new_state(settings: Settings, device: Any = "cpu") -> State:
+    """Before the first step; the same for the same seed."""
+    torch.manual_seed(settings.seed)
+    network = Listener(settings.widths).to(device, memory_format=torch.channels_last)
+    decayed = [p for p in network.parameters() if p.ndim > 1]
+    others = [p for p in network.parameters() if p.ndim <= 1]
+    groups = [{"params": decayed, "weight_decay": settings.decay}, {"params": others, "weight_decay": 0.0}]
+    optimiser = torch.optim.AdamW(
+        groups, lr=settings.rate, betas=(0.9, 0.99), fused=torch.device(device).type == "cuda"
+    )
+    average = AveragedModel(network, multi_avg_fn=get_ema_multi_avg_fn(settings.average))
+    return State(network, average, optimiser)
+
+
+def resume(state: State, folder: Path, settings: Settings, digest: str) -> None:
+    """Take over the folder's checkpoint, if there is one.
+
+    Raises:
+        UsageError: if it was made with other settings or data.
+        Avs3dError: if it is damaged.
+    """
+    path = folder / CHECKPOINT
+    if not path.exists():
+        return
+    try:
+        saved = torch.load(path, map_location="cpu", weights_only=True)
+        settled, trained = json.loads(saved["settings"]), saved["data"]
+        for name, value in json.loads(_as_json(settings)).items():
+            if settled[name] != value:
+                raise UsageError(
+                    f"{path}: a run with {name} {settled[name]}, asked for {value}; use the same, or another folder"
+                )
+        if trained != digest:
+            raise UsageError(
+                f"{path}: a run on other shards ({trained[:12]}…, found {digest[:12]}…); use another folder"
+            )
+        state.network.load_state_dict(saved["network"])
+        state.average.load_state_dict(saved["average"])
+        state.optimiser.load_state_dict(saved["optimiser"])
+        state.step, state.seconds, state.shares = saved["step"], saved["seconds"], Counter(saved["shares"])
+    except Avs3dError:
+        raise
+    except Exception as error:
+        raise Avs3dError(f"{path}: cannot go on from this checkpoint ({type(error).__name__}); delete it") from error
+
+
+def save_checkpoint(state: State, folder: Path, settings: Settings, digest: str) -> None:
+    """Replace the folder's checkpoint, atomically."""
+    content = {
+        "settings": _as_json(settings),
+        "data": digest,
+        "network": state.network.state_dict(),
+        "average": state.average.state_dict(),
+        "optimiser": state.optimiser.state_dict(),
+        "step": state.step,
+        "seconds": state.seconds,
+        "shares": dict(state.shares),
+    }
+    with atomic_path(folder / CHECKPOINT) as temporary:
+        torch.save(content, temporary)
+
+
+def _as_json(settings: Settings) -> str:
+    return json.dumps({each.name: getattr(settings, each.name) for each in fields(settings)}, default=asdict)
