@@ -4,10 +4,13 @@ Camera and ears share their pose, and two ears tell the lateral angle alone: the
 median plane. So for a grid of lateral angles the sound is held against what a spherical head would hear from there, and
 every pixel looks up the value of its own lateral angle:
 
-- below `PHASE_LIMIT`, by the *steered response* of each group of frequencies: the generalised cross-correlation with
+- below 1.6 kHz, by the *steered response* of each group of frequencies: the generalised cross-correlation with
   phase transform (Knapp & Carter, "The generalized correlation method for estimation of time delay", IEEE Trans. ASSP
   24 (1976) 320-327) at the delay of the angle, (a/c)(φ + sin φ) (Woodworth, *Experimental Psychology*, Holt 1938);
-- above, by the *level difference*: the likelihood of the measured one given that of the head-shadow filter of Brown &
+- up to 3 kHz, by the *votes* of the bins that follow an onset, because direct sound arrives before its reflections (the
+  precedence effect: Blauert, *Spatial Hearing*, MIT Press 1997, §3.1): each bin votes for the angles whose phase it
+  has, by a von Mises density, so that bins with the phase of a reflection do little harm;
+- above 1.6 kHz, by the *level difference*: the likelihood of the measured one given that of the head-shadow filter of Brown &
   Duda ("A structural model for binaural sound synthesis", IEEE Trans. SAP 6 (1998) 476-488, equations 1 and 3).
 
 Lateral angles are radians, 0 ahead and positive to the right. Silence gives 0 everywhere.
@@ -21,22 +24,30 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.nn.functional import conv1d
 
-from baselines.listener.features import FLOOR_DB, Spectra, decibels, frequencies
+from avs3d_bench.layout import SAMPLE_RATE
+from baselines.listener.features import FLOOR_DB, HOP, Spectra, decibels, frequencies
 
 #: Radius of the head (m) and speed of sound (m/s).
 HEAD_RADIUS, SPEED_OF_SOUND = 0.0875, 343.0
 #: Lateral angles of the grid: −90° to 90° in steps of 3°.
 ANGLES = 61
-#: Above this the phase difference is ambiguous and head shadow is large (Hz).
-PHASE_LIMIT = 1600.0
-#: Edges of the groups of frequencies (Hz): first by phase, the rest by level difference.
+#: Edges of the groups of frequencies (Hz): by phase, by votes of onsets, by level difference.
 PHASE_GROUPS = (100.0, 350.0, 700.0, 1100.0, 1600.0)
+VOTE_GROUPS = (150.0, 700.0, 1500.0, 3000.0)
 LEVEL_GROUPS = (1600.0, 3000.0, 6000.0, 12_000.0)
 #: Spread of the level difference around the model's (dB): reverberation, and heads that are no spheres.
 LEVEL_SPREAD_DB = 4.0
-#: Channels of the map: the groups, and the mean of all phase groups.
-CHANNELS = len(PHASE_GROUPS) - 1 + len(LEVEL_GROUPS) - 1 + 1
+#: Concentration of a vote around the phase of an angle.
+CONCENTRATION = 5.0
+#: A bin is an onset if it has this many times the mean power of its past, which is forgotten in this time (s).
+ONSET, MEMORY = 2.0, 0.05
+#: Weight of a bin that is no onset, so that a steady sound votes as well.
+STEADY = 0.02
+#: Channels of the map: phase groups and their mean, vote groups, their mean and that relative to its spread over the
+#: angles, level groups.
+CHANNELS = len(PHASE_GROUPS) + len(VOTE_GROUPS) + 1 + len(LEVEL_GROUPS) - 1
 #: Least incidence of Brown & Duda's α, and the angle at which it is reached.
 _LEAST_ALPHA, _LEAST_AT = 0.1, math.radians(150.0)
 
@@ -66,31 +77,75 @@ def head_shadow_db(lateral: Tensor, frequency: Tensor) -> Tensor:
 def steered_response(both: Spectra) -> Tensor:
     """(B, CHANNELS, ANGLES) float32: how well each lateral angle explains the sound, group by group.
 
-    Phase groups lie between −1 and 1 (1: every bin of every window has the phase of that angle), level groups between
-    0 and 1. Windows count by the root of their energy, so that pauses between bursts do not matter.
+    Phase groups lie between −1 and 1 (1: every bin of every window has the phase of that angle), votes and level groups
+    between 0 and 1. In phase and level groups windows count by the root of their energy, so that pauses between bursts
+    do not matter.
     """
-    device = both.left.device
-    at, angles = frequencies(device), angle_grid(device)
-    cross = both.cross
-    magnitude = cross.abs()
-    transform = cross / magnitude.clamp(min=1e-20)
+    phases = torch.stack(_phase_groups(both), dim=1)
+    votes = torch.stack(_vote_groups(both), dim=1)
+    vote = votes.mean(dim=1, keepdim=True)
+    relative = (vote - vote.mean(dim=-1, keepdim=True)) / (vote.std(dim=-1, keepdim=True) + 0.01)
+    levels = torch.stack(_level_groups(both), dim=1)
+    return torch.cat([phases, phases.mean(dim=1, keepdim=True), votes, vote, relative, levels], dim=1)
+
+
+def _phase_groups(both: Spectra) -> list[Tensor]:
+    """(B, ANGLES) of each group: the mean over bins of the cosine of the phase that is left at each angle's delay."""
+    at, angles = frequencies(both.left.device), angle_grid(both.left.device)
     out = []
     for low, high in pairwise(PHASE_GROUPS):
         chosen = (at >= low) & (at < high)
-        weight = _window_weights(magnitude[:, chosen].sum(dim=1))
-        phase = (transform[:, chosen] * weight[:, None]).sum(dim=-1)  # (B, f)
-        turn = torch.polar(torch.ones(1, device=device), 2 * math.pi * at[chosen, None] * woodworth_delay(angles))
-        out.append(torch.real(phase @ turn) / int(chosen.sum()))
-    out.append(torch.stack(out).mean(dim=0))
+        cross = both.left[:, chosen] * both.right[:, chosen].conj()
+        magnitude = cross.abs()
+        weight = _window_weights(magnitude.sum(dim=1))
+        phase = (cross / magnitude.clamp(min=1e-20) * weight[:, None]).sum(dim=-1)
+        turn = 2 * math.pi * at[chosen, None] * woodworth_delay(angles)
+        out.append(torch.real(phase @ torch.polar(torch.ones_like(turn), turn)) / int(chosen.sum()))
+    return out
+
+
+def _vote_groups(both: Spectra) -> list[Tensor]:
+    """(B, ANGLES) of each group: the mean vote of its bins, onsets first."""
+    at, angles = frequencies(both.left.device), angle_grid(both.left.device)
+    out = []
+    for low, high in pairwise(VOTE_GROUPS):
+        chosen = (at >= low) & (at < high)
+        left, right = both.left[:, chosen], both.right[:, chosen]
+        cross = left * right.conj()
+        power = left.abs().square() + right.abs().square()
+        # The fourth root: loud bins count more, but no tone outvotes all others.
+        weight = (onset_weights(power) * power.sqrt().sqrt()).flatten(1)
+        weight = weight / (weight.sum(dim=1, keepdim=True) + 10 ** (FLOOR_DB / 20))
+        phase = cross.angle()[..., None] + 2 * math.pi * at[chosen, None, None] * woodworth_delay(angles)
+        vote = torch.exp(CONCENTRATION * (torch.cos(phase) - 1))
+        out.append(torch.einsum("bn,bna->ba", weight, vote.flatten(1, 2)))
+    return out
+
+
+def _level_groups(both: Spectra) -> list[Tensor]:
+    """(B, ANGLES) of each group: the likelihood of its level difference."""
+    at, angles = frequencies(both.left.device), angle_grid(both.left.device)
+    out = []
     for low, high in pairwise(LEVEL_GROUPS):
         chosen = (at >= low) & (at < high)
         powers = [ear[:, chosen].abs().square().sum(dim=1) for ear in (both.left, both.right)]
         weight = _window_weights(torch.sqrt(powers[0] * powers[1]))
         measured = ((decibels(powers[1]) - decibels(powers[0])) * weight).sum(dim=-1)
-        expected = head_shadow_db(angles, torch.tensor(math.sqrt(low * high), device=device))
+        expected = head_shadow_db(angles, torch.tensor(math.sqrt(low * high), device=angles.device))
         likelihood = torch.exp(-0.5 * ((measured[:, None] - expected) / LEVEL_SPREAD_DB).square())
         out.append(likelihood * weight.sum(dim=-1, keepdim=True))
-    return torch.stack(out, dim=1)
+    return out
+
+
+def onset_weights(power: Tensor) -> Tensor:
+    """(B, F, T) 1 where a bin is an onset, else `STEADY`, from powers of the same shape."""
+    forget = math.exp(-HOP / SAMPLE_RATE / MEMORY)
+    length = math.ceil(5 * MEMORY * SAMPLE_RATE / HOP)
+    kernel = (1 - forget) * forget ** torch.arange(length - 1, -1, -1, device=power.device)
+    # Before the clip its first window goes on: the beginning of a clip is no onset.
+    longer = torch.cat([power[..., :1].expand(*power.shape[:-1], length), power[..., :-1]], dim=-1)
+    past = conv1d(longer.flatten(0, 1)[:, None], kernel[None, None] / kernel.sum())[:, 0]
+    return torch.where(power > ONSET * past.view_as(power), 1.0, STEADY)
 
 
 def _window_weights(power: Tensor) -> Tensor:

@@ -48,11 +48,6 @@ class Spectra:
     left: Tensor
     right: Tensor
 
-    @property
-    def cross(self) -> Tensor:
-        """(B, F, T) complex64, left times the conjugate of right: its phase is positive where the left ear leads."""
-        return self.left * self.right.conj()
-
 
 def spectra(sound: Tensor) -> Spectra:
     """Short-time Fourier transform of both ears; a full-scale sine has magnitude 1 in its bin.
@@ -100,7 +95,8 @@ def band_features(both: Spectra) -> Tensor:
     filters = mel_filters(both.left.device)
     powers = [filters @ ear.abs().square() for ear in (both.left, both.right)]
     levels = [decibels(power) for power in powers]
-    cross = both.cross
+    # Its phase is positive where the left ear leads.
+    cross = both.left * both.right.conj()
     real, imaginary = (_smooth(filters @ part) for part in (cross.real, cross.imag))
     magnitude = torch.sqrt(real.square() + imaginary.square())
     loudness = torch.sqrt(_smooth(powers[0]) * _smooth(powers[1]))
