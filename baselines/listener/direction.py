@@ -7,11 +7,11 @@ every pixel looks up the value of its own lateral angle:
 - below 1.6 kHz, by the *steered response* of each group of frequencies: the generalised cross-correlation with
   phase transform (Knapp & Carter, "The generalized correlation method for estimation of time delay", IEEE Trans. ASSP
   24 (1976) 320-327) at the delay of the angle, (a/c)(φ + sin φ) (Woodworth, *Experimental Psychology*, Holt 1938);
-- up to 3 kHz, by the *votes* of the bins that follow an onset, because direct sound arrives before its reflections (the
+- up to 3 kHz, by the *votes* of the bins that follow an onset, since direct sound arrives before its reflections (the
   precedence effect: Blauert, *Spatial Hearing*, MIT Press 1997, §3.1): each bin votes for the angles whose phase it
   has, by a von Mises density, so that bins with the phase of a reflection do little harm;
-- above 1.6 kHz, by the *level difference*: the likelihood of the measured one given that of the head-shadow filter of Brown &
-  Duda ("A structural model for binaural sound synthesis", IEEE Trans. SAP 6 (1998) 476-488, equations 1 and 3).
+- above 1.6 kHz, by the *level difference*: the likelihood of the measured one given that of the head-shadow filter of
+  Brown & Duda ("A structural model for binaural sound synthesis", IEEE Trans. SAP 6 (1998) 476-488, equations 1 and 3).
 
 Lateral angles are radians, 0 ahead and positive to the right. Silence gives 0 everywhere.
 """
