@@ -49,7 +49,7 @@ $(STAMP): pyproject.toml
 	@echo "installing PyTorch …"
 	$(PIP) '$(TORCH)'
 	@echo "installing the rest …"
-	$(PIP) -e '.[generate,baselines,cluster,inspect,exports,sofa,dev,docs]'
+	$(PIP) -e '.[generate,baselines,train,cluster,inspect,exports,sofa,dev,docs]'
 	$(install_engine)
 	@touch $@ $(DEMO_STAMP)
 

@@ -179,8 +179,9 @@ HOUSE = {
         "trivial": "",
         "owod_bind": "networks",
         "denseav": "networks",
+        "listener": "networks",
         "echosegnet": "oracle oracle_errors oracle_scenes",
-        "cli": "oracle_errors oracle deaf trivial owod_bind denseav echosegnet",
+        "cli": "oracle_errors oracle deaf trivial owod_bind denseav listener echosegnet",
     },
 }
 #: Folders of avs3d_bench that use each other: none.

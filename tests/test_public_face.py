@@ -25,15 +25,17 @@ PUBLIC = {
     "evaluators": {"evaluate", "check", "metrics", "check_submission", "open_submission", "write_report"}
     | {"InvalidSubmission", "write_leaderboard"},
     "generators": {"read_manifest", "generate"},
-    "baselines": {"echosegnet", "oracle", "trivial", "owod_bind", "denseav"},
+    "baselines": {"echosegnet", "oracle", "trivial", "owod_bind", "denseav", "listener"},
     "baselines.echosegnet": {"write_echosegnet", "Settings", "predict"},
     "baselines.owod_bind": {"write_owod_bind", "load_owod_bind"},
+    "baselines.listener": {"Listener", "train", "load_listener", "load_method", "write_listener"},
     "avs3d_bench.exports": {"AVS3DDataset", "write_webdataset", "write_croissant", "waveform"},
 }
 #: Public names whose module needs an extra.
 NEEDS = {
     "baselines.echosegnet": "torch",
     "baselines.owod_bind": "torch",
+    "baselines.listener": "lightning_fabric",
     "avs3d_bench.exports": "torch",
     "generators": "trimesh",
 }
