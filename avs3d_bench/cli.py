@@ -50,6 +50,7 @@ SUMMARIES = {
     "leaderboard": "Rank files of scores on one static page.",
     "tables": "Turn files of scores into the paper's tables.",
     "baseline": "Run a baseline on a dataset and write its submission.",
+    "train": "Train the network that looks and listens.",
 }
 #: The extra that installs a package which the core install lacks; other packages are named themselves.
 _EXTRA_OF = {"generators": "generate", "baselines": "baselines", "evaluators": "generate"}
