@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import sph_harm_y
+from threadpoolctl import threadpool_limits
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.geometry import Pose
@@ -207,6 +208,15 @@ def test_same_arrivals_same_bytes_whatever_came_before() -> None:
     head.response(isotropic(700, 0.6, 2), UPRIGHT, RATE)
     assert head.response(arrivals, UPRIGHT, RATE).tobytes() == first
     assert SphericalHead().response(arrivals, UPRIGHT, RATE).tobytes() == first
+
+
+def test_tables_have_the_same_bytes_for_any_number_of_blas_threads() -> None:
+    found = []
+    for threads in (1, 2, 3):
+        with threadpool_limits(limits=threads, user_api="blas"):
+            basis = sphere_basis.__wrapped__(RATE)
+        found.append((basis.rows.tobytes(), basis.impulses.tobytes()))
+    assert found[0] == found[1] == found[2]
 
 
 def test_components_are_as_many_as_the_kernel_has_functions_for() -> None:

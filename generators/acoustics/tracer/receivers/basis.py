@@ -25,6 +25,7 @@ from scipy.fft import irfft, rfft
 from generators.acoustics.tracer.arrivals import BANDS
 from generators.acoustics.tracer.receivers.bands import band_weights
 from generators.acoustics.tracer.receivers.gridding import RANKS, Grids
+from generators.core.blas import one_blas_thread
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -96,6 +97,7 @@ def _filters(basis: DirectionalBasis, grids: Grids) -> tuple[C64, ...]:
     )
 
 
+@one_blas_thread
 def directional_basis(responses: C128, solid_angles: F64, sample_rate: int, components: Components) -> DirectionalBasis:
     """Principal components of ``responses``, as many in each octave as are needed.
 

@@ -42,6 +42,7 @@ from generators.acoustics.tracer.receivers.synthesis import (
     response_length,
     synthesise,
 )
+from generators.core.blas import one_blas_thread
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
@@ -238,6 +239,7 @@ class _Calibration:
     gain: float
 
 
+@one_blas_thread
 def _calibrated(hrirs: HrirSet, mesh: SphereMesh, path: Path) -> _Calibration:
     share = mesh.solid_angles() / (4 * np.pi)
     deviation = _lags(hrirs.impulses) / hrirs.sample_rate + hrirs.delays - _sphere_delays(hrirs.directions)

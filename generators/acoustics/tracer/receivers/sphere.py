@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import eval_legendre, spherical_jn, spherical_yn
 
+from generators.core.blas import one_blas_thread
+
 C128 = NDArray[np.complex128]
 F64 = NDArray[np.float64]
 
@@ -44,6 +46,7 @@ def sphere_coefficients(ka: ArrayLike) -> C128:
     return np.asarray(np.where(x[None, :] > 0, found, (orders == 0).astype(np.complex128)))
 
 
+@one_blas_thread
 def sphere_response(theta: ArrayLike, ka: ArrayLike) -> C128:
     """(T, K) pressure on the sphere at incidence angles ``theta`` (T,) in radians for ``ka`` (K,)."""
     coefficients = sphere_coefficients(ka)
