@@ -1,4 +1,8 @@
-"""Catalogue of the procedural models: the seven sounding categories, and the silent oven as a distractor."""
+"""Catalogue of the procedural models: the seven sounding categories, and the silent oven as a distractor.
+
+A category has variants, the products of the benchmarks, and training variants: families that draw another product from
+each generator state, so that what is trained on them has not seen a model of a benchmark.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +23,19 @@ from generators.assets.objects import (
 )
 from generators.assets.objects.design import Build, Mount
 from generators.assets.objects.finishes import mirrored
+from generators.assets.objects.training import (
+    clocks,
+    coffee_machines,
+    microwaves,
+    ovens,
+    telephones,
+    toilets,
+    vacuum_cleaners,
+    washing_machines,
+)
 from generators.core.scene import Licence
 
-__all__ = ["Model", "Mount", "build_model", "framed", "variants"]
+__all__ = ["Model", "Mount", "build_model", "framed", "training_variants", "variants"]
 
 _VARIANTS: dict[str, dict[str, Build]] = {
     "washing_machine": washing_machine.VARIANTS,
@@ -33,12 +47,22 @@ _VARIANTS: dict[str, dict[str, Build]] = {
     "telephone": telephone.VARIANTS,
     "oven": oven.VARIANTS,
 }
-if set(_VARIANTS) != {*CATEGORIES, *DISTRACTORS}:
+_FAMILIES: dict[str, dict[str, Build]] = {
+    "washing_machine": washing_machines.FAMILIES,
+    "toilet": toilets.FAMILIES,
+    "vacuum_cleaner": vacuum_cleaners.FAMILIES,
+    "microwave": microwaves.FAMILIES,
+    "coffee_machine": coffee_machines.FAMILIES,
+    "clock": clocks.FAMILIES,
+    "telephone": telephones.FAMILIES,
+    "oven": ovens.FAMILIES,
+}
+if not set(_VARIANTS) == set(_FAMILIES) == {*CATEGORIES, *DISTRACTORS}:
     raise RuntimeError("the catalogue's categories differ from the taxonomy's")
 
 
 def variants(category: str) -> tuple[str, ...]:
-    """The names of a category's variants.
+    """The names of a category's variants, of which a benchmark draws one.
 
     Raises:
         UsageError: if the category is unknown.
@@ -46,21 +70,32 @@ def variants(category: str) -> tuple[str, ...]:
     return tuple(_VARIANTS[check_category(category, silent=True)])
 
 
+def training_variants(category: str) -> tuple[str, ...]:
+    """The names of a category's families for training; no benchmark draws them, and none is a name of `variants`.
+
+    Raises:
+        UsageError: if the category is unknown.
+    """
+    return tuple(_FAMILIES[check_category(category, silent=True)])
+
+
 def build_model(category: str, variant: str, rng: Generator) -> Model:
     """Build a model; the same generator state gives the same model.
 
     Args:
         category: one of the seven categories or a distractor.
-        variant: one of `variants`.
-        rng: chooses the differences between two copies of a product (a colour, the time on a clock).
+        variant: one of `variants` or `training_variants`.
+        rng: chooses the differences between two copies of a product (a colour, the time on a clock), or the product of
+            a family.
 
     Raises:
         UsageError: if the category or the variant is unknown.
     """
-    known = variants(category)
+    known = (*variants(category), *training_variants(category))
     if variant not in known:
         raise UsageError(f"unknown variant {variant!r} of {category}: expected one of {', '.join(known)}")
-    design = framed(_VARIANTS[category][variant](rng))
+    build = _VARIANTS[category].get(variant) or _FAMILIES[category][variant]
+    design = framed(build(rng))
     name = f"{category}/{variant}"
     mesh = mirrored(design.mesh)
     mesh.check(name)

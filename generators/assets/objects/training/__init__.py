@@ -1,0 +1,1 @@
+"""Families of models for training: each call draws another product, unlike those of the benchmark."""
