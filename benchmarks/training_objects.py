@@ -1,6 +1,6 @@
-"""Contact sheet of the training families: rows are families, columns are generator seeds.
+"""Contact sheet of the training families: a row is a family, its pictures are generator seeds.
 
-`python -m benchmarks.training_objects -o sheet.png [--category CATEGORY] [--seeds N] [--side PIXELS]`
+`python -m benchmarks.training_objects -o sheet.jpg [--category CATEGORY] [--seeds N] [--side PIXELS] [--columns N]`
 
 Each model fills its picture, seen from its front left and a little above, with one distant light, its shadow, and light
 from all around; no light is baked, so that a sheet of hundreds of models takes seconds.
@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFont
 
 from avs3d_bench.taxonomy import CATEGORIES, DISTRACTORS
 from generators.assets.catalogue import Model, build_model, training_variants, variants
@@ -25,7 +25,8 @@ Array = NDArray[np.float64]
 VIEW = (-28.0, 18.0)
 #: Direction towards the distant light.
 LIGHT = np.array([-0.45, 0.75, 0.6]) / np.linalg.norm([-0.45, 0.75, 0.6])
-GROUND = 0.5
+#: Radiance of the background, and width of a row's label (pixels).
+GROUND, LABEL = 0.5, 112
 
 
 def linear(pixels: NDArray[np.uint8]) -> Array:
@@ -103,25 +104,34 @@ def generator(category: str, variant: str, seed: int) -> np.random.Generator:
     return np.random.default_rng([zlib.crc32(f"{category}/{variant}".encode()), seed])
 
 
+def row(category: str, variant: str, seeds: int, side: int) -> NDArray[np.uint8]:
+    """(side, LABEL + seeds * side, 3): the name of a family and its models."""
+    label = Image.new("RGB", (LABEL, side), (250, 250, 250))
+    pen = ImageDraw.Draw(label)
+    for line, text in enumerate((category.replace("_", " "), variant)):
+        pen.text((6, side / 2 + 14 * (line - 1)), text, fill=(30, 30, 30), font=ImageFont.load_default(size=12))
+    models = (build_model(category, variant, generator(category, variant, seed)) for seed in range(seeds))
+    return np.concatenate([np.asarray(label), *(picture(model, side) for model in models)], axis=1)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("-o", "--output", type=Path, required=True, help="picture to write (.png)")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="picture to write (.png or .jpg)")
     parser.add_argument("--category", choices=CATEGORIES + DISTRACTORS, help="only this category")
     parser.add_argument("--seeds", type=int, default=12, help="models of each family")
-    parser.add_argument("--side", type=int, default=96, help="side of a picture (pixels)")
+    parser.add_argument("--side", type=int, default=64, help="side of a picture (pixels)")
+    parser.add_argument("--columns", type=int, default=1, help="families side by side")
     parser.add_argument("--benchmark", action="store_true", help="the variants of the benchmarks instead")
     options = parser.parse_args()
-    rows = []
-    for category in [options.category] if options.category else CATEGORIES + DISTRACTORS:
-        for variant in (variants if options.benchmark else training_variants)(category):
-            models = [
-                build_model(category, variant, generator(category, variant, seed)) for seed in range(options.seeds)
-            ]
-            rows.append(np.concatenate([picture(model, options.side) for model in models], axis=1))
-    sheet = Image.fromarray(np.concatenate(rows))
-    sheet.save(options.output, optimize=True)
+    names = variants if options.benchmark else training_variants
+    categories = [options.category] if options.category else CATEGORIES + DISTRACTORS
+    rows = [row(c, v, options.seeds, options.side) for c in categories for v in names(c)]
+    rows += [np.full_like(rows[0], 250)] * (-len(rows) % options.columns)
+    high = len(rows) // options.columns
+    columns = [np.concatenate(rows[k * high : (k + 1) * high]) for k in range(options.columns)]
+    Image.fromarray(np.concatenate(columns, axis=1)).save(options.output, quality=72, optimize=True)
     print(
-        f"{options.output}: {len(rows)} families × {options.seeds} seeds, {options.output.stat().st_size / 1000:.0f} kB"
+        f"{options.output}: {len(rows)} families x {options.seeds} seeds, {options.output.stat().st_size / 1000:.0f} kB"
     )
 
 

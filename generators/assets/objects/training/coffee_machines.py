@@ -7,8 +7,16 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from generators.assets.objects.design import Build, Design
-from generators.assets.objects.finishes import ceramic, glass, paint, plastic, rubber
-from generators.assets.objects.forms import loft, rounded_rectangle, slab, smooth_path
+from generators.assets.objects.finishes import glass, paint, plastic
+from generators.assets.objects.forms import rounded_rectangle, slab, smooth_path
+from generators.assets.objects.training.coffee_parts import (
+    add_cup,
+    add_jug,
+    add_portafilter,
+    add_stack,
+    add_tray,
+    draw_colour,
+)
 from generators.assets.objects.training.draw import (
     VIVID,
     between,
@@ -29,88 +37,10 @@ from generators.core.scene import Material
 Array = NDArray[np.float64]
 
 
-def _colour(rng: Generator) -> str:
-    return (
-        tone(rng, "#232427", "#232427", "#c3c6c8", "#efefec", "#8d9195")
-        if chance(rng, 0.6)
-        else tone(rng, *VIVID, "#e9dfc4")
-    )
-
-
-def _cup(b: MeshBuilder, rng: Generator, at: tuple[float, float, float], height: float) -> None:
-    """A cup or a glass of coffee."""
-    s, wide = height, between(rng, 0.38, 0.6)
-    material = ceramic("cup", tone(rng, "#f4f2ec", "#d8d2c4", "#3b6b8f", "#b4282c", "#232427"))
-    profile = [
-        (0.0, 0.0),
-        (0.6 * wide * s, 0.0),
-        (0.85 * wide * s, 0.4 * s),
-        (wide * s, s),
-        (0.92 * wide * s, s),
-        (0.75 * wide * s, 0.4 * s),
-        (0.0, 0.34 * s),
-    ]
-    b.lathe(profile, material, centre=at, segments=24, acoustic=False)
-    x, y, z = at
-    b.cylinder(
-        0.86 * wide * s,
-        0.003,
-        (x, y + 0.78 * s, z),
-        paint("coffee", "water", "#3a2113", gloss=0.5),
-        segments=20,
-        acoustic=False,
-    )
-    if chance(rng, 0.7):
-        t = np.linspace(-np.pi / 2, np.pi / 2, 8)
-        loop = np.stack(
-            [x + 0.9 * wide * s + 0.22 * s * np.cos(t), y + 0.55 * s + 0.22 * s * np.sin(t), np.full(8, z)], axis=1
-        )
-        b.tube(loop, 0.045 * s, material, segments=8)
-
-
-def _tray(b: MeshBuilder, width: float, depth: float, y: float, z: float, frame: Material) -> None:
-    """A drip tray with bars; ``y``: height of its top, ``z``: its middle."""
-    b.box((width, 0.004, depth), (0, y - 0.006, z), rubber("tray_dark", "#151617"), acoustic=False)
-    count = max(4, round(width / 0.018))
-    for k in range(count):
-        b.box((0.005, 0.004, depth), ((k + 0.5) / count * width - width / 2, y - 0.002, z), frame, acoustic=False)
-    for side in (-1, 1):
-        b.box((width, 0.007, 0.006), (0, y - 0.002, z + side * depth / 2), frame, acoustic=False)
-
-
-def _portafilter(
-    b: MeshBuilder, rng: Generator, at: tuple[float, float, float], shiny: Material, dark: Material
-) -> None:
-    """A group head whose underside is at ``at``, with the filter holder in it and its handle."""
-    x, y, z = at
-    radius = between(rng, 0.03, 0.042)
-    b.cylinder(radius + 0.006, 0.03, (x, y + 0.012, z), shiny, bevel=0.003, segments=28, acoustic=False)
-    b.cylinder(radius, 0.026, (x, y - 0.014, z), shiny, bevel=0.003, segments=28, acoustic=False)
-    b.cylinder(0.7 * radius, 0.012, (x, y - 0.032, z), shiny, top_radius=radius, segments=24, acoustic=False)
-    for side in (-1, 1):
-        b.tube(
-            [(x, y - 0.034, z), (x + side * 0.011, y - 0.044, z), (x + side * 0.011, y - 0.054, z)],
-            0.0045,
-            shiny,
-            segments=8,
-        )
-    turn = rotation("y", between(rng, -35, 35))
-    start = np.array([x, y - 0.016, z])
-    along = turn @ np.array([0, -between(rng, 0.02, 0.12), 1.0])
-    b.tube([start + 0.8 * radius * along, start + (radius + 0.03) * along], 0.007, shiny, segments=10)
-    far = radius + between(rng, 0.1, 0.13)
-    b.tube(
-        [start + (radius + 0.025) * along, start + (radius + 0.05) * along, start + far * along],
-        [0.010, 0.0125, 0.0135],
-        dark,
-        segments=14,
-    )
-
-
 def _espresso_bar(rng: Generator) -> Design:
     """A boxy espresso machine: one or two groups, knobs, a gauge, a steam wand, a water tank or cups on top."""
     b = MeshBuilder({"shell": 0.25})
-    colour = _colour(rng)
+    colour = draw_colour(rng)
     body = shell(rng, "shell", colour, steel=0.4)
     shiny, dark = (
         metal(rng, "shiny"),
@@ -131,15 +61,15 @@ def _espresso_bar(rng: Generator) -> Design:
     b.box((width, top, head), (0, height - top / 2, -(depth - head) / 2), body, bevel=between(rng, 0.005, 0.025))
     tray = depth - column - 0.02
     z = -depth / 2 + column + tray / 2 + 0.005
-    _tray(b, 0.86 * width, tray, 0.016 + base, z, shiny)
+    add_tray(b, 0.86 * width, tray, 0.016 + base, z, shiny)
     under = height - top
     groups = 2 if width > 0.3 and chance(rng, 0.5) else 1
     off = 0.0 if chance(rng, 0.6) or groups == 2 else between(rng, -0.12, 0.12) * width
     for k in range(groups):
         x = off + (k - (groups - 1) / 2) * 0.42 * width
-        _portafilter(b, rng, (x, under - 0.006, z), shiny, dark)
+        add_portafilter(b, rng, (x, under - 0.006, z), shiny, dark)
         if chance(rng, 0.7):
-            _cup(b, rng, (x, 0.016 + base, z), between(rng, 0.045, 0.062))
+            add_cup(b, rng, (x, 0.016 + base, z), between(rng, 0.045, 0.062))
     side = 1 if chance(rng, 0.65) else -1
     front = -depth / 2 + head
     start = np.array([side * 0.42 * width, under + 0.01, min(front - 0.02, z)])
@@ -198,7 +128,7 @@ def _on_top(b: MeshBuilder, rng: Generator, size: tuple[float, float, float], sh
         for px, _, pz in rail:
             b.tube([(px, height - 0.002, pz), (px, height + 0.022, pz)], 0.003, shiny, segments=8)
         for px in np.linspace(-0.5, 0.5, int(rng.integers(1, 4))) * x:
-            _cup(b, rng, (float(px), height, -0.1 * depth), 0.045)
+            add_cup(b, rng, (float(px), height, -0.1 * depth), 0.045)
     elif kind < 0.6:
         clear = glass("hopper", tone(rng, "#5c4a3c", "#8fa0a5", "#3a2c22"))
         radius = between(rng, 0.05, 0.07)
@@ -231,66 +161,23 @@ def _on_top(b: MeshBuilder, rng: Generator, size: tuple[float, float, float], sh
         )
 
 
-def _stack(b: MeshBuilder, outline: Array, levels: list[tuple[float, float]], z: float, material: Material) -> None:
-    """A loft of ``outline`` (N, 2: x, z) about depth ``z`` through (scale, height) ``levels``."""
-    loops = [np.stack([outline[:, 0] * s, np.full(len(outline), y), z - outline[:, 1] * s], axis=1) for s, y in levels]
-    loft(b, np.array(loops), material)
-
-
-def _jug(b: MeshBuilder, rng: Generator, y: float, z: float, size: tuple[float, float]) -> None:
-    """A glass or steel jug of ``size`` (radius, height; m) that stands at (y, z)."""
-    radius, high = size
-    lid = plastic("jug_lid", tone(rng, "#1b1c1e", "#2b2d30", "#8d9195", "#e9eaec"))
-    fill = between(rng, 0.25, 0.6)
-    belly = between(rng, 0.3, 0.6)
-    shape = [(0.0, 0.0), (0.8, 0.0), (0.92, 0.06), (1.0, belly), (0.86, 0.8), (0.72, 0.92)]
-    profile = np.array([(r * radius, h * high) for r, h in shape])
-    if chance(rng, 0.25):
-        b.lathe(profile, metal(rng, "jug"), centre=(0, y, z), segments=32, acoustic=False)
-    else:
-        cut = fill * high
-        rim = float(np.interp(cut, profile[1:, 1], profile[1:, 0]))
-        lower = [*profile[profile[:, 1] < cut], (rim, cut)]
-        upper = [(rim, cut), *profile[profile[:, 1] > cut]]
-        b.lathe(lower, glass("coffee_in_glass", "#23120a"), centre=(0, y, z), segments=32, acoustic=False)
-        b.lathe(
-            upper, glass("jug_glass", tone(rng, "#8fa0a5", "#a5b0b3")), centre=(0, y, z), segments=32, acoustic=False
-        )
-    b.lathe(
-        [(0.7 * radius, 0.9 * high), (0.78 * radius, 0.93 * high), (0.74 * radius, 0.99 * high), (0.0, high)],
-        lid,
-        centre=(0, y, z),
-        segments=28,
-        acoustic=False,
-    )
-    turn = rotation("y", between(rng, -70, 70))
-    bow = [
-        (0, 0.93 * high, 0.7 * radius),
-        (0, 0.97 * high, 1.15 * radius),
-        (0, 0.75 * high, 1.5 * radius),
-        (0, 0.35 * high, 1.4 * radius),
-        (0, 0.25 * high, 0.98 * radius),
-    ]
-    b.tube(smooth_path(bow, 18) @ turn.T + [0, y, z], between(rng, 0.007, 0.011), lid, segments=10)
-
-
 def _drip(rng: Generator) -> Design:
     """A filter machine: base with hotplate, column or tank behind, basket above the jug; round or square."""
     b = MeshBuilder({"body": 0.25})
-    colour = _colour(rng)
+    colour = draw_colour(rng)
     body = shell(rng, "body", colour, steel=0.15)
     band = trim(rng, "band")
     width, depth, height = between(rng, 0.16, 0.24), between(rng, 0.22, 0.30), between(rng, 0.29, 0.4)
     round_ = between(rng, 0.006, 0.085)
     outline = rounded_rectangle(width, depth, round_)
     base, head = between(rng, 0.028, 0.055), between(rng, 0.09, 0.14)
-    _stack(b, outline, [(0.97, 0.0), (1.0, 0.006), (1.0, base - 0.006), (0.97, base)], 0.0, body)
+    add_stack(b, outline, [(0.97, 0.0), (1.0, 0.006), (1.0, base - 0.006), (0.97, base)], 0.0, body)
     deep = between(rng, 0.32, 0.42) * depth
     tower = rounded_rectangle(0.96 * width, deep, min(round_, 0.45 * deep))
     see = glass("tank", tone(rng, "#6f8790", "#4b5a61")) if chance(rng, 0.35) else body
-    _stack(b, tower, [(1.0, base - 0.004), (1.0, height - head + 0.01)], -depth / 2 + deep / 2 + 0.006, see)
+    add_stack(b, tower, [(1.0, base - 0.004), (1.0, height - head + 0.01)], -depth / 2 + deep / 2 + 0.006, see)
     tilt = between(rng, 0.8, 0.98)
-    _stack(
+    add_stack(
         b,
         outline,
         [
@@ -305,7 +192,7 @@ def _drip(rng: Generator) -> Design:
     )
     if chance(rng, 0.6):
         y = height - head + between(rng, 0.01, 0.03)
-        _stack(b, outline, [(1.005, y), (1.005, y + between(rng, 0.004, 0.012))], 0.0, band)
+        add_stack(b, outline, [(1.005, y), (1.005, y + between(rng, 0.004, 0.012))], 0.0, band)
     z = -depth / 2 + deep + 0.5 * (depth - deep)
     room = height - head - base
     radius = min(0.46 * (depth - deep), 0.42 * width, between(rng, 0.06, 0.085))
@@ -327,10 +214,17 @@ def _drip(rng: Generator) -> Design:
         segments=28,
         acoustic=False,
     )
-    _jug(b, rng, base + 0.005, z, (radius, room - cone - 0.012))
+    add_jug(b, rng, base + 0.005, z, (radius, room - cone - 0.012))
     at_top = chance(rng, 0.5)
     y, tall = (height - head / 2 + 0.004, 0.55 * head) if at_top else (base / 2, 0.7 * base)
-    panel = Panel(b, rng, (0, y, depth / 2 + 0.0002), (max(0.06, width - 2 * round_ - 0.01), tall), colour)
+    size = (max(0.06, width - 2 * round_ - 0.01), tall)
+    _drip_front(Panel(b, rng, (0, y, depth / 2 + 0.0002), size, colour), at_top)
+    return finished(b, "surface", 0.86)
+
+
+def _drip_front(panel: Panel, at_top: bool) -> None:
+    """Name or display, keys and a lamp, on the head (``at_top``) or on the base."""
+    rng, tall = panel.rng, panel.size[1]
     if chance(rng, 0.45) and at_top:
         panel.display(0.1 * panel.size[0], 0.1 * tall, (0.5 * panel.size[0], 0.5 * tall))
     else:
@@ -340,13 +234,12 @@ def _drip(rng: Generator) -> Design:
     )
     panel.lamp(0.4 * panel.size[0], -0.25 * tall, 0.003)
     panel.close()
-    return finished(b, "surface", 0.86)
 
 
 def _pod(rng: Generator) -> Design:
     """A slim capsule machine: an arched or upright body, a lever or a button, a tank behind or at the side."""
     b = MeshBuilder()
-    colour = _colour(rng)
+    colour = draw_colour(rng)
     body, dark = (
         plastic("body", colour, gloss=0.6),
         plastic("second", tone(rng, "#191a1c", "#8d9195", "#e9eaec", "#3a3d40"), gloss=0.5),
@@ -374,12 +267,31 @@ def _pod(rng: Generator) -> Design:
         bevel=0.004,
         rotate=rotation("x", -90),
     )
-    _tray(b, 0.65 * width, 0.085, 0.03, stand - 0.05, shiny)
+    add_tray(b, 0.65 * width, 0.085, 0.03, stand - 0.05, shiny)
     z = stand - 0.045
     b.cylinder(0.02, 0.03, (0, chin - 0.008, z), dark, top_radius=0.026, segments=24, acoustic=False)
     b.cylinder(0.007, 0.016, (0, chin - 0.03, z), shiny, segments=14, acoustic=False)
     if chance(rng, 0.75):
-        _cup(b, rng, (0, 0.031, z), between(rng, 0.05, min(0.085, chin - 0.075)))
+        add_cup(b, rng, (0, 0.031, z), between(rng, 0.05, min(0.085, chin - 0.075)))
+    _pod_top(b, rng, (width, height, reach), shiny)
+    tank = glass("tank", tone(rng, "#6f8790", "#4b5a61", "#8fa0a5"))
+    high, radius = between(rng, 0.6, 0.9) * height, between(rng, 0.042, 0.06)
+    if chance(rng, 0.7):
+        b.cylinder(radius, high, (0, 0.008 + high / 2, back - 0.5 * radius), tank, segments=28)
+    else:
+        s = 1 if chance(rng, 0.5) else -1
+        b.box((0.06, high, 0.13), (s * (width / 2 + 0.029), 0.008 + high / 2, back + 0.07), tank, bevel=0.012)
+    front = height - brow - chin - nose
+    at = (0, chin + nose + 0.45 * front, reach + 0.0004)
+    panel = Panel(b, rng, at, (0.6 * width, max(0.016, 0.8 * front)), colour)
+    panel.text(0, 0, word(rng), 0.011)
+    panel.close()
+    return finished(b, "surface", 0.84)
+
+
+def _pod_top(b: MeshBuilder, rng: Generator, size: tuple[float, float, float], shiny: Material) -> None:
+    """A lever and buttons on a machine of ``size`` (width, height, reach of its head; m)."""
+    width, height, reach = size
     if chance(rng, 0.55):
         x, up = 0.4 * width, between(rng, 0.02, 0.06)
         bow = [
@@ -401,23 +313,6 @@ def _pod(rng: Generator) -> Design:
             bevel=0.002,
             acoustic=False,
         )
-    tank = glass("tank", tone(rng, "#6f8790", "#4b5a61", "#8fa0a5"))
-    high, radius = between(rng, 0.6, 0.9) * height, between(rng, 0.042, 0.06)
-    if chance(rng, 0.7):
-        b.cylinder(radius, high, (0, 0.008 + high / 2, back - 0.5 * radius), tank, segments=28)
-    else:
-        s = 1 if chance(rng, 0.5) else -1
-        b.box((0.06, high, 0.13), (s * (width / 2 + 0.029), 0.008 + high / 2, back + 0.07), tank, bevel=0.012)
-    panel = Panel(
-        b,
-        rng,
-        (0, chin + nose + 0.45 * (height - brow - chin - nose), reach + 0.0004),
-        (0.6 * width, max(0.016, 0.8 * (height - brow - chin - nose))),
-        colour,
-    )
-    panel.text(0, 0, word(rng), 0.011)
-    panel.close()
-    return finished(b, "surface", 0.84)
 
 
 def _automatic(rng: Generator) -> Design:
@@ -443,7 +338,7 @@ def _automatic(rng: Generator) -> Design:
     z = depth / 2 - recess
     back = height - top - base
     slab(b, (0.86 * width, back, 0.004), (0, base + back / 2, z + 0.002), dark, corner=0.01, bevel=0.001)
-    _tray(b, 0.84 * width, recess - 0.016, 0.012 + base, z + recess / 2, shiny)
+    add_tray(b, 0.84 * width, recess - 0.016, 0.012 + base, z + recess / 2, shiny)
     drop = between(rng, 0.3, 0.7) * back
     spout = dark if chance(rng, 0.5) else shiny
     b.box(
@@ -458,7 +353,7 @@ def _automatic(rng: Generator) -> Design:
             0.006, 0.016, (s * 0.014, height - top - drop + 0.004, z + 0.035), spout, segments=12, acoustic=False
         )
     if chance(rng, 0.7):
-        _cup(b, rng, (0, 0.012 + base, z + 0.045), min(0.07, back - drop - 0.03) if back - drop > 0.07 else 0.035)
+        add_cup(b, rng, (0, 0.012 + base, z + 0.045), min(0.07, back - drop - 0.03) if back - drop > 0.07 else 0.035)
     ground = tone(rng, "#0e0f11", colour, "#1d2023")
     front = depth / 2 - 0.3 * recess
     panel = Panel(b, rng, (0, height - top / 2, front), (0.86 * width, 0.74 * top), ground)
@@ -520,8 +415,21 @@ def _stove_pot(rng: Generator) -> Design:
         segments=40,
         acoustic=False,
     )
-    top = plate + low + high
-    rim = profile[-1][0]
+    _pot_fittings(b, rng, (plate + low + high, high, profile[-1][0], sides), (body, dark))
+    panel = Panel(b, rng, (0, plate / 2, 1.25 * radius + 0.0005), (0.03, 0.6 * plate), "#26282b")
+    panel.keys(0, 0, (1, 1), (0.02, 0.4 * plate))
+    panel.lamp(0.011, 0, 0.002)
+    panel.close()
+    at = (0, plate / 2, 1.25 * radius - 0.0098)
+    slab(b, (0.03, 0.7 * plate, 0.02), at, plastic("socket", "#26282b"), corner=0.004, bevel=0.001)
+    return finished(b, "surface", 0.55)
+
+
+def _pot_fittings(
+    b: MeshBuilder, rng: Generator, size: tuple[float, float, float, int], materials: tuple[Material, Material]
+) -> None:
+    """Lid, knob, spout and handle; ``size``: height of the rim, height and radius of the upper part, its sides."""
+    (top, high, rim, sides), (body, dark) = size, materials
     b.lathe(
         [(1.03 * rim, -0.003), (1.03 * rim, 0.003), (0.3 * rim, 0.024), (0.0, 0.026)],
         body,
@@ -548,19 +456,6 @@ def _stove_pot(rng: Generator) -> Design:
         (0, top - 0.95 * high, -1.75 * rim),
     ]
     b.tube(smooth_path(bow, 18) @ turn.T, between(rng, 0.008, 0.012), dark, segments=10)
-    panel = Panel(b, rng, (0, plate / 2, 1.25 * radius + 0.0005), (0.03, 0.6 * plate), "#26282b")
-    panel.keys(0, 0, (1, 1), (0.02, 0.4 * plate))
-    panel.lamp(0.011, 0, 0.002)
-    panel.close()
-    slab(
-        b,
-        (0.03, 0.7 * plate, 0.02),
-        (0, plate / 2, 1.25 * radius - 0.0098),
-        plastic("socket", "#26282b"),
-        corner=0.004,
-        bevel=0.001,
-    )
-    return finished(b, "surface", 0.55)
 
 
 FAMILIES: dict[str, Build] = {

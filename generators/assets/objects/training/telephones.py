@@ -6,15 +6,12 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from generators.assets.objects import decals
 from generators.assets.objects.design import Build, Design
-from generators.assets.objects.finishes import Pixels, plastic, printed, rubber
-from generators.assets.objects.forms import coil, loft, rounded_rectangle, slab, smooth_path
+from generators.assets.objects.finishes import plastic, rubber
+from generators.assets.objects.forms import loft, rounded_rectangle, slab, smooth_path
 from generators.assets.objects.training.draw import (
     between,
     chance,
-    clock_time,
-    ink_on,
     metal,
     pick,
     shade,
@@ -22,7 +19,17 @@ from generators.assets.objects.training.draw import (
     tone,
     trim,
 )
-from generators.assets.objects.training.panel import Panel, finished, paste
+from generators.assets.objects.training.panel import Panel, finished
+from generators.assets.objects.training.telephone_parts import (
+    KEYS,
+    add_cord,
+    add_dial,
+    add_handset,
+    add_wedge,
+    fill_base_face,
+    fill_desk_panel,
+    fill_phone_face,
+)
 from generators.assets.shapes import MeshBuilder, rotation
 from generators.core.scene import Material
 
@@ -41,77 +48,6 @@ _COLOURS = (
     "#e9dfc4",
     "#d99aa0",
 )
-_KEYS = "123456789*0#"
-
-
-def _handset(b: MeshBuilder, rng: Generator, length: float, material: Material, centre: Array, turn: Array) -> None:
-    """A handset along local x, its ear and mouth pieces facing down (−y): arched or straight, round or square ends."""
-    half, arch = length / 2, between(rng, 0.008, 0.03)
-    square, slim = chance(rng, 0.4), between(rng, 0.8, 1.2)
-    x = np.linspace(-0.98 * half, 0.98 * half, 23)
-    s = x / half
-    y = arch * (1 - s**4)
-    grow = between(rng, 0.2, 0.9)
-    width = slim * 0.017 * (1 + grow * np.abs(s) ** 3)
-    thick = slim * 0.012 * (1 + 0.5 * grow * np.abs(s) ** 3)
-    outline = rounded_rectangle(2.0, 2.0, between(rng, 0.3, 0.95), steps=4)
-    ends = np.ones(len(x))
-    ends[[0, -1]], ends[[1, -2]] = 0.55, 0.92
-    loops = [
-        np.stack(
-            [
-                np.full(len(outline), x[k]),
-                y[k] + outline[:, 1] * thick[k] * ends[k],
-                -outline[:, 0] * width[k] * ends[k],
-            ],
-            axis=1,
-        )
-        for k in range(len(x))
-    ]
-    loft(b, np.array(loops), material, centre=centre, rotate=turn, crease=50, acoustic=False)
-    big, deep = between(rng, 0.023, 0.031), between(rng, 0.010, 0.018)
-    cups = material if chance(rng, 0.75) else trim(rng, "cups")
-    for side in (-1, 1):
-        cup = centre + turn @ np.array([side * (half - big), -0.012, 0.0])
-        if square:
-            b.box(
-                (2 * big, deep + 0.016, 2 * big * 0.85),
-                cup - turn @ [0, deep / 2 - 0.008, 0],
-                cups,
-                bevel=0.006,
-                rotate=turn,
-                acoustic=False,
-            )
-            continue
-        profile = [(0.0, -deep), (0.75 * big, -deep), (big, -0.5 * deep), (big, 0.0), (0.8 * big, 0.018), (0.0, 0.022)]
-        b.lathe(profile, cups, centre=cup, rotate=turn, segments=24, acoustic=False)
-
-
-def _cord(b: MeshBuilder, rng: Generator, path: list[Array] | list[tuple[float, float, float]]) -> None:
-    """A coiled cord, of few or many turns."""
-    material = rubber("cord", tone(rng, "#1d1e20", "#c9c5ba", "#8d9195", "#5d4a3c"))
-    turns = int(rng.integers(18, 32))
-    b.tube(coil(np.array(path), between(rng, 0.005, 0.0075), turns), 0.0022, material, segments=5)
-
-
-def _wedge(
-    b: MeshBuilder, rng: Generator, size: tuple[float, float], rise: tuple[float, float], material: Material
-) -> tuple[float, Array]:
-    """A sloping case of ``size`` (width, depth) and heights at its front and back; returns slope (°) and top centre."""
-    width, depth = size
-    front, back = rise
-    outline, bevel = rounded_rectangle(width, depth, between(rng, 0.004, 0.045)), between(rng, 0.002, 0.011)
-    flare = between(rng, 0.0, 0.012)
-
-    def loop(inset: float, below: float, base: bool = False) -> Array:
-        p = outline * [(width - 2 * inset) / width, (depth - 2 * inset) / depth]
-        y = np.zeros(len(p)) if base else front + (back - front) * (0.5 + p[:, 1] / depth) - below
-        return np.stack([p[:, 0], y, -p[:, 1]], axis=1)
-
-    loops = [loop(0.004 - flare, 0, base=True), loop(-flare, 0, base=True) + [0, 0.006, 0]]
-    loops += [loop(bevel * (1 - np.cos(t)), bevel * (1 - np.sin(t))) for t in np.linspace(0, np.pi / 2, 4)]
-    loft(b, np.array(loops), material, crease=50)
-    return float(np.degrees(np.arctan2(back - front, depth))), np.array([0.0, (front + back) / 2, 0.0])
 
 
 def _keypad_desk(rng: Generator) -> Design:
@@ -126,7 +62,7 @@ def _keypad_desk(rng: Generator) -> Design:
         else (between(rng, 0.18, 0.26), between(rng, 0.19, 0.25))
     )
     rise = (between(rng, 0.02, 0.045), between(rng, 0.055, 0.105))
-    slope, middle = _wedge(b, rng, (width, depth), rise, body)
+    slope, middle = add_wedge(b, rng, (width, depth), rise, body)
     turn = rotation("x", slope - 90)
     side = -1 if chance(rng, 0.75) else 1
     grip = body if chance(rng, 0.75) else plastic("grip", tone(rng, "#232427", "#e6e3da", "#4b4e52"), gloss=0.5)
@@ -137,14 +73,14 @@ def _keypad_desk(rng: Generator) -> Design:
         slab(
             b, (0.9 * width, 0.055, 0.003), middle + turn @ [0, z, 0.0015], well, corner=0.012, bevel=0.001, rotate=turn
         )
-        _handset(b, rng, length, grip, middle + turn @ [0, z, 0.034], turn @ rotation("x", 90))
+        add_handset(b, rng, length, grip, middle + turn @ [0, z, 0.034], turn @ rotation("x", 90))
         panel_at, size = middle + turn @ [0, -0.16 * depth, 0.0], (0.8 * width, 0.56 * depth)
     else:
         x = side * (width / 2 - 0.042)
         slab(
             b, (0.06, 0.9 * depth, 0.003), middle + turn @ [x, 0, 0.0015], well, corner=0.012, bevel=0.001, rotate=turn
         )
-        _handset(
+        add_handset(
             b,
             rng,
             min(length, 1.02 * depth),
@@ -153,11 +89,11 @@ def _keypad_desk(rng: Generator) -> Design:
             turn @ rotation("x", 90) @ rotation("y", 90),
         )
         panel_at, size = middle + turn @ [-side * 0.034, 0, 0.0], (width - 0.095, 0.88 * depth)
-    _desk_panel(Panel(b, rng, panel_at, size, shade(rng, colour, 0.01), turn, "face"))
+    fill_desk_panel(Panel(b, rng, panel_at, size, shade(rng, colour, 0.01), turn, "face"))
     edge = -width / 2 if side < 0 else width / 2
     out = -1 if side < 0 else 1
     y, z = rise[0], depth / 2
-    _cord(
+    add_cord(
         b,
         rng,
         [
@@ -171,108 +107,15 @@ def _keypad_desk(rng: Generator) -> Design:
     return finished(b, "surface", 0.55)
 
 
-def _desk_panel(panel: Panel) -> None:
-    """Digits, function keys, a display or a paper label, a loudspeaker."""
-    rng, (width, high) = panel.rng, panel.size
-    block = min(width, between(rng, 0.5, 0.62) * high)
-    show, y = chance(rng, 0.55), -0.5 * high + 0.5 * block
-    pitch = (between(rng, 0.85, 1.0) * min(width, 1.1 * block) / 3, block / 4)
-    panel.keys(0, y, (3, 4), pitch, _KEYS, raised=chance(rng, 0.85))
-    rest = high - block
-    if show:
-        size = (0.9 * width, 0.5 * rest)
-        bezel = plastic("bezel", tone(rng, "#17181a", "#3a3d40", panel.colour))
-        at = 0.5 * high - 0.3 * rest
-        slab(panel.b, (size[0], size[1], 0.008), panel.at(0, at, 0.002), bezel, corner=0.005, rotate=panel.turn)
-        ground = tone(rng, "#9fb59a", "#b9cfd8", "#c8ccb8", "#10161a")
-        lcd = decals.Canvas(240, max(40, round(240 * size[1] / size[0])), ground)
-        lcd.digits((120, lcd.height / 2), clock_time(rng), min(0.5 * lcd.height, 60), ink_on(ground))
-        paste(
-            panel.b,
-            lcd.pixels(),
-            panel.at(0, at, 0.0066),
-            (size[0] - 0.01, size[1] - 0.008),
-            name="lcd",
-            turn=panel.turn,
-        )
-    elif chance(rng, 0.6):
-        panel.grille(0, 0.5 * high - 0.4 * rest, (0.6 * width, 0.35 * rest))
-    else:
-        panel.canvas.box(
-            panel.px(-0.4 * width, 0.46 * high), panel.px(0.4 * width, 0.5 * high - 0.5 * rest), "#f1efe6", radius=4
-        )
-    panel.lamp(0.45 * width, 0.46 * high, 0.003)
-    panel.close()
-
-
-def _dial_print(rng: Generator, paper: str) -> Pixels:
-    """The ring of numbers under a finger wheel."""
-    canvas = decals.Canvas(256, 256, paper)
-    for k in range(10):
-        a = np.radians(60 - 30 * k)
-        canvas.text((128 + 86 * np.cos(a), 128 - 86 * np.sin(a)), str((k + 1) % 10), 34, ink_on(paper), bold=0.8)
-    return canvas.pixels()
-
-
-def _dial(b: MeshBuilder, rng: Generator, at: Array, face: Array, radius: float) -> None:
-    """A rotary dial of ``radius`` at ``at``; local z looks out of the set."""
-    axle = face @ rotation("x", 90)
-    paper = tone(rng, "#f3efe2", "#1d1e20", "#d8dadb", "#e9dfc4", spread=0.02)
-    plate = plastic("number_plate", paper)
-    b.lathe(
-        [(1.04 * radius, -0.02), (1.04 * radius, 0.006), (0.98 * radius, 0.008), (0.0, 0.008)],
-        plate,
-        centre=at,
-        rotate=axle,
-        segments=40,
-        acoustic=False,
-    )
-    ring = np.linspace(0, 2 * np.pi, 41)[:-1]
-    circle = np.stack([np.cos(ring), np.sin(ring)], axis=1)
-    flat = np.concatenate([[[0.0, 0.0]], circle])
-    fan = np.stack([np.zeros(40, dtype=int), 1 + np.arange(40), 1 + (np.arange(40) + 1) % 40], axis=1)
-    print_ = printed("numbers", _dial_print(rng, paper))
-    b.add(
-        np.concatenate([flat * radius, np.full((41, 1), 0.0086)], axis=1),
-        fan,
-        print_,
-        centre=at,
-        rotate=face,
-        uv=((flat + 1) / 2)[fan],
-        acoustic=False,
-    )
-    where, hole = between(rng, 0.68, 0.74) * radius, between(rng, 0.15, 0.175) * radius
-    holes = [
-        where * np.array([np.cos(a), np.sin(a)]) + hole * circle[::3]
-        for a in np.radians([60 - 30 * k for k in range(10)])
-    ]
-    wheel = (
-        metal(rng, "finger_wheel")
-        if chance(rng, 0.6)
-        else plastic("finger_wheel", tone(rng, "#1d1e20", "#e9e2d0", "#b1302c"), gloss=0.5)
-    )
-    b.extrude(
-        circle * 0.95 * radius, 0.003, wheel, holes=holes, centre=at + face @ [0, 0, 0.011], rotate=face, acoustic=False
-    )
-    b.lathe(
-        [(0.4 * radius, 0.0), (0.39 * radius, 0.003), (0.0, 0.004)],
-        plate,
-        centre=at + face @ [0, 0, 0.0135],
-        rotate=axle,
-        segments=24,
-        acoustic=False,
-    )
-
-
 def _dial_desk(rng: Generator) -> Design:
     """A set with a dial (in some, keys) on its front slope and the handset across a cradle."""
     b = MeshBuilder({"body": 0.25})
     colour = tone(rng, *_COLOURS)
     body = timber(rng, "body") if chance(rng, 0.12) else plastic("body", colour, gloss=0.6)
     width, depth, high = between(rng, 0.19, 0.26), between(rng, 0.18, 0.23), between(rng, 0.095, 0.14)
-    round_, step = between(rng, 0.012, 0.05), between(rng, 0.5, 0.62)
+    round_, step = between(rng, 0.012, 0.05), between(rng, 0.5, 0.78)
     back = -between(rng, 0.34, 0.42) * depth / 2
-    bulge = between(rng, 0.8, 1.3)
+    bulge = between(rng, 0.8, 1.7)
     loops = []
     for t in (0.0, 0.05, 0.2, 0.5, 0.8, 0.96, 1.0):
         share = t**bulge
@@ -287,7 +130,7 @@ def _dial_desk(rng: Generator) -> Design:
             b.box((0.018, 0.03, 0.011), (x, high + 0.026, back + dz), body, bevel=0.004, acoustic=False)
     grip = body if chance(rng, 0.75) else plastic("grip", tone(rng, "#232427", "#e6e3da"), gloss=0.5)
     length = max(between(rng, 0.2, 0.26), step * width + 0.07)
-    _handset(b, rng, length, grip, np.array([0, high + 0.045, back]), np.eye(3))
+    add_handset(b, rng, length, grip, np.array([0, high + 0.045, back]), np.eye(3))
     low_z, high_z = (
         depth / 2 * (1 - 0.62 * 0.15**bulge) + back * 0.15**bulge,
         depth / 2 * (1 - 0.62 * 0.9**bulge) + back * 0.9**bulge,
@@ -297,7 +140,7 @@ def _dial_desk(rng: Generator) -> Design:
     middle = np.array([0.0, 0.52 * high, 0.5 * (low_z + high_z)]) + face @ [0, 0, between(rng, 0.003, 0.008)]
     radius = min(between(rng, 0.036, 0.05), 0.3 * width, 0.52 * float(np.hypot(0.75 * high, low_z - high_z)))
     if chance(rng, 0.78):
-        _dial(b, rng, middle, face, radius)
+        add_dial(b, rng, middle, face, radius)
     else:
         plate = plastic("plate", tone(rng, "#1d1e20", "#d8dadb", "#e9dfc4"))
         slab(b, (2 * radius, 2 * radius, 0.01), middle, plate, corner=0.01, rotate=face)
@@ -310,10 +153,10 @@ def _dial_desk(rng: Generator) -> Design:
             face,
             "face",
         )
-        panel.keys(0, 0, (3, 4), (0.6 * radius, 0.45 * radius), _KEYS)
+        panel.keys(0, 0, (3, 4), (0.6 * radius, 0.45 * radius), KEYS)
         panel.close()
     s = -1 if chance(rng, 0.7) else 1
-    _cord(
+    add_cord(
         b,
         rng,
         [
@@ -334,7 +177,7 @@ def _cordless_set(rng: Generator) -> Design:
     body = plastic("body", colour, gloss=0.5)
     second = trim(rng, "second")
     width, depth = between(rng, 0.085, 0.2), between(rng, 0.09, 0.14)
-    slope, middle = _wedge(
+    slope, middle = add_wedge(
         b,
         rng,
         (width, depth),
@@ -346,6 +189,16 @@ def _cordless_set(rng: Generator) -> Design:
     x = pick(rng, -1, 1) * (width / 2 - 0.045) if wide else 0.0
     lean = rotation("x", -between(rng, 6, 32))
     foot = np.array([x, middle[1] + 0.004, -0.08 * depth])
+    _phone(b, rng, foot, lean, (colour, body, second))
+    if wide:
+        at = middle + turn @ [-np.sign(x) * 0.038, 0.0, 0.0]
+        fill_base_face(Panel(b, rng, at, (width - 0.1, 0.7 * depth), shade(rng, colour, 0.01), turn, "base_face"))
+    return finished(b, "surface", 0.5)
+
+
+def _phone(b: MeshBuilder, rng: Generator, foot: Array, lean: Array, finish: tuple[str, Material, Material]) -> None:
+    """A cordless handset that stands in its socket at ``foot``, turned by ``lean``; ``finish``: of the set."""
+    colour, body, second = finish
     length, broad, thick = between(rng, 0.14, 0.19), between(rng, 0.042, 0.056), between(rng, 0.016, 0.026)
     corner = between(rng, 0.006, 0.5 * broad)
     slab(
@@ -395,54 +248,7 @@ def _cordless_set(rng: Generator) -> Design:
         lean,
         "phone_face",
     )
-    _phone_face(panel)
-    if wide:
-        far = Panel(
-            b,
-            rng,
-            middle + turn @ [-np.sign(x) * 0.038 if x else 0.0, 0.0, 0.0],
-            (width - 0.1, 0.7 * depth),
-            shade(rng, colour, 0.01),
-            turn,
-            "base_face",
-        )
-        w, h = far.size
-        if chance(rng, 0.7):
-            far.grille(0, 0.16 * h, (0.7 * w, 0.45 * h))
-        if chance(rng, 0.6):
-            far.display(0, -0.34 * h, (0.35 * w, 0.2 * h), str(int(rng.integers(10))))
-        else:
-            far.keys(0, -0.32 * h, (2, 1), (0.35 * w, 0.2 * h))
-        far.close()
-    return finished(b, "surface", 0.5)
-
-
-def _phone_face(panel: Panel) -> None:
-    """A display above keys, as a handset has."""
-    rng, (w, h) = panel.rng, panel.size
-    show = between(rng, 0.2, 0.34) * h
-    ground = tone(rng, "#bfe0ec", "#9fb59a", "#f2a84a", "#10161a", "#d8e2e6")
-    (cx, cy), half = panel.px(0, 0.42 * h - show / 2), (0.44 * w * panel.scale, 0.5 * show * panel.scale)
-    panel.canvas.box((cx - half[0], cy - half[1]), (cx + half[0], cy + half[1]), ground, radius=3)
-    panel.canvas.digits((cx, cy), clock_time(rng), min(0.9 * half[1], 0.5 * half[0]), ink_on(ground))
-    panel.canvas.box(panel.px(-0.2 * w, 0.49 * h), panel.px(0.2 * w, 0.475 * h), "#0a0a0a", radius=1)
-    rest = 0.9 * h - show - 0.06 * h
-    calls = chance(rng, 0.7)
-    keys = rest * (0.78 if calls else 0.95)
-    panel.keys(0, -0.48 * h + keys / 2, (3, 4), (0.31 * w, keys / 4), _KEYS, raised=chance(rng, 0.75))
-    if calls:
-        y = -0.48 * h + keys + 0.1 * rest
-        for x, colour in ((-0.28, "#2f9a4c"), (0.28, "#c2362e")):
-            slab(
-                panel.b,
-                (0.26 * w, 0.14 * rest, 0.004),
-                panel.at(x * w, y, 0.0),
-                plastic("call_key", colour),
-                corner=0.003,
-                bevel=0.001,
-                rotate=panel.turn,
-            )
-    panel.close()
+    fill_phone_face(panel)
 
 
 def _wall_set(rng: Generator) -> Design:
@@ -452,7 +258,7 @@ def _wall_set(rng: Generator) -> Design:
     body = timber(rng, "body") if chance(rng, 0.15) else plastic("body", colour, gloss=0.5)
     width, height, depth = between(rng, 0.11, 0.19), between(rng, 0.2, 0.26), between(rng, 0.035, 0.07)
     slab(
-        b, (width, height, depth), (0, 0, depth / 2), body, corner=between(rng, 0.006, 0.04), bevel=0.008, acoustic=True
+        b, (width, height, depth), (0, 0, depth / 2), body, corner=between(rng, 0.006, 0.03), bevel=0.008, acoustic=True
     )
     side = 0 if width < 0.14 and chance(rng, 0.4) else (-1 if chance(rng, 0.8) else 1)
     grip = body if chance(rng, 0.7) else plastic("grip", tone(rng, "#232427", "#e6e3da"), gloss=0.5)
@@ -461,7 +267,7 @@ def _wall_set(rng: Generator) -> Design:
         at, way = np.array([0, height / 2 - 0.02, depth + 0.03]), rotation("x", 90)
         for x in (-0.035, 0.035):
             b.box((0.016, 0.03, 0.036), (x, height / 2 - 0.024, depth + 0.012), body, bevel=0.004, acoustic=False)
-        low, room = -0.5 * height, 0.68 * height
+        low, room = 0.012 - 0.5 * height, 0.64 * height
         middle = np.array([0.0, low + room / 2 + 0.005, depth])
         space = 0.86 * width
     else:
@@ -474,14 +280,14 @@ def _wall_set(rng: Generator) -> Design:
             acoustic=False,
         )
         middle, room, space = np.array([-side * 0.02, 0.0, depth]), 0.86 * height, width - 0.055
-    _handset(b, rng, length, grip, at, way)
+    add_handset(b, rng, length, grip, at, way)
     if chance(rng, 0.4):
         radius = min(0.46 * space, 0.42 * room, 0.05)
-        _dial(b, rng, middle + [0, between(rng, -0.1, 0.1) * room * (side != 0), 0.002], np.eye(3), radius)
+        add_dial(b, rng, middle + [0, between(rng, -0.1, 0.1) * room * (side != 0), 0.002], np.eye(3), radius)
     else:
         panel = Panel(b, rng, middle, (space, room), shade(rng, colour, 0.02), None, "face")
         block = min(room, 1.25 * space) * between(rng, 0.72, 0.9)
-        panel.keys(0, between(rng, -0.45, 0.2) * (room - block), (3, 4), (0.31 * space, block / 4), _KEYS)
+        panel.keys(0, between(rng, -0.45, 0.2) * (room - block), (3, 4), (0.31 * space, block / 4), KEYS)
         panel.lamp(0.42 * space, 0.46 * room, 0.003)
         panel.close()
     end = at + way @ [-0.46 * length if side else 0.46 * length, -0.01, 0.0]
@@ -489,7 +295,7 @@ def _wall_set(rng: Generator) -> Design:
         end = at + way @ [0.46 * length, -0.01, 0.0]
     hang = -height / 2 - between(rng, 0.06, 0.14)
     s = side or 1
-    _cord(
+    add_cord(
         b,
         rng,
         [
@@ -534,6 +340,17 @@ def _candlestick(rng: Generator) -> Design:
         segments=24,
         acoustic=True,
     )
+    _mouthpiece(b, rng, high, dark)
+    _hung_receiver(b, rng, (high, radius, base), shiny, dark)
+    if chance(rng, 0.65):
+        size = min(0.5 * radius, 0.038)
+        slope = rotation("x", -between(rng, 35, 60))
+        add_dial(b, rng, np.array([0, 0.62 * base + 0.004, 0.62 * radius]) + slope @ [0, 0, 0.006], slope, size)
+    return finished(b, "surface", 0.86)
+
+
+def _mouthpiece(b: MeshBuilder, rng: Generator, high: float, dark: Material) -> None:
+    """The bell to speak into, on a column of height ``high`` (m)."""
     mouth = rotation("x", 90 - between(rng, 0, 25))
     at = np.array([0, high - 0.005, 0.005])
     bell = between(rng, 0.026, 0.036)
@@ -555,6 +372,13 @@ def _candlestick(rng: Generator) -> Design:
         segments=28,
         acoustic=False,
     )
+
+
+def _hung_receiver(
+    b: MeshBuilder, rng: Generator, size: tuple[float, float, float], shiny: Material, dark: Material
+) -> None:
+    """A receiver on its hook beside a column, with its cord; ``size``: height, radius and height of the foot (m)."""
+    high, radius, base = size
     side = -1 if chance(rng, 0.7) else 1
     hook = high - between(rng, 0.07, 0.1)
     x = side * between(rng, 0.048, 0.062)
@@ -581,10 +405,6 @@ def _candlestick(rng: Generator) -> Design:
         segments=26,
         acoustic=False,
     )
-    if chance(rng, 0.65):
-        size = min(0.55 * radius, 0.042)
-        slope = rotation("x", -between(rng, 35, 60))
-        _dial(b, rng, np.array([0, 0.6 * base + 0.008, 0.66 * radius]) + slope @ [0, 0, 0.006], slope, size)
     material = rubber("cord", tone(rng, "#3a2c22", "#1d1e20", "#6b4f2a"))
     path = [
         (1.1 * x, hook - 0.112, 0),
@@ -593,7 +413,6 @@ def _candlestick(rng: Generator) -> Design:
         (0.4 * x, 0.5 * base, -0.8 * radius),
     ]
     b.tube(smooth_path(path, 26), 0.0028, material, segments=6)
-    return finished(b, "surface", 0.86)
 
 
 FAMILIES: dict[str, Build] = {

@@ -290,7 +290,9 @@ def _boxed(rng: Generator) -> Design:
     b = MeshBuilder({"seat": 0.3, "unit": 0.5})
     pan, white = _pan(rng), china(rng, "china")
     height, width, deep = between(rng, 0.78, 1.2), between(rng, 0.36, 0.66), between(rng, 0.12, 0.24)
-    colour = tone(rng)
+    colour = (
+        tone(rng) if chance(rng, 0.4) else tone(rng, "#efefec", "#c3c6c8", "#d8d0c0", "#8d9195", "#9fb0b4", "#5b6064")
+    )
     unit = (
         timber(rng, "unit")
         if chance(rng, 0.35)

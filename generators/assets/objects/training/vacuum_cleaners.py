@@ -8,9 +8,16 @@ from numpy.typing import NDArray
 
 from generators.assets.objects.design import Build, Design
 from generators.assets.objects.finishes import enamel, glass, plastic, rubber
-from generators.assets.objects.forms import egg, level, loft, ribbed, slab, smooth_path
-from generators.assets.objects.training.draw import VIVID, between, chance, metal, pick, tone, word
+from generators.assets.objects.forms import egg, level, loft, slab, smooth_path
+from generators.assets.objects.training.draw import between, chance, metal, pick, tone, word
 from generators.assets.objects.training.panel import Panel, finished, finished_at
+from generators.assets.objects.training.vacuum_parts import (
+    add_floor_head,
+    add_hose,
+    add_wand,
+    add_wheel,
+    draw_two_tones,
+)
 from generators.assets.shapes import MeshBuilder, rotation
 from generators.core.scene import Material
 
@@ -18,64 +25,10 @@ Array = NDArray[np.float64]
 Spot = tuple[float, float, float]
 
 
-def _two_tone(rng: Generator) -> tuple[str, Material, Material]:
-    """The colour of the body, its material, and a second, mostly dark one."""
-    colour = tone(rng, *VIVID)
-    body = plastic("body", colour, gloss=between(rng, 0.3, 0.7))
-    return colour, body, plastic("second", tone(rng, "#26282b", "#26282b", "#8d9195", "#e9eaec", "#3a3f46"), gloss=0.5)
-
-
-def _hose(b: MeshBuilder, rng: Generator, points: list[Array], count: int = 100) -> None:
-    """A corrugated hose through ``points``."""
-    radius = between(rng, 0.016, 0.024)
-    material = rubber("hose", tone(rng, "#34363a", "#1d1e20", "#8d9195", "#b9bcbe"))
-    b.tube(smooth_path(points, count), ribbed(count, radius, between(rng, 0.12, 0.28) * radius), material, segments=10)
-
-
-def _wheel(b: MeshBuilder, at: Spot, radius: float, width: float, hub: Material) -> None:
-    """A wheel that stands at the height 0, about the axle x; ``at``: (x, 0, z)."""
-    x, _, z = at
-    b.cylinder(
-        radius,
-        width,
-        (x, radius, z),
-        rubber("tyre", "#232427"),
-        axis="x",
-        bevel=0.25 * width,
-        segments=32,
-        acoustic=False,
-    )
-    outside = x + np.sign(x) * width / 2
-    b.cylinder(0.66 * radius, 0.01, (outside, radius, z), hub, axis="x", bevel=0.003, segments=28, acoustic=False)
-
-
-def _head(b: MeshBuilder, rng: Generator, centre: Spot, material: Material, yaw: float = 0.0) -> None:
-    """A floor head across local x."""
-    turn, width, deep = rotation("y", yaw), between(rng, 0.22, 0.32), between(rng, 0.035, 0.06)
-    high = between(rng, 0.035, 0.055)
-    outline = egg(width / 2, deep, 1.1 * deep, squareness=between(rng, 4, 10))
-    outline[:, 1] = np.clip(outline[:, 1] * 1.3, -1.1 * deep, deep)
-    rings = [(0.97, 0.0), (1.0, 0.1), (1.0, 0.4), (0.94, 0.65), (between(rng, 0.5, 0.85), 0.85), (0.3, 1.0)]
-    loops = np.array([level(outline * s, h * high) for s, h in rings])
-    loft(b, loops, material, centre=centre, rotate=turn, acoustic=False)
-    joint = np.asarray(centre) + [0, 0.85 * high, 0] + turn @ [0, 0, -0.015]
-    b.cylinder(0.021, 0.055, joint, rubber("joint", "#2a2b2e"), axis="x", segments=20, acoustic=False)
-
-
-def _wand(b: MeshBuilder, rng: Generator, top: Array, foot: Array, dark: Material) -> None:
-    """A tube from its handle at ``top`` to its head on the floor at ``foot``, with a sleeve or two."""
-    along = foot - top
-    tube = metal(rng, "wand") if chance(rng, 0.6) else dark
-    b.tube([top, foot], between(rng, 0.014, 0.019), tube, segments=16)
-    for share in rng.uniform(0.3, 0.7, size=int(rng.integers(0, 3))):
-        b.tube([top + share * along, top + (share + 0.06) * along], 0.022, dark, segments=14)
-    b.tube([top - 0.02 * along, top + between(rng, 0.12, 0.2) * along], 0.023, dark, segments=14)
-
-
 def _sledge(rng: Generator) -> Design:
     """A canister on wheels with a hose to a wand that stands before or beside it."""
     b = MeshBuilder()
-    colour, body, dark = _two_tone(rng)
+    colour, body, dark = draw_two_tones(rng)
     half, front, back = between(rng, 0.105, 0.15), between(rng, 0.17, 0.25), between(rng, 0.15, 0.22)
     lift, low, high = between(rng, 0.02, 0.05), between(rng, 0.08, 0.13), between(rng, 0.18, 0.29)
     square = between(rng, 2.2, 4.5)
@@ -97,7 +50,9 @@ def _sledge(rng: Generator) -> Design:
     loft(b, np.array(upper), body)
     wheel = between(rng, 0.04, 0.1)
     for side in (-1, 1):
-        _wheel(b, (side * (half + 0.01), 0.0, -between(rng, 0.25, 0.5) * back), wheel, between(rng, 0.025, 0.05), body)
+        add_wheel(
+            b, (side * (half + 0.01), 0.0, -between(rng, 0.25, 0.5) * back), wheel, between(rng, 0.025, 0.05), body
+        )
     b.cylinder(
         0.026, 0.034, (0, 0.026, 0.7 * front), rubber("castor"), axis="x", bevel=0.006, segments=20, acoustic=False
     )
@@ -120,9 +75,9 @@ def _sledge(rng: Generator) -> Design:
         top + [-0.2 * top[0], 0.05, -0.03],
         top,
     ]
-    _hose(b, rng, path)
-    _wand(b, rng, top, foot, dark)
-    _head(b, rng, (float(foot[0]), 0.0, float(foot[2]) + 0.02), dark)
+    add_hose(b, rng, path)
+    add_wand(b, rng, top, foot, dark)
+    add_floor_head(b, rng, (float(foot[0]), 0.0, float(foot[2]) + 0.02), dark)
     return finished_at(b, "floor", 0.0, 0.5 * (low + high))
 
 
@@ -175,14 +130,14 @@ def _tilted(rng: Generator, b: MeshBuilder, body: Material, dark: Material) -> t
         slab(b, (0.06, 0.018, 0.006), (0, 0.62 * high, 0.055 + front), lamp, corner=0.008, bevel=0.002)
     wheel = between(rng, 0.04, 0.07)
     for side in (-1, 1):
-        _wheel(b, (side * 0.8 * half, 0.0, -0.055), wheel, between(rng, 0.025, 0.04), body)
+        add_wheel(b, (side * 0.8 * half, 0.0, -0.055), wheel, between(rng, 0.025, 0.04), body)
     return rotation("x", -between(rng, 4, 16)), np.array([0.0, 0.7 * high, -0.02])
 
 
 def _stand_up(rng: Generator) -> Design:
     """An upright: a motor head, a body with a bag or a bin that leans back, a handle."""
     b = MeshBuilder()
-    _, body, dark = _two_tone(rng)
+    _, body, dark = draw_two_tones(rng)
     lean, pivot = _tilted(rng, b, body, dark)
 
     def at(x: float, y: float, z: float) -> Array:
@@ -220,6 +175,23 @@ def _stand_up(rng: Generator) -> Design:
         )
         lid = [(1.04 * radius, -0.005), (1.04 * radius, 0.02), (0.7 * radius, 0.05), (0.0, 0.055)]
         b.lathe(lid, body, centre=at(0, 0.56 * tall + high / 2, 0.45 * deep), rotate=lean, segments=32, acoustic=False)
+    _upright_handle(b, rng, (lean, pivot), (tall, deep), dark)
+    if chance(rng, 0.5):
+        x = half + 0.02
+        path = [at(0.8 * x, 0.1, -deep), at(x, 0.3, -deep - 0.01), at(0.8 * x, 0.85 * tall, -deep)]
+        add_hose(b, rng, [*path, at(0.02, 0.93 * tall, -0.5 * deep)], 70)
+    return finished_at(b, "floor", 0.0, 0.26)
+
+
+def _upright_handle(
+    b: MeshBuilder, rng: Generator, frame: tuple[Array, Array], size: tuple[float, float], dark: Material
+) -> None:
+    """The pole and the grip of an upright that leans by ``frame``; ``size``: height and half depth of its body (m)."""
+    (lean, pivot), (tall, deep) = frame, size
+
+    def at(x: float, y: float, z: float) -> Array:
+        return np.asarray(pivot + lean @ np.array([x, y, z]))
+
     end = between(rng, 0.92, 1.12)
     b.tube(
         [at(0, 0.9 * tall, -0.4 * deep), at(0, end - 0.14, -0.4 * deep)],
@@ -241,26 +213,12 @@ def _stand_up(rng: Generator) -> Design:
     b.tube(
         smooth_path([at(x, y, z - 0.4 * deep) for x, y, z in loop], 30), between(rng, 0.012, 0.017), dark, segments=10
     )
-    if chance(rng, 0.5):
-        x = half + 0.02
-        _hose(
-            b,
-            rng,
-            [
-                at(x * 0.8, 0.1, -deep),
-                at(x, 0.3, -deep - 0.01),
-                at(x * 0.8, 0.85 * tall, -deep),
-                at(0.02, 0.93 * tall, -0.5 * deep),
-            ],
-            70,
-        )
-    return finished_at(b, "floor", 0.0, 0.26)
 
 
 def _tub(rng: Generator) -> Design:
     """A drum on castors with a motor lid, a hose, and a wand parked beside it."""
     b = MeshBuilder()
-    colour, body, dark = _two_tone(rng)
+    colour, body, dark = draw_two_tones(rng)
     radius, high = between(rng, 0.14, 0.2), between(rng, 0.2, 0.34)
     lift, taper, cap = between(rng, 0.03, 0.07), between(rng, 0.84, 1.05), between(rng, 0.05, 0.14)
     tub = metal(rng, "drum") if chance(rng, 0.2) else body
@@ -299,6 +257,24 @@ def _tub(rng: Generator) -> Design:
             acoustic=False,
         )
         b.box((0.03, 0.6 * lift, 0.03), (x, lift, z), dark, bevel=0.004, acoustic=False)
+    _tub_top(b, rng, (radius, high, cap), dark)
+    if chance(rng, 0.35):  # a band
+        band = [(radius * taper + 0.003, 0.45 * high), (radius + 0.004, 0.62 * high)]
+        b.lathe(band, dark, segments=44, acoustic=False)
+    at = (0, 0.3 * high + 0.03, radius * (0.5 + 0.5 * taper) + 0.002)
+    panel = Panel(b, rng, at, (0.12, 0.05), colour, name="label")
+    panel.text(0, 0, word(rng), 0.02)
+    panel.close()
+    z = 0.4 * dome * radius
+    switch = plastic("switch", tone(rng, "#c8302a", "#e9eaec", "#44a050"))
+    b.cylinder(0.018, 0.012, (0, high + 0.98 * cap, z), switch, bevel=0.003, segments=18, acoustic=False)
+    _parked_wand(b, rng, (radius, high), dark)
+    return finished_at(b, "floor", 0.0, high + 0.4 * cap)
+
+
+def _tub_top(b: MeshBuilder, rng: Generator, size: tuple[float, float, float], dark: Material) -> None:
+    """Clips and the carrying handle of a tub of ``size`` (radius, height, height of its lid; m)."""
+    radius, high, cap = size
     for side in (-1, 1):
         b.box((0.012, 0.07, 0.045), (side * 1.03 * radius, high, 0.0), metal(rng, "clip"), bevel=0.004, acoustic=False)
     rise, reach = between(rng, 0.04, 0.09), 0.5 * radius
@@ -309,24 +285,11 @@ def _tub(rng: Generator) -> Design:
         (reach, high + 0.8 * cap, 0),
     ]
     b.tube(smooth_path(path, 24), between(rng, 0.009, 0.014), dark, segments=10)
-    if chance(rng, 0.35):  # a drawn face or a band
-        b.lathe(
-            [(radius * taper + 0.003, 0.45 * high), (radius + 0.004, 0.62 * high)], dark, segments=44, acoustic=False
-        )
-    panel = Panel(
-        b, rng, (0, 0.3 * high + 0.03, radius * (0.5 + 0.5 * taper) + 0.002), (0.12, 0.05), colour, name="label"
-    )
-    panel.text(0, 0, word(rng), 0.02)
-    panel.close()
-    b.cylinder(
-        0.018,
-        0.012,
-        (0, high + 0.98 * cap, 0.4 * dome * radius),
-        plastic("switch", tone(rng, "#c8302a", "#e9eaec", "#44a050")),
-        bevel=0.003,
-        segments=18,
-        acoustic=False,
-    )
+
+
+def _parked_wand(b: MeshBuilder, rng: Generator, size: tuple[float, float], dark: Material) -> None:
+    """The hose of a tub of ``size`` (radius, height; m), and its wand, upright at one side."""
+    radius, high = size
     side = 1 if chance(rng, 0.5) else -1
     inlet = np.array([0, 0.68 * high, radius * 1.0])
     b.cylinder(0.031, 0.05, inlet, dark, axis="z", bevel=0.006, segments=24, acoustic=False)
@@ -344,16 +307,15 @@ def _tub(rng: Generator) -> Design:
         np.array([0.85 * x, top[1] + 0.08, 0.0]),
         top,
     ]
-    _hose(b, rng, out, 120)
-    _wand(b, rng, top, foot, dark)
-    _head(b, rng, (x, 0.0, 0.07), dark, 90.0)
-    return finished_at(b, "floor", 0.0, high + 0.4 * cap)
+    add_hose(b, rng, out, 120)
+    add_wand(b, rng, top, foot, dark)
+    add_floor_head(b, rng, (x, 0.0, 0.07), dark, 90.0)
 
 
 def _stick(rng: Generator) -> Design:
     """A cordless stick, leaning a little: motor and bin at the top or at the bottom."""
     b = MeshBuilder()
-    _, body, dark = _two_tone(rng)
+    _, body, dark = draw_two_tones(rng)
     lean, pivot = rotation("x", -between(rng, 3, 14)), np.array([0.0, 0.05, 0.0])
 
     def at(y: float, z: float = 0.0) -> Array:
@@ -362,7 +324,7 @@ def _stick(rng: Generator) -> Design:
     end, high = between(rng, 0.92, 1.12), chance(rng, 0.65)
     tube = metal(rng, "pole") if chance(rng, 0.4) else (body if chance(rng, 0.5) else dark)
     b.tube([at(0.0), at(end - 0.1)], between(rng, 0.014, 0.021), tube, segments=16, acoustic=True)
-    _head(b, rng, (0.0, 0.0, 0.03), dark)
+    add_floor_head(b, rng, (0.0, 0.0, 0.03), dark)
     y = end - between(rng, 0.16, 0.22) if high else between(rng, 0.2, 0.34)
     radius, tall = between(rng, 0.045, 0.068), between(rng, 0.14, 0.26)
     see = glass("bin", tone(rng, "#66757d", "#8fa0a5", "#7b6870"))
