@@ -18,7 +18,7 @@ from shapely.geometry import MultiPoint, Point, Polygon
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.taxonomy import CATEGORIES
-from generators.assets.catalogue import Model, build_model, variants
+from generators.assets.catalogue import Model, build_model, training_variants, variants
 from generators.core.boxes import UprightBox, yaw_matrix
 from generators.core.freespace import FreeSpace
 from generators.core.scene import Mesh, Part, Room, Scene, SupportKind
@@ -122,7 +122,7 @@ def test_objects_stand_where_they_belong(category: str, room: str, count: int) -
 @pytest.mark.parametrize("category", CATEGORIES)
 def test_every_model_of_the_catalogue_finds_its_place(category: str) -> None:
     toy = kitchen()
-    for number, variant in enumerate(variants(category)):
+    for number, variant in enumerate((*variants(category), *training_variants(category))):
         model = build_model(category, variant, rng(number))
         placed = place(Site.of(toy.scene, "kitchen"), [model] * (1 + number % 2), rng=rng(number))
         for placement in placed:

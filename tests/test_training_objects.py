@@ -148,6 +148,11 @@ def test_the_front_faces_plus_z(family: list[Model]) -> None:
             corners = model.mesh.positions.reshape(-1, 3)
             assert corners[corners[:, 1] > 0.6][:, 2].mean() < -0.1
             continue
+        if model.name == "telephone/candlestick":  # one speaks into its front
+            corners = model.mesh.positions.reshape(-1, 3)
+            upper = corners[corners[:, 1] > 0.85 * high[1]][:, 2]
+            assert upper.max() > 1.3 * -upper.min()
+            continue
         # Rays from the front meet more different materials (glass, print, knobs) than rays from the back.
         x, y = np.meshgrid(np.linspace(low[0], high[0], 60), np.linspace(low[1], high[1], 60))
         caster, seen = RayCaster(model.mesh.positions), []

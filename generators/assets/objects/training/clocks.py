@@ -53,7 +53,7 @@ def _round_wall(rng: Generator) -> Design:
     b.cylinder(radius + 0.8 * width, depth, (0, 0, depth / 2), case, axis="z", segments=56)
     add_bezel(b, rng, (0, 0, depth), radius, width, bezel)
     if chance(rng, 0.15):  # a sunburst
-        count, reach = int(rng.integers(8, 25)), between(rng, 0.03, 0.09)
+        count, reach = int(rng.integers(8, 25)), min(between(rng, 0.03, 0.09), 0.285 - radius - width)
         for k in range(count):
             turn = rotation("z", 360 * k / count)
             far = reach * (1.0 if k % 2 else between(rng, 0.6, 1.0))
@@ -94,7 +94,7 @@ def _angular_wall(rng: Generator) -> Design:
 
 def _pendulum_box(b: MeshBuilder, rng: Generator, top: float, depth: float, case: Material) -> None:
     """A glazed box below a wall clock with a pendulum in it; ``top``: height of its upper edge (m)."""
-    width, height = between(rng, 0.12, 0.18), between(rng, 0.12, 0.22)
+    width, height = between(rng, 0.12, 0.18), min(between(rng, 0.12, 0.22), 0.58 + 2 * top)
     middle = top - height / 2 + 0.005
     b.box((width, height, depth), (0, middle, depth / 2), case, bevel=0.003)
     back = decals.Canvas(64, 96, tone(rng, "#1d1712", "#e9dfc4", "#2c2f33"))
