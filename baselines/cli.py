@@ -237,8 +237,12 @@ def denseav(
 @_common
 @click.option("--weights", type=PATH, metavar="FILE", help="Weights of `avs3d train listener` [the package's].")
 @click.option("--device", default=None, help="cpu, cuda:0, … [CUDA where there is one].")
+@click.option(
+    "--sound", type=click.Choice(["own", "none", "other"]), default="own", show_default=True,
+    help="What it hears; none and other (that of another observation) show whether it listens.",
+)  # fmt: skip
 def listener(
-    root: Path, path: Path, only: tuple[str, ...], overwrite: bool, weights: Path | None, device: str | None
+    root: Path, path: Path, only: tuple[str, ...], overwrite: bool, weights: Path | None, device: str | None, sound: Any
 ) -> None:
     """Run the listener, frame by frame: the picture and one second of binaural sound give the mask of what sounds.
 
@@ -249,7 +253,7 @@ def listener(
     from baselines.listener.predict import load_method, write_listener
 
     require("baselines")
-    model = load_method(weights, device=device)
+    model = load_method(weights, device=device, hearing=sound)
     _done(write_listener(Dataset(root), path, model, only=only, overwrite=overwrite, progress=sys.stderr.isatty()))
 
 

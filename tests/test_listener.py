@@ -200,22 +200,37 @@ def test_homes_are_split_by_their_names() -> None:
     assert not training_homes & kept
     assert split_homes(names[::-1] * 3) == (training_homes, kept)
     assert split_homes(["alone"]) == ({"alone"}, set())
+    fewer, same = split_homes(names, 10)
+    assert len(fewer) == 10
+    assert fewer < split_homes(names, 20)[0] < training_homes
+    assert same == kept
 
 
 def test_a_mirrored_picture_has_its_ears_swapped(store: shards.Store, monkeypatch: pytest.MonkeyPatch) -> None:
     bank = augment.Bank(store, "cpu")
     plan = Sampler(store, 1).plan(0)
     plain = bank.gather(plan, None)
-    for name in ("GREY", "BLURRED", "NOISY", "NOISE_ALONE", "GAIN_DB", "MIX_DB"):
+    for name in ("GREY", "BLURRED", "NOISY", "NOISE_ALONE", "GAIN_DB", "MIX_DB", "TOGETHER_DB", "APART_DB"):
         monkeypatch.setattr(augment, name, 0.0)
     monkeypatch.setattr(augment, "MIRRORED", 1.1)
     monkeypatch.setattr(augment, "coloured", lambda pictures, _: pictures)
     turned = bank.gather(plan, torch.Generator().manual_seed(0))
     torch.testing.assert_close(turned.pictures, plain.pictures.flip(-1))
-    torch.testing.assert_close(turned.sounds, plain.sounds.flip(1))
+    torch.testing.assert_close(turned.sounds, plain.sounds.flip(1), atol=1e-5, rtol=1e-4)
     assert (turned.masks == plain.masks.flip(-1)).all()
     assert (turned.classes == plain.classes.flip(-1)).all()
     np.testing.assert_allclose(turned.cameras[:, 2], 1 - plain.cameras[:, 2])
+
+
+def test_an_equalised_sound_keeps_its_times_and_changes_its_levels() -> None:
+    sounds = torch.zeros(1, 2, 44_100)
+    sounds[0, 0, 1000] = sounds[0, 1, 1030] = 1.0
+    found = augment.equalised(sounds, torch.Generator().manual_seed(1))
+    assert found[0].argmax(dim=1).tolist() == [1000, 1030]
+    gains = 20 * torch.log10(torch.fft.rfft(found).abs()[0])
+    assert gains.std() > 1
+    apart = gains[1] - gains[0]
+    assert 0.1 < apart.std() < gains.std()
 
 
 # ---- network

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from avs3d_bench import layout, media
-from avs3d_bench.dataset import Dataset
+from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.taxonomy import CATEGORIES
 
@@ -157,6 +157,24 @@ def test_predictions_do_not_depend_on_their_neighbours(scenes: Path, saved: Path
         together = model.answers(pictures, sounds, cameras)
         alone = model.answers(pictures[1:2], sounds[1:2], cameras[1:2])
     np.testing.assert_allclose(together[1].mask, alone[0].mask, atol=1e-3)
+
+
+def test_without_sound_or_with_a_wrong_one_its_own_is_not_read(
+    saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = tiny.write_dataset(tmp_path / "set")
+    frame = Dataset(root)[tiny.SINGLE].test[0]
+    with pytest.raises(Avs3dError, match=r"no observation of another category"):
+        predict.foreign_frame(frame)  # microwaves alone
+    monkeypatch.setattr(Observation, "category", property(lambda self: self.place.part))
+    other = predict.foreign_frame(frame)
+    assert (other.observation.key, other.index) == (tiny.MULTI, frame.index)
+    deaf = predict.load_method(saved, device="cpu", hearing="none")
+    wrong = predict.load_method(saved, device="cpu", hearing="other")
+    assert not deaf._heard(frame).any()
+    np.testing.assert_array_equal(wrong._heard(frame), predict.clip_of(other))
+    assert "heard nothing" in deaf.notes
+    assert "another observation" in wrong.notes
 
 
 def test_a_frame_without_sound_is_one_line(saved: Path, tmp_path: Path) -> None:

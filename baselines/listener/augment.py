@@ -6,6 +6,7 @@ from one generator per (seed, step, rank).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,11 +15,16 @@ import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d, pad
 
+from avs3d_bench.layout import SAMPLE_RATE
 from baselines.listener.batches import Plan
+from baselines.listener.features import HIGHEST, LOWEST
 from baselines.listener.shards import SIDE, Store
 
 #: Range of gains (dB), and of the level of a second sound over the first (dB).
 GAIN_DB, MIX_DB = 6.0, 10.0
+#: Standard deviation of the gain of each of `EQUALISED` points of the spectrum, log-spaced: of both ears together, as
+#: rooms and engines differ, and of each ear, as heads differ (dB).
+EQUALISED, TOGETHER_DB, APART_DB = 10, 3.0, 0.7
 #: Noise under a sound, below its level (dB); noise instead of a sound, level re full scale (dB).
 NOISE_BELOW_DB, NOISE_ALONE_DB = (20.0, 50.0), (-90.0, -40.0)
 #: Probabilities: mirrored, grey, blurred, noise under a sound, noise instead of silence.
@@ -179,7 +185,7 @@ def louder(sounds: Tensor, generator: torch.Generator) -> Tensor:
     """Another gain, and noise: under a sound, or alone instead of digital silence."""
     count = len(sounds)
     gain = 10 ** (uniform(generator, count, -GAIN_DB, GAIN_DB) / 20)
-    out = sounds * gain[:, None, None]
+    out = equalised(sounds, generator) * gain[:, None, None]
     mine = level(out)
     silent = mine < 1e-6
     below = mine * 10 ** (-uniform(generator, count, *NOISE_BELOW_DB) / 20)
@@ -191,6 +197,24 @@ def louder(sounds: Tensor, generator: torch.Generator) -> Tensor:
     shared = (uniform(generator, count) < 0.5)[:, None, None] * 0.7
     noise = (1 - shared) * noise + shared * noise.mean(dim=1, keepdim=True)
     return out + noise * amount[:, None, None]
+
+
+def equalised(sounds: Tensor, generator: torch.Generator) -> Tensor:
+    """Sounds through a random filter without phase: another room, engine or head; times of arrival stay."""
+    count, ears, length = sounds.shape
+    device = sounds.device
+
+    def normal(*shape: int) -> Tensor:
+        return torch.randn(shape, generator=generator, device=device)
+
+    points = TOGETHER_DB * normal(count, 1, EQUALISED) + APART_DB * normal(count, ears, EQUALISED)
+    # From 50 Hz to 20 kHz, linear between the points over the logarithm of the frequency.
+    frequency = torch.fft.rfftfreq(length, 1 / SAMPLE_RATE, device=device).clamp(LOWEST, HIGHEST)
+    place = torch.log(frequency / LOWEST) / math.log(HIGHEST / LOWEST) * (EQUALISED - 1)
+    below = place.floor().clamp(max=EQUALISED - 2).long()
+    share = place - below
+    decibels = points[..., below] * (1 - share) + points[..., below + 1] * share
+    return torch.fft.irfft(torch.fft.rfft(sounds) * 10 ** (decibels / 20), length)
 
 
 def _where(rows: Tensor, yes: Tensor, no: Tensor) -> Tensor:

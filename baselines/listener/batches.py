@@ -94,14 +94,18 @@ class Slot:
     kind: Kind
 
 
-def split_homes(homes: Sequence[str]) -> tuple[set[str], set[str]]:
+def split_homes(homes: Sequence[str], most: int | None = None) -> tuple[set[str], set[str]]:
     """(training, validation): by a hash of their names, so that the same home is always on the same side.
 
     With one home alone there is no validation.
+
+    Args:
+        homes: names, in any order, repeated or not.
+        most: number of training homes; None: all. Fewer ones are always among more.
     """
     ranked = sorted(set(homes), key=lambda name: hashlib.sha256(name.encode()).hexdigest())
     kept = max(1, round(VALIDATION_SHARE * len(ranked))) if len(ranked) > 1 else 0
-    return set(ranked[kept:]), set(ranked[:kept])
+    return set(ranked[kept:][:most]), set(ranked[:kept])
 
 
 @dataclass
@@ -113,18 +117,20 @@ class Sampler:
         batch: pictures of a batch of one device.
         seed: of all choices.
         ranks: devices.
+        homes: number of training homes; None: all.
     """
 
     store: Store
     batch: int
     seed: int = 0
     ranks: int = 1
+    homes: int | None = None
     visible: NDArray[np.int64] = field(init=False)
     empty: NDArray[np.int64] = field(init=False)
 
     def __post_init__(self) -> None:
         table = self.store.table
-        training, _ = split_homes(table.homes)
+        training, _ = split_homes(table.homes, self.homes)
         views = np.asarray([number for number, home in enumerate(table.homes) if home in training], np.int64)
         seen = np.isfinite(np.asarray(self.store.extents)[:, :, 0]).any(axis=1)
         self.visible, self.empty = views[seen[views]], views[~seen[views]]

@@ -61,7 +61,7 @@ def write_result(
     """
     digest = save_weights(result.network, folder / WEIGHTS)
     table, state = result.store.table, result.state
-    training, kept = split_homes(table.homes)
+    training, kept = split_homes(table.homes, settings.homes)
     total = sum(state.shares.values())
     card = {
         "name": "avs3d listener",

@@ -31,6 +31,7 @@ class Settings:
         decay: weight decay.
         warm_up: share of the steps in which the rate rises.
         average: decay of the exponential moving average of the weights.
+        homes: number of training homes, for learning curves; None: all.
         seed: of weights, batches and augmentation.
         widths: size of the network.
     """
@@ -41,6 +42,7 @@ class Settings:
     decay: float = 0.05
     warm_up: float = 0.04
     average: float = 0.998
+    homes: int | None = None
     seed: int = 0
     widths: Widths = field(default_factory=Widths)
 

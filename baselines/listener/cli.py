@@ -38,6 +38,9 @@ def train() -> None:
 @click.option("--accelerator", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", show_default=True)
 @click.option("--precision", type=click.Choice(list(_PRECISION)), default="bf16", show_default=True)
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option(
+    "--homes", type=click.IntRange(1), metavar="N", help="Train on N of the homes, for learning curves [all]."
+)
 @click.option("--validate-every", type=click.IntRange(1), metavar="STEPS", help="[a tenth of the run]")
 @click.option("--manifest", type=PATH, help="Manifest of the data, whose sha256 the model card names.")
 @click.option("--compile", is_flag=True, help="Use torch.compile.")

@@ -34,6 +34,7 @@ class Job:
     accelerator: str = "auto"
     precision: str = "bf16"
     seed: int = 0
+    homes: int | None = None
     validate_every: int | None = None
     compile: bool = False
     workers: int | None = None
@@ -70,10 +71,10 @@ def run_job(job: Job, precision: str, *, progress: bool = False) -> tuple[bool |
     fabric = make_fabric(job, precision)
     fabric.launch()
     # The settings are checked before minutes are spent on reading.
-    settings = Settings(steps=job.steps or 1, batch=job.batch, rate=job.rate, seed=job.seed)
+    settings = Settings(steps=job.steps or 1, batch=job.batch, rate=job.rate, homes=job.homes, seed=job.seed)
     store = prepare(job.data, job.folder, fabric, workers=job.workers, progress=progress)
     if not job.steps:
-        sampler = Sampler(store, job.batch // SOUNDS, job.seed, fabric.world_size)
+        sampler = Sampler(store, job.batch // SOUNDS, job.seed, fabric.world_size, job.homes)
         settings = replace(settings, steps=max(1, round(job.epochs * sampler.steps)))
     schedule = Schedule(minutes=job.minutes, validate_every=job.validate_every, compile=job.compile)
     result = train(store, job.folder, settings, fabric=fabric, schedule=schedule)

@@ -12,6 +12,7 @@ from torch.nn import functional
 
 from baselines.listener.augment import Batch
 from baselines.listener.model import CLASSES, Output
+from baselines.listener.predict import LEAST_AREA
 
 #: Weights of the terms.
 MASK_WEIGHT, DICE_WEIGHT, CLASS_WEIGHT, AUDIBLE_WEIGHT = 5.0, 1.0, 2.0, 0.5
@@ -103,6 +104,8 @@ def measure(output: Output, batch: Batch, threshold: float = 0.5) -> dict[str, f
     """
     size = (batch.masks.shape[-2], batch.masks.shape[-1])
     marked = full_size(output.mask[:, None], size)[:, 0].sigmoid() > threshold
+    # As prediction drops specks.
+    marked &= (marked.flatten(1).sum(dim=1) >= LEAST_AREA * size[0] * size[1])[:, None, None]
     truth = batch.masks
     ious = _iou(marked, truth)
     seen = truth.flatten(1).any(dim=1)

@@ -31,8 +31,8 @@ from avs3d_bench.taxonomy import CATEGORIES
 from baselines.listener import direction, features
 from baselines.listener.blocks import Block, ChannelNorm, Listen, Up, down
 
-#: Side of the pictures the network works on (pixels), and the multiple to which they are padded at right and bottom.
-SIDE, MULTIPLE = 252, 32
+#: Pictures are padded to a multiple of this at the right and at the bottom (pixels).
+MULTIPLE = 32
 #: Classes of a pixel: 0 nothing of these, then the categories in the taxonomy's order.
 CLASSES = 1 + len(CATEGORIES)
 #: Mean and standard deviation of a channel of pictures (of 0 to 1), roughly.

@@ -13,8 +13,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset, Frame
-from avs3d_bench.errors import Avs3dError
+from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.method import Method, write_submission
 from avs3d_bench.submission import Prediction, SubmissionWriter
 from baselines.listener.shards import SIDE, fit
@@ -32,6 +33,8 @@ from baselines.networks.device import inference, pick_device
 THRESHOLD = 0.5
 #: Smallest component that stays marked, as a share of the picture.
 LEAST_AREA = 2e-4
+#: What the network hears: the frame's own sound, or, as a check that it listens, nothing or that of another observation.
+Hearing = Literal["own", "none", "other"]
 #: Frames that go through the network at a time.
 BATCH = 8
 #: Radius of the guided filter as a share of the picture's width, and its smoothness (of pictures of 0 to 1).
@@ -67,6 +70,7 @@ class ListenerMethod:
         digest: sha256 of its weights.
         threshold: see `THRESHOLD`.
         refine: whether masks follow the picture's edges.
+        hearing: what it hears.
     """
 
     network: Any
@@ -74,6 +78,7 @@ class ListenerMethod:
     digest: str
     threshold: float = THRESHOLD
     refine: bool = True
+    hearing: Hearing = "own"
 
     def answers(self, pictures: Sequence[NDArray[np.uint8]], sounds: Any, cameras: Any) -> list[Answer]:
         """Of pictures (SIDE, SIDE, 3), sounds (B, 2, n) and cameras (B, 4) (see `direction.pixel_angles`)."""
@@ -99,7 +104,7 @@ class ListenerMethod:
         for start in range(0, len(frames), BATCH):
             part = frames[start : start + BATCH]
             pictures = [frame.rgb() for frame in part]
-            sounds = np.stack([clip_of(frame) for frame in part])
+            sounds = np.stack([self._heard(frame) for frame in part])
             cameras = np.asarray([camera_of(frame) for frame in part], np.float32)
             with inference(self.device, _where(part[0])):
                 answers = self.answers([fit(picture, cv2.INTER_AREA) for picture in pictures], sounds, cameras)
@@ -108,6 +113,11 @@ class ListenerMethod:
                 classes = class_map(mask, answer) if frame.observation.is_sound_scene else None
                 out.append(Prediction(mask, classes))
         return out
+
+    def _heard(self, frame: Frame) -> NDArray[np.float32]:
+        if self.hearing == "none":
+            return np.zeros((2, layout.SAMPLE_RATE), np.float32)
+        return clip_of(frame if self.hearing == "own" else foreign_frame(frame))
 
     def mask(self, answer: Answer, picture: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """(H, W) bool of a picture (H, W, 3), rules 2 and 3."""
@@ -121,10 +131,12 @@ class ListenerMethod:
     @property
     def notes(self) -> str:
         """The settings, for submission.json."""
+        sound = {"own": "", "none": "; heard nothing", "other": "; heard the sound of another observation"}
         edges = "guided filter at edges" if self.refine else "no refinement of edges"
         return (
             f"2D, from the picture and the binaural second of test frames; weights {self.digest[:12]}; "
             f"marked where > {self.threshold:g}; {edges}; components below {LEAST_AREA:g} of the picture dropped"
+            + sound[self.hearing]
         )
 
 
@@ -151,6 +163,31 @@ def clip_of(frame: Frame) -> NDArray[np.float32]:
     length = min(sound.shape[1], layout.SAMPLE_RATE)
     out[:, :length] = sound[:, :length]
     return out
+
+
+def foreign_frame(frame: Frame) -> Frame:
+    """The frame of the same place in time of the next observation that is of another room and category.
+
+    Raises:
+        UsageError: if the dataset has no such observation.
+    """
+    mine, dataset = frame.observation, _dataset(frame.observation.root)
+    start = dataset.keys.index(mine.key)
+    for step in range(1, len(dataset)):
+        other = dataset[(start + step) % len(dataset)]
+        # Siblings and twins of the room would be right by chance.
+        if (
+            other.category not in (None, mine.category)
+            and (other.group or other.key) != (mine.group or mine.key)
+            and len(other)
+        ):
+            return other.frames[min(frame.index, len(other) - 1)]
+    raise UsageError(f"{dataset.root}: no observation of another category than {mine.key}; --sound other needs one")
+
+
+@lru_cache(maxsize=4)
+def _dataset(root: Path) -> Dataset:
+    return Dataset(root)
 
 
 def camera_of(frame: Frame) -> tuple[float, float, float, float]:
@@ -214,6 +251,7 @@ def load_method(
     device: str | None = None,
     threshold: float = THRESHOLD,
     refine: bool = True,
+    hearing: Hearing = "own",
 ) -> ListenerMethod:
     """The listener, ready to predict.
 
@@ -222,6 +260,7 @@ def load_method(
         device: cpu, cuda or cuda:<number>; None: a GPU where there is one.
         threshold: see `THRESHOLD`.
         refine: whether masks follow the picture's edges.
+        hearing: what it hears.
 
     Raises:
         UsageError: if there is no such device.
@@ -231,7 +270,7 @@ def load_method(
 
     where = pick_device(device)
     network, digest = load_listener(weights, device=where)
-    return ListenerMethod(network, where, digest, threshold=threshold, refine=refine)
+    return ListenerMethod(network, where, digest, threshold=threshold, refine=refine, hearing=hearing)
 
 
 def write_listener(
@@ -260,5 +299,6 @@ def write_listener(
         UsageError: if no observation matches, or the target is not free.
         Avs3dError: if a file is missing or damaged, memory runs out, or the system refuses.
     """
-    method = Method("Listener", model.predictions, notes=model.notes, entry="baselines.listener.predict:write_listener")
+    name = {"own": "Listener", "none": "Listener, no sound", "other": "Listener, wrong sound"}[model.hearing]
+    method = Method(name, model.predictions, notes=model.notes, entry="baselines.listener.predict:write_listener")
     return write_submission(dataset, path, method, only=only, overwrite=overwrite, progress=progress)

@@ -105,7 +105,7 @@ class Run:
         self.folder, self.settings, self.schedule = folder, settings, schedule
         self.store, self.state, self.fabric = store, state, fabric
         self.bank = Bank(store, fabric.device)
-        self.sampler = Sampler(store, settings.batch // SOUNDS, settings.seed, fabric.world_size)
+        self.sampler = Sampler(store, settings.batch // SOUNDS, settings.seed, fabric.world_size, settings.homes)
         model: Any = SoundingModel(state.network)
         if schedule.compile:
             model = torch.compile(model)
