@@ -177,11 +177,15 @@ def write_model(folder: str | Path, model: ColmapModel) -> None:
     Raises:
         Avs3dError: if the system refuses.
     """
-    base = Path(folder)
+    for name, data in encode_model(model).items():
+        write_bytes(Path(folder) / name, data)
+
+
+def encode_model(model: ColmapModel) -> dict[str, bytes]:
+    """Name → bytes of the three files of a model."""
     cameras = [struct.pack("<Q", len(model.cameras))]
     for camera_id, k in sorted(model.cameras.items()):
         cameras.append(struct.pack("<iiQQ4d", camera_id, _PINHOLE, k.width, k.height, k.fx, k.fy, k.cx, k.cy))
-    write_bytes(base / "cameras.bin", b"".join(cameras))
 
     images = [struct.pack("<Q", len(model.images))]
     for image in model.images:
@@ -191,7 +195,6 @@ def write_model(folder: str | Path, model: ColmapModel) -> None:
         table = np.empty(len(image.pixels), dtype=_POINT2D)
         table["xy"], table["point"] = image.pixels, image.point_ids
         images.append(table.tobytes())
-    write_bytes(base / "images.bin", b"".join(images))
 
     p = model.points
     track = np.empty(len(p.track_image), dtype=_TRACK)
@@ -202,7 +205,11 @@ def write_model(folder: str | Path, model: ColmapModel) -> None:
         first, last = int(p.offsets[i]), int(p.offsets[i + 1])
         points.append(struct.pack("<q3d3BdQ", int(p.ids[i]), *xyz, *rgb, float(p.errors[i]), last - first))
         points.append(sightings[first * _TRACK.itemsize : last * _TRACK.itemsize])
-    write_bytes(base / "points3D.bin", b"".join(points))
+    return {
+        "cameras.bin": b"".join(cameras),
+        "images.bin": b"".join(images),
+        "points3D.bin": b"".join(points),
+    }
 
 
 class _Cursor:

@@ -16,7 +16,7 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, BinaryIO, Literal
 
 import cv2
 import numpy as np
@@ -48,6 +48,13 @@ __all__ = [
     "check_png",
     "decode_png",
     "dump_json",
+    "encode_png_categories",
+    "encode_png_depth_mm",
+    "encode_png_ids",
+    "encode_png_mask",
+    "encode_png_rgb",
+    "encode_rir",
+    "encode_wav",
     "link_or_copy",
     "png_header",
     "read_bytes",
@@ -67,6 +74,7 @@ __all__ = [
     "write_json",
     "write_ply_mesh",
     "write_ply_points",
+    "write_png_categories",
     "write_png_depth_mm",
     "write_png_ids",
     "write_png_mask",
@@ -132,11 +140,11 @@ class Clip:
     rate: int
 
 
-def _encode(path: str | Path, pixels: NDArray[Any], flags: list[int]) -> None:
+def _encode(path: str | Path, pixels: NDArray[Any], flags: list[int]) -> bytes:
     done, data = cv2.imencode(".png", pixels, flags)
     if not done:
         raise Avs3dError(f"{path}: OpenCV could not encode {pixels.shape} {pixels.dtype} as PNG")
-    write_bytes(path, data.data)
+    return data.tobytes()
 
 
 def _image(path: str | Path, pixels: ArrayLike, ndim: int, what: str) -> NDArray[Any]:
@@ -146,22 +154,48 @@ def _image(path: str | Path, pixels: ArrayLike, ndim: int, what: str) -> NDArray
     return array
 
 
+def encode_png_rgb(path: str | Path, pixels: U8) -> bytes:
+    """The file that `write_png_rgb` writes; ``path`` names it in messages. So do the other ``encode_…`` functions.
+
+    Raises:
+        Avs3dError: if the array is no 8-bit RGB picture.
+    """
+    array = _image(path, pixels, 3, "the picture")
+    if array.dtype != np.uint8:
+        raise Avs3dError(f"{path}: the picture is {array.dtype}, expected uint8")
+    return _encode(path, array[..., ::-1], _RGB_FLAGS)
+
+
 def write_png_rgb(path: str | Path, pixels: U8) -> None:
     """Write (H, W, 3) uint8 RGB.
 
     Raises:
         Avs3dError: if the array is no 8-bit RGB picture or the system refuses.
     """
-    array = _image(path, pixels, 3, "the picture")
-    if array.dtype != np.uint8:
-        raise Avs3dError(f"{path}: the picture is {array.dtype}, expected uint8")
-    _encode(path, array[..., ::-1], _RGB_FLAGS)
+    write_bytes(path, encode_png_rgb(path, pixels))
+
+
+def encode_png_mask(path: str | Path, mask: ArrayLike) -> bytes:
+    """The file that `write_png_mask` writes."""
+    array = _image(path, mask, 2, "the mask")
+    return _encode(path, (array != 0).astype(np.uint8) * np.uint8(255), _LABEL_FLAGS)
 
 
 def write_png_mask(path: str | Path, mask: ArrayLike) -> None:
     """Write a (H, W) mask, boolean or of any number type (non-zero = marked), as 0 and 255."""
-    array = _image(path, mask, 2, "the mask")
-    _encode(path, (array != 0).astype(np.uint8) * np.uint8(255), _LABEL_FLAGS)
+    write_bytes(path, encode_png_mask(path, mask))
+
+
+def encode_png_ids(path: str | Path, ids: ArrayLike) -> bytes:
+    """The file that `write_png_ids` writes.
+
+    Raises:
+        Avs3dError: if the ids are no integers in [0, 65535].
+    """
+    array = _image(path, ids, 2, "the instance ids")
+    if not np.issubdtype(array.dtype, np.integer) or array.min() < 0 or array.max() > 65535:
+        raise Avs3dError(f"{path}: instance ids are {array.dtype}, expected integers from 0 to 65535")
+    return _encode(path, array.astype(np.uint8 if array.max() < 256 else np.uint16), _LABEL_FLAGS)
 
 
 def write_png_ids(path: str | Path, ids: ArrayLike) -> None:
@@ -170,10 +204,19 @@ def write_png_ids(path: str | Path, ids: ArrayLike) -> None:
     Raises:
         Avs3dError: if the ids are no integers in [0, 65535] or the system refuses.
     """
-    array = _image(path, ids, 2, "the instance ids")
-    if not np.issubdtype(array.dtype, np.integer) or array.min() < 0 or array.max() > 65535:
-        raise Avs3dError(f"{path}: instance ids are {array.dtype}, expected integers from 0 to 65535")
-    _encode(path, array.astype(np.uint8 if array.max() < 256 else np.uint16), _LABEL_FLAGS)
+    write_bytes(path, encode_png_ids(path, ids))
+
+
+def encode_png_categories(path: str | Path, categories: ArrayLike) -> bytes:
+    """The file that `write_png_categories` writes.
+
+    Raises:
+        Avs3dError: if they are no integers in [0, 255].
+    """
+    array = _image(path, categories, 2, "the class ids")
+    if not np.issubdtype(array.dtype, np.integer) or array.min() < 0 or array.max() > 255:
+        raise Avs3dError(f"{path}: class ids are {array.dtype}, expected integers from 0 to 255")
+    return _encode(path, array.astype(np.uint8), _LABEL_FLAGS)
 
 
 def write_png_categories(path: str | Path, categories: ArrayLike) -> None:
@@ -182,19 +225,21 @@ def write_png_categories(path: str | Path, categories: ArrayLike) -> None:
     Raises:
         Avs3dError: if they are no integers in [0, 255] or the system refuses.
     """
-    array = _image(path, categories, 2, "the class ids")
-    if not np.issubdtype(array.dtype, np.integer) or array.min() < 0 or array.max() > 255:
-        raise Avs3dError(f"{path}: class ids are {array.dtype}, expected integers from 0 to 255")
-    _encode(path, array.astype(np.uint8), _LABEL_FLAGS)
+    write_bytes(path, encode_png_categories(path, categories))
 
 
-def write_png_depth_mm(path: str | Path, depth: ArrayLike) -> None:
-    """Write (H, W) depth in metres as 16-bit millimetres; not finite, not positive or beyond 65.5 m becomes 0."""
+def encode_png_depth_mm(path: str | Path, depth: ArrayLike) -> bytes:
+    """The file that `write_png_depth_mm` writes."""
     metres = _image(path, np.asarray(depth, dtype=np.float64), 2, "the depth")
     with np.errstate(invalid="ignore"):
         millimetres = np.rint(metres * DEPTH_UNITS_PER_METRE)
         met = np.isfinite(millimetres) & (millimetres > 0) & (millimetres <= 65535)
-    _encode(path, np.where(met, millimetres, 0).astype(np.uint16), _DEPTH_FLAGS)
+    return _encode(path, np.where(met, millimetres, 0).astype(np.uint16), _DEPTH_FLAGS)
+
+
+def write_png_depth_mm(path: str | Path, depth: ArrayLike) -> None:
+    """Write (H, W) depth in metres as 16-bit millimetres; not finite, not positive or beyond 65.5 m becomes 0."""
+    write_bytes(path, encode_png_depth_mm(path, depth))
 
 
 def _parse_png_header(data: bytes, path: str | Path) -> PngHeader:
@@ -294,7 +339,12 @@ def _check_stream(pixels: list[memoryview], expected: int, path: str | Path) -> 
 
 
 def decode_png(
-    path: str | Path, flag: int, check: Callable[[PngHeader], None] | None = None, *, plain: bool = False
+    path: str | Path,
+    flag: int,
+    check: Callable[[PngHeader], None] | None = None,
+    *,
+    plain: bool = False,
+    data: bytes | None = None,
 ) -> NDArray[Any]:
     """Read a PNG file and decode it with OpenCV, after every chunk's checksum was found right.
 
@@ -304,11 +354,12 @@ def decode_png(
         check: called with the header before anything is decoded; it raises what is wrong with it.
         plain: refuse transparency, animation, data after the end of the picture or of its last row, and pixels that
             fail their own checksum (Adler-32).
+        data: the file's bytes, if they are at hand; ``path`` only names it then.
 
     Raises:
         Avs3dError: if the file is missing, truncated or damaged.
     """
-    data = read_bytes(path)
+    data = read_bytes(path) if data is None else data
     header = _parse_png_header(data, path)
     if check is not None:
         check(header)
@@ -322,9 +373,9 @@ def decode_png(
     return pixels
 
 
-def _decode(path: str | Path, flag: int) -> tuple[NDArray[Any], PngHeader]:
+def _decode(path: str | Path, flag: int, data: bytes | None = None) -> tuple[NDArray[Any], PngHeader]:
     headers: list[PngHeader] = []
-    return decode_png(path, flag, headers.append), headers[0]
+    return decode_png(path, flag, headers.append, data=data), headers[0]
 
 
 def read_png_rgb(path: str | Path) -> U8:
@@ -360,13 +411,13 @@ def read_png_mask(path: str | Path) -> Mask:
     return np.asarray(mask, dtype=np.bool_)
 
 
-def read_png_ids(path: str | Path) -> NDArray[np.uint16]:
-    """Read instance ids (grey, 8 or 16 bit) as (H, W) uint16.
+def read_png_ids(path: str | Path, data: bytes | None = None) -> NDArray[np.uint16]:
+    """Read instance ids (grey, 8 or 16 bit) as (H, W) uint16, from ``data`` if the file's bytes are at hand.
 
     Raises:
         Avs3dError: if the file is missing, truncated or has another pixel format.
     """
-    pixels, header = _decode(path, cv2.IMREAD_UNCHANGED)
+    pixels, header = _decode(path, cv2.IMREAD_UNCHANGED, data)
     if header.colour_type != 0 or header.bits not in (8, 16):
         raise Avs3dError(f"{path}: {header.mode}, expected instance ids: grey, 8 or 16 bit")
     return np.asarray(pixels, dtype=np.uint16)
@@ -410,6 +461,17 @@ def write_wav(
     Raises:
         Avs3dError: if a sample is not finite, would clip in 16 bits, or the system refuses.
     """
+    write_bytes(path, encode_wav(path, samples, rate, subtype))
+
+
+def encode_wav(
+    path: str | Path, samples: ArrayLike, rate: int = SAMPLE_RATE, subtype: Literal["float", "pcm16"] = "float"
+) -> bytes:
+    """The file that `write_wav` writes.
+
+    Raises:
+        Avs3dError: if a sample is not finite, or would clip in 16 bits.
+    """
     from scipy.io import wavfile  # writes neither PEAK chunk nor time
 
     array = np.atleast_2d(np.asarray(samples, dtype=np.float32))
@@ -425,15 +487,15 @@ def write_wav(
         data = np.rint(np.minimum(data * 32768.0, 32767.0)).astype(np.int16)
     stream = io.BytesIO()
     wavfile.write(stream, rate, np.ascontiguousarray(data))
-    write_bytes(path, stream.getvalue())
+    return stream.getvalue()
 
 
-def _check_riff(path: str | Path, stream: io.BufferedReader) -> None:
+def _check_riff(path: str | Path, stream: BinaryIO) -> None:
     """Detect a truncated file by the sizes in its header; libsndfile reads it as a shorter one."""
     head = stream.read(12)
     if head[:4] != b"RIFF" or head[8:12] != b"WAVE":
         raise Avs3dError(f"{path}: {'empty' if not head else 'not a WAV'} file; expected a WAV file")
-    announced, found = struct.unpack("<I", head[4:8])[0] + 8, os.fstat(stream.fileno()).st_size
+    announced, found = struct.unpack("<I", head[4:8])[0] + 8, stream.seek(0, os.SEEK_END)
     if found < announced:
         raise Avs3dError(f"{path}: truncated: {found} of {announced} bytes; regenerate it")
     stream.seek(0)
@@ -461,24 +523,24 @@ def wav_header(path: str | Path) -> WavHeader:
     return WavHeader(info.samplerate, info.channels, info.frames, info.subtype)
 
 
-def read_wav(path: str | Path) -> Clip:
-    """Read a WAV file of any sample format.
+def read_wav(path: str | Path, data: bytes | None = None) -> Clip:
+    """Read a WAV file of any sample format, from ``data`` if its bytes are at hand.
 
     Raises:
         Avs3dError: if it is missing, truncated, no WAV, or a sample is not finite.
     """
     import soundfile
 
-    with open_regular(path) as stream:
+    with open_regular(path) if data is None else io.BytesIO(data) as stream:
         _check_riff(path, stream)
         try:
-            data, rate = soundfile.read(stream, dtype="float32", always_2d=True)
+            samples, rate = soundfile.read(stream, dtype="float32", always_2d=True)
         except soundfile.SoundFileError as error:
             raise Avs3dError(f"{path}: damaged WAV: {_cause(error)}") from None
-    bad = int((~np.isfinite(data)).sum())
+    bad = int((~np.isfinite(samples)).sum())
     if bad:
         raise Avs3dError(f"{path}: {bad} samples are NaN or infinite; regenerate it")
-    return Clip(np.ascontiguousarray(data.T), int(rate))
+    return Clip(np.ascontiguousarray(samples.T), int(rate))
 
 
 def write_rir(path: str | Path, response: ArrayLike, rate: int = SAMPLE_RATE, channels: int = 2) -> None:
@@ -493,12 +555,21 @@ def write_rir(path: str | Path, response: ArrayLike, rate: int = SAMPLE_RATE, ch
     Raises:
         Avs3dError: if it has another number of channels, a sample is not finite or the system refuses.
     """
+    write_bytes(path, encode_rir(path, response, rate, channels))
+
+
+def encode_rir(path: str | Path, response: ArrayLike, rate: int = SAMPLE_RATE, channels: int = 2) -> bytes:
+    """The file that `write_rir` writes.
+
+    Raises:
+        Avs3dError: if it has another number of channels, or a sample is not finite.
+    """
     array = np.asarray(response, dtype=np.float32)
     if array.ndim != 2 or array.shape[0] != channels or not np.isfinite(array).all():
         raise Avs3dError(f"{path}: impulse response of shape {array.shape}, expected ({channels}, n) finite samples")
     stream = io.BytesIO()
     np.savez_compressed(stream, rir=array, sample_rate=np.int64(rate))
-    write_bytes(path, stream.getvalue())
+    return stream.getvalue()
 
 
 def read_rir(path: str | Path, channels: int = 2) -> Clip:

@@ -50,6 +50,11 @@ def write_tables(path: str | Path, tables: Mapping[str, NDArray[np.void]]) -> No
     Raises:
         Avs3dError: if the system refuses.
     """
+    write_bytes(path, encode_tables(tables))
+
+
+def encode_tables(tables: Mapping[str, NDArray[np.void]]) -> bytes:
+    """The file that `write_tables` writes."""
     header, body = ["ply", "format binary_little_endian 1.0"], b""
     for element, table in tables.items():
         header.append(f"element {element} {len(table)}")
@@ -60,10 +65,10 @@ def write_tables(path: str | Path, tables: Mapping[str, NDArray[np.void]]) -> No
             elif not name.startswith("#"):
                 header.append(f"property {_WRITTEN[kind]} {name}")
         body += table.tobytes()
-    write_bytes(path, ("\n".join([*header, "end_header"]) + "\n").encode() + body)
+    return ("\n".join([*header, "end_header"]) + "\n").encode() + body
 
 
-def _write(path: str | Path, points: ArrayLike, faces: ArrayLike | None, colours: ArrayLike | None) -> None:
+def _encode(path: str | Path, points: ArrayLike, faces: ArrayLike | None, colours: ArrayLike | None) -> bytes:
     vertices = np.asarray(points, dtype=np.float64)
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         raise Avs3dError(f"{path}: vertices have shape {vertices.shape}, expected (V, 3)")
@@ -90,7 +95,7 @@ def _write(path: str | Path, points: ArrayLike, faces: ArrayLike | None, colours
         triangles = np.empty(len(index), dtype=[("#vertex_indices", "u1"), ("vertex_indices", "<i4", (3,))])
         triangles["#vertex_indices"], triangles["vertex_indices"] = 3, index
         tables["face"] = triangles
-    write_tables(path, tables)
+    return encode_tables(tables)
 
 
 def write_ply_mesh(path: str | Path, vertices: ArrayLike, faces: ArrayLike, colours: ArrayLike | None = None) -> None:
@@ -105,7 +110,16 @@ def write_ply_mesh(path: str | Path, vertices: ArrayLike, faces: ArrayLike, colo
     Raises:
         Avs3dError: if numbers are not finite, indices are out of range, or the system refuses.
     """
-    _write(path, vertices, faces, colours)
+    write_bytes(path, encode_ply_mesh(path, vertices, faces, colours))
+
+
+def encode_ply_mesh(path: str | Path, vertices: ArrayLike, faces: ArrayLike, colours: ArrayLike | None = None) -> bytes:
+    """The file that `write_ply_mesh` writes; ``path`` names it in messages.
+
+    Raises:
+        Avs3dError: if numbers are not finite, or indices are out of range.
+    """
+    return _encode(path, vertices, faces, colours)
 
 
 def write_ply_points(path: str | Path, points: ArrayLike, colours: ArrayLike | None = None) -> None:
@@ -114,7 +128,7 @@ def write_ply_points(path: str | Path, points: ArrayLike, colours: ArrayLike | N
     Raises:
         Avs3dError: if numbers are not finite or the system refuses.
     """
-    _write(path, points, None, colours)
+    write_bytes(path, _encode(path, points, None, colours))
 
 
 def read_ply(path: str | Path) -> Ply:

@@ -13,7 +13,7 @@ from avs3d_bench.groups import HELP, PATH, only_option
 from avs3d_bench.one_thread import ONE_THREAD
 from avs3d_bench.scheduling.options import Options, scheduling_options
 from generators.core.limits import FRAMES, SIZE, WORKERS
-from generators.run.options import Audio, Device, Extra, GenerateOptions, Vision
+from generators.run.options import Audio, Device, Extra, Form, GenerateOptions, Vision
 
 #: Folders and receivers that `--with` takes; a receiver has a value of its own.
 _FOLDERS: tuple[Extra, ...] = get_args(Extra)
@@ -110,6 +110,13 @@ class _Generate(click.Command):
     callback=_beside,
     metavar=f"[{'|'.join(_FOLDERS)}|ambisonics[=ORDER]|array FILE]",
     help="Also write this folder, or the clips of this receiver (--audio tracer only); repeatable.",
+)
+@click.option(
+    "--format",
+    type=click.Choice(get_args(Form)),
+    default="folders",
+    show_default=True,
+    help="A folder of files for each observation, or a tar file of samples for training.",
 )
 @click.option("--hrtf", type=PATH, metavar="FILE", help="SOFA file of the head that hears (--audio tracer only).")
 @click.option(

@@ -44,6 +44,7 @@ from generators.placement.placement import Placement
 from generators.plan import ObservationPlan, resolve_file
 from generators.receivers import Receivers
 from generators.recording.hearing import PRE_ROLL, Heard, Listening, heard
+from generators.recording.output import FolderOutput, Output
 from generators.recording.surface_points import SurfaceSampler
 from generators.recording.writer import ObservationWriter
 from generators.vision.base import Frame, VisionBackend
@@ -73,8 +74,9 @@ def generate_observation(
     on_frame: Callable[[int], None] = lambda _: None,
     *,
     cores: Callable[[], int] = lambda: 1,
+    output: Callable[[Path], Output] = FolderOutput,
 ) -> ObservationRecord:
-    """Make one observation below ``root``; its folder gets its final name only when it is complete.
+    """Make one observation below ``root``; it gets its final name only when it is complete.
 
     Args:
         plan: all that its bytes depend on.
@@ -83,6 +85,7 @@ def generate_observation(
         on_frame: called with the index of each finished frame.
         cores: how many cores may be used, called before each frame; the bytes do not depend on it. With more than one,
             several frames are rendered at the same time, and the sound is computed in another process.
+        output: makes the output of the files from the observation's final folder.
 
     Returns:
         The record that was written as observation.json.
@@ -98,7 +101,7 @@ def generate_observation(
     decays: list[NDArray[np.float32]] = []
     lent = Lent(cores)
     with (
-        ObservationWriter(root / plan.key, **plan.optional_files) as writer,
+        ObservationWriter(output(root / plan.key), **plan.optional_files) as writer,
         closing(Camera(ready.sight, stage, ready.intrinsics)) as view,
         heard(ready.listening, lambda: lent.ask() > 1) as sounds,
     ):
@@ -113,15 +116,17 @@ def generate_observation(
             check_heard(sound, f"{plan.key}, frame {index}")
             writer.add_sound(index, clip, response)
             writer.add_recordings(index, sound.others)
-            points.add(frame, pose, instances=not stage.moves)
+            if writer.keeps(layout.COLMAP):
+                points.add(frame, pose, instances=not stage.moves)
             clips.append(clip)
             if index % max(1, len(poses) // T30_RESPONSES) == 0:
                 decays.append(response)
             frames.append(describe_frame(index, pose, frame.instance_ids == sounding, clip, stage))
             on_frame(index)
-        for index in range(len(clips)):
+        for index in range(len(clips) if writer.keeps(layout.MONO) else 0):
             writer.add_mono(index, mono_clip(clips, index))
-        writer.add_model(ready.intrinsics, poses, points.link(poses, stage.hidden))
+        if writer.keeps(layout.COLMAP):
+            writer.add_model(ready.intrinsics, poses, points.link(poses, stage.hidden))
         writer.add_sounding_mesh(stage.source(0).mesh)
         return writer.finish(describe_observation(plan, ready, frames, decays))
 

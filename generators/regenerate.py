@@ -31,6 +31,7 @@ from generators.paths.stage import Camera, Stage
 from generators.plan import ObservationPlan, make_plans
 from generators.receivers import Receivers, choose_receivers
 from generators.recording.hearing import heard
+from generators.recording.output import FolderOutput
 from generators.recording.scene_writer import SceneWriter
 from generators.recording.stems import hear_sources
 from generators.recording.writer import ObservationWriter
@@ -192,8 +193,9 @@ def _compare(
     yield from _settings(observation.key, ready.engine, record)
     needed = {frame for index in indices for frame, _, _ in layout.mono_window(index, len(seen.poses))}
     clips: list[NDArray[np.float32]] = [np.zeros((2, layout.BINAURAL_SAMPLES), dtype=np.float32) for _ in seen.poses]
+    made = FolderOutput(scratch / plan.key)
     with (
-        ObservationWriter(scratch / plan.key, **plan.optional_files) as writer,
+        ObservationWriter(made, **plan.optional_files) as writer,
         closing(Camera(ready.sight, stage, ready.intrinsics)) as view,
         heard(ready.listening) as sounds,
     ):
@@ -212,7 +214,7 @@ def _compare(
         for index in indices:
             writer.add_mono(index, mono_clip(clips, index))
         writer.add_sounding_mesh(stage.source(0).mesh)
-        yield from _files(observation, writer.folder)
+        yield from _files(observation, made.folder)
 
 
 def _compare_scene(
@@ -229,8 +231,9 @@ def _compare_scene(
     poses = ready.seen.poses
     needed = {frame for index in indices for frame, _, _ in layout.mono_window(index, len(poses))}
     last = len(poses) if plan.spec.background else max(needed) + 1
+    made = FolderOutput(scratch / plan.key)
     with (
-        SceneWriter(scratch / plan.key, contents_of(plan, ready), **plan.optional_files) as writer,
+        SceneWriter(made, contents_of(plan, ready), **plan.optional_files) as writer,
         closing(Camera(ready.sight, Stage(ready.home, ready.seen.placements), ready.intrinsics)) as view,
         closing(hear_sources(ready.listenings(plan))) as seconds,
     ):
@@ -259,10 +262,10 @@ def _compare_scene(
                 writer.add_other_background(index, others, f"{plan.key}, frame {index}")
         written = (layout.rirs_folder, layout.clips_folder, layout.stems_folder)
         for folder in {folder_of(receiver) for folder_of in written for receiver in (None, *plan.receivers.channels)}:
-            for path in (writer.folder / folder).rglob("frame_*"):
+            for path in (made.folder / folder).rglob("frame_*"):
                 if layout.frame_index(path.stem) not in indices:
                     path.unlink()  # of a frame that nobody asked for
-        yield from _files(observation, writer.folder)
+        yield from _files(observation, made.folder)
 
 
 def _settings(key: str, engine: AcousticBackend, record: ObservationRecord) -> Iterator[Problem]:

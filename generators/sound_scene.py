@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import files, layout
+from avs3d_bench import layout
 from avs3d_bench.ahead import moved_beside
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose, direction_to
@@ -60,6 +60,7 @@ from generators.placement.placement import Placement
 from generators.plan import ObservationPlan
 from generators.programme import Interval, gated, intervals_of
 from generators.recording.hearing import PRE_ROLL, Listening
+from generators.recording.output import FolderOutput, Output
 from generators.recording.scene_writer import SceneWriter
 from generators.recording.stems import Clip, HeardSource, audible_sources, decibels, hear_sources, mixture, power
 from generators.recording.surface_points import SurfaceSampler
@@ -185,6 +186,7 @@ def generate_sound_scene(
     *,
     cores: Callable[[], int] = lambda: 1,
     pictures: Path | None = None,
+    output: Callable[[Path], Output] = FolderOutput,
 ) -> ObservationRecord:
     """Make one observation of part_3 below ``root``.
 
@@ -194,7 +196,8 @@ def generate_sound_scene(
         cache: folder of baked homes.
         on_frame: called with the index of each finished frame.
         cores: see `generators.observation.generate_observation`.
-        pictures: folder of a finished sibling, whose pictures are linked; None: they are rendered.
+        pictures: a finished sibling, whose pictures are taken over (see `Output.share`); None: they are rendered.
+        output: see `generators.observation.generate_observation`.
 
     Raises:
         Avs3dError: one line: no place for an object, a room that does not exist, a missing or broken file, …
@@ -202,12 +205,12 @@ def generate_sound_scene(
     ready = prepare_scene(plan, cache)
     lent = Lent(cores)
     sounds = moved_beside(hear_sources(ready.listenings(plan)), lambda: lent.ask() > 1)
-    with SceneWriter(root / plan.key, contents_of(plan, ready), **plan.optional_files) as writer:
+    with SceneWriter(output(root / plan.key), contents_of(plan, ready), **plan.optional_files) as writer:
         with sounds as seconds:
             if pictures is None:
                 heard = _render(plan, ready, writer, seconds, on_frame, lent)
             else:
-                writer.link_pictures(pictures, files.read_record(pictures / layout.OBSERVATION_JSON, ObservationRecord))
+                writer.share_pictures(pictures)
                 heard = []
                 for index in range(len(ready.seen.poses)):
                     heard.append(next_second(plan, ready, writer, seconds, index))
@@ -220,7 +223,7 @@ def generate_sound_scene(
             frames.append(frame)
         for index, others in enumerate(other_backgrounds(plan, background, len(heard))):
             writer.add_other_background(index, others, f"{plan.key}, frame {index}")
-        for index in range(len(clips)):
+        for index in range(len(clips) if writer.keeps(layout.MONO) else 0):
             writer.add_mono(index, mono_clip(clips, index))
         if ready.sounding:
             writer.add_sounding_mesh(*(placement.mesh for placement in ready.sounding.values()))
@@ -405,9 +408,12 @@ def _render(
         for index, pose in enumerate(poses):
             # The sound first: its process must start before there are threads.
             heard.append(next_second(plan, ready, writer, seconds, index))
-            points.add(next(frames), pose)
+            frame = next(frames)
+            if writer.keeps(layout.COLMAP):
+                points.add(frame, pose)
             on_frame(index)
-    writer.add_model(ready.intrinsics, poses, points.link(poses, stage.hidden))
+    if writer.keeps(layout.COLMAP):
+        writer.add_model(ready.intrinsics, poses, points.link(poses, stage.hidden))
     return heard
 
 

@@ -8,7 +8,7 @@ masks, …) is absent from its samples: no member, and None in the facts. Sample
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -222,16 +222,29 @@ _PER_SOURCE = ("stems", "rirs")
 
 def file_kinds(observation: Observation, names: Sequence[str]) -> dict[str, Kind]:
     """Which of the named kinds the observation has a folder of; pictures of a release may lie in `images/` alone."""
+    return kinds_among(names, observation.record, lambda folder: (observation.path / folder).is_dir())
+
+
+def kinds_among(
+    names: Sequence[str], record: ObservationRecord | None, there: Callable[[str], bool]
+) -> dict[str, Kind]:
+    """Which of the named kinds an observation has.
+
+    Args:
+        names: of `ALL_KINDS`.
+        record: of the observation; None for the official release.
+        there: tells whether the observation has files in a folder.
+    """
     found = {}
     for name in names:
         kind = ALL_KINDS[name]
-        if name == "rgb" and not (observation.path / kind.folder).is_dir():
+        if name == "rgb" and not there(kind.folder):
             kind = _RELEASE_RGB
-        if name in _PER_SOURCE and observation.is_sound_scene and observation.record is not None:
-            sources = tuple(source.id for source in observation.record.sources or ())
-            noise = (layout.BACKGROUND,) if name == "stems" and observation.record.background is not None else ()
+        if name in _PER_SOURCE and record is not None and record.is_sound_scene:
+            sources = tuple(source.id for source in record.sources or ())
+            noise = (layout.BACKGROUND,) if name == "stems" and record.background is not None else ()
             kind = replace(kind, sources=sources + noise)
-        if (observation.path / kind.folder).is_dir():
+        if there(kind.folder):
             found[name] = kind
     return found
 

@@ -50,6 +50,12 @@ def padding(size: int) -> bytes:
     return bytes(-size % _BLOCK)
 
 
+def closing(written: int) -> bytes:
+    """The end of an archive of which ``written`` bytes have been written: zeros up to a whole record."""
+    end = 2 * _BLOCK
+    return bytes(end + -(written + end) % tarfile.RECORDSIZE)
+
+
 def room(sample: Sample) -> int:
     """Bytes that a sample takes in a tar file."""
     files = [(f"{sample.key}.{member.name}", member.size) for member in sample.members]
@@ -65,8 +71,7 @@ def write_tar(stream: BinaryIO, samples: Iterator[Sample]) -> None:
             for piece in (header(f"{sample.key}.{name}", len(data)), data, padding(len(data))):
                 stream.write(piece)
                 written += len(piece)
-    end = 2 * _BLOCK
-    stream.write(bytes(end + -(written + end) % tarfile.RECORDSIZE))
+    stream.write(closing(written))
 
 
 def shard_name(split: str, number: int, _count: int) -> str:

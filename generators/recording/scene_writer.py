@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from avs3d_bench import files, layout, media
-from avs3d_bench.schema import ObservationRecord
+from avs3d_bench import layout, media
 from generators.acoustics.clips import check_clip
 from generators.recording.hearing import Recording
+from generators.recording.output import Output
 from generators.recording.stems import mixture
 from generators.recording.writer import ObservationWriter
 
@@ -20,7 +20,7 @@ class SceneWriter(ObservationWriter):
     """See `ObservationWriter`.
 
     Args:
-        folder: the observation's final folder.
+        output: where the files go.
         contents: what decides which files it has.
         depth: write ``depth/``.
         rirs: write ``rirs/``.
@@ -29,33 +29,25 @@ class SceneWriter(ObservationWriter):
 
     def __init__(
         self,
-        folder: Path,
+        output: Output,
         contents: layout.SoundScene,
         *,
         depth: bool = False,
         rirs: bool = False,
         receivers: Mapping[str, int] | None = None,
     ) -> None:
-        super().__init__(folder, depth=depth, rirs=rirs, receivers=receivers)
+        super().__init__(output, depth=depth, rirs=rirs, receivers=receivers)
         self._contents = contents
-        self._linked: dict[str, str] = {}
+        self._shared: dict[str, str] = {}
 
-    def link_pictures(self, sibling: Path, record: ObservationRecord) -> None:
-        """Take over all that siblings share, as hard links (copies where the file system has none).
-
-        Args:
-            sibling: folder of the finished observation.
-            record: its observation.json.
-        """
-        shared = tuple(f"{folder}/" for folder in layout.SIBLING_FOLDERS)
-        self._linked = {path: digest for path, digest in record.files.items() if path.startswith(shared)}
-        for path in self._linked:
-            files.link_or_copy(sibling / path, self.folder / path)
+    def share_pictures(self, sibling: Path) -> None:
+        """Take over all that siblings share from a finished one; ``sibling``: see `Output.share`."""
+        self._shared = self._output.share(sibling)
 
     def add_response(self, index: int, source: str, response: NDArray[np.float32]) -> None:
         """Write the impulse response (2, n) from a source to frame ``index``, if responses are kept."""
         if self._rirs:
-            media.write_rir(self.folder / layout.rir_path(index, source), response)
+            self._put_response(layout.rir_path(index, source), response)
 
     def add_others(self, index: int, sources: Mapping[str, Mapping[str, Recording]], where: str) -> None:
         """Write what the receivers beside the two ears hear of all sources in frame ``index``, without the background.
@@ -74,10 +66,9 @@ class SceneWriter(ObservationWriter):
             self._write_other(name, index, clip, where)
             for source, one in heard.items():
                 if self._rirs:
-                    path = self.folder / layout.rir_path(index, source, name)
-                    media.write_rir(path, one.response, channels=channels)
+                    self._put_response(layout.rir_path(index, source, name), one.response, channels)
                 if source in self._contents.stem_names:
-                    media.write_wav(self.folder / layout.stem_path(source, index, name), one.clip)
+                    self._put_clip(layout.stem_path(source, index, name), one.clip)
 
     def add_other_background(self, index: int, noise: Mapping[str, NDArray[np.float32]], where: str) -> None:
         """Add the background of a frame to the clips that `add_others` wrote.
@@ -88,19 +79,20 @@ class SceneWriter(ObservationWriter):
             where: names the frame in messages.
         """
         for name, samples in noise.items():
-            clip = media.read_wav(self.folder / layout.audio_path(layout.clips_folder(name), index)).samples
+            path = layout.audio_path(layout.clips_folder(name), index)
+            clip = media.read_wav(self._output.where(path), self._output.get(path)).samples
             self._write_other(name, index, mixture([clip, samples], len(samples)), where)
             if layout.BACKGROUND in self._contents.stem_names:
-                media.write_wav(self.folder / layout.stem_path(layout.BACKGROUND, index, name), samples)
+                self._put_clip(layout.stem_path(layout.BACKGROUND, index, name), samples)
 
     def _write_other(self, name: str, index: int, clip: NDArray[np.float32], where: str) -> None:
         check_clip(clip, f"{where}, {name}", silence=True)
-        media.write_wav(self.folder / layout.audio_path(layout.clips_folder(name), index), clip)
+        self._put_clip(layout.audio_path(layout.clips_folder(name), index), clip)
 
     def add_stems(self, index: int, stems: Mapping[str, NDArray[np.float32]]) -> None:
         """Write the stems (2, 44100) of frame ``index``, by their name, if stems are kept."""
         for name in self._contents.stem_names:
-            media.write_wav(self.folder / layout.stem_path(name, index), stems[name])
+            self._put_clip(layout.stem_path(name, index), stems[name])
 
     def add_masks(self, index: int, table: NDArray[np.uint8]) -> int:
         """Write the masks of frame ``index``, whose instance mask is there already.
@@ -112,11 +104,14 @@ class SceneWriter(ObservationWriter):
         Returns:
             The number of marked pixels.
         """
-        ids = media.read_png_ids(self.folder / layout.image_path(layout.INSTANCE_MASKS, index))
+        out, name = self._output, layout.image_path(layout.INSTANCE_MASKS, index)
+        ids = media.read_png_ids(out.where(name), out.get(name))
         kinds = table[ids]
         mask = kinds > 0
-        media.write_png_mask(self.folder / layout.image_path(layout.SEMANTIC_MASKS, index), mask)
-        media.write_png_categories(self.folder / layout.image_path(layout.CATEGORY_MASKS, index), kinds)
+        name = layout.image_path(layout.SEMANTIC_MASKS, index)
+        out.put(name, media.encode_png_mask(out.where(name), mask))
+        name = layout.image_path(layout.CATEGORY_MASKS, index)
+        out.put(name, media.encode_png_categories(out.where(name), kinds))
         return int(np.count_nonzero(mask))
 
     def _paths(self) -> tuple[str, ...]:
@@ -129,4 +124,4 @@ class SceneWriter(ObservationWriter):
         )
 
     def _known_digests(self) -> dict[str, str]:
-        return dict(self._linked)
+        return dict(self._shared)

@@ -1,4 +1,4 @@
-"""Writes dataset.json over the observations that are there, and tells before the first of them whether it can.
+"""The record of a dataset over the observations that are there, and whether it can be written, told before the first.
 
 The record holds texts that come from the manifest and the lock file (name, version, licences): one that does not fit
 would end a run of days at its last step. `check` builds the same record from the manifest alone.
@@ -68,25 +68,20 @@ def _of_asset(item: AssetSpec, base: Path) -> AttributionRecord | None:
     return AttributionRecord(asset=entry.id, name=entry.licence, author=entry.author, source=entry.url or entry.ref)
 
 
-def seal(source: ManifestFile, root: Path, software: Provenance) -> None:
-    """Write dataset.json over every observation of the manifest that is there; nothing if there is none.
+def describe_dataset(
+    source: ManifestFile, found: Iterable[tuple[ObservationRecord, str]], software: Provenance
+) -> DatasetRecord | None:
+    """The record of a dataset over some of the manifest's observations; None if there are none.
 
     Args:
         source: the manifest.
-        root: the dataset's folder.
+        found: of each observation that is there its record and the sha256 of its observation.json, sorted by key.
         software: what made the observations.
-
-    Raises:
-        Avs3dError: if an observation.json cannot be read, or the folder not be written.
     """
     entries, attributions = [], []
     backends: dict[str, str] = {}
-    for spec in sorted(source.manifest.observations, key=lambda spec: spec.key):
-        folder = root / spec.key
-        if not folder.exists():
-            continue
-        record = read_observation(folder)
-        entries.append(DatasetEntry.of(record, files.sha256_file(folder / layout.OBSERVATION_JSON)))
+    for record, digest in found:
+        entries.append(DatasetEntry.of(record, digest))
         backends |= dict(record.made_with)
         used = [(instance.asset, instance.licence) for instance in record.instances]
         if record.sound is not None:
@@ -95,9 +90,9 @@ def seal(source: ManifestFile, root: Path, software: Provenance) -> None:
         attributions += [AttributionRecord(asset=asset, **licence.model_dump()) for asset, licence in used]
         if record.acoustics.hrtf is not None:
             attributions.append(record.acoustics.hrtf.attribution)
-    if entries:
-        record_of_all = _record(source, entries, [*attributions, *_of_scans(source)], backends, software)
-        files.write_json(root / layout.DATASET_JSON, record_of_all)
+    if not entries:
+        return None
+    return _record(source, entries, [*attributions, *_of_scans(source)], backends, software)
 
 
 def read_observation(folder: Path) -> ObservationRecord:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import stat
 from pathlib import Path
 
@@ -10,31 +9,29 @@ from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.schema import ObservationRecord
 from generators.plan import ObservationPlan
-from generators.recording.writer import hidden_name
-from generators.run.dataset_record import read_observation
+from generators.recording.output import hidden_name, remove
 from generators.run.differences import describe_differences
 
 
-def find_finished(root: Path, plan: ObservationPlan) -> ObservationRecord | None:
-    """The record of the plan's observation below ``root``; None where it has not been made.
+def check_plan(path: Path, record: ObservationRecord, plan: ObservationPlan) -> None:
+    """Refuse an observation that is not the one of the plan.
+
+    Args:
+        path: the observation's folder or tar.
+        record: its record.
+        plan: what should be there.
 
     Raises:
         UsageError: if it was made from another plan or by other software.
-        Avs3dError: if its observation.json is missing or damaged.
     """
-    folder = root / plan.key
-    if not folder.exists():
-        return None
-    record = read_observation(folder)
     if record.plan_sha256 != plan.digest:
         if plan.scan.source == "scan":
             _ = plan.scan_files  # a scan that is not there has another digest, too: that is what is to be said then
         known = describe_differences(plan, record)
         how = f"with other options or versions: {known}" if known else "from another manifest or by another version"
         raise UsageError(
-            f"{folder}: was generated {how}; choose another folder with -o, or delete it to have it made again"
+            f"{path}: was generated {how}; choose another folder with -o, or delete it to have it made again"
         )
-    return record
 
 
 def find_damage(folder: Path, record: ObservationRecord) -> str:
@@ -61,7 +58,7 @@ def find_damage(folder: Path, record: ObservationRecord) -> str:
     return wrong[0] + more if wrong else ""
 
 
-def discard(folder: Path) -> None:
+def discard(path: Path) -> None:
     """Remove a damaged observation, so that it can be made again.
 
     It is renamed first: a folder that is half gone never has an observation's name.
@@ -69,9 +66,9 @@ def discard(folder: Path) -> None:
     Raises:
         Avs3dError: if the system refuses.
     """
-    doomed = hidden_name(folder, "damaged")
+    doomed = hidden_name(path, "damaged")
     try:
-        folder.rename(doomed)
+        path.rename(doomed)
     except OSError as error:
-        raise Avs3dError(files.os_error_line(error, folder, "remove")) from error
-    shutil.rmtree(doomed, ignore_errors=True)
+        raise Avs3dError(files.os_error_line(error, path, "remove")) from error
+    remove(doomed)

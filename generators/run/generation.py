@@ -19,7 +19,7 @@ from generators.core.folders import default_cache
 from generators.manifest import ManifestFile, read_manifest
 from generators.plan import ObservationPlan, make_plans
 from generators.receivers import choose_receivers
-from generators.run.options import Audio, Device, Extra, GenerateOptions, Vision
+from generators.run.options import Audio, Device, Extra, Form, GenerateOptions, Vision
 from generators.run.progress import reporting
 from generators.run.runner import Outcome, RunSettings, default_limit, run
 
@@ -40,6 +40,7 @@ def generate(
     ambisonics: int | None = None,
     array: str | Path | None = None,
     device: Device = "cpu",
+    format: Form = "folders",
 ) -> Outcome:
     """Generate the dataset that a manifest describes into a folder, as `avs3d generate` does.
 
@@ -62,6 +63,8 @@ def generate(
         ambisonics: order of ambisonic clips, 1 to 3, beside the binaural ones; None: there are none.
         array: file that lists the microphones of an array; None: there is none.
         device: what draws the pictures, bakes the light and, with the tracer, traces the sound; cuda needs ``[cuda]``.
+        format: ``folders``, a dataset as `avs3d_bench.Dataset` reads it; or ``webdataset``, a tar file of samples for
+            each observation and ``shards.json``: see `avs3d_bench.exports.observation_tar`.
 
     Returns:
         The keys that were made, kept from an earlier call, and failed with their message.
@@ -93,6 +96,7 @@ def generate(
         ambisonics=ambisonics,
         array=None if array is None else Path(array),
         device=device,
+        format=format,
     )
     source = manifest if isinstance(manifest, ManifestFile) else read_manifest(Path(manifest))
     return generate_plans(source, plans_of(source, options), Path(root), options, progress=progress)
@@ -148,6 +152,7 @@ def generate_plans(
         policy=replace(policy, environment=tuple(sorted(environment.items()))),
         limit=where.limit(default_limit(plans[0].camera)),
         max_failures=where.max_failures,
+        format=options.format,
     )
     shown: AbstractContextManager[Listener] = reporting(plans) if progress else nullcontext(_ignore)
     with shown as listen:

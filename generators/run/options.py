@@ -15,6 +15,8 @@ Vision = Literal["embree", "cuda", "habitat"]
 Audio = Literal["soundspaces", "tracer", "analytic"]
 Device = Literal["cpu", "cuda"]
 Extra = Literal["depth", "rirs", "stems"]
+#: Forms of a dataset: a folder of files for each observation, or a tar file of samples.
+Form = Literal["folders", "webdataset"]
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,7 @@ class GenerateOptions:
         ambisonics: order of ambisonic clips; None: there are none.
         array: file with the microphones of an array; None: there is none.
         device: what draws the pictures, bakes the light and, with the tracer, traces the sound.
+        format: form of the dataset.
     """
 
     only: Sequence[str] = ()
@@ -48,6 +51,7 @@ class GenerateOptions:
     ambisonics: int | None = None
     array: Path | None = None
     device: Device = "cpu"
+    format: Form = "folders"
 
     def __post_init__(self) -> None:
         """Refuse what is out of range.
@@ -62,6 +66,8 @@ class GenerateOptions:
         for name, texts, what in (("only", self.only, "patterns"), ("extras", self.extras, "names")):
             if isinstance(texts, str):
                 raise UsageError(f"{name}: {texts!r}: expected a list of {what}")
+        if self.format not in get_args(Form):
+            raise UsageError(f"format: {self.format!r}: expected one of {', '.join(get_args(Form))}")
         known = get_args(Extra)
         for extra in self.extras:
             if extra not in known:

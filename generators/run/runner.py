@@ -1,7 +1,8 @@
 """Runs a manifest: what is to be made goes to a scheduler, what is made is kept, and the dataset is sealed.
 
 Observations are independent of one another and of the number of workers. A finished one is recognised by the digest
-of its plan and the sizes of its files; whatever was interrupted lies in a temporary folder and is made again.
+of its plan and the sizes of its files (of a tar, its digest); whatever was interrupted has a temporary name and is
+made again.
 """
 
 from __future__ import annotations
@@ -10,12 +11,15 @@ import math
 import os
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from avs3d_bench import layout
 from avs3d_bench.errors import Avs3dError, UsageError, excerpt
+from avs3d_bench.parallel import available_cores
 from avs3d_bench.scheduling.failures import FailureLog
 from avs3d_bench.scheduling.local import LocalScheduler
 from avs3d_bench.scheduling.lock import held
@@ -26,9 +30,10 @@ from generators.core.limits import MOST_CORES
 from generators.homes.cache import check_writable, is_stored
 from generators.manifest import CameraSpec, ManifestFile
 from generators.plan import ObservationPlan, check_scans
-from generators.recording.writer import sweep
-from generators.run.dataset_record import check, seal
-from generators.run.finished import discard, find_damage, find_finished
+from generators.recording.output import sweep
+from generators.run.dataset_record import check
+from generators.run.finished import discard
+from generators.run.formats import FORMATS, DatasetFormat, find_finished
 from generators.run.worker import Place, load, make_observation, prepare
 
 #: A home is built and lit once for all its observations and has this many times their time limit, but at most so many
@@ -76,6 +81,7 @@ class RunSettings:
         policy: retries and environment.
         limit: seconds for an observation, of which a home has `HOME_FACTOR` times as many; None: no limit.
         max_failures: end the run when more than so many have failed; None: go on whatever fails.
+        format: of what is written: a name of `FORMATS`.
     """
 
     cache: Path
@@ -85,12 +91,13 @@ class RunSettings:
     policy: Policy = field(default_factory=Policy)
     limit: float | None = None
     max_failures: int | None = None
+    format: str = "folders"
 
 
 def run(
     source: ManifestFile, plans: tuple[ObservationPlan, ...], root: Path, settings: RunSettings, listen: Listener
 ) -> Outcome:
-    """Generate ``plans`` into ``root`` and write dataset.json.
+    """Generate ``plans`` into ``root`` and write the index over them, dataset.json or shards.json.
 
     Args:
         source: the manifest, for dataset.json.
@@ -102,20 +109,20 @@ def run(
             "frame" is the number of the newest one.
 
     Raises:
-        UsageError: if ``root`` holds observations made from another plan, or files and no dataset; or dataset.json
-            could not hold what the manifest says.
+        UsageError: if ``root`` holds observations made from another plan or in another form, or files and no dataset;
+            or the index could not hold what the manifest says.
         Avs3dError: if no scan that ``plans`` need is there, the folder or the cache cannot be written, or another run
             is at work in the folder.
     """
     check(source)
     check_scans(plans)
-    root = root.absolute()
+    root, form = root.absolute(), FORMATS[settings.format]
     settings = replace(settings, cache=settings.cache.absolute())
-    refuse_foreign(root)
+    refuse_foreign(root, form)
     with held(root) as me:
         sweep(root)
         # Existing observations must come from the same manifest and software, selected or not.
-        done = _finished(source, plans, root, listen)
+        done = _finished(form, source, plans, root, listen)
         log = FailureLog(root, {spec.key: plans[0].seed for spec in source.manifest.observations})
         log.tidy(done)
         todo = [plan for plan in plans if plan.key not in done]
@@ -124,14 +131,14 @@ def run(
             listen(Event("kept", key, ""))
         outcome = Outcome((), kept, ())
         if todo:
-            place = Place(root, settings.cache, me.token if settings.shared else None)
+            place = Place(root, settings.cache, me.token if settings.shared else None, settings.format)
             try:
                 outcome = _make(todo, place, settings, listen, log, kept)
             finally:
                 sweep(root)
         log.tidy({*done, *outcome.made})
-        _await(root, outcome.made)
-        seal(source, root, observation_provenance(plans[0].vision, plans[0].audio, plans[0].device))
+        _await(form, root, outcome.made)
+        form.seal(source, root, observation_provenance(plans[0].vision, plans[0].audio, plans[0].device))
         return outcome
 
 
@@ -173,17 +180,25 @@ def _make(
     return Outcome(tuple(made), kept, tuple(failed), stopped)
 
 
-def refuse_foreign(root: Path) -> None:
+def refuse_foreign(root: Path, form: DatasetFormat = FORMATS["folders"]) -> None:
     """Refuse a folder that holds something and is no dataset, finished or not: nothing is mixed into it.
 
-    A dataset shows in its dataset.json, its parts, or the lock and the failures of an earlier run.
+    A dataset shows in its index (dataset.json or shards.json), its parts, or the lock and the failures of an earlier
+    run.
+
+    Args:
+        root: the folder.
+        form: what is to be written.
 
     Raises:
         UsageError: naming what is there.
     """
     with suppress(OSError):  # whoever makes the folder says what is wrong with it
         there = sorted(path.name for path in root.iterdir()) if root.is_dir() else []
-        own = {layout.DATASET_JSON, layout.LOCK, layout.FAILURES_JSONL, *PARTS}
+        own = {form.index, layout.LOCK, layout.FAILURES_JSONL, *PARTS}
+        other = sorted({one.index for one in FORMATS.values()} - {form.index})
+        if not own.isdisjoint(there) and (mixed := [name for name in other if name in there]):
+            raise UsageError(f"{root}: holds {mixed[0]}, the index of another --format; choose another folder with -o")
         if there and own.isdisjoint(there):
             raise UsageError(
                 f"{root}: not empty and no dataset (holds {excerpt(there[0])}); choose another folder with -o"
@@ -226,7 +241,7 @@ def _named(event: Event) -> Event:
     return Event("home", event.text, "") if event.kind == "home" else event
 
 
-def _await(root: Path, made: Sequence[str]) -> None:
+def _await(form: DatasetFormat, root: Path, made: Sequence[str]) -> None:
     """Wait until everything that other machines have made is to be seen from here.
 
     Raises:
@@ -234,10 +249,10 @@ def _await(root: Path, made: Sequence[str]) -> None:
     """
     deadline = time.monotonic() + VISIBLE_WITHIN
     for key in made:
-        while not (root / key / layout.OBSERVATION_JSON).exists():
+        while not form.path(root, key).exists():
             if time.monotonic() > deadline:
                 raise Avs3dError(
-                    f"{root / key}: made on another machine, but not to be seen here; "
+                    f"{form.path(root, key)}: made on another machine, but not to be seen here; "
                     "check that the folder is shared, and run the same command again"
                 )
             time.sleep(0.5)
@@ -246,17 +261,21 @@ def _await(root: Path, made: Sequence[str]) -> None:
                 os.listdir((root / key).parent)
 
 
-def _finished(source: ManifestFile, plans: Sequence[ObservationPlan], root: Path, listen: Listener) -> set[str]:
+def _finished(
+    form: DatasetFormat, source: ManifestFile, plans: Sequence[ObservationPlan], root: Path, listen: Listener
+) -> set[str]:
     """Keys of the manifest's observations that are there; what is damaged among ``plans`` is removed, and said."""
     every = (
         replace(plans[0], spec=spec, scan=source.manifest.scans[spec.scan]) for spec in source.manifest.observations
     )
-    found = {plan.key: record for plan in every if (record := find_finished(root, plan)) is not None}
+    found = {plan.key: record for plan in every if (record := find_finished(form, root, plan)) is not None}
     # Nothing is removed before everything has been found to be of one piece.
-    for plan in plans:
-        damage = find_damage(root / plan.key, found[plan.key]) if plan.key in found else ""
-        if damage:
-            listen(Event("note", plan.key, f"made again: {damage}"))
-            discard(root / plan.key)
-            del found[plan.key]
+    there = [found[plan.key] for plan in plans if plan.key in found]
+    with ThreadPoolExecutor(available_cores()) as pool:
+        damages = pool.map(partial(form.find_damage, root), there)
+        for record, damage in zip(there, damages, strict=True):
+            if damage:
+                listen(Event("note", record.key, f"made again: {damage}"))
+                discard(form.path(root, record.key))
+                del found[record.key]
     return set(found)

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 from avs3d_bench.cli import missing_extra
 from avs3d_bench.errors import Avs3dError
@@ -22,7 +23,7 @@ from generators.homes.store import prepare_home
 from generators.observation import generate_observation
 from generators.plan import ObservationPlan
 from generators.receivers import Receivers
-from generators.run.finished import find_damage, find_finished
+from generators.run.formats import FORMATS, find_finished
 from generators.sound_scene import generate_sound_scene
 
 #: How often a worker looks for the run's folder before it says that it cannot see it, and seconds in between.
@@ -37,11 +38,13 @@ class Place:
         root: the dataset's folder.
         cache: folder of baked homes.
         token: of the run that holds ``root``, where workers may be on other machines; None: this machine.
+        format: of what is written: a name of `FORMATS`.
     """
 
     root: Path
     cache: Path
     token: str | None = None
+    format: str = "folders"
 
 
 def prepare(context: Context, plan: ObservationPlan, place: Place, threads: int) -> None:
@@ -71,13 +74,12 @@ def make_observation(context: Context, plan: ObservationPlan, place: Place) -> s
         def on_frame(index: int) -> None:
             context.report("frame", str(index))
 
+        story: dict[str, Any] = {"cores": context.cores, "output": FORMATS[place.format].output}
         if plan.spec.is_sound_scene:
-            pictures = _pictures(plan, place.root)
-            record = generate_sound_scene(
-                plan, place.root, place.cache, on_frame, cores=context.cores, pictures=pictures
-            )
+            story["pictures"] = _pictures(plan, place)
+            record = generate_sound_scene(plan, place.root, place.cache, on_frame, **story)
         else:
-            record = generate_observation(plan, place.root, place.cache, on_frame, cores=context.cores)
+            record = generate_observation(plan, place.root, place.cache, on_frame, **story)
     what = describe_sound(record) or record.category
     t30 = f"T30 {record.acoustics.t30:.2f} s, " if record.acoustics.t30 else ""
     visible = sum(frame.visible_pixels > 0 for frame in record.frames)
@@ -87,16 +89,17 @@ def make_observation(context: Context, plan: ObservationPlan, place: Place) -> s
     )
 
 
-def _pictures(plan: ObservationPlan, root: Path) -> Path | None:
-    """Folder of the sibling whose pictures ``plan`` can have; None if it is not there, or not whole."""
+def _pictures(plan: ObservationPlan, place: Place) -> Path | None:
+    """The sibling whose pictures ``plan`` can have; None if it is not there, or not whole."""
     if plan.first is None:
         return None
+    form = FORMATS[place.format]
     try:
-        record = find_finished(root, plan.first)
+        record = find_finished(form, place.root, plan.first)
+        whole = record is not None and not form.find_damage(place.root, record)
     except Avs3dError:
         return None
-    folder = root / plan.first.key
-    return folder if record is not None and not find_damage(folder, record) else None
+    return place.root / plan.first.key if whole else None
 
 
 @lru_cache(maxsize=4)

@@ -1,0 +1,259 @@
+"""Where the files of an observation go while it is made: a folder of its own, or memory and then one tar file.
+
+`generators.recording.writer` encodes the files and hands them over; an output stores them and, when the observation is
+whole, gives it its name. Every attempt writes under a temporary name of its own, since an attempt that a scheduler
+thinks lost may still be at work on another machine. Who is second finds the place taken by the same bytes.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+import socket
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Protocol
+
+from avs3d_bench import files, layout
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.exports import observation_tar
+from avs3d_bench.schema import ObservationRecord
+
+
+class Output(Protocol):
+    """Takes the files of one observation; names are relative to its folder, as in `avs3d_bench.layout`."""
+
+    def open(self) -> None:
+        """Prepare the temporary place.
+
+        Raises:
+            Avs3dError: if the system refuses.
+        """
+
+    def close(self) -> None:
+        """Remove what is temporary; after `finish` there is nothing left to remove."""
+
+    def keeps(self, name: str) -> bool:
+        """Whether a file of that name is part of the output; one that is not must not be handed over."""
+
+    def where(self, name: str) -> Path:
+        """The path that messages name; files of a folder are there."""
+
+    def put(self, name: str, data: bytes) -> None:
+        """Store a file; several threads may store different ones.
+
+        Raises:
+            Avs3dError: if the system refuses.
+        """
+
+    def get(self, name: str) -> bytes:
+        """The bytes of a stored file."""
+
+    def repeat(self, name: str, copy: str) -> None:
+        """Store a file under a second name."""
+
+    def share(self, sibling: Path) -> dict[str, str]:
+        """Take over the files that siblings share from a finished one: name → sha256.
+
+        Args:
+            sibling: its folder's name; where observations are tar files, the name without the suffix.
+        """
+
+    def size(self, name: str) -> int:
+        """Bytes of a stored file."""
+
+    def digest(self, name: str) -> str:
+        """sha256 of a stored file."""
+
+    def finish(self, record: ObservationRecord) -> None:
+        """Add observation.json, and give the observation its name.
+
+        Raises:
+            Avs3dError: if the system refuses.
+        """
+
+
+def hidden_name(place: Path, what: str) -> Path:
+    """A name beside ``place`` that no other process or attempt uses."""
+    stem = place.name.strip(".").partition(".")[0]
+    host = socket.gethostname().partition(".")[0]
+    return place.with_name(f".{stem}.{what}-{host}-{os.getpid()}-{secrets.token_hex(4)}.partial")
+
+
+def sweep(root: Path) -> None:
+    """Remove what interrupted attempts left below a dataset's folder.
+
+    Each is renamed before it is deleted: an attempt that still runs somewhere can then no longer give its name to a
+    folder that is half gone.
+    """
+    for partial in root.glob("part_*/*/*/.*.partial"):
+        doomed = hidden_name(partial, "swept")
+        with suppress(OSError):
+            partial.rename(doomed)
+        remove(doomed)
+
+
+def remove(path: Path) -> None:
+    """Remove a file, or a folder with all it has, as far as the system lets it."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with suppress(OSError):
+            path.unlink()
+
+
+class FolderOutput:
+    """An observation as a folder of files: it lies in ``.<index>.<attempt>.partial`` until it is whole.
+
+    Args:
+        place: the observation's final folder.
+    """
+
+    def __init__(self, place: Path) -> None:
+        self._final = place
+        self.folder = hidden_name(place, "new")
+
+    def open(self) -> None:
+        """Make the temporary folder."""
+        try:
+            self.folder.mkdir(parents=True)
+        except OSError as error:
+            raise Avs3dError(files.os_error_line(error, self._final, "write")) from error
+
+    def close(self) -> None:
+        """Remove the temporary folder."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def keeps(self, name: str) -> bool:
+        """Every file."""
+        return True
+
+    def where(self, name: str) -> Path:
+        """The file in the temporary folder."""
+        return self.folder / name
+
+    def put(self, name: str, data: bytes) -> None:
+        """Write the file, atomically."""
+        files.write_bytes(self.folder / name, data)
+
+    def get(self, name: str) -> bytes:
+        """Read the file."""
+        return files.read_bytes(self.folder / name)
+
+    def repeat(self, name: str, copy: str) -> None:
+        """Make a hard link, or a copy where the file system has none."""
+        files.link_or_copy(self.folder / name, self.folder / copy)
+
+    def share(self, sibling: Path) -> dict[str, str]:
+        """Hard links of the sibling's files, or copies where the file system has none."""
+        record = files.read_record(sibling / layout.OBSERVATION_JSON, ObservationRecord)
+        shared = shared_files(record.files)
+        for name in shared:
+            files.link_or_copy(sibling / name, self.folder / name)
+        return shared
+
+    def size(self, name: str) -> int:
+        """Bytes of the file."""
+        return (self.folder / name).stat().st_size
+
+    def digest(self, name: str) -> str:
+        """sha256 of the file."""
+        return files.sha256_file(self.folder / name)
+
+    def finish(self, record: ObservationRecord) -> None:
+        """Write observation.json and rename the folder."""
+        files.write_json(self.folder / layout.OBSERVATION_JSON, record)
+        try:
+            self.folder.rename(self._final)
+        except OSError as error:
+            if not self._is_there(record):
+                raise Avs3dError(files.os_error_line(error, self._final, "write")) from error
+
+    def _is_there(self, record: ObservationRecord) -> bool:
+        """Whether another attempt at the same plan has come first."""
+        path = self._final / layout.OBSERVATION_JSON
+        try:
+            return files.read_record(path, ObservationRecord) == record
+        except Avs3dError:
+            return False
+
+
+class TarOutput:
+    """An observation as one tar file of samples: its files are in memory until it is whole.
+
+    The tar holds what training needs: see `avs3d_bench.exports.observation_tar`. An observation changes the name space
+    twice (a file is made and renamed), and once for each folder above it that is not there yet.
+
+    Args:
+        place: the tar's path without its suffix.
+    """
+
+    def __init__(self, place: Path) -> None:
+        self._final = observation_tar.tar_path(place)
+        self._files: dict[str, bytes] = {}
+
+    def open(self) -> None:
+        """Nothing is written before `finish`."""
+
+    def close(self) -> None:
+        """Forget the files."""
+        self._files.clear()
+
+    def keeps(self, name: str) -> bool:
+        """Files that become members of samples."""
+        return observation_tar.is_member(name)
+
+    def where(self, name: str) -> Path:
+        """A path below the tar, for messages."""
+        return self._final / name
+
+    def put(self, name: str, data: bytes) -> None:
+        """Keep the bytes."""
+        self._files[name] = data
+
+    def get(self, name: str) -> bytes:
+        """The bytes."""
+        return self._files[name]
+
+    def repeat(self, name: str, copy: str) -> None:
+        """Keep the same bytes twice."""
+        self._files[copy] = self._files[name]
+
+    def share(self, sibling: Path) -> dict[str, str]:
+        """Read the members that siblings share from the finished tar."""
+        found = observation_tar.read_tar(observation_tar.tar_path(sibling))
+        shared = shared_files(found.record.files)
+        for name in shared:
+            self._files[name] = found.files[name]
+        return shared
+
+    def size(self, name: str) -> int:
+        """Their number."""
+        return len(self._files[name])
+
+    def digest(self, name: str) -> str:
+        """sha256 of the bytes."""
+        return files.sha256_bytes(self._files[name])
+
+    def finish(self, record: ObservationRecord) -> None:
+        """Write the tar under a temporary name and rename it."""
+        partial = hidden_name(self._final, "new")
+        try:
+            if not self._final.parent.is_dir():
+                self._final.parent.mkdir(parents=True, exist_ok=True)
+            with open(partial, "wb", buffering=0) as stream:
+                observation_tar.write_tar(stream, record, self._files)
+            os.replace(partial, self._final)
+        except OSError as error:
+            raise Avs3dError(files.os_error_line(error, self._final, "write")) from error
+        finally:
+            if partial.exists():
+                remove(partial)
+
+
+def shared_files(digests: Mapping[str, str]) -> dict[str, str]:
+    """Those of an observation's files that have the same bytes in all siblings, with their sha256."""
+    shared = tuple(f"{folder}/" for folder in layout.SIBLING_FOLDERS)
+    return {name: digest for name, digest in digests.items() if name.startswith(shared)}
