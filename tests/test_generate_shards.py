@@ -116,7 +116,8 @@ def test_the_samples_are_those_of_an_export(folders: Path, shards: Path, tmp_pat
     write_webdataset(folders, tmp_path / "export", extras=("depth", "stems", "rirs"), workers=1)
     exported = samples(*sorted((tmp_path / "export").glob("*.tar")))
     generated = samples(*sorted(shards.rglob("*.tar")))
-    assert generated.keys() == exported.keys() and len(generated) == FRAMES * len(KEYS)
+    assert generated.keys() == exported.keys()
+    assert len(generated) == FRAMES * len(KEYS)
     for key, members in exported.items():
         assert list(generated[key]) == list(members), key
         assert generated[key] == members, key
@@ -131,7 +132,8 @@ def test_the_record_is_that_of_the_folder_with_fewer_files(folders: Path, shards
     for key in KEYS:
         record, digest = tars.read_head(shards / f"{key}.tar")
         whole = Dataset(folders)[key].record
-        assert whole is not None and record.files.items() < whole.files.items()
+        assert whole is not None
+        assert record.files.items() < whole.files.items()
         folders_left_out = {name.partition("/")[0] for name in whole.files.keys() - record.files.keys()}
         assert folders_left_out <= {"images", "sparse", "gt_3d", "audio_clips_mono", layout.SPLITS_JSON}
         assert record.model_copy(update={"files": whole.files, "sizes": whole.sizes}) == whole
@@ -240,7 +242,8 @@ def test_a_run_goes_on_after_kill_9(manifest: Path, shards: Path, tmp_path: Path
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     there = len(list(root.glob("part_*/*/*/*.tar")))
-    assert 0 < there < len(KEYS) and not (root / SHARDS_JSON).exists()
+    assert 0 < there < len(KEYS)
+    assert not (root / SHARDS_JSON).exists()
     done = run(manifest, root, "--workers", "1", *EXTRAS)
     assert f"{len(KEYS) - there} made, {there} kept, 0 failed" in done.output
     assert tree_digest(root) == tree_digest(shards)
@@ -249,4 +252,5 @@ def test_a_run_goes_on_after_kill_9(manifest: Path, shards: Path, tmp_path: Path
 def test_facts_are_json_of_a_frame(shards: Path) -> None:
     members: dict[str, Any] = json.loads(samples(shards / f"{SILENT}.tar")[f"{SILENT}/frame_008"]["json"])
     assert (members["key"], members["split"], members["category"]) == (SILENT, "test", None)
-    assert members["audible"] == [] and members["group"] == FIRST
+    assert members["audible"] == []
+    assert members["group"] == FIRST
