@@ -148,8 +148,10 @@ def validate(
     """Check the dataset at ROOT and name every problem by file.
 
     Exit status: 0 valid, 1 problems found, 2 usage (also: made by other versions than --regenerate finds here). The
-    official release is checked as what it is.
+    official release is checked as what it is. Of `avs3d generate --format webdataset`, the index and the tars are
+    checked.
     """
+    from avs3d_bench.exports.observation_check import check_tars, holds_tars
     from avs3d_bench.files import is_stream, write_json
     from avs3d_bench.report import print_report
     from avs3d_bench.validate import validate as check
@@ -157,7 +159,8 @@ def validate(
     if json_file is not None:
         is_stream(json_file)  # refuses a folder before any work is done
     again = _regenerate(root, regenerate, seed, manifest, hrtf) if regenerate else ()
-    report = check(root, deep=deep, workers=workers, progress=sys.stderr.isatty())
+    look = check_tars if holds_tars(root) else check
+    report = look(root, deep=deep, workers=workers, progress=sys.stderr.isatty())
     if again:
         from dataclasses import replace
 

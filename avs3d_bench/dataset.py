@@ -410,6 +410,11 @@ class Dataset:
         if not self.root.is_dir():
             raise UsageError(f"{self.root}: no such folder; expected the root of a dataset")
         self.keys = find_keys(self.root)
+        if not self.keys and (self.root / layout.SHARDS_JSON).exists():
+            raise UsageError(
+                f"{self.root}: holds tar shards ({layout.SHARDS_JSON}), no folders of observations; read them with the "
+                "webdataset package and avs3d_bench.exports.decode_sample"
+            )
         if not self.keys and not (self.root / layout.DATASET_JSON).exists():
             raise UsageError(
                 f"{self.root}: no dataset; expected {layout.DATASET_JSON} or part_1/<scan>/<room>/<index>/"

@@ -1,20 +1,28 @@
-"""Speed of a DataLoader with two workers, compared with decoding the same files in two processes."""
+"""How fast frames are loaded: from a dataset's folders, and from the tars of `avs3d generate --format webdataset`.
+
+python -m benchmarks.run --only loading            two workers, compared with decoding the same files alone
+python -m benchmarks.bench_loading DIR --workers 16     tars, or a dataset: frames per second, and where the time goes
+"""
 
 from __future__ import annotations
 
+import io
 import multiprocessing
 import os
+import tarfile
 import tempfile
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import click
 import cv2
 import numpy as np
 
-from avs3d_bench.exports import AVS3DDataset
+from avs3d_bench.exports import AVS3DDataset, decode_sample
 from avs3d_bench.exports.samples import KINDS
 
 WORKERS = 2
@@ -23,7 +31,11 @@ BATCH = 8
 ITEMS = 192
 _KINDS = ("rgb", "binaural", "mask")
 
+#: Members that training reads, in the order in which their times are printed.
+MEMBERS = ("rgb.png", "binaural.wav", "mask.png", "instances.png", "categories.png", "json")
+
 Triple = tuple[str, str, str]
+Sample = dict[str, Any]
 
 
 def make_example(root: Path, frames: int = 48) -> None:
@@ -77,6 +89,114 @@ def loader_rate(loader: Iterable[dict[str, Any]], items: int) -> float:
     return items / (time.perf_counter() - start)
 
 
+def samples_of_tar(path: Path) -> list[Sample]:
+    """The samples of a tar, undecoded, as the `webdataset` package yields them."""
+    found: dict[str, Sample] = {}
+    with tarfile.open(fileobj=io.BytesIO(path.read_bytes())) as archive:
+        for info in archive:
+            stream = archive.extractfile(info)
+            if stream is not None and not info.name.startswith("__"):
+                folder, _, name = info.name.rpartition("/")
+                stem, _, member = name.partition(".")
+                key = f"{folder}/{stem}"
+                found.setdefault(key, {"__key__": key})[member] = stream.read()
+    return list(found.values())
+
+
+def milliseconds(work: Callable[[], object], frames: int, repeats: int) -> float:
+    """CPU time of one core per frame, the best of some repeats."""
+    taken = []
+    for _ in range(repeats):
+        start = time.process_time()
+        work()
+        taken.append(time.process_time() - start)
+    return 1000 * min(taken) / frames
+
+
+def where_time_goes(tars: list[Path], repeats: int) -> dict[str, float]:
+    """Milliseconds of one core per frame, of the whole path of a frame and of its parts."""
+    import torch
+    import webdataset
+
+    cv2.setNumThreads(1)
+    torch.set_num_threads(1)  # as in a worker
+    samples = [sample for path in tars for sample in samples_of_tar(path)]
+
+    def decode(*members: str) -> None:
+        for sample in samples:
+            decode_sample({name: sample[name] for name in ("__key__", *members) if name in sample})
+
+    def read() -> None:
+        for _ in webdataset.WebDataset(list(map(str, tars)), shardshuffle=False):
+            pass
+
+    def batch() -> None:
+        for _ in tar_loader(tars, 0):
+            pass
+
+    works: dict[str, Callable[[], object]] = {f"decode {name}": partial(decode, name) for name in MEMBERS}
+    works |= {"decode all of it": partial(decode, *MEMBERS), "read the tar": read, "read, decode and collate": batch}
+    return {name: milliseconds(work, len(samples), repeats) for name, work in works.items()}
+
+
+def tensors(sample: Sample) -> Sample:
+    """What a batch holds of a frame."""
+    return {name: sample[name] for name in ("rgb", "binaural", "mask", "instance_ids")}
+
+
+def tar_loader(tars: list[Path], workers: int) -> Iterable[Sample]:
+    """A DataLoader over tars: each worker streams its share of them."""
+    import webdataset
+    from torch.utils.data import DataLoader
+
+    frames = webdataset.WebDataset(list(map(str, tars)), shardshuffle=False).map(decode_sample).map(tensors)
+    return DataLoader(frames, batch_size=32, **_loader_options(workers))
+
+
+def _loader_options(workers: int) -> dict[str, Any]:
+    return {"num_workers": workers, "persistent_workers": True, "prefetch_factor": 4} if workers else {}
+
+
+def folder_loader(root: Path, workers: int) -> tuple[Iterable[Sample], int]:
+    """A shuffled DataLoader over a dataset's folders, and the number of its frames."""
+    from torch.utils.data import DataLoader
+
+    frames = AVS3DDataset(root, "all", instances=True)
+    return DataLoader(frames, batch_size=32, shuffle=True, **_loader_options(workers)), len(frames)
+
+
+def measure_stream(root: Path, workers: int, repeats: int) -> dict[str, float]:
+    """Frames per second of whole epochs, from tars or from folders, with the workers running already."""
+    tars = sorted(root.glob("part_*/*/*/*.tar"))
+    out: dict[str, float] = {}
+    if tars:
+        parts = where_time_goes(tars[:4], repeats)
+        out |= {f"{name} (ms of a core per frame)": value for name, value in parts.items()}
+        # Every worker has as many tars as the others; a tar may be listed several times.
+        rounds = max(1, -(-4 * workers // len(tars)))
+        loader: Iterable[Sample] = tar_loader(tars * rounds, workers)
+        frames = None
+    else:
+        loader, frames = folder_loader(root, workers)
+    for _ in range(2):  # the first epoch starts the workers
+        start = time.perf_counter()
+        seen = sum(len(batch["rgb"]) for batch in loader)
+        rate = seen / (time.perf_counter() - start)
+        assert frames is None or seen == frames
+    kind = "tars" if tars else "folders"
+    return out | {f"DataLoader over {kind}, {workers} workers (frames/s)": rate}
+
+
+@click.command()
+@click.argument("root", type=click.Path(path_type=Path, exists=True))
+@click.option("--workers", type=int, default=WORKERS, show_default=True, help="Worker processes of the DataLoader.")
+@click.option("--repeats", type=int, default=5, show_default=True, help="Of the times per frame; the best counts.")
+def main(root: Path, workers: int, repeats: int) -> None:
+    """Measure how fast the frames at ROOT are loaded: tars of `avs3d generate --format webdataset`, or a dataset."""
+    for name, value in measure_stream(root, workers, repeats).items():
+        click.echo(f"{name}: {value:,.3g}" if value < 100 else f"{name}: {value:,.0f}")
+
+
 def measure(root: Path, repeats: int) -> dict[str, float]:
     """Alternate both measurements, so that other load on the machine affects both."""
     from torch.utils.data import DataLoader, Subset
@@ -108,3 +228,7 @@ def run_all(repeats: int = 5) -> dict[str, float]:
         root = Path(folder) / "data"
         make_example(root)
         return measure(root, repeats)
+
+
+if __name__ == "__main__":
+    main()

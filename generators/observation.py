@@ -333,6 +333,11 @@ def choose_sound(plan: ObservationPlan, category: str, rng: np.random.Generator,
             )
         path = resolve_file(plan.base, str(chosen.file), f"sound for {category}")
         return Sound(load_sound(path, seconds, start=start), str(chosen.file), file_licence(chosen))
+    return synthesised_sound(category, seconds, rng)
+
+
+def synthesised_sound(category: str, seconds: int, rng: np.random.Generator) -> Sound:
+    """A procedural signal, the same for the same state of ``rng``."""
     return Sound(synthesise(category, seconds, rng), f"procedural:{category}", Licence(source="synthesised"))
 
 

@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -53,11 +53,12 @@ from generators.observation import (
     describe_instance,
     device_record,
     licence_record,
+    synthesised_sound,
 )
 from generators.paths.stage import Camera, Stage
 from generators.paths.watcher import line_of_sight, point_in_sight
 from generators.placement.placement import Placement
-from generators.plan import ObservationPlan
+from generators.plan import ObservationPlan, derive_rng
 from generators.programme import Interval, gated, intervals_of
 from generators.recording.hearing import PRE_ROLL, Listening
 from generators.recording.output import FolderOutput, Output
@@ -73,6 +74,8 @@ OFF_SCREEN_HEIGHT = 1.2
 #: Without sources, a background's SNR refers to this level (dB re full scale): about the mean level of one source in a
 #: room of the open benchmark (docs/sound-scenes.md).
 REFERENCE_LEVEL_DB = -35.0
+#: Signals that are kept for siblings; one of 120 s takes 21 MB.
+MOST_SIGNALS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -338,10 +341,26 @@ def choose_sources(plan: ObservationPlan, home: Scene, placements: Sequence[Plac
                 position=position,
                 intervals=intervals_of(spec.programme, seconds, PRE_ROLL, rng),
                 gain_db=spec.gain_db,
-                sound=choose_sound(plan, spec.category, plan.rng(f"sound/{spec.category}/{nth}"), shifted=nth > 1),
+                sound=_sound(plan, spec.category, nth),
             )
         )
     return tuple(sources)
+
+
+def _sound(plan: ObservationPlan, category: str, nth: int) -> Sound:
+    """The signal of the ``nth`` source of a category."""
+    purpose = f"sound/{category}/{nth}"
+    if plan.sounds.get(category):
+        return choose_sound(plan, category, plan.rng(purpose), shifted=nth > 1)
+    return _synthesised(plan.seed, plan.spec.like or plan.key, purpose, category, plan.camera.frames + PRE_ROLL)
+
+
+@lru_cache(maxsize=MOST_SIGNALS)
+def _synthesised(seed: int, key: str, purpose: str, category: str, seconds: int) -> Sound:
+    """A procedural signal: siblings play the same ones, and often follow one another in a process."""
+    sound = synthesised_sound(category, seconds, derive_rng(seed, key, purpose))
+    sound.samples.setflags(write=False)
+    return sound
 
 
 def _off_screen(plan: ObservationPlan, home: Scene, room: str, nth: int) -> Vector:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -18,8 +19,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 from avs3d_bench import files, layout
+from avs3d_bench.cli import validate
 from avs3d_bench.dataset import Dataset
-from avs3d_bench.errors import Avs3dError
+from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports import decode_sample, write_webdataset
 from avs3d_bench.exports import observation_tar as tars
 from avs3d_bench.exports.observation_index import ObservationShardIndex
@@ -247,6 +249,44 @@ def test_a_run_goes_on_after_kill_9(manifest: Path, shards: Path, tmp_path: Path
     done = run(manifest, root, "--workers", "1", *EXTRAS)
     assert f"{len(KEYS) - there} made, {there} kept, 0 failed" in done.output
     assert tree_digest(root) == tree_digest(shards)
+
+
+def check(root: Path, *options: str) -> tuple[int, str]:
+    """Exit status of `avs3d validate`, and what it says on one line."""
+    done = CliRunner().invoke(validate, [str(root), *options])
+    said = done.output if done.exception is None or isinstance(done.exception, SystemExit) else str(done.exception)
+    return done.exit_code, " ".join(said.split())
+
+
+def test_validate_checks_index_and_tars(shards: Path, tmp_path: Path) -> None:
+    code, said = check(shards)
+    assert code == 0
+    assert said.endswith(": 0 errors, 0 warnings, 0 notes in 6 observations (7 files, shallow): valid")
+    assert check(shards, "--deep")[0] == 0
+    root = shutil.copytree(shards, tmp_path / "tars")
+    bent, cut, lost = (root / f"{key}.tar" for key in (KEYS[0], FIRST, SECOND))
+    data = bytearray(bent.read_bytes())
+    data[-40_000] ^= 1
+    bent.write_bytes(data)
+    cut.write_bytes(cut.read_bytes()[:-512])
+    lost.rename(lost.with_name("77.tar"))
+    code, said = check(root)
+    assert code == 1
+    assert "part_3/box/kitchen/2.tar: missing" in said
+    assert "part_3/box/kitchen/77.tar: not in shards.json" in said
+    assert re.search(r"part_3/box/kitchen/1.tar: [0-9,]+ bytes, expected [0-9,]+", said)
+    assert "part_1" not in said, "one bit is seen by the deep check alone"
+    assert "part_1/box/kitchen/1.tar: its sha256 is not the one in shards.json" in check(root, "--deep")[1]
+
+
+def test_validate_says_what_else_a_folder_holds(shards: Path, folders: Path, tmp_path: Path) -> None:
+    root = shutil.copytree(shards, tmp_path / "tars")
+    (root / SHARDS_JSON).unlink()
+    assert "tars without shards.json: run the same `avs3d generate` again, it goes on" in check(root)[1]
+    write_webdataset(folders, tmp_path / "export", only=(SILENT,), workers=1)
+    assert "shards.json is that of an export; the same `avs3d export` command" in check(tmp_path / "export")[1]
+    with pytest.raises(UsageError, match=r"holds tar shards \(shards\.json\), no folders of observations"):
+        Dataset(shards)
 
 
 def test_facts_are_json_of_a_frame(shards: Path) -> None:

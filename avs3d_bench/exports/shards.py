@@ -22,7 +22,7 @@ from typing import Annotated, Any, BinaryIO, Literal
 
 from pydantic import Field
 
-from avs3d_bench import __version__, media
+from avs3d_bench import __version__, layout, media
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.samples import UNLISTED, Sample, SplitChoice, samples_of
@@ -31,7 +31,7 @@ from avs3d_bench.parallel import advance, process_each
 from avs3d_bench.schema import AttributionRecord, Record, Sha256, Text
 from avs3d_bench.staging import hold
 
-SHARDS_JSON = "shards.json"
+SHARDS_JSON = layout.SHARDS_JSON
 _SOURCE = re.compile(r"^(source_[0-9]+|background)\.")
 PARTIAL = ".partial"
 Format = Literal["webdataset", "huggingface"]

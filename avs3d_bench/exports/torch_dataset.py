@@ -86,6 +86,7 @@ from avs3d_bench.exports.torch_scenes import (
     read_binaural,
     read_second,
 )
+from avs3d_bench.exports.webdataset import planes
 from avs3d_bench.taxonomy import class_ids
 
 if TYPE_CHECKING:
@@ -140,10 +141,7 @@ def read_planes(path: str | Path) -> NDArray[np.uint8]:
         if header.bits != 8 or header.colour_type not in (2, 6):
             raise Avs3dError(f"{path}: {header.mode}, expected RGB, 8 bit")
 
-    pixels = media.decode_png(path, cv2.IMREAD_COLOR, check)
-    planes: NDArray[np.uint8] = np.empty((3, *pixels.shape[:2]), dtype=np.uint8)
-    cv2.split(pixels, [planes[2], planes[1], planes[0]])
-    return planes
+    return planes(media.decode_png(path, cv2.IMREAD_COLOR, check))
 
 
 def _read_ids(path: str | Path) -> NDArray[np.int32]:

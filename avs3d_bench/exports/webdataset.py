@@ -26,6 +26,7 @@ from typing import Any, BinaryIO
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from avs3d_bench import layout
 from avs3d_bench.errors import Avs3dError, UsageError
@@ -156,7 +157,7 @@ def decode_sample(sample: Mapping[str, Any]) -> dict[str, Any]:
             if name == "json":
                 out["facts"] = json.loads(data)
             elif name == "rgb.png":
-                out["rgb"] = np.ascontiguousarray(_pixels(data, cv2.IMREAD_COLOR)[..., ::-1].transpose(2, 0, 1))
+                out["rgb"] = planes(_pixels(data, cv2.IMREAD_COLOR))
             elif name == "mask.png":
                 out["mask"] = _pixels(data, cv2.IMREAD_GRAYSCALE) == 255
             elif name == "instances.png":
@@ -181,6 +182,13 @@ def decode_sample(sample: Mapping[str, Any]) -> dict[str, Any]:
                 out.setdefault("stems", {})[name.partition(".")[0]] = np.ascontiguousarray(samples)
         except Exception as error:
             raise Avs3dError(f"{sample.get('__key__')}.{name}: cannot be decoded: {error}") from None
+    return out
+
+
+def planes(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(3, H, W) RGB of OpenCV's (H, W, 3) BGR: one pass, no copy in between."""
+    out: NDArray[np.uint8] = np.empty((3, *pixels.shape[:2]), dtype=np.uint8)
+    cv2.split(pixels, [out[2], out[1], out[0]])
     return out
 
 
