@@ -34,6 +34,7 @@ from generators.library.store import CLEANING
 from generators.manifest import read_manifest
 from generators.plan import make_plans
 from generators.receivers import PARTS
+from generators.recording.tar_output import WRITER
 from generators.run.dataset_record import read_observation
 from generators.run.finished import find_damage
 from generators.run.worker import Place, make_observation, prepare
@@ -44,6 +45,7 @@ TORCH = "baselines.echosegnet.rasteriser.torch_rasteriser:TorchRasteriser"
 #: Result → the functions that make it, and what is certain not to run.
 RESULTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "observation": ((OBSERVATION,), unused_backends("embree", "analytic")),
+    "tar": ((WRITER,), ()),
     "home": (BUILDER, ()),
     "training": ((*TRAINING, TORCH), ()),
     "lifting": ((*LIFTING, TORCH), ()),
@@ -51,21 +53,26 @@ RESULTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 }
 #: Edited file → the results that depend on it; nothing else may change.
 TABLE: dict[str, str] = {
-    "avs3d_bench/__init__.py": "observation home training lifting cleaning",
-    "avs3d_bench/errors.py": "observation home training lifting cleaning",
-    "avs3d_bench/schema.py": "observation training lifting cleaning",
-    "avs3d_bench/ply.py": "observation training lifting",
-    "avs3d_bench/colmap.py": "observation training lifting",
+    "avs3d_bench/__init__.py": "observation tar home training lifting cleaning",
+    "avs3d_bench/errors.py": "observation tar home training lifting cleaning",
+    "avs3d_bench/schema.py": "observation tar training lifting cleaning",
+    "avs3d_bench/ply.py": "observation tar training lifting",
+    "avs3d_bench/colmap.py": "observation tar training lifting",
     "avs3d_bench/cli.py": "",
     "avs3d_bench/parallel.py": "",
     "avs3d_bench/report.py": "",
+    "avs3d_bench/exports/observation_tar.py": "tar",
+    "avs3d_bench/exports/samples.py": "tar",
     "avs3d_bench/exports/shards.py": "",
+    "avs3d_bench/exports/tar_format.py": "tar",
     "avs3d_bench/inspector/site.py": "",
     "avs3d_bench/scheduling/local.py": "",
     "avs3d_bench/validation/structure.py": "",
     "generators/paths/trajectory.py": "observation",
     "generators/placement/placement.py": "observation",
     "generators/observation.py": "observation",
+    "generators/recording/output.py": "observation tar",
+    "generators/recording/tar_output.py": "tar",
     "generators/recording/writer.py": "observation",
     "generators/run/runner.py": "",
     "generators/run/worker.py": "",
@@ -212,7 +219,7 @@ def test_versions_of_libraries_and_python_are_part_of_the_digest() -> None:
 # ---- what is imported ------------------------------------------------------------------------------------------------
 
 TREE = {
-    "generators/__init__.py": "",
+    "generators/__init__.py": "tar",
     "generators/main.py": "",
     "generators/a/__init__.py": "from generators.a import inside",
     "generators/a/inside.py": "",

@@ -85,6 +85,10 @@ def _faults(path: Path, deep: bool, shard: ObservationShard, digest: str) -> Ite
         yield f"the sha256 of its record is not the one in {SHARDS_JSON}"
     if not deep:
         return
+    fault = observation_tar.find_fault(path)
+    if fault:
+        yield fault
+        return
     if sha256_file(path) != shard.sha256:
         yield f"its sha256 is not the one in {SHARDS_JSON}"
     held = observation_tar.read_tar(path)

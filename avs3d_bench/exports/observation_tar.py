@@ -28,7 +28,7 @@ from avs3d_bench import layout
 from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.exports.samples import ALL_KINDS, frame_facts, kinds_among
-from avs3d_bench.exports.webdataset import closing, header, padding
+from avs3d_bench.exports.tar_format import closing, header, padding
 from avs3d_bench.files import dump_json, open_regular, read_bytes
 from avs3d_bench.schema import ObservationRecord, parse_record
 

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import io
 import json
-import tarfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -32,29 +31,11 @@ from avs3d_bench import layout
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.samples import ALL_KINDS, Sample, check_extras, check_split, described, select
 from avs3d_bench.exports.shards import Layout, ShardIndex, export_shards
+from avs3d_bench.exports.tar_format import closing, header, padding
 
 #: Megabytes of a shard: large enough to stream, small enough to shuffle and to resume.
 SHARD_MB = 256.0
 MB = 1_000_000
-_BLOCK = tarfile.BLOCKSIZE
-
-
-def header(name: str, size: int) -> bytes:
-    """The tar header of a regular file (with a PAX header before it where the name asks for one)."""
-    info = tarfile.TarInfo(name)
-    info.size, info.mode, info.mtime, info.uid, info.gid = size, 0o644, 0, 0, 0
-    return info.tobuf(tarfile.PAX_FORMAT, encoding="utf-8", errors="surrogateescape")
-
-
-def padding(size: int) -> bytes:
-    """Zeros up to the next block."""
-    return bytes(-size % _BLOCK)
-
-
-def closing(written: int) -> bytes:
-    """The end of an archive of which ``written`` bytes have been written: zeros up to a whole record."""
-    end = 2 * _BLOCK
-    return bytes(end + -(written + end) % tarfile.RECORDSIZE)
 
 
 def room(sample: Sample) -> int:

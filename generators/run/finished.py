@@ -13,18 +13,19 @@ from generators.recording.output import hidden_name, remove
 from generators.run.differences import describe_differences
 
 
-def check_plan(path: Path, record: ObservationRecord, plan: ObservationPlan) -> None:
+def check_plan(path: Path, record: ObservationRecord, plan: ObservationPlan, digest: str) -> None:
     """Refuse an observation that is not the one of the plan.
 
     Args:
         path: the observation's folder or tar.
         record: its record.
         plan: what should be there.
+        digest: the ``plan_sha256`` that its record should have.
 
     Raises:
         UsageError: if it was made from another plan or by other software.
     """
-    if record.plan_sha256 != plan.digest:
+    if record.plan_sha256 != digest:
         if plan.scan.source == "scan":
             _ = plan.scan_files  # a scan that is not there has another digest, too: that is what is to be said then
         known = describe_differences(plan, record)

@@ -20,7 +20,8 @@ from avs3d_bench.provenance import Provenance
 from avs3d_bench.schema import ObservationRecord
 from generators.manifest import ManifestFile
 from generators.plan import ObservationPlan
-from generators.recording.output import FolderOutput, Output, TarOutput
+from generators.recording.output import FolderOutput, Output
+from generators.recording.tar_output import TarOutput, tar_plan_digest
 from generators.run.dataset_record import describe_dataset, read_observation
 from generators.run.finished import check_plan, find_damage
 
@@ -39,6 +40,9 @@ class DatasetFormat(Protocol):
 
     def path(self, root: Path, key: str) -> Path:
         """The folder or file of an observation."""
+
+    def plan_digest(self, plan: ObservationPlan) -> str:
+        """sha256 of all that the bytes of an observation in this form depend on."""
 
     def read(self, root: Path, key: str) -> tuple[ObservationRecord, str]:
         """The record of a finished observation, and the sha256 of its JSON.
@@ -71,6 +75,10 @@ class FolderFormat:
         """The folder."""
         return root / key
 
+    def plan_digest(self, plan: ObservationPlan) -> str:
+        """That of the plan: writers of files belong to it."""
+        return plan.digest
+
     def read(self, root: Path, key: str) -> tuple[ObservationRecord, str]:
         """From observation.json."""
         record = read_observation(root / key)
@@ -99,6 +107,10 @@ class TarFormat:
     def path(self, root: Path, key: str) -> Path:
         """The tar."""
         return observation_tar.tar_path(root / key)
+
+    def plan_digest(self, plan: ObservationPlan) -> str:
+        """That of the plan with what writes tars."""
+        return tar_plan_digest(plan.digest)
 
     def read(self, root: Path, key: str) -> tuple[ObservationRecord, str]:
         """From the first member."""
@@ -146,5 +158,5 @@ def find_finished(form: DatasetFormat, root: Path, plan: ObservationPlan) -> Obs
     if not path.exists():
         return None
     record, _ = form.read(root, plan.key)
-    check_plan(path, record, plan)
+    check_plan(path, record, plan, form.plan_digest(plan))
     return record
