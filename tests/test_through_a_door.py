@@ -71,7 +71,7 @@ def energies(home: Scene, source: Any, poses: list[Pose], monkeypatch: pytest.Mo
 
 def test_direct_and_reverberant_energy_are_those_of_the_engine(home: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     poses = [Pose.from_yaw(point, 0.7 * n) for n, point in enumerate(points(home, "kitchen", 24, 1.5))]
-    seen = hidden = 0
+    sums, ratios, hidden = [], [], 0
     for source in points(home, "living_room", 3, HEIGHT):
         path = DirectPath(home, source)
         session = SoundSpacesBackend().open(home, source, room="living_room")
@@ -82,18 +82,20 @@ def test_direct_and_reverberant_energy_are_those_of_the_engine(home: Scene, monk
         rest = energies(home, source, poses, monkeypatch, direct=0)
         for response, part, own, late in zip(responses, parts, direct, rest, strict=True):
             total = float(np.sum(response.astype(np.float64) ** 2))
-            # What comes through the opening is the engine's direct and indirect energy, nothing else.
-            assert 10 * math.log10(total / (own + late)) == pytest.approx(0, abs=0.75)
+            sums.append(10 * math.log10(total / (own + late)))
             if part is None:
                 hidden += 1
                 assert own < 1e-4 * total  # nothing arrives on the straight path
                 continue
-            seen += 1
             found = float(np.sum(part.astype(np.float64) ** 2))
-            ratio = 10 * math.log10(found / (total - found))
-            assert ratio == pytest.approx(10 * math.log10(own / late), abs=0.75)
+            ratios.append(10 * math.log10(found / (total - found)) - 10 * math.log10(own / late))
     assert hidden > 10
-    assert seen > 3
+    assert len(ratios) > 3
+    # What comes through the opening is the engine's direct and indirect energy, nothing else. The engine draws other
+    # paths in each of the three runs, on each kind of processor: single responses may differ more than most.
+    for differences in (sums, ratios):
+        assert np.median(np.abs(differences)) < 0.25
+        assert np.max(np.abs(differences)) < 1.5
 
 
 def test_a_source_in_the_next_room_is_quieter_than_one_in_this_room(home: Scene) -> None:
