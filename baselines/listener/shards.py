@@ -161,7 +161,8 @@ def index_shard(path: Path) -> tuple[str, list[Entry]]:
     try:
         data = path.read_bytes()
         with tarfile.open(fileobj=io.BytesIO(data)) as archive:
-            infos = [info for info in archive if info.isfile()]
+            # Names that begin with __ are not samples: the record and the digest in tars of `avs3d generate`.
+            infos = [info for info in archive if info.isfile() and not info.name.startswith("__")]
     except (OSError, tarfile.TarError) as error:
         raise Avs3dError(f"{path}: cannot be read as a shard ({error}); it may be cut short: write it again") from None
     if data[-_END:].strip(b"\0") or len(data) < _END:
