@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -66,6 +67,7 @@ def run_job(job: Job, precision: str, *, progress: bool = False) -> tuple[bool |
         UsageError: if options contradict each other or the folder's run.
         Avs3dError: if data is damaged, memory does not suffice, or the loss is no number.
     """
+    began = time.monotonic()
     torch.set_float32_matmul_precision("high")
     torch.backends.cudnn.benchmark = True
     fabric = make_fabric(job, precision)
@@ -76,7 +78,9 @@ def run_job(job: Job, precision: str, *, progress: bool = False) -> tuple[bool |
     if not job.steps:
         sampler = Sampler(store, job.batch // SOUNDS, job.seed, fabric.world_size, job.homes)
         settings = replace(settings, steps=max(1, round(job.epochs * sampler.steps)))
-    schedule = Schedule(minutes=job.minutes, validate_every=job.validate_every, compile=job.compile)
+    # The time that reading took belongs to --minutes.
+    left = None if job.minutes is None else job.minutes - (time.monotonic() - began) / 60
+    schedule = Schedule(minutes=left, validate_every=job.validate_every, compile=job.compile)
     result = train(store, job.folder, settings, fabric=fabric, schedule=schedule)
     if fabric.global_rank:
         return None, result.step, settings.steps

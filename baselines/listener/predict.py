@@ -33,7 +33,7 @@ from baselines.networks.device import inference, pick_device
 THRESHOLD = 0.5
 #: Smallest component that stays marked, as a share of the picture.
 LEAST_AREA = 2e-4
-#: What the network hears: the frame's own sound, or, as a check that it listens, nothing or that of another observation.
+#: What the network hears: the frame's own sound, or nothing, or that of another observation, to see whether it listens.
 Hearing = Literal["own", "none", "other"]
 #: Frames that go through the network at a time.
 BATCH = 8

@@ -202,7 +202,7 @@ class Run:
 
     def _validate(self) -> None:
         self._check()
-        self.validation = validate(self.state.average.module, self.store, self.bank, self.fabric)
+        (self.validation,) = validate(self.state.average.module, self.store, self.bank, self.fabric)
         self._note(
             {"event": "validation", "step": self.state.step, **self.validation, "seconds": round(self._seconds(), 1)}
         )

@@ -12,6 +12,7 @@ from baselines.listener.augment import Bank
 from baselines.listener.batches import Kind, Plan, split_homes
 from baselines.listener.losses import SUMS, figures, measure
 from baselines.listener.model import Listener, hear
+from baselines.listener.predict import THRESHOLD
 from baselines.listener.shards import Store, Table
 
 #: Most pictures that are looked at; they are spread evenly over all.
@@ -33,7 +34,9 @@ def view_plan(table: Table, view: int, sounds: list[int]) -> Plan:
     return Plan(np.asarray([view], np.int64), pair, pair, audible, np.full(len(sounds), Kind.OWN, np.int64))
 
 
-def validate(network: Any, store: Store, bank: Bank, fabric: Any) -> dict[str, float | None]:
+def validate(
+    network: Any, store: Store, bank: Bank, fabric: Any, thresholds: tuple[float, ...] = (THRESHOLD,)
+) -> list[dict[str, float | None]]:
     """Figures of a network over the validation homes; each device looks at its share.
 
     Args:
@@ -41,21 +44,28 @@ def validate(network: Any, store: Store, bank: Bank, fabric: Any) -> dict[str, f
         store: what is stored.
         bank: the same on the device.
         fabric: a launched `lightning.fabric.Fabric`.
+        thresholds: probabilities above which a pixel is marked.
+
+    Returns:
+        The figures for each threshold, see `losses.figures`.
     """
     assert isinstance(network, Listener)
     of_view: dict[int, list[int]] = {}
     for sound, view in enumerate(store.table.view):
         of_view.setdefault(view, []).append(sound)
-    sums = torch.zeros(len(SUMS), dtype=torch.float64, device=fabric.device)
+    sums = torch.zeros(len(thresholds), len(SUMS), dtype=torch.float64, device=fabric.device)
     training = network.training
     network.eval()
-    with torch.inference_mode(), fabric.autocast():
+    # The number of sounds differs from picture to picture: no search for the fastest convolution of each shape.
+    with torch.inference_mode(), fabric.autocast(), torch.backends.cudnn.flags(benchmark=False):
         for view in validation_views(store.table)[fabric.global_rank :: fabric.world_size]:
             batch = bank.gather(view_plan(store.table, view, of_view[view]), None)
             cameras = batch.cameras.expand(len(batch.sounds), -1)
             heard = hear(batch.sounds, cameras, (batch.pictures.shape[-2], batch.pictures.shape[-1]))
-            found = measure(network(batch.pictures, heard), batch)
-            sums += torch.tensor([found[name] for name in SUMS], dtype=torch.float64, device=fabric.device)
+            output = network(batch.pictures, heard)
+            found = [measure(output, batch, threshold) for threshold in thresholds]
+            rows = [[each[name] for name in SUMS] for each in found]
+            sums += torch.tensor(rows, dtype=torch.float64, device=fabric.device)
     network.train(training)
     total = fabric.all_reduce(sums, reduce_op="sum")
-    return figures(dict(zip(SUMS, total.tolist(), strict=True)))
+    return [figures(dict(zip(SUMS, row, strict=True))) for row in total.tolist()]
