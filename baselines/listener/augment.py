@@ -214,7 +214,9 @@ def equalised(sounds: Tensor, generator: torch.Generator) -> Tensor:
     below = place.floor().clamp(max=EQUALISED - 2).long()
     share = place - below
     decibels = points[..., below] * (1 - share) + points[..., below + 1] * share
-    return torch.fft.irfft(torch.fft.rfft(sounds) * 10 ** (decibels / 20), length)
+    gain = torch.exp(decibels * (math.log(10) / 20))
+    out: Tensor = torch.fft.irfft(torch.fft.rfft(sounds) * gain, length)
+    return out
 
 
 def _where(rows: Tensor, yes: Tensor, no: Tensor) -> Tensor:

@@ -132,7 +132,7 @@ class Sampler:
         table = self.store.table
         training, _ = split_homes(table.homes, self.homes)
         views = np.asarray([number for number, home in enumerate(table.homes) if home in training], np.int64)
-        seen = np.isfinite(np.asarray(self.store.extents)[:, :, 0]).any(axis=1)
+        seen: NDArray[np.bool_] = np.asarray(np.isfinite(self.store.extents[:, :, 0]).any(axis=1), np.bool_)
         self.visible, self.empty = views[seen[views]], views[~seen[views]]
         if not len(self.visible):
             raise UsageError("no category is visible in any picture of the training homes; there is nothing to learn")
@@ -167,8 +167,8 @@ class Sampler:
         rng = np.random.default_rng((self.seed, 1, step, rank))
         slots = [slot for view in views for slot in self._set(int(view), rng)]
         audible = np.zeros((len(slots), len(CATEGORIES)), np.bool_)
-        for row, slot in zip(audible, slots, strict=True):
-            row[list(slot.audible)] = True
+        for row, slot in enumerate(slots):
+            audible[row, list(slot.audible)] = True
         return Plan(
             views=views,
             sounds=np.asarray([(*slot.sounds, -1, -1)[:2] for slot in slots], np.int64),
@@ -179,8 +179,8 @@ class Sampler:
 
     def _shuffled(self, epoch: int) -> NDArray[np.int64]:
         rng = np.random.default_rng((self.seed, 0, epoch))
-        few = rng.choice(self.empty, len(self.empty) // EMPTY_PICTURES, replace=False) if len(self.empty) else []
-        order = rng.permutation(np.concatenate([self.visible, np.asarray(few, np.int64)]))
+        few = rng.permutation(self.empty)[: len(self.empty) // EMPTY_PICTURES]
+        order = rng.permutation(np.concatenate([self.visible, few]))
         return np.resize(order, max(len(order), self.batch * self.ranks))
 
     def _set(self, view: int, rng: np.random.Generator) -> list[Slot]:

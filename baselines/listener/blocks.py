@@ -43,7 +43,8 @@ class Block(nn.Module):
         """(B, C, h, w) to the same."""
         inner = self.norm(self.depthwise(x).permute(0, 2, 3, 1))
         inner = self.scale * self.down(functional.gelu(self.up(inner)))
-        return x + inner.permute(0, 3, 1, 2)
+        out: Tensor = x + inner.permute(0, 3, 1, 2)
+        return out
 
 
 def down(before: int, after: int) -> nn.Sequential:
@@ -78,7 +79,8 @@ class Up(nn.Module):
         if self.more is not None:
             assert more is not None
             joined = joined + self.more(more)
-        return self.mix(self.norm(joined))
+        out: Tensor = self.mix(self.norm(joined))
+        return out
 
 
 class Listen(nn.Module):
@@ -104,7 +106,7 @@ class Listen(nn.Module):
         """(B, n, C) from cells (B, n, C) and moments (B, m, C)."""
 
         def split(x: Tensor) -> Tensor:
-            return x.unflatten(-1, (self.heads, -1)).transpose(1, 2)
+            return x.reshape(*x.shape[:-1], self.heads, -1).transpose(1, 2)
 
         query = split(self.query(self.norm_cells(cells)))
         key, value = (split(x) for x in self.key_value(self.norm_moments(moments)).chunk(2, dim=-1))

@@ -85,14 +85,16 @@ class State:
 def new_state(settings: Settings, device: Any = "cpu") -> State:
     """Before the first step; the same for the same seed."""
     torch.manual_seed(settings.seed)
-    network = Listener(settings.widths).to(device, memory_format=torch.channels_last)
+    network: Any = Listener(settings.widths).to(device)
+    network = network.to(memory_format=torch.channels_last)
     decayed = [p for p in network.parameters() if p.ndim > 1]
     others = [p for p in network.parameters() if p.ndim <= 1]
     groups = [{"params": decayed, "weight_decay": settings.decay}, {"params": others, "weight_decay": 0.0}]
     optimiser = torch.optim.AdamW(
         groups, lr=settings.rate, betas=(0.9, 0.99), fused=torch.device(device).type == "cuda"
     )
-    average = AveragedModel(network, multi_avg_fn=get_ema_multi_avg_fn(settings.average))
+    mean: Any = get_ema_multi_avg_fn
+    average = AveragedModel(network, multi_avg_fn=mean(settings.average))
     return State(network, average, optimiser)
 
 

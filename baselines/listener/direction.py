@@ -181,4 +181,4 @@ def direction_map(response: Tensor, angles: Tensor) -> Tensor:
     share = (place - below)[:, None]
     index = below.long()[:, None].expand(-1, response.shape[1], -1)
     found = response.gather(2, index) * (1 - share) + response.gather(2, index + 1) * share
-    return found.unflatten(-1, angles.shape[1:])
+    return found.reshape(*found.shape[:2], *angles.shape[1:])

@@ -10,6 +10,7 @@ in complex listening situations: selection of binaural cues based on interaural 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -73,7 +74,8 @@ def frequencies(device: Any = None) -> Tensor:
 @lru_cache(maxsize=8)
 def mel_filters(device: Any = None) -> Tensor:
     """(BANDS, F) triangular filters, equally spaced on the mel scale; each sums to 1."""
-    mel = torch.linspace(*(2595 * torch.log10(1 + torch.tensor([LOWEST, HIGHEST]) / 700)).tolist(), BANDS + 2)
+    lowest, highest = (2595 * math.log10(1 + edge / 700) for edge in (LOWEST, HIGHEST))
+    mel = torch.linspace(lowest, highest, BANDS + 2)
     edges = 700 * (10 ** (mel / 2595) - 1)
     at = frequencies()
     rising = (at - edges[:-2, None]) / (edges[1:-1] - edges[:-2])[:, None]

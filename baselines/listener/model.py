@@ -262,7 +262,7 @@ def match_map(classes: Tensor, audible: Tensor) -> Tensor:
     """
     count = audible.shape[0] // classes.shape[0]
     what = classes.detach().softmax(dim=1)[:, 1:]
-    heard = audible.detach().sigmoid().unflatten(0, (-1, count))
+    heard = audible.detach().sigmoid().reshape(-1, count, audible.shape[1])
     return torch.einsum("bchw,bkc->bkhw", what, heard).flatten(0, 1)[:, None]
 
 

@@ -103,5 +103,9 @@ def _network(path: Path, about: dict[str, str]) -> Listener:
             f"{path}: weights of version {about.get('version')} of the listener, expected {NETWORK_VERSION}; "
             "take those of this version of the package, or train again"
         )
-    widths = json.loads(about["widths"])
-    return Listener(Widths(**{name: tuple(v) if isinstance(v, list) else v for name, v in widths.items()}))
+    try:
+        lists: dict[str, Any] = json.loads(about["widths"])
+        widths: Any = {name: tuple(value) if isinstance(value, list) else value for name, value in lists.items()}
+        return Listener(Widths(**widths))
+    except (KeyError, ValueError, TypeError) as error:
+        raise Avs3dError(f"{path}: its description of the network is damaged ({error}); copy it again") from None
