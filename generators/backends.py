@@ -15,8 +15,8 @@ from generators.core.rays import TRACERS
 from generators.receivers import ENGINE, PARTS, Receivers, check_engine
 from generators.vision.base import VisionBackend
 
-#: The function that makes an observation (see `avs3d_bench.provenance`).
-OBSERVATION = "generators.observation:generate_observation"
+#: The functions that make an observation, of parts 1 and 2 and of part_3 (see `avs3d_bench.provenance`).
+OBSERVATION = ("generators.observation:generate_observation", "generators.sound_scene:generate_sound_scene")
 #: Backends by name: module and class of each.
 VISION = {
     "embree": "generators.vision.embree:EmbreeBackend",
@@ -102,7 +102,7 @@ def unused_backends(vision: str, audio: str, device: str = "cpu") -> tuple[str, 
 
 def observation_provenance(vision: str, audio: str, device: str = "cpu") -> Provenance:
     """The software that observations made with these backends depend on."""
-    return provenance(OBSERVATION, without=unused_backends(vision, audio, device))
+    return provenance(*OBSERVATION, without=unused_backends(vision, audio, device))
 
 
 def backend_versions(vision: str, audio: str, device: str = "cpu") -> dict[str, str]:
