@@ -160,7 +160,7 @@ def _choose_model(plan: ObservationPlan, category: str, rng: Generator, variant:
         path = resolve_file(plan.base, str(chosen.file), f"mesh for {category}")
         licence = file_licence(chosen)
         return load_model(path, category, licence=licence, height=chosen.height or drawn, usual=usual)
-    known = variants(category)
+    known = plan.models.get(category) or variants(category)
     return build_model(category, variant or known[int(rng.integers(len(known)))], rng)
 
 

@@ -86,6 +86,8 @@ Axis = Annotated[str, Field(pattern=r"^[+-]?[xyz]$")]
 RoomName = Annotated[Room, BeforeValidator(_room)]
 InstanceName = Annotated[str, BeforeValidator(_silent)]
 Corner = tuple[Coordinate, Coordinate, Coordinate]
+#: Names of procedural variants of a category; generators.plan checks that they exist.
+Variants = Annotated[tuple[Line, ...], Field(min_length=1)]
 
 
 class _Model(BaseModel):
@@ -475,6 +477,8 @@ class Manifest(_Model):
     sounds.
 
     ``audio`` names the acoustic engine that the benchmark is made with, unless another one is asked for.
+
+    ``models`` restricts the procedural variants from which the objects of a category are drawn.
     """
 
     name: Slug
@@ -485,6 +489,7 @@ class Manifest(_Model):
     audio: Slug | None = None
     scans: dict[Slug, ScanSpec]
     categories: dict[CategoryName, CategorySpec] = Field({}, max_length=MOST_OWN_CATEGORIES)
+    models: dict[InstanceName, Variants] = {}
     objects: dict[InstanceName, tuple[ObjectSpec, ...]] = {}
     sounds: dict[InstanceName, tuple[SoundSpec, ...]] = {}
     notes: str = ""
@@ -548,6 +553,26 @@ class Manifest(_Model):
                 for name in names:
                     if name in self.categories and not table.get(name):
                         raise ValueError(f"{entry.key}: {missing_files(name, field)}")
+        return self
+
+    @model_validator(mode="after")
+    def _procedural(self) -> Manifest:
+        """Refuse variants of a category whose models are files, and observations with another variant."""
+        for name, allowed in self.models.items():
+            if name in self.categories:
+                raise ValueError(f"models: {name} is a category of this manifest and has no procedural models")
+            if self.objects.get(name):
+                raise ValueError(f"models: the files in objects replace the models of {name}; leave out one of both")
+            twice = next((variant for variant in allowed if allowed.count(variant) > 1), None)
+            if twice is not None:
+                raise ValueError(f"models: {name}: {twice!r} is listed twice")
+        for entry in self.observations:
+            allowed = self.models.get(entry.category or "", ())
+            if allowed and entry.variant is not None and entry.variant not in allowed:
+                raise ValueError(
+                    f"{entry.key}: variant {entry.variant!r} is not among models of {entry.category}; "
+                    f"expected one of {_listed(allowed)}"
+                )
         return self
 
 

@@ -18,7 +18,7 @@ from typing import Any, TypedDict
 import numpy as np
 
 from avs3d_bench import files
-from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.errors import Avs3dError, UsageError, did_you_mean
 from avs3d_bench.user_path import user_path
 from generators.categories import CategorySpec
 from generators.library.lock import LOCK_NAME
@@ -59,6 +59,8 @@ class ObservationPlan:
         base: folder that relative file names refer to.
         objects, sounds: files that replace the procedural assets.
         categories: the categories that the manifest adds, in its order.
+        models: category → the procedural variants from which its objects are drawn; a category that is not listed
+            has those of `generators.assets.catalogue.variants`.
         vision, audio: names of the backends.
         depth, rirs: whether the optional folders are written.
         backends: name → version of all software that the bytes depend on.
@@ -85,6 +87,7 @@ class ObservationPlan:
     stems: bool = False
     first: ObservationPlan | None = None
     categories: dict[str, CategorySpec] = field(default_factory=dict)
+    models: dict[str, tuple[str, ...]] = field(default_factory=dict)
     receivers: Receivers = OWN_HEAD
     device: str = "cpu"
 
@@ -141,6 +144,8 @@ class ObservationPlan:
             "backends": self.backends,
             "files": self._file_digests(sounds=False),
         }
+        if self._variants:
+            document["variants"] = self._variants
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
     @cached_property
@@ -164,11 +169,18 @@ class ObservationPlan:
             # The names decide the class ids; where the objects stand matters for those of this observation only.
             used = (*self.spec.objects, *self.spec.heard)
             document["categories"] = [list(self.categories), self._declarations(used)]
+        if self._variants:
+            document["variants"] = self._variants
         if self.receivers:
             document["receivers"] = self.receivers.identity()
         if self.device != "cpu":
             document["device"] = self.device
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def _variants(self) -> dict[str, tuple[str, ...]]:
+        """The entries of ``models`` that this observation draws from."""
+        return {name: self.models[name] for name in self.spec.objects if name in self.models}
 
     def _declarations(self, used: Iterable[str]) -> dict[str, Any]:
         """What the manifest declares of the categories ``used``, for digests."""
@@ -247,17 +259,28 @@ def derive_rng(seed: int, key: str, purpose: str) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, *(int(word) for word in words)])))
 
 
-def _check_variant(spec: ObservationSpec, manifest: Manifest) -> None:
-    if spec.variant is None or spec.category is None or spec.category in manifest.objects:
-        return
-    from generators.assets.catalogue import variants
+def _check_variants(manifest: Manifest) -> None:
+    """Check the names of procedural variants, in ``models`` and in observations.
 
-    known = variants(spec.category)
-    if spec.variant not in known:
-        raise UsageError(
-            f"{manifest.name}: {spec.key}: unknown variant {spec.variant!r} of {spec.category}; "
-            f"expected one of {', '.join(known)}"
-        )
+    Raises:
+        UsageError: naming the first one that does not exist.
+    """
+    named = [("models", name, variant) for name, variants in manifest.models.items() for variant in variants]
+    for spec in manifest.observations:
+        if spec.variant is not None and spec.category is not None and spec.category not in manifest.objects:
+            named.append((spec.key, spec.category, spec.variant))
+    if not named:
+        return
+    from generators.assets.catalogue import training_variants, variants
+
+    for where, category, variant in named:
+        known = (*variants(category), *training_variants(category))
+        if variant not in known:
+            hint = did_you_mean(variant, known)
+            raise UsageError(
+                f"{manifest.name}: {where}: unknown variant {variant!r} of {category}; "
+                f"expected one of {', '.join(known)}{hint}"
+            )
 
 
 def make_plans(
@@ -297,8 +320,7 @@ def make_plans(
     camera = manifest.camera.model_copy(update={name: value for name, value in changes.items() if value is not None})
     engine = manifest.engine(audio)
     backends = backend_versions(vision, engine, device)
-    for spec in manifest.observations:
-        _check_variant(spec, manifest)
+    _check_variants(manifest)
     selected = select(manifest, only)
     check_assets(
         source.base / LOCK_NAME,
@@ -324,6 +346,7 @@ def make_plans(
             backends=backends,
             stems="stems" in extras,
             categories=manifest.categories,
+            models=manifest.models,
             receivers=receivers,
             device=device,
         )

@@ -148,6 +148,7 @@ HOUSE = {
         "run": "core assets vision receivers backends scans manifest library plan homes recording observation "
         "sound_scene",
         "regenerate": "core acoustics receivers backends paths manifest plan recording observation sound_scene",
+        "sampling": "core assets apartments placement library manifest plan arrangement",
         "cli": "core manifest run",
     },
     "evaluators": {

@@ -1,0 +1,139 @@
+"""The commands `avs3d manifest …`."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import Any
+
+import click
+
+from avs3d_bench.errors import UsageError, did_you_mean
+from avs3d_bench.groups import PATH, WORKERS, Group
+from avs3d_bench.taxonomy import PARTS
+from generators.core.limits import FRAMES, SIZE
+
+#: Least number of frames: the programmes of several sources must fit.
+LEAST_FRAMES = 8
+#: Largest numbers of homes and observations; a manifest of 100,000 observations has 13 MB.
+MOST_HOMES, MOST_OBSERVATIONS = 10_000, 100_000
+
+
+def _parts(_: click.Context, __: click.Parameter, value: str) -> tuple[str, ...]:
+    """Read ``part_1,part_3``."""
+    names = tuple(name.strip() for name in value.split(",") if name.strip())
+    for name in names:
+        if name not in PARTS:
+            raise UsageError(
+                f"--parts {value}: unknown part {name!r}; expected some of {','.join(PARTS)}{did_you_mean(name, PARTS)}"
+            )
+    if not names:
+        raise UsageError(f"--parts {value!r}: expected some of {','.join(PARTS)}")
+    return tuple(part for part in PARTS if part in names)
+
+
+@click.group(cls=Group)
+def manifest() -> None:
+    """Make manifests."""
+
+
+@manifest.command("sample")
+@click.option("-o", "--output", type=PATH, required=True, metavar="FILE", help="The manifest to write.")
+@click.option("--homes", type=click.IntRange(1, MOST_HOMES), required=True, metavar="N", help="Number of homes.")
+@click.option(
+    "--observations", type=click.IntRange(1, MOST_OBSERVATIONS), required=True, metavar="M", help="Number of them."
+)
+@click.option("--seed", type=click.IntRange(0), required=True, metavar="S", help="Seed of the draws and the manifest.")
+@click.option(
+    "--parts", callback=_parts, default=",".join(PARTS), show_default=True, metavar="PARTS", help="Parts to sample."
+)
+@click.option(
+    "--exclude",
+    type=PATH,
+    multiple=True,
+    metavar="MANIFEST",
+    help="Use no home and no seed of this manifest, or of those in this folder; repeatable.",
+)
+@click.option(
+    "--hold-out-models",
+    is_flag=True,
+    help="Draw only training variants of the objects, and none that an excluded manifest draws.",
+)
+@click.option("--name", default=None, metavar="NAME", help="Name of the manifest (default: sampled-S).")
+@click.option("--size", type=click.IntRange(*SIZE), default=252, show_default=True, help="Pixels per side.")
+@click.option(
+    "--frames",
+    type=click.IntRange(LEAST_FRAMES, FRAMES[1]),
+    default=24,
+    show_default=True,
+    help="Frames per observation.",
+)
+@click.option(
+    "--light",
+    type=click.Choice(["preview", "standard", "high"]),
+    default="standard",
+    show_default=True,
+    help="Quality of the baked light.",
+)
+@click.option(
+    "--audio",
+    type=click.Choice(["tracer", "soundspaces", "analytic"]),
+    default="tracer",
+    show_default=True,
+    help="Acoustic engine.",
+)
+@click.option(
+    "--check", is_flag=True, help="Place all objects, and draw again what does not fit into its room (seconds each)."
+)
+@click.option("--workers", type=WORKERS, default=1, show_default=True, help="Processes that --check uses.")
+def sample_command(
+    output: Path, exclude: tuple[Path, ...], name: str | None, check: bool, workers: int, **chosen: Any
+) -> None:
+    """Sample plausible observations in procedural homes, for training; print what they are.
+
+    Same options, same file, to the byte. Homes have seeds that no excluded manifest uses. part_3 comes in groups of
+    six siblings: the same pictures with one object sounding, another one, silence, a source in another room, several
+    sources at once.
+    """
+    from rich.console import Console
+
+    from avs3d_bench import files
+    from generators.manifest import Manifest
+    from generators.sampling.document import manifest_text
+    from generators.sampling.excluded import what_they_use
+    from generators.sampling.sample import Wanted, sample
+    from generators.sampling.statistics import tables
+
+    files.check_writable(output)
+    extra = {"light": chosen.pop("light"), "audio": chosen.pop("audio")}
+    camera = {"size": chosen.pop("size"), "frames": chosen.pop("frames")}
+    wanted = Wanted(**chosen, camera=camera, extra=extra)
+    excluded = what_they_use(exclude, output)
+    if check:
+        from generators.sampling.fitting import Fitting
+
+        document, units = sample(wanted, excluded, Fitting(workers))
+    else:
+        document, units = sample(wanted, excluded)
+    if name is not None:
+        document["name"] = name
+    command = _command_line(wanted, document["name"], exclude, check)
+    files.write_bytes(output, manifest_text(document, command).encode())
+    console = Console()
+    for table in tables(Manifest.model_validate(document), units):
+        console.print(table)
+    click.echo(f"{output}: {len(document['observations'])} observations in {len(document['scans'])} homes")
+
+
+def _command_line(wanted: Any, name: str, exclude: tuple[Path, ...], check: bool) -> str:
+    """The command that makes the same file, without the name of the file."""
+    words = ["avs3d", "manifest", "sample", "--name", name]
+    words += ["--homes", str(wanted.homes), "--observations", str(wanted.observations), "--seed", str(wanted.seed)]
+    words += ["--parts", ",".join(wanted.parts)]
+    for path in exclude:
+        words += ["--exclude", str(path)]
+    words += ["--hold-out-models"] if wanted.hold_out_models else []
+    for option, value in (wanted.camera | wanted.extra).items():
+        words += [f"--{option}", str(value)]
+    words += ["--check"] if check else []
+    return shlex.join(words)

@@ -1,0 +1,37 @@
+"""A sampled manifest as text: one line per home and per observation."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import yaml
+
+
+def manifest_text(document: dict[str, Any], command: str) -> str:
+    """The manifest as YAML, with the command that makes it in its first line.
+
+    Examples:
+        >>> print(manifest_text({"name": "a", "scans": {"home_1": {"seed": 1}}, "observations": [{"index": 1}]}, "x"))
+        # x
+        name: a
+        scans:
+          home_1: {seed: 1}
+        observations:
+          - {index: 1}
+        <BLANKLINE>
+    """
+    lines = [f"# {command}"]
+    for name, value in document.items():
+        if name in ("scans", "models"):
+            lines += [f"{name}:", *(f"  {key}: {_flow(entry)}" for key, entry in value.items())]
+        elif name == "observations":
+            lines += [f"{name}:", *(f"  - {_flow(entry)}" for entry in value)]
+        else:
+            lines.append(f"{name}: {_flow(value)}")
+    return "\n".join(lines) + "\n"
+
+
+def _flow(value: Any) -> str:
+    """A value in one line."""
+    text = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=1_000_000, allow_unicode=True)
+    return str(text).removesuffix("...\n").strip()

@@ -1,0 +1,90 @@
+"""What other manifests use: seeds of homes and of manifests, and variants of the procedural models."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from avs3d_bench.errors import UsageError
+from avs3d_bench.taxonomy import CATEGORIES, DISTRACTORS
+from generators.assets.catalogue import training_variants, variants
+from generators.library.lock import LOCK_NAME
+from generators.manifest import Manifest, read_manifest
+
+
+@dataclass(frozen=True)
+class Excluded:
+    """What a sampled manifest must not use.
+
+    Attributes:
+        homes: seed of a procedural home → name of a manifest that has it.
+        seeds: seed of a manifest → its name.
+        variants: (category, variant) that a manifest may draw → its name.
+    """
+
+    homes: dict[int, str]
+    seeds: dict[int, str]
+    variants: dict[tuple[str, str], str]
+
+    def check_seed(self, seed: int) -> None:
+        """Refuse the seed of an excluded manifest: with it, random draws of both would be related.
+
+        Raises:
+            UsageError: naming the manifest.
+        """
+        if seed in self.seeds:
+            raise UsageError(f"--seed {seed} is the seed of the excluded manifest {self.seeds[seed]}; choose another")
+
+    def held_out_models(self) -> dict[str, list[str]]:
+        """``models`` of a manifest that shares no variant with the excluded ones: training variants only.
+
+        Raises:
+            UsageError: naming the first category of which none is left.
+        """
+        models = {}
+        for category in (*CATEGORIES, *DISTRACTORS):
+            known = training_variants(category)
+            models[category] = [name for name in known if (category, name) not in self.variants]
+            if not models[category]:
+                users = sorted({self.variants[category, name] for name in known})
+                why = f"{', '.join(users)} uses all of them" if users else "it has none"
+                raise UsageError(
+                    f"--hold-out-models: no training variant of {category} is left ({why}); "
+                    "exclude fewer manifests, or leave the option out"
+                )
+        return models
+
+
+def what_they_use(manifests: Sequence[Path], output: Path) -> Excluded:
+    """Read the manifests to exclude; a folder stands for those in it, except ``output``.
+
+    Raises:
+        UsageError: if one cannot be read.
+    """
+    found = Excluded({}, {}, {})
+    for path in manifests:
+        inside = [p for p in sorted(path.glob("*.yaml")) if p.name != LOCK_NAME and p.resolve() != output.resolve()]
+        if path.is_dir() and not inside:
+            raise UsageError(
+                f"--exclude {path}: no manifest (*.yaml) is in this folder; name a file, or another folder"
+            )
+        for file in inside if path.is_dir() else [path]:
+            _add(found, read_manifest(file).manifest)
+    return found
+
+
+def _add(found: Excluded, manifest: Manifest) -> None:
+    found.seeds.setdefault(manifest.seed, manifest.name)
+    for scan in manifest.scans.values():
+        if scan.seed is not None:
+            found.homes.setdefault(scan.seed, manifest.name)
+    for spec in manifest.observations:
+        for category in spec.objects:
+            # Files replace procedural models, and a category of the manifest's own has no others.
+            if manifest.objects.get(category) or category in manifest.categories:
+                continue
+            for variant in manifest.models.get(category) or variants(category):
+                found.variants.setdefault((category, variant), manifest.name)
+        if spec.variant is not None and spec.category is not None:
+            found.variants.setdefault((spec.category, spec.variant), manifest.name)

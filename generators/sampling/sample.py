@@ -1,0 +1,278 @@
+"""A manifest of plausible observations in homes that no excluded manifest uses: read `sample` top to bottom.
+
+    seeds of the homes → units (an observation of part_1 or part_2, or a group of part_3), spread over homes and rooms
+    → those that do not fit into their room are drawn again → entries of the manifest
+
+All draws follow from the seed of the manifest. Each unit has a random stream of its own, and what is to be balanced
+(rooms, categories, numbers of objects) is taken from what is rarest so far, so that no share is left to chance.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.random import Generator
+
+from avs3d_bench.errors import UsageError
+from generators.manifest import Manifest
+from generators.sampling.excluded import Excluded
+from generators.sampling.rooms import LOOK_ALIKE_SHARE, LOOK_ALIKES, MOST, MOST_BESIDE
+from generators.sampling.siblings import GROUP, siblings
+
+_T = TypeVar("_T")
+
+#: Range of the seeds of homes; hand-written manifests and the surveys of benchmarks/ have smaller ones.
+SEEDS = (1_000_000, 10_000_000)
+#: Shares of the parts in the observations. A group of part_3 has six observations with the same pictures, so that the
+#: three parts have about as many pictures each.
+SHARES = {"part_1": 1, "part_2": 1, "part_3": 8}
+#: Largest index of an observation in its room.
+MOST_INDEX = 99
+#: Index of the first sibling of a group: 1, 11, 21, … as in scenes_manifest/listen.yaml.
+GROUP_STEP = 10
+#: Share of the groups in which no category has twins, and of the groups and observations with other objects.
+SINGLE_SHARE = 0.25
+#: Share of the groups with a background, its kinds, and its level below the sources (dB).
+BACKGROUND_SHARE, BACKGROUNDS, SNR_DB = 0.5, ("room_tone", "noise"), (10, 35)
+#: How often a unit that does not fit into its room is drawn again.
+MOST_DRAWS = 20
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What to sample.
+
+    Attributes:
+        homes, observations: numbers of them.
+        seed: of the manifest, and of all draws.
+        parts: which parts.
+        camera: fields of the manifest's camera.
+        extra: other fields of the manifest, such as light and audio.
+        hold_out_models: whether only training variants are drawn.
+    """
+
+    homes: int
+    observations: int
+    seed: int
+    parts: tuple[str, ...] = tuple(SHARES)
+    camera: dict[str, Any] = field(default_factory=lambda: {"size": 252, "frames": 24})
+    extra: dict[str, Any] = field(default_factory=dict)
+    hold_out_models: bool = False
+
+
+@dataclass(frozen=True)
+class Unit:
+    """Observations with the same pictures.
+
+    Attributes:
+        entries: of the manifest; the first gives the objects.
+        kinds: of the entries, for the statistics.
+    """
+
+    entries: tuple[dict[str, Any], ...]
+    kinds: tuple[str, ...]
+
+
+def sample(
+    wanted: Wanted, excluded: Excluded, misfits: Callable[[Manifest], Iterable[int]] = lambda _: ()
+) -> tuple[dict[str, Any], tuple[Unit, ...]]:
+    """Draw a manifest.
+
+    Args:
+        wanted: what to sample.
+        excluded: what other manifests use.
+        misfits: the numbers of the units of a manifest that do not fit into their rooms; each unit is given to it as
+            its first entry.
+
+    Returns:
+        The manifest as a document, checked, and its units in the same order.
+
+    Raises:
+        UsageError: if there are too few seeds, or more observations than the rooms take.
+    """
+    excluded.check_seed(wanted.seed)
+    document: dict[str, Any] = {
+        "name": f"sampled-{wanted.seed}",
+        "version": "1.0.0",
+        "seed": wanted.seed,
+        **wanted.extra,
+        "camera": wanted.camera,
+        "scans": draw_homes(wanted, excluded),
+    }
+    if wanted.hold_out_models:
+        document["models"] = excluded.held_out_models()
+    drawer = _Drawer(wanted, list(document["scans"]))
+    units = [drawer.unit(number, *place) for number, place in enumerate(drawer.places())]
+    waiting = list(range(len(units)))
+    for draw in range(1, MOST_DRAWS + 1):
+        firsts = [units[number].entries[0] for number in waiting]
+        wrong = [waiting[index] for index in misfits(Manifest.model_validate(document | {"observations": firsts}))]
+        for number in wrong:
+            units[number] = drawer.again(number, units[number], draw)
+        waiting = wrong
+        if not waiting:
+            break
+    document["observations"] = [entry for unit in units for entry in unit.entries]
+    Manifest.model_validate(document)
+    return document, tuple(units)
+
+
+def draw_homes(wanted: Wanted, excluded: Excluded) -> dict[str, dict[str, Any]]:
+    """``scans`` of the manifest; the name of a home tells its seed, so that two samples never share a name.
+
+    Raises:
+        UsageError: if there are fewer free seeds than homes.
+    """
+    free = SEEDS[1] - SEEDS[0] - sum(SEEDS[0] <= seed < SEEDS[1] for seed in excluded.homes)
+    if wanted.homes > free:
+        raise UsageError(
+            f"--homes {wanted.homes}: only {free} seeds are not used by the excluded manifests; ask for fewer"
+        )
+    rng, taken = _stream(wanted.seed, "homes"), set(excluded.homes)
+    scans: dict[str, dict[str, Any]] = {}
+    while len(scans) < wanted.homes:
+        drawn = int(rng.integers(*SEEDS))
+        if drawn not in taken:
+            taken.add(drawn)
+            scans[f"home_{drawn}"] = {"source": "apartment", "seed": drawn}
+    return scans
+
+
+def shares(observations: int, parts: Sequence[str]) -> dict[str, int]:
+    """Part → number of its observations, in proportion to `SHARES`; what is left by rounding goes to the last part.
+
+    Examples:
+        >>> shares(1504, ("part_1", "part_2", "part_3"))
+        {'part_1': 150, 'part_2': 150, 'part_3': 1204}
+    """
+    whole = sum(SHARES[part] for part in parts)
+    counts = {part: observations * SHARES[part] // whole for part in parts}
+    counts[parts[-1]] += observations - sum(counts.values())
+    return counts
+
+
+class _Drawer:
+    """Draws units, and counts what there is already."""
+
+    def __init__(self, wanted: Wanted, homes: Sequence[str]) -> None:
+        self._wanted = wanted
+        self._homes = homes
+        self._frames = int(wanted.camera["frames"])
+        #: Units of a part in a room of a home; the index of a new one follows from it.
+        self._in_room: Counter[tuple[str, str, str]] = Counter()
+        self._rooms: Counter[Any] = Counter()
+        self._focus: Counter[Any] = Counter()
+        self._groups = 0
+
+    def places(self) -> list[tuple[str, str, int]]:
+        """(part, home, number of observations) of each unit: every home has as many units as any other, or one more.
+
+        Raises:
+            UsageError: if a room would have more observations than it can take.
+        """
+        units: list[tuple[str, int]] = []
+        for part, count in shares(self._wanted.observations, sorted(self._wanted.parts)).items():
+            size = GROUP if part == "part_3" else 1
+            units += [(part, min(size, count - start)) for start in range(0, count, size)]
+            per_room = MOST_INDEX if size == 1 else len(range(1, MOST_INDEX - GROUP + 2, GROUP_STEP))
+            most = size * per_room * len(MOST) * len(self._homes)
+            if count > most:
+                raise UsageError(
+                    f"--observations {self._wanted.observations}: {len(self._homes)} homes take at most {most} "
+                    f"observations of {part}, found {count}; ask for more homes"
+                )
+        order = _stream(self._wanted.seed, "homes/order").permutation(len(self._homes)).tolist()
+        return [(part, self._homes[order[n % len(order)]], size) for n, (part, size) in enumerate(units)]
+
+    def unit(self, number: int, part: str, home: str, size: int) -> Unit:
+        """Draw a unit in the room of its home that has the fewest."""
+        rng = _stream(self._wanted.seed, f"unit/{number}")
+        usable = [room for room in MOST if self._in_room[part, home, room] < self._most(part)]
+        counts = [(self._rooms[home, room], self._rooms[part, room]) for room in usable]
+        room = _rarest(usable, counts, rng)
+        self._in_room[part, home, room] += 1
+        self._rooms[home, room] += 1
+        self._rooms[part, room] += 1
+        step = GROUP_STEP if part == "part_3" else 1
+        index = 1 + step * (self._in_room[part, home, room] - 1)
+        where = {"part": part, "scan": home, "room": room, "index": index}
+        group = self._groups
+        self._groups += part == "part_3"
+        return self._fill(where, size, group, rng)
+
+    def again(self, number: int, unit: Unit, draw: int) -> Unit:
+        """Draw the objects of a unit once more, in the same room."""
+        where = {name: unit.entries[0][name] for name in ("part", "scan", "room", "index")}
+        rng = _stream(self._wanted.seed, f"unit/{number}/{draw}")
+        return self._fill(where, len(unit.entries), number, rng)
+
+    @staticmethod
+    def _most(part: str) -> int:
+        return len(range(1, MOST_INDEX - GROUP + 2, GROUP_STEP)) if part == "part_3" else MOST_INDEX
+
+    def _fill(self, where: dict[str, Any], size: int, group: int, rng: Generator) -> Unit:
+        part, room = where["part"], where["room"]
+        focus = _rarest(list(MOST[room]), [self._focus[name] for name in MOST[room]], rng)
+        self._focus[focus] += size
+        single = part == "part_1" or (part == "part_3" and rng.uniform() < SINGLE_SHARE)
+        numbers = [1] if single else list(range(2, MOST[room][focus] + 1))
+        count = _rarest(numbers, [self._focus[focus, n] for n in numbers], rng)
+        self._focus[focus, count] += 1
+        beside = self._beside(room, focus, single, rng)
+        if part == "part_3":
+            return self._group(where, {focus: count} | dict.fromkeys(beside, 1), size, group, rng)
+        entry = where | {"category": focus}
+        if part == "part_2":
+            entry["instances"] = count
+        if beside:
+            entry["silent"] = beside
+        return Unit((entry,), ("one object",))
+
+    def _beside(self, room: str, focus: str, single: bool, rng: Generator) -> list[str]:
+        """Categories of the other objects: those that are rarest beside others come first."""
+        most = MOST_BESIDE[room][single]
+        least = 1 if single else 0
+        names = [name for name in MOST[room] if name != focus]
+        chosen: list[str] = []
+        for _ in range(int(rng.integers(least, most + 1))):
+            left = [name for name in names if name not in chosen]
+            if not left:
+                break
+            one = _rarest(left, [self._focus["beside", name] for name in left], rng)
+            self._focus["beside", one] += 1
+            chosen.append(one)
+        if room in LOOK_ALIKES and len(chosen) < most + 1 and rng.uniform() < LOOK_ALIKE_SHARE:
+            chosen.append(LOOK_ALIKES[room])
+        return chosen
+
+    def _group(self, where: dict[str, Any], instances: dict[str, int], size: int, group: int, rng: Generator) -> Unit:
+        """The first ``size`` siblings of a group."""
+        background = {}
+        if rng.uniform() < BACKGROUND_SHARE:
+            kind = BACKGROUNDS[int(rng.integers(len(BACKGROUNDS)))]
+            background = {"background": {"kind": kind, "snr_db": int(rng.integers(SNR_DB[0], SNR_DB[1] + 1))}}
+        drawn = siblings(where["room"], instances, group, self._frames, rng)[:size]
+        kinds, sources = zip(*drawn, strict=True)
+        first = where | {"instances": instances, "sources": sources[0]} | background
+        key = "/".join(str(where[name]) for name in ("part", "scan", "room", "index"))
+        rest = [
+            {"like": key, "index": where["index"] + number, "sources": sounding} | background
+            for number, sounding in enumerate(sources[1:], start=1)
+        ]
+        return Unit((first, *rest), tuple(kinds))
+
+
+def _rarest(options: Sequence[_T], counts: Sequence[Any], rng: Generator) -> _T:
+    """One of the options whose count is the smallest."""
+    least = min(counts)
+    best = [option for option, count in zip(options, counts, strict=True) if count == least]
+    return best[int(rng.integers(len(best)))]
+
+
+def _stream(seed: int, purpose: str) -> Generator:
+    """A random stream for one purpose; the same for any number of homes and observations."""
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, *purpose.encode()])))
