@@ -19,6 +19,7 @@ import numpy as np
 import yaml
 
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.yamlfile import read_yaml
 from generators.apartments.apartment import build_apartment
 from generators.arrangement import arrange
 from generators.core.scene import Scene
@@ -40,15 +41,16 @@ SILENT_SHARE = 0.4
 SEEDS = (1_000, 1_000_000)
 
 
-def used_seeds() -> set[int]:
+@lru_cache(maxsize=1)
+def used_seeds() -> frozenset[int]:
     """Seeds of the homes of all committed manifests."""
-    documents = [yaml.safe_load(path.read_text()) for path in MANIFESTS.glob("*.yaml")]
-    return {scan["seed"] for d in documents for scan in (d.get("scans") or {}).values() if "seed" in scan}
+    documents = [read_yaml(path)[0] for path in MANIFESTS.glob("*.yaml")]
+    return frozenset(scan["seed"] for d in documents for scan in (d.get("scans") or {}).values() if "seed" in scan)
 
 
 def sample_homes(homes: int, seed: int) -> dict[str, dict[str, Any]]:
     """``scans`` of a manifest: home_1, home_2, … with seeds that no committed manifest uses."""
-    rng, taken = np.random.default_rng([seed, 1]), used_seeds()
+    rng, taken = np.random.default_rng([seed, 1]), set(used_seeds())
     scans: dict[str, dict[str, Any]] = {}
     while len(scans) < homes:
         drawn = int(rng.integers(*SEEDS))

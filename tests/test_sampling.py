@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+import shutil
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -26,6 +28,7 @@ from generators.sampling.siblings import GROUP, siblings
 from generators.sampling.statistics import sounding
 
 MANIFESTS = Path(__file__).parent.parent / "scenes_manifest"
+TRAIN = MANIFESTS / "train.yaml"
 NOTHING = Excluded({}, {}, {})
 
 
@@ -279,6 +282,8 @@ def test_what_does_not_fit_is_drawn_again_in_the_same_place() -> None:
     assert set(differ) <= {0, 7}
     assert 7 in differ
     assert drawn(wanted, misfits=lambda _: ())[0] == plain
+    with pytest.raises(Avs3dError, match=r"part_1/home_\d+/\w+/1: no place in 20 draws; use another --seed"):
+        sample(wanted, NOTHING, lambda _: [0])
 
 
 def test_the_text_of_a_manifest_is_read_as_it_was_drawn(tmp_path: Path, large) -> None:
@@ -357,6 +362,10 @@ def test_models_count_in_the_digests_of_the_observations_that_draw_them(tmp_path
         ({"models": {"clock": "station"}}, ["models.clock: expected a list"]),
         ({"models": {"clock": ["station", "station"]}}, ["models: clock: 'station' is listed twice"]),
         (
+            {"models": {"fan": ["big"]}, "categories": {"fan": {"stands_on": ["floor"], "height": [0.4, 0.5]}}},
+            ["models: fan is a category of this manifest and has no procedural models"],
+        ),
+        (
             {"models": {"clock": ["station"]}, "objects": {"clock": [{"asset": "sketchfab/1"}]}},
             ["models: the files in objects replace the models of clock"],
         ),
@@ -375,3 +384,31 @@ def test_a_variant_of_an_observation_must_be_among_the_models(tmp_path: Path) ->
     content["observations"][0]["variant"] = "wooden"
     with pytest.raises(UsageError, match=r"variant 'wooden' is not among models of clock; expected one of station"):
         plans(tmp_path, content)
+
+
+# scenes_manifest/train.yaml
+
+
+def test_the_training_manifest_shares_no_home_no_seed_and_no_model_with_any_other() -> None:
+    train = read_manifest(TRAIN).manifest
+    others = what_they_use([MANIFESTS], TRAIN)
+    assert len(others.seeds) >= 8
+    assert len(train.scans) >= 150
+    assert len(train.observations) >= 1000
+    assert not {scan.seed for scan in train.scans.values()} & set(others.homes)
+    assert train.seed not in others.seeds
+    for category in {name for spec in train.observations for name in spec.objects}:
+        assert set(train.models[category]) <= set(catalogue.training_variants(category))
+        assert not {(category, variant) for variant in train.models[category]} & set(others.variants)
+    assert not train.objects
+    assert (train.audio, train.camera.size, train.camera.frames) == ("tracer", 252, 24)
+
+
+def test_the_command_in_the_training_manifest_makes_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copytree(MANIFESTS, tmp_path / "scenes_manifest")
+    monkeypatch.chdir(tmp_path)
+    words = shlex.split(TRAIN.read_text().splitlines()[0])
+    assert words[:4] == ["#", "avs3d", "manifest", "sample"]
+    result = CliRunner().invoke(command, [*words[3:], "-o", "scenes_manifest/train.yaml"])
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "scenes_manifest/train.yaml").read_bytes() == TRAIN.read_bytes()

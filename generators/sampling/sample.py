@@ -17,7 +17,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.random import Generator
 
-from avs3d_bench.errors import UsageError
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.layout import observation_key
 from generators.manifest import Manifest
 from generators.sampling.excluded import Excluded
 from generators.sampling.rooms import LOOK_ALIKE_SHARE, LOOK_ALIKES, MOST, MOST_BESIDE
@@ -93,6 +94,7 @@ def sample(
 
     Raises:
         UsageError: if there are too few seeds, or more observations than the rooms take.
+        Avs3dError: if a unit does not fit, however often it is drawn.
     """
     excluded.check_seed(wanted.seed)
     document: dict[str, Any] = {
@@ -108,14 +110,17 @@ def sample(
     drawer = _Drawer(wanted, list(document["scans"]))
     units = [drawer.unit(number, *place) for number, place in enumerate(drawer.places())]
     waiting = list(range(len(units)))
-    for draw in range(1, MOST_DRAWS + 1):
+    for draw in range(MOST_DRAWS):
         firsts = [units[number].entries[0] for number in waiting]
-        wrong = [waiting[index] for index in misfits(Manifest.model_validate(document | {"observations": firsts}))]
-        for number in wrong:
-            units[number] = drawer.again(number, units[number], draw)
-        waiting = wrong
+        waiting = [waiting[index] for index in misfits(Manifest.model_validate(document | {"observations": firsts}))]
         if not waiting:
             break
+        if draw == MOST_DRAWS - 1:
+            raise Avs3dError(
+                f"{_key(units[waiting[0]].entries[0])}: no place in {MOST_DRAWS} draws; use another --seed"
+            )
+        for number in waiting:
+            units[number] = drawer.again(number, units[number], draw)
     document["observations"] = [entry for unit in units for entry in unit.entries]
     Manifest.model_validate(document)
     return document, tuple(units)
@@ -166,7 +171,6 @@ class _Drawer:
         self._in_room: Counter[tuple[str, str, str]] = Counter()
         self._rooms: Counter[Any] = Counter()
         self._focus: Counter[Any] = Counter()
-        self._groups = 0
 
     def places(self) -> list[tuple[str, str, int]]:
         """(part, home, number of observations) of each unit: every home has as many units as any other, or one more.
@@ -200,9 +204,7 @@ class _Drawer:
         step = GROUP_STEP if part == "part_3" else 1
         index = 1 + step * (self._in_room[part, home, room] - 1)
         where = {"part": part, "scan": home, "room": room, "index": index}
-        group = self._groups
-        self._groups += part == "part_3"
-        return self._fill(where, size, group, rng)
+        return self._fill(where, size, number, rng)
 
     def again(self, number: int, unit: Unit, draw: int) -> Unit:
         """Draw the objects of a unit once more, in the same room."""
@@ -214,7 +216,7 @@ class _Drawer:
     def _most(part: str) -> int:
         return len(range(1, MOST_INDEX - GROUP + 2, GROUP_STEP)) if part == "part_3" else MOST_INDEX
 
-    def _fill(self, where: dict[str, Any], size: int, group: int, rng: Generator) -> Unit:
+    def _fill(self, where: dict[str, Any], size: int, number: int, rng: Generator) -> Unit:
         part, room = where["part"], where["room"]
         focus = _rarest(list(MOST[room]), [self._focus[name] for name in MOST[room]], rng)
         self._focus[focus] += size
@@ -224,7 +226,7 @@ class _Drawer:
         self._focus[focus, count] += 1
         beside = self._beside(room, focus, single, rng)
         if part == "part_3":
-            return self._group(where, {focus: count} | dict.fromkeys(beside, 1), size, group, rng)
+            return self._group(where, {focus: count} | dict.fromkeys(beside, 1), size, number, rng)
         entry = where | {"category": focus}
         if part == "part_2":
             entry["instances"] = count
@@ -249,21 +251,24 @@ class _Drawer:
             chosen.append(LOOK_ALIKES[room])
         return chosen
 
-    def _group(self, where: dict[str, Any], instances: dict[str, int], size: int, group: int, rng: Generator) -> Unit:
+    def _group(self, where: dict[str, Any], instances: dict[str, int], size: int, unit: int, rng: Generator) -> Unit:
         """The first ``size`` siblings of a group."""
         background = {}
         if rng.uniform() < BACKGROUND_SHARE:
             kind = BACKGROUNDS[int(rng.integers(len(BACKGROUNDS)))]
             background = {"background": {"kind": kind, "snr_db": int(rng.integers(SNR_DB[0], SNR_DB[1] + 1))}}
-        drawn = siblings(where["room"], instances, group, self._frames, rng)[:size]
+        drawn = siblings(where["room"], instances, unit, self._frames, rng)[:size]
         kinds, sources = zip(*drawn, strict=True)
         first = where | {"instances": instances, "sources": sources[0]} | background
-        key = "/".join(str(where[name]) for name in ("part", "scan", "room", "index"))
         rest = [
-            {"like": key, "index": where["index"] + number, "sources": sounding} | background
+            {"like": _key(where), "index": where["index"] + number, "sources": sounding} | background
             for number, sounding in enumerate(sources[1:], start=1)
         ]
         return Unit((first, *rest), tuple(kinds))
+
+
+def _key(entry: dict[str, Any]) -> str:
+    return observation_key(entry["part"], entry["scan"], entry["room"], entry["index"])
 
 
 def _rarest(options: Sequence[_T], counts: Sequence[Any], rng: Generator) -> _T:

@@ -34,7 +34,7 @@ def siblings(room: str, instances: dict[str, int], number: int, frames: int, rng
     Args:
         room: the room of the group.
         instances: category → number of its objects in the room; the first is the category that the group is about.
-        number: of the group in the manifest, from 0: kinds that take turns do so over the groups.
+        number: of the group in the manifest: kinds that take turns do so over the groups.
         frames: length of an observation (s).
         rng: the only source of randomness.
     """
