@@ -210,7 +210,7 @@ def test_a_mirrored_picture_has_its_ears_swapped(store: shards.Store, monkeypatc
     bank = augment.Bank(store, "cpu")
     plan = Sampler(store, 1).plan(0)
     plain = bank.gather(plan, None)
-    for name in ("GREY", "BLURRED", "NOISY", "NOISE_ALONE", "GAIN_DB", "MIX_DB", "TOGETHER_DB", "APART_DB"):
+    for name in ("GREY", "BLURRED", "NOISY", "NOISE_ALONE", "GAIN_DB", "MIX_DB", "TOGETHER_DB", "APART_DB", "ENLARGED"):
         monkeypatch.setattr(augment, name, 0.0)
     monkeypatch.setattr(augment, "MIRRORED", 1.1)
     monkeypatch.setattr(augment, "coloured", lambda pictures, _: pictures)
@@ -220,6 +220,22 @@ def test_a_mirrored_picture_has_its_ears_swapped(store: shards.Store, monkeypatc
     assert (turned.masks == plain.masks.flip(-1)).all()
     assert (turned.classes == plain.classes.flip(-1)).all()
     np.testing.assert_allclose(turned.cameras[:, 2], 1 - plain.cameras[:, 2])
+
+
+def test_an_enlarged_picture_keeps_the_direction_of_every_pixel(monkeypatch: pytest.MonkeyPatch) -> None:
+    from baselines.listener.direction import pixel_angles
+
+    monkeypatch.setattr(augment, "ENLARGED", 1.1)
+    size = (64, 64)
+    angles = pixel_angles(CAMERA, size)
+    batch = replace(pair(), pictures=angles[:, None].expand(-1, 3, -1, -1))
+    for seed in range(5):
+        found = augment.enlarged(batch, torch.Generator().manual_seed(seed))
+        expected = pixel_angles(found.cameras, size)
+        torch.testing.assert_close(found.pictures[0, 0][1:-1, 1:-1], expected[0][1:-1, 1:-1], atol=2e-3, rtol=0)
+        assert (found.masks.any(dim=0) == (found.classes[0] > 0)).all()
+        assert found.cameras[0, 0] >= 0.5
+    assert found.cameras[0, 0] > 0.51
 
 
 def test_an_equalised_sound_keeps_its_times_and_changes_its_levels() -> None:
@@ -457,6 +473,7 @@ def test_the_command_trains_and_writes_weights_and_card(
     assert card["weights"]["sha256"] == weights.load_listener(tmp_path / "run" / "listener.safetensors")[1]
     assert card["training"]["steps"] == 2
     assert sum(card["training"]["shares_of_sounds"].values()) == pytest.approx(1, abs=1e-3)
+    assert (card["data"]["dataset"], card["data"]["manifest_sha256"]) == ("tiny-scenes", None)
     text = (tmp_path / "run" / "model_card.md").read_text()
     assert card["data"]["shards_sha256"] in text
     assert "Apache-2.0" in text

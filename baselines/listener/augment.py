@@ -1,19 +1,20 @@
 """From a plan to tensors on a device: gathering, mirroring with swapped ears, colours, levels and noise.
 
-The geometry stays valid: pictures are mirrored only together with the ears, and never cropped. All random numbers come
-from one generator per (seed, step, rank).
+The geometry stays valid: pictures are mirrored only together with the ears, and where they are cropped the camera's
+intrinsics follow, so that every pixel keeps its direction. All random numbers come from one generator per (seed, step,
+rank).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
-from torch.nn.functional import avg_pool2d, pad
+from torch.nn.functional import affine_grid, avg_pool2d, grid_sample, pad
 
 from avs3d_bench.layout import SAMPLE_RATE
 from baselines.listener.batches import Plan
@@ -22,11 +23,14 @@ from baselines.listener.shards import SIDE, Store
 
 #: Range of gains (dB), and of the level of a second sound over the first (dB).
 GAIN_DB, MIX_DB = 6.0, 10.0
-#: Standard deviation of the gain of each of `EQUALISED` points of the spectrum, log-spaced: of both ears together, as
-#: rooms and engines differ, and of each ear, as heads differ (dB).
+#: Points of the spectrum with a random gain, log-spaced, and its standard deviation (dB): of both ears together, as
+#: rooms and engines differ, and of each ear, as heads differ.
 EQUALISED, TOGETHER_DB, APART_DB = 10, 3.0, 0.7
 #: Noise under a sound, below its level (dB); noise instead of a sound, level re full scale (dB).
 NOISE_BELOW_DB, NOISE_ALONE_DB = (20.0, 50.0), (-90.0, -40.0)
+#: Share of pictures that are enlarged, at most how many times, and how far the centre may lie from an object, as a
+#: share of what is shown.
+ENLARGED, LARGEST, OFF_CENTRE = 0.35, 3.0, 0.4
 #: Probabilities: mirrored, grey, blurred, noise under a sound, noise instead of silence.
 MIRRORED, GREY, BLURRED, NOISY, NOISE_ALONE = 0.5, 0.1, 0.15, 0.5, 0.7
 #: Share of the memory that is free on a GPU which the store may take.
@@ -151,13 +155,48 @@ def augmented(batch: Batch, generator: torch.Generator) -> Batch:
     heard = mirrored.repeat_interleave(per)
     cameras = batch.cameras.clone()
     cameras[mirrored, 2] = 1 - cameras[mirrored, 2]
-    return Batch(
-        pictures=coloured(_where(mirrored, batch.pictures.flip(-1), batch.pictures), generator),
+    turned = Batch(
+        pictures=_where(mirrored, batch.pictures.flip(-1), batch.pictures),
         classes=_where(mirrored, batch.classes.flip(-1), batch.classes),
         cameras=cameras,
         sounds=louder(_where(heard, batch.sounds.flip(1), batch.sounds), generator),
         masks=_where(heard, batch.masks.flip(-1), batch.masks),
         audible=batch.audible,
+    )
+    shown = enlarged(turned, generator)
+    return replace(shown, pictures=coloured(shown.pictures, generator))
+
+
+def enlarged(batch: Batch, generator: torch.Generator) -> Batch:
+    """Some pictures show a part of themselves, mostly around an object; what is outside is no longer marked."""
+    count, device = len(batch.pictures), batch.pictures.device
+    chosen = uniform(generator, count) < ENLARGED
+    times = torch.where(chosen, LARGEST ** uniform(generator, count), 1.0)
+    # Any pixel of an object, or any pixel where there is none.
+    weights = (batch.classes > 0).flatten(1).float() + 1e-6
+    pixel = torch.multinomial(weights, 1, generator=generator)[:, 0]
+    height, width = batch.classes.shape[1:]
+    middle = torch.stack([(pixel % width + 0.5) / width, (pixel // width + 0.5) / height], dim=1)
+    part = (1 / times)[:, None]
+    jitter = uniform(generator, 2 * count, -OFF_CENTRE, OFF_CENTRE).view(count, 2)
+    middle = torch.minimum(torch.maximum(middle + part * jitter, part / 2), 1 - part / 2)
+    theta = torch.zeros(count, 2, 3, device=device)
+    theta[:, 0, 0] = theta[:, 1, 1] = part[:, 0]
+    theta[:, :, 2] = 2 * middle - 1
+    grid = affine_grid(theta, [count, 1, height, width], align_corners=False)
+    per = len(batch.masks) // count
+    cameras = batch.cameras / part
+    cameras[:, 2:] = (batch.cameras[:, 2:] - (middle - part / 2)) / part
+
+    def look(values: Tensor, where: Tensor, how: str) -> Tensor:
+        return grid_sample(values.float(), where, mode=how, padding_mode="border", align_corners=False)
+
+    return replace(
+        batch,
+        pictures=look(batch.pictures, grid, "bilinear"),
+        classes=look(batch.classes[:, None], grid, "nearest")[:, 0].long(),
+        cameras=cameras,
+        masks=look(batch.masks[:, None], grid.repeat_interleave(per, 0), "nearest")[:, 0] > 0.5,
     )
 
 

@@ -12,6 +12,7 @@ import torch
 
 from avs3d_bench import __version__, media
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.exports.shards import SHARDS_JSON
 from avs3d_bench.files import atomic_path, write_json
 from avs3d_bench.taxonomy import CATEGORIES
 from baselines.listener.batches import split_homes
@@ -45,7 +46,13 @@ class Machine:
 
 
 def write_result(
-    folder: Path, result: Result, settings: Settings, machine: Machine, manifest: Path | None = None
+    folder: Path,
+    result: Result,
+    settings: Settings,
+    machine: Machine,
+    *,
+    data: Path | None = None,
+    manifest: Path | None = None,
 ) -> dict[str, Any]:
     """Write the averaged weights of a finished run and its card.
 
@@ -54,6 +61,7 @@ def write_result(
         result: of `training.train`.
         settings: of the run.
         machine: what it ran on.
+        data: folder of the shards, whose shards.json may name dataset and manifest.
         manifest: of the training data, whose sha256 the card shall name.
 
     Returns:
@@ -72,8 +80,7 @@ def write_result(
         "categories": list(CATEGORIES),
         "data": {
             "shards_sha256": table.digest,
-            "manifest": manifest.name if manifest else None,
-            "manifest_sha256": media.sha256_file(manifest) if manifest else None,
+            **_origin(data, manifest),
             "pictures": len(table.groups),
             "sounds": len(table.keys),
             "training_homes": len(training),
@@ -99,6 +106,21 @@ def write_result(
     return card
 
 
+def _origin(data: Path | None, manifest: Path | None) -> dict[str, str | None]:
+    """Name of the dataset, and name and sha256 of its manifest: of the file, else as shards.json has them."""
+    try:
+        index: Any = media.read_json(data / SHARDS_JSON) if data else {}
+    except Avs3dError:
+        index = {}
+    record = index.get("dataset")
+    known: dict[str, Any] = record if isinstance(record, dict) else {"name": record}
+    return {
+        "dataset": known.get("name"),
+        "manifest": manifest.name if manifest else known.get("name") and f"of {known['name']}",
+        "manifest_sha256": media.sha256_file(manifest) if manifest else known.get("manifest_sha256"),
+    }
+
+
 def check_manifest(path: Path | None) -> None:
     """Refuse a manifest that is not there, before training rather than after it.
 
@@ -112,7 +134,7 @@ def check_manifest(path: Path | None) -> None:
 def markdown(card: dict[str, Any]) -> str:
     """The card for readers."""
     data, training, weights = card["data"], card["training"], card["weights"]
-    manifest = f"`{data['manifest']}` (sha256 `{data['manifest_sha256']}`)" if data["manifest"] else "not named"
+    manifest = f"{data['manifest']}, sha256 `{data['manifest_sha256']}`" if data["manifest_sha256"] else "not named"
     shares = ", ".join(f"{name} {value:.1%}" for name, value in training["shares_of_sounds"].items())
     figures = "\n".join(
         f"| {name} | {'-' if value is None else f'{value:.3f}'} |" for name, value in card["validation"].items()

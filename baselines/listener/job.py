@@ -85,6 +85,6 @@ def run_job(job: Job, precision: str, *, progress: bool = False) -> tuple[bool |
     if fabric.global_rank:
         return None, result.step, settings.steps
     if result.finished:
-        write_result(job.folder, result, settings, Machine.of(fabric, precision), job.manifest)
+        write_result(job.folder, result, settings, Machine.of(fabric, precision), data=job.data, manifest=job.manifest)
     sys.stdout.flush()
     return result.finished, result.step, settings.steps
