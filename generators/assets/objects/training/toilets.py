@@ -155,7 +155,7 @@ def _seat_and_lid(b: MeshBuilder, rng: Generator, pan: _Pan) -> None:
 
 def _tank(b: MeshBuilder, rng: Generator, bottom: float, span: tuple[float, float], material: Material) -> None:
     """A tank between the depths ``span`` (m): straight or tapered, rounded or sharp, with a lid and a flush."""
-    width, height, deep = between(rng, 0.33, 0.46), between(rng, 0.28, 0.42), span[1] - span[0]
+    width, height, deep = between(rng, 0.33, 0.46), between(rng, 0.32, 0.42), span[1] - span[0]
     taper, round_ = between(rng, 0.8, 1.02), between(rng, 2.5, 14.0)
     loops = []
     for t in (0.0, 0.03, 0.5, 0.97, 1.0):
@@ -289,7 +289,7 @@ def _boxed(rng: Generator) -> Design:
     """The tank in a box of furniture behind a pan on the floor or hung on the box."""
     b = MeshBuilder({"seat": 0.3, "unit": 0.5})
     pan, white = _pan(rng), china(rng, "china")
-    height, width, deep = between(rng, 0.78, 1.2), between(rng, 0.36, 0.66), between(rng, 0.12, 0.24)
+    height, width, deep = between(rng, 0.78, 1.2), between(rng, 0.36, 0.66), between(rng, 0.12, 0.19)
     colour = (
         tone(rng) if chance(rng, 0.4) else tone(rng, "#efefec", "#c3c6c8", "#d8d0c0", "#8d9195", "#9fb0b4", "#5b6064")
     )
@@ -298,7 +298,7 @@ def _boxed(rng: Generator) -> Design:
         if chance(rng, 0.35)
         else paint("unit", "tile" if chance(rng, 0.5) else "wood", shade(rng, colour), gloss=0.3)
     )
-    reach = pan.back + between(rng, 0.02, 0.09)
+    reach = pan.back + between(rng, 0.02, 0.08)
     z = -reach - deep / 2 + 0.004
     b.box((width, height, deep), (0, height / 2, z), unit, bevel=0.004)
     if chance(rng, 0.7):
