@@ -238,11 +238,22 @@ def denseav(
 @click.option("--weights", type=PATH, metavar="FILE", help="Weights of `avs3d train listener` [the package's].")
 @click.option("--device", default=None, help="cpu, cuda:0, … [CUDA where there is one].")
 @click.option(
+    "--refine", type=click.Choice(["none", "edges", "closer", "all"]), default="edges", show_default=True,
+    help="Masks follow the picture's edges; small objects get a closer look.",
+)  # fmt: skip
+@click.option(
     "--sound", type=click.Choice(["own", "none", "other"]), default="own", show_default=True,
     help="What it hears; none and other (that of another observation) show whether it listens.",
 )  # fmt: skip
 def listener(
-    root: Path, path: Path, only: tuple[str, ...], overwrite: bool, weights: Path | None, device: str | None, sound: Any
+    root: Path,
+    path: Path,
+    only: tuple[str, ...],
+    overwrite: bool,
+    weights: Path | None,
+    device: str | None,
+    refine: Any,
+    sound: Any,
 ) -> None:
     """Run the listener, frame by frame: the picture and one second of binaural sound give the mask of what sounds.
 
@@ -253,7 +264,7 @@ def listener(
     from baselines.listener.predict import load_method, write_listener
 
     require("baselines")
-    model = load_method(weights, device=device, hearing=sound)
+    model = load_method(weights, device=device, refine=refine, hearing=sound)
     _done(write_listener(Dataset(root), path, model, only=only, overwrite=overwrite, progress=sys.stderr.isatty()))
 
 

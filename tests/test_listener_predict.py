@@ -17,9 +17,10 @@ from avs3d_bench.taxonomy import CATEGORIES
 torch = pytest.importorskip("torch", reason="torch is not installed: the listener cannot run")
 
 from baselines.cli import baseline  # noqa: E402
-from baselines.listener import predict, weights  # noqa: E402
+from baselines.listener import masks, predict, weights  # noqa: E402
+from baselines.listener.masks import Answer  # noqa: E402
 from baselines.listener.model import Listener, Widths  # noqa: E402
-from baselines.listener.predict import Answer, ListenerMethod  # noqa: E402
+from baselines.listener.predict import ListenerMethod  # noqa: E402
 from tests import tiny, tiny_scenes  # noqa: E402
 
 torch.set_num_threads(1)
@@ -55,13 +56,16 @@ def answer(box: tuple[int, int, int, int], logit: float = 5.0) -> Answer:
     return Answer(mask, classes, audible)
 
 
-def method(**changed: Any) -> ListenerMethod:
-    return ListenerMethod(None, torch.device("cpu"), "0" * 64, **changed)
+def marked(answer: Answer, picture: Any, refine: Any = "none") -> Any:
+    """The mask of a frame."""
+    method = ListenerMethod(None, torch.device("cpu"), "0" * 64, refine=refine)
+    large = method.logits(answer, picture, np.zeros((2, 44_100), np.float32), np.full(4, 0.5, np.float32))
+    return masks.without_specks(large > 0, masks.LEAST_AREA)
 
 
 @pytest.mark.parametrize("size", [(252, 252), (1008, 1008), (480, 640)])
 def test_masks_have_the_size_of_the_frame_and_lie_where_the_network_says(size: tuple[int, int]) -> None:
-    mask = method(refine=False).mask(answer((42, 84, 63, 126)), np.zeros((*size, 3), np.uint8))
+    mask = marked(answer((42, 84, 63, 126)), np.zeros((*size, 3), np.uint8))
     assert mask.shape == size
     rows, columns = np.nonzero(mask)
     tolerance = 1.5 / 126
@@ -77,8 +81,8 @@ def test_refined_masks_follow_the_edges_of_the_picture() -> None:
     truth[341:669, 503:803] = True  # edges that are no multiple of the 8 pixels of a cell
     picture[truth] = 220
     cells = answer((43, 84, 63, 100))
-    rough = method(refine=False).mask(cells, picture)
-    fine = method(refine=True).mask(cells, picture)
+    rough = marked(cells, picture)
+    fine = marked(cells, picture, "edges")
 
     def iou(mask: Any) -> float:
         return float((mask & truth).sum() / (mask | truth).sum())
@@ -90,34 +94,65 @@ def test_refined_masks_follow_the_edges_of_the_picture() -> None:
 def test_the_guided_filter_leaves_constants_and_smooth_values_alone() -> None:
     picture = np.random.default_rng(0).integers(0, 255, (64, 64, 3), dtype=np.uint8)
     flat = np.full((64, 64), 2.5, np.float32)
-    np.testing.assert_allclose(predict.guided(flat, picture), flat, atol=1e-4)
+    np.testing.assert_allclose(masks.guided(flat, picture), flat, atol=1e-4)
 
 
 def test_specks_are_dropped() -> None:
     mask = np.zeros((100, 100), bool)
     mask[10:20, 10:20] = mask[50, 50] = mask[60, 60:62] = True
-    found = predict.without_specks(mask, 2e-4)
+    found = masks.without_specks(mask, 2e-4)
     assert found.sum() == 102
     assert not found[50, 50]
-    assert not predict.without_specks(np.zeros((4, 4), bool), 0.1).any()
+    assert not masks.without_specks(np.zeros((4, 4), bool), 0.1).any()
 
 
 def test_a_component_is_named_after_what_is_seen_there_and_heard() -> None:
     cells = answer((42, 84, 63, 100))
-    mask = method(refine=False).mask(cells, np.zeros((252, 252, 3), np.uint8))
-    found = predict.class_map(mask, cells)
+    mask = marked(cells, np.zeros((252, 252, 3), np.uint8))
+    found = masks.class_map(mask, cells)
     assert set(np.unique(found[mask])) == {1 + CLOCK}
     assert not found[~mask].any()
 
 
 def test_nothing_is_marked_where_the_network_marks_nothing() -> None:
-    found = method().mask(answer((0, 20, 0, 20), logit=-1.5), np.zeros((252, 252, 3), np.uint8))
+    found = marked(answer((0, 20, 0, 20), logit=-1.5), np.zeros((252, 252, 3), np.uint8), "edges")
     assert not found.any()
+
+
+def test_small_objects_get_a_window_and_large_ones_none() -> None:
+    small, large = answer((20, 30, 100, 112)), answer((20, 100, 20, 100))
+    (window,) = masks.windows(small.mask)
+    assert window.side == pytest.approx(1 / 3)
+    assert window.top == pytest.approx(25 / 126 - 1 / 6)
+    assert window.left == pytest.approx(1 - 1 / 3)  # at the border
+    assert not masks.windows(large.mask)
+    assert not masks.windows(np.full((126, 126), -5, np.float32))
+
+
+def test_the_camera_of_a_window_keeps_the_direction_of_its_pixels() -> None:
+    from baselines.listener.direction import pixel_angles
+
+    window = masks.Window(0.25, 0.5, 0.5)
+    whole = pixel_angles(torch.tensor([[0.5, 0.6, 0.45, 0.5]]), (64, 64))[0]
+    part = pixel_angles(torch.tensor([window.camera((0.5, 0.6, 0.45, 0.5))]), (32, 32))[0]
+    torch.testing.assert_close(part, whole[window.pixels((64, 64))])
+
+
+def test_a_closer_look_changes_its_window_alone() -> None:
+    large = np.full((252, 252), -5.0, np.float32)
+    window = masks.Window(0.5, 0.25, 0.5)
+    masks.pasted(large, np.full((126, 126), 4.0, np.float32), window)
+    rows, columns = window.pixels(large.shape)
+    outside = np.ones(large.shape, bool)
+    outside[rows, columns] = False
+    assert (large[outside] == -5).all()
+    assert large[126, 190] == pytest.approx(-5 + masks.CLOSER_WEIGHT * 9)
+    assert (np.diff(large[126, 126:150]) >= 0).all()
 
 
 def test_the_command_writes_a_submission_with_class_ids(scenes: Path, saved: Path, tmp_path: Path) -> None:
     arguments = ["listener", "--dataset", str(scenes), "-o", str(tmp_path / "out"), "--weights", str(saved),
-                 "--device", "cpu"]  # fmt: skip
+                 "--device", "cpu", "--refine", "all"]  # fmt: skip
     found = CliRunner().invoke(baseline, arguments, catch_exceptions=False)
     assert found.exit_code == 0, found.output
     for observation in Dataset(scenes):
@@ -208,7 +243,7 @@ def test_other_weights_are_refused_on_the_command_line(scenes: Path, tmp_path: P
 def test_a_frame_of_the_benchmarks_size_takes_less_than_a_second_on_the_cpu() -> None:
     import time
 
-    model = ListenerMethod(Listener().eval(), torch.device("cpu"), "")
+    model = ListenerMethod(Listener().eval(), torch.device("cpu"), "", refine="all")
     picture = np.random.default_rng(0).integers(0, 255, (1008, 1008, 3), dtype=np.uint8)
     sound = np.random.default_rng(0).normal(0, 0.1, (1, 2, 44_100)).astype(np.float32)
     camera = np.full((1, 4), 0.5, np.float32)
@@ -217,8 +252,12 @@ def test_a_frame_of_the_benchmarks_size_takes_less_than_a_second_on_the_cpu() ->
         start = time.process_time()
         with torch.inference_mode():
             (found,) = model.answers([predict.fit(picture, 3)], sound, camera)
-        found.mask[20:80, 20:80] = 5
-        predict.class_map(model.mask(found, picture), found)
+            # Three small objects: as many closer looks as there may be.
+            found.mask[:] = -5
+            for place in (10, 60, 110):
+                found.mask[place : place + 10, place : place + 10] = 5
+            mask = model.logits(found, picture, sound[0], camera[0]) > 0
+        masks.class_map(mask, found)
         return time.process_time() - start
 
     once()

@@ -11,8 +11,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from baselines.listener.augment import Batch
+from baselines.listener.masks import LEAST_AREA
 from baselines.listener.model import CLASSES, Output
-from baselines.listener.predict import LEAST_AREA
 
 #: Weights of the terms.
 MASK_WEIGHT, DICE_WEIGHT, CLASS_WEIGHT, AUDIBLE_WEIGHT = 5.0, 1.0, 2.0, 0.5

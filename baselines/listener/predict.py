@@ -3,8 +3,9 @@
 1. The picture is reduced to 252² by area, the field of view stays; the sound goes in as it is.
 2. The network gives logits at 126²; they are resized to the frame bilinearly and follow the picture's edges after a
    guided filter (He, Sun, Tang, "Guided image filtering", ECCV 2010).
-3. Marked is what is above `THRESHOLD`. Components smaller than `LEAST_AREA` of the picture are dropped.
-4. The class of a component is the category that the picture shows there, weighted by how audible it is.
+3. Small objects get a closer look: a window of the picture at full resolution, with the camera of the window.
+4. Marked is what is above `THRESHOLD`. Components smaller than `LEAST_AREA` of the picture are dropped.
+5. The class of a component is the category that the picture shows there, weighted by how audible it is.
 
 Nothing of the truth is read: pictures, binaural sound and the camera's intrinsics alone.
 """
@@ -26,38 +27,29 @@ from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.method import Method, write_submission
 from avs3d_bench.submission import Prediction, SubmissionWriter
+from baselines.listener.masks import (
+    CELLS,
+    LEAST_AREA,
+    MOST_LOGIT,
+    Answer,
+    class_map,
+    guided,
+    logit,
+    pasted,
+    windows,
+    without_specks,
+)
 from baselines.listener.shards import SIDE, fit
 from baselines.networks.device import inference, pick_device
 
 #: Probability above which a pixel is marked; chosen on validation homes.
 THRESHOLD = 0.5
-#: Smallest component that stays marked, as a share of the picture.
-LEAST_AREA = 2e-4
 #: What the network hears: the frame's own sound, or nothing, or that of another observation, to see whether it listens.
 Hearing = Literal["own", "none", "other"]
 #: Frames that go through the network at a time.
 BATCH = 8
-#: Radius of the guided filter as a share of the picture's width, and its smoothness (of pictures of 0 to 1).
-RADIUS, SMOOTHNESS = 0.006, 1e-3
-#: Logits are cut here before the filter: beyond, they are certain.
-_MOST_LOGIT = 6.0
-#: Cells of the network's output: stride 2.
-_CELLS = SIDE // 2
-
-
-@dataclass(frozen=True)
-class Answer:
-    """What the network says of a frame, at its own size.
-
-    Attributes:
-        mask: (126, 126) float32 logits: what sounds.
-        classes: (8, 126, 126) float32: probability of each class at each pixel, from the picture alone.
-        audible: (7,) float32: probability of each category, from the sound alone.
-    """
-
-    mask: NDArray[np.float32]
-    classes: NDArray[np.float32]
-    audible: NDArray[np.float32]
+#: How masks are refined: not, along the picture's edges, by closer looks at small objects, or both.
+Refine = Literal["none", "edges", "closer", "all"]
 
 
 @dataclass(frozen=True)
@@ -69,7 +61,7 @@ class ListenerMethod:
         device: where it runs.
         digest: sha256 of its weights.
         threshold: see `THRESHOLD`.
-        refine: whether masks follow the picture's edges.
+        refine: see `Refine`.
         hearing: what it hears.
     """
 
@@ -77,7 +69,7 @@ class ListenerMethod:
     device: Any
     digest: str
     threshold: float = THRESHOLD
-    refine: bool = True
+    refine: Refine = "edges"
     hearing: Hearing = "own"
 
     def answers(self, pictures: Sequence[NDArray[np.uint8]], sounds: Any, cameras: Any) -> list[Answer]:
@@ -89,8 +81,8 @@ class ListenerMethod:
         stack = torch.from_numpy(np.stack(pictures)).to(self.device).permute(0, 3, 1, 2).float() / 255
         heard = hear(torch.as_tensor(sounds).to(self.device), torch.as_tensor(cameras).to(self.device), (SIDE, SIDE))
         found = self.network(stack, heard)
-        classes = found.classes.softmax(dim=1)[..., :_CELLS, :_CELLS].float().cpu().numpy()
-        masks = found.mask[..., :_CELLS, :_CELLS].float().cpu().numpy()
+        classes = found.classes.softmax(dim=1)[..., :CELLS, :CELLS].float().cpu().numpy()
+        masks = found.mask[..., :CELLS, :CELLS].float().cpu().numpy()
         audible = found.audible.sigmoid().float().cpu().numpy()
         return [Answer(*each) for each in zip(masks, classes, audible, strict=True)]
 
@@ -108,8 +100,12 @@ class ListenerMethod:
             cameras = np.asarray([camera_of(frame) for frame in part], np.float32)
             with inference(self.device, _where(part[0])):
                 answers = self.answers([fit(picture, cv2.INTER_AREA) for picture in pictures], sounds, cameras)
-            for frame, picture, answer in zip(part, pictures, answers, strict=True):
-                mask = self.mask(answer, picture)
+                logits = [
+                    self.logits(answer, picture, sound, camera)
+                    for answer, picture, sound, camera in zip(answers, pictures, sounds, cameras, strict=True)
+                ]
+            for frame, large, answer in zip(part, logits, answers, strict=True):
+                mask = without_specks(large > logit(self.threshold), LEAST_AREA)
                 classes = class_map(mask, answer) if frame.observation.is_sound_scene else None
                 out.append(Prediction(mask, classes))
         return out
@@ -119,33 +115,38 @@ class ListenerMethod:
             return np.zeros((2, layout.SAMPLE_RATE), np.float32)
         return clip_of(frame if self.hearing == "own" else foreign_frame(frame))
 
-    def mask(self, answer: Answer, picture: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """(H, W) bool of a picture (H, W, 3), rules 2 and 3."""
-        if answer.mask.max() <= _logit(self.threshold) - 1:
-            return np.zeros(picture.shape[:2], np.bool_)
+    def logits(
+        self, answer: Answer, picture: NDArray[np.uint8], sound: NDArray[np.float32], camera: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """(H, W) of a picture (H, W, 3), rules 2 and 3."""
         large = cv2.resize(answer.mask, picture.shape[1::-1], interpolation=cv2.INTER_LINEAR)
-        if self.refine:
-            large = guided(np.clip(large, -_MOST_LOGIT, _MOST_LOGIT), picture)
-        return without_specks(large > _logit(self.threshold), LEAST_AREA)
+        large = np.clip(large, -MOST_LOGIT, MOST_LOGIT)
+        looks = windows(answer.mask) if self.refine in ("closer", "all") else []
+        if looks:
+            parts = [fit(picture[window.pixels(picture.shape)], cv2.INTER_AREA) for window in looks]
+            cameras = np.asarray([window.camera(camera.tolist()) for window in looks], np.float32)
+            found = self.answers(parts, np.stack([sound] * len(looks)), cameras)
+            for window, closer in zip(looks, found, strict=True):
+                pasted(large, closer.mask, window)
+        # Nothing that is far below the threshold rises above it by a filter that averages.
+        edges = self.refine in ("edges", "all") and large.max() > logit(self.threshold)
+        return guided(large, picture) if edges else np.asarray(large, np.float32)
 
     @property
     def notes(self) -> str:
         """The settings, for submission.json."""
         sound = {"own": "", "none": "; heard nothing", "other": "; heard the sound of another observation"}
-        edges = "guided filter at edges" if self.refine else "no refinement of edges"
+        edges = {"none": "no refinement", "edges": "guided filter at edges", "closer": "closer looks at small objects"}
+        edges["all"] = f"{edges['edges']}, {edges['closer']}"
         return (
             f"2D, from the picture and the binaural second of test frames; weights {self.digest[:12]}; "
-            f"marked where > {self.threshold:g}; {edges}; components below {LEAST_AREA:g} of the picture dropped"
-            + sound[self.hearing]
+            f"marked where > {self.threshold:g}; {edges[self.refine]}; "
+            f"components below {LEAST_AREA:g} of the picture dropped{sound[self.hearing]}"
         )
 
 
 def _where(frame: Frame) -> str:
     return f"{frame.observation.path}/{frame.name}"
-
-
-def _logit(share: float) -> float:
-    return float(np.log(share / (1 - share)))
 
 
 def clip_of(frame: Frame) -> NDArray[np.float32]:
@@ -201,56 +202,12 @@ def camera_of(frame: Frame) -> tuple[float, float, float, float]:
     )
 
 
-def guided(values: NDArray[np.float32], picture: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Values (H, W) whose edges follow those of the picture's brightness: the guided filter, equations 5 and 6.
-
-    Args:
-        values: float32.
-        picture: (H, W, 3) uint8 RGB.
-    """
-    guide = cv2.cvtColor(np.ascontiguousarray(picture), cv2.COLOR_RGB2GRAY).astype(np.float32) / 255
-    radius = max(1, round(RADIUS * picture.shape[1]))
-
-    def mean(x: Any) -> Any:
-        return cv2.blur(x, (2 * radius + 1,) * 2, borderType=cv2.BORDER_REFLECT)
-
-    average, middle = mean(guide), mean(values)
-    slope = (mean(guide * values) - average * middle) / (mean(guide * guide) - average * average + SMOOTHNESS)
-    offset = middle - slope * average
-    return np.asarray(mean(slope) * guide + mean(offset), np.float32)
-
-
-def without_specks(mask: NDArray[np.bool_], share: float) -> NDArray[np.bool_]:
-    """The mask without components (8-connected) that are smaller than a share of the picture."""
-    if not mask.any():
-        return mask
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-    large = stats[:, cv2.CC_STAT_AREA] >= share * mask.size
-    large[0] = False
-    return np.asarray(large[labels])
-
-
-def class_map(mask: NDArray[np.bool_], answer: Answer) -> NDArray[np.uint8]:
-    """(H, W) class ids of what is marked, rule 4: one per component."""
-    out = np.zeros(mask.shape, np.uint8)
-    if not mask.any():
-        return out
-    count, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)
-    likely = answer.classes[1:] * answer.audible[:, None, None]
-    ids = np.zeros(count, np.uint8)
-    for label in range(1, count):
-        rows, columns = np.nonzero(labels == label)
-        cells = rows * _CELLS // mask.shape[0], columns * _CELLS // mask.shape[1]
-        ids[label] = 1 + int(likely[:, cells[0], cells[1]].sum(axis=-1).argmax())
-    return np.asarray(ids[labels])
-
-
 def load_method(
     weights: str | Path | None = None,
     *,
     device: str | None = None,
     threshold: float = THRESHOLD,
-    refine: bool = True,
+    refine: Refine = "edges",
     hearing: Hearing = "own",
 ) -> ListenerMethod:
     """The listener, ready to predict.
@@ -259,7 +216,7 @@ def load_method(
         weights: file; None: those of the package.
         device: cpu, cuda or cuda:<number>; None: a GPU where there is one.
         threshold: see `THRESHOLD`.
-        refine: whether masks follow the picture's edges.
+        refine: see `Refine`.
         hearing: what it hears.
 
     Raises:
