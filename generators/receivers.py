@@ -130,15 +130,16 @@ def choose_receivers(
         Avs3dError: if a file is missing or wrong, or h5py is not installed.
     """
     check_engine(audio, hrtf=hrtf, ambisonics=ambisonics, array=array)
-    if array is not None and not isinstance(array, ArrayRecord):
-        array = load(PARTS["array file"])(user_path(array))
+    microphones: ArrayRecord | None = (
+        array if array is None or isinstance(array, ArrayRecord) else load(PARTS["array file"])(user_path(array))
+    )
     if ambisonics is not None:
         load(PARTS["ambisonics"])(ambisonics)  # checks the order
     if hrtf is None:
-        return Receivers(ambisonics=ambisonics or 0, array=array)
+        return Receivers(ambisonics=ambisonics or 0, array=microphones)
     path = user_path(hrtf).absolute()
     head: SofaHead = load(PARTS["head"])(path)
-    return Receivers(path, head.hrirs.sha256, ambisonics or 0, array)
+    return Receivers(path, head.hrirs.sha256, ambisonics or 0, microphones)
 
 
 def check_engine(audio: str, **chosen: object) -> None:
