@@ -115,11 +115,9 @@ def milliseconds(work: Callable[[], object], frames: int, repeats: int) -> float
 
 def where_time_goes(tars: list[Path], repeats: int) -> dict[str, float]:
     """Milliseconds of one core per frame, of the whole path of a frame and of its parts."""
-    import torch
     import webdataset
 
     cv2.setNumThreads(1)
-    torch.set_num_threads(1)  # as in a worker
     samples = [sample for path in tars for sample in samples_of_tar(path)]
 
     def decode(*members: str) -> None:
@@ -130,13 +128,18 @@ def where_time_goes(tars: list[Path], repeats: int) -> dict[str, float]:
         for _ in webdataset.WebDataset(list(map(str, tars)), shardshuffle=False):
             pass
 
-    def batch() -> None:
-        for _ in tar_loader(tars, 0):
-            pass
-
     works: dict[str, Callable[[], object]] = {f"decode {name}": partial(decode, name) for name in MEMBERS}
-    works |= {"decode all of it": partial(decode, *MEMBERS), "read the tar": read, "read, decode and collate": batch}
+    works |= {
+        "decode all of it": partial(decode, *MEMBERS),
+        "read the tar": read,
+        "read, decode and collate": partial(_drain, tar_loader(tars, 0)),
+    }
     return {name: milliseconds(work, len(samples), repeats) for name, work in works.items()}
+
+
+def _drain(frames: Iterable[object]) -> None:
+    for _ in frames:
+        pass
 
 
 def tensors(sample: Sample) -> Sample:
@@ -167,6 +170,9 @@ def folder_loader(root: Path, workers: int) -> tuple[Iterable[Sample], int]:
 
 def measure_stream(root: Path, workers: int, repeats: int) -> dict[str, float]:
     """Frames per second of whole epochs, from tars or from folders, with the workers running already."""
+    import torch
+
+    torch.set_num_threads(1)  # as in a worker
     tars = sorted(root.glob("part_*/*/*/*.tar"))
     out: dict[str, float] = {}
     if tars:
@@ -177,6 +183,8 @@ def measure_stream(root: Path, workers: int, repeats: int) -> dict[str, float]:
         loader: Iterable[Sample] = tar_loader(tars * rounds, workers)
         frames = None
     else:
+        alone, frames = folder_loader(root, 0)
+        out["read, decode and collate (ms of a core per frame)"] = milliseconds(partial(_drain, alone), frames, repeats)
         loader, frames = folder_loader(root, workers)
     for _ in range(2):  # the first epoch starts the workers
         start = time.perf_counter()

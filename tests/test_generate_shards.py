@@ -294,6 +294,19 @@ def test_validate_says_what_else_a_folder_holds(shards: Path, folders: Path, tmp
         Dataset(shards)
 
 
+def test_the_benchmark_reads_every_frame_of_tars_and_of_folders(shards: Path, folders: Path) -> None:
+    pytest.importorskip("torch")
+    pytest.importorskip("webdataset")
+    from benchmarks.bench_loading import MEMBERS, measure_stream, tar_loader
+
+    tars_of_all = sorted(shards.rglob("*.tar"))
+    assert sum(len(batch["rgb"]) for batch in tar_loader(tars_of_all, 0)) == FRAMES * len(KEYS)
+    figures = measure_stream(shards, 0, 1)
+    assert {f"decode {name} (ms of a core per frame)" for name in MEMBERS} < figures.keys()
+    assert figures["decode rgb.png (ms of a core per frame)"] < figures["decode all of it (ms of a core per frame)"]
+    assert measure_stream(folders, 0, 1)["DataLoader over folders, 0 workers (frames/s)"] > 1
+
+
 def test_facts_are_json_of_a_frame(shards: Path) -> None:
     members: dict[str, Any] = json.loads(samples(shards / f"{SILENT}.tar")[f"{SILENT}/frame_008"]["json"])
     assert (members["key"], members["split"], members["category"]) == (SILENT, "test", None)

@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 from avs3d_bench.cli import missing_extra
 from avs3d_bench.errors import Avs3dError
@@ -74,12 +73,12 @@ def make_observation(context: Context, plan: ObservationPlan, place: Place) -> s
         def on_frame(index: int) -> None:
             context.report("frame", str(index))
 
-        story: dict[str, Any] = {"cores": context.cores, "output": FORMATS[place.format].output}
+        where, cores, output = (place.root, place.cache), context.cores, FORMATS[place.format].output
         if plan.spec.is_sound_scene:
-            story["pictures"] = _pictures(plan, place)
-            record = generate_sound_scene(plan, place.root, place.cache, on_frame, **story)
+            pictures = _pictures(plan, place)
+            record = generate_sound_scene(plan, *where, on_frame, cores=cores, pictures=pictures, output=output)
         else:
-            record = generate_observation(plan, place.root, place.cache, on_frame, **story)
+            record = generate_observation(plan, *where, on_frame, cores=cores, output=output)
     what = describe_sound(record) or record.category
     t30 = f"T30 {record.acoustics.t30:.2f} s, " if record.acoustics.t30 else ""
     visible = sum(frame.visible_pixels > 0 for frame in record.frames)
