@@ -310,6 +310,22 @@ def test_sampled_observations_fit_into_their_rooms() -> None:
     assert Fitting()(manifest.model_copy(update={"observations": tuple(crowded)})) == (0,)
 
 
+def test_a_source_elsewhere_of_a_category_in_the_room_marks_no_object() -> None:
+    from types import SimpleNamespace
+
+    from generators.sound_scene import class_table
+
+    def table(instance: int | None) -> list[int]:
+        source = SimpleNamespace(id="source_1", instance=instance, category="clock")
+        ready: Any = SimpleNamespace(sources=[source], seen=SimpleNamespace(placements=["clock", "clock"]))
+        audible: Any = [SimpleNamespace(source="source_1")]
+        return class_table(ready, audible).tolist()
+
+    clock = CATEGORIES.index("clock") + 1
+    assert table(None) == [0, 0, 0]
+    assert table(2) == [0, 0, clock]
+
+
 # models: of a manifest
 
 
