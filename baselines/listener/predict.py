@@ -119,8 +119,8 @@ class ListenerMethod:
         self, answer: Answer, picture: NDArray[np.uint8], sound: NDArray[np.float32], camera: NDArray[np.float32]
     ) -> NDArray[np.float32]:
         """(H, W) of a picture (H, W, 3), rules 2 and 3."""
-        large = cv2.resize(answer.mask, picture.shape[1::-1], interpolation=cv2.INTER_LINEAR)
-        large = np.clip(large, -MOST_LOGIT, MOST_LOGIT)
+        resized = cv2.resize(answer.mask, picture.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+        large: NDArray[np.float32] = np.clip(resized, -MOST_LOGIT, MOST_LOGIT).astype(np.float32)
         looks = windows(answer.mask) if self.refine in ("closer", "all") else []
         if looks:
             parts = [fit(picture[window.pixels(picture.shape)], cv2.INTER_AREA) for window in looks]
@@ -130,7 +130,7 @@ class ListenerMethod:
                 pasted(large, closer.mask, window)
         # Nothing that is far below the threshold rises above it by a filter that averages.
         edges = self.refine in ("edges", "all") and large.max() > logit(self.threshold)
-        return guided(large, picture) if edges else np.asarray(large, np.float32)
+        return guided(large, picture) if edges else large
 
     @property
     def notes(self) -> str:
