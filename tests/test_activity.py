@@ -55,7 +55,7 @@ def test_the_chain_is_the_sum_over_all_paths():
     np.testing.assert_allclose(chains.posterior(emission), marginal / total, atol=1e-12)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 10**6), st.integers(1, 3))
 def test_posteriors_of_chains_are_probabilities(seed: int, count: int):
     emission = np.random.default_rng(seed).normal(scale=20, size=(9, 2**count))

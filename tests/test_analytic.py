@@ -67,7 +67,7 @@ def test_interaural_delay_is_woodworths(azimuth):
 
 
 @given(st.floats(-179, 179), st.floats(-60, 60), st.floats(-3, 3), st.floats(-0.5, 0.5))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_louder_ear_is_on_the_sources_side(azimuth, elevation, yaw, pitch):
     a, e = np.radians(azimuth), np.radians(elevation)
     offset = 2 * np.array([np.sin(a) * np.cos(e), np.sin(e), -np.cos(a) * np.cos(e)])

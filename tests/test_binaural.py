@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import eval_legendre, spherical_jn, spherical_yn
 
@@ -115,7 +115,6 @@ def test_woodworth():
 
 
 @given(st.floats(-np.pi / 2, np.pi / 2))
-@settings(deadline=None)
 def test_the_sphere_is_antisymmetric(lateral):
     np.testing.assert_allclose(head_shadow_ild(-lateral), -head_shadow_ild(lateral), atol=1e-9)
 

@@ -16,7 +16,7 @@ values = st.lists(st.floats(0, 1), min_size=2, max_size=40)
 
 
 @given(values, st.randoms(use_true_random=False))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_order_changes_nothing_and_the_mean_lies_within(numbers: list[float], random: Any):
     low, high = interval(numbers, resamples=500, fewest=2)
     assert (low, high) == interval(random.sample(numbers, len(numbers)), resamples=500, fewest=2)

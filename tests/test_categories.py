@@ -255,7 +255,7 @@ def test_the_rules_of_the_seven_stay_beside_those_of_the_manifest(tmp_path: Path
 # ---- its models -----------------------------------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.floats(0.05, 1.0), st.floats(0.0, 1.0))
 def test_a_model_is_as_tall_as_is_drawn(
     tmp_path_factory: pytest.TempPathFactory, seed: int, low: float, span: float

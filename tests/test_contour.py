@@ -83,7 +83,7 @@ masks = hnp.arrays(np.uint8, st.tuples(st.integers(1, 14), st.integers(1, 14)), 
 
 
 @given(st.data())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_it_is_the_definition(data: st.DataObject):
     truth = data.draw(masks)
     prediction = data.draw(hnp.arrays(np.uint8, truth.shape, elements=st.sampled_from([0, 255])))

@@ -28,7 +28,7 @@ from tests import tiny_models, tiny_scenes  # noqa: E402
 
 torch.set_num_threads(1)
 CPU = torch.device("cpu")
-QUICK = settings(deadline=None, max_examples=60)
+QUICK = settings(max_examples=60)
 MAPS = st.lists(arrays(np.float64, (3, 4), elements=st.floats(-10, 10)), min_size=1, max_size=4)
 
 # ---- the rule

@@ -47,7 +47,7 @@ def soup(rng: np.random.Generator, count: int) -> np.ndarray:
     return (middle + rng.normal(0, 0.25, (count, 3, 3))).astype(F32)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 1000), count=st.sampled_from([1, 2, 3, 9, 60, 800]))
 def test_first_hits_are_embrees(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)
@@ -67,7 +67,7 @@ def test_first_hits_are_embrees(seed: int, count: int) -> None:
     assert (distance[face < 0] == FAR).all()
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 1000))
 def test_occlusion_is_a_first_hit_nearer_than_the_limit(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -43,7 +43,7 @@ def test_an_empty_room_is_walkable_up_to_the_agents_radius_from_its_walls() -> N
 
 
 @pytest.mark.slow
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     st.lists(
         st.tuples(st.floats(0.3, 3.7), st.floats(0.3, 4.7), st.floats(0.02, 1.2), st.floats(0.02, 1.2)),
@@ -64,7 +64,7 @@ def test_walkable_means_far_from_everything_and_only_that(blocks: list[tuple[flo
     assert space.walkable.reshape(-1)[roomy].all()
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.floats(-180, 180), st.floats(0.1, 1.0), st.integers(0, 2**32 - 1))
 def test_clearance_is_a_close_lower_bound(angle: float, size: float, seed: int) -> None:
     plan = np.array([[-size, -0.1], [size, -0.1], [size, 0.1], [-size, 0.1]]) @ rotation("z", angle)[:2, :2].T + 2.0
@@ -105,7 +105,7 @@ def test_a_hole_in_the_floor_is_not_walked_over() -> None:
     assert not space.contains([[3.0, 2.0]])[0]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.lists(st.tuples(*[st.integers(-500, 500)] * 3), min_size=3, max_size=3),
     st.floats(-0.8, 0.0),

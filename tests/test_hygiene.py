@@ -133,7 +133,7 @@ def test_broken_and_double_faces_go(tmp_path: Path) -> None:
     assert volume(mesh) == pytest.approx(1, rel=1e-5)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.sets(st.integers(0, 11)))
 def test_any_mixture_of_windings_ends_outwards(turned: set[int]) -> None:
     triangles = CUBE[np.array([t for a, b, c, d in QUADS for t in ((a, b, c), (a, c, d))])]

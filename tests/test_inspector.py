@@ -154,7 +154,7 @@ def test_noise_is_rounded_further_until_the_track_is_small_enough(
 # ---- pictures --------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(hnp.arrays(np.bool_, hnp.array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=19)))
 def test_a_mask_comes_back_as_the_alpha_of_its_png(mask: Any) -> None:
     pixels = cv2.imdecode(np.frombuffer(pictures.mask_png(mask), np.uint8), cv2.IMREAD_UNCHANGED)

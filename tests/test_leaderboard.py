@@ -168,7 +168,7 @@ def test_one_method_twice_is_told_apart_and_one_file_twice_counts_once(tmp_path:
 
 
 @given(st.permutations(range(5)))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_the_order_of_the_files_changes_nothing(order: list[int]) -> None:
     import tempfile
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from avs3d_bench.errors import Avs3dError, UsageError
@@ -64,7 +64,6 @@ def test_the_bytes_do_not_depend_on_the_order(order: list[int]) -> None:
     assert parse_lock(dump_lock(whole), "x") == whole
 
 
-@settings(deadline=None)
 @given(st.text(alphabet=st.characters(exclude_categories=["Cc", "Cs"]), min_size=1, max_size=40), st.floats(0.02, 4.9))
 def test_any_text_and_number_comes_back(title: str, height: float) -> None:
     height = float(f"{height:.9g}")

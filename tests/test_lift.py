@@ -76,7 +76,7 @@ def test_a_mask_of_another_size_is_refused():
 
 
 @given(st.randoms(use_true_random=False))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_the_order_of_views_and_points_changes_nothing(random: Any):
     data = np.load(GOLDEN / "voting.npz")
     views = [view(r, t, focal=float(data["focal"])) for r, t in zip(data["c2w_R"], data["c2w_t"], strict=True)]

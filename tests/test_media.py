@@ -68,7 +68,7 @@ def test_same_bytes_at_another_time(tmp_path: Path, name: str, monkeypatch: pyte
     assert [p.name for p in (tmp_path / "a").iterdir()] == [name]  # no temporary file stays
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(hnp.arrays(np.uint8, st.tuples(st.integers(1, 40), st.integers(1, 40), st.just(3))))
 def test_rgb_round_trip(tmp_path_factory: pytest.TempPathFactory, pixels: Any):
     path = tmp_path_factory.getbasetemp() / "rgb.png"
@@ -76,7 +76,7 @@ def test_rgb_round_trip(tmp_path_factory: pytest.TempPathFactory, pixels: Any):
     np.testing.assert_array_equal(media.read_png_rgb(path), pixels)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(hnp.arrays(np.uint16, st.tuples(st.integers(1, 40), st.integers(1, 40))))
 def test_ids_round_trip_in_the_fewest_bits(tmp_path_factory: pytest.TempPathFactory, ids: Any):
     path = tmp_path_factory.getbasetemp() / "ids.png"

@@ -164,7 +164,7 @@ def test_many_small_parts_become_one_box() -> None:
     assert labels == ("wood",) * 12
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(50, 1000))
 def test_decimation_keeps_its_budget_and_the_shape(budget: int) -> None:
     ball = trimesh.creation.icosphere(subdivisions=4, radius=2.0)

@@ -66,7 +66,7 @@ masks = hnp.arrays(np.bool_, (9, 11))
 
 
 @given(st.lists(st.tuples(masks, masks), min_size=1, max_size=4))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_two_levels_are_the_whole_sweep(pairs: list[tuple[np.ndarray, np.ndarray]]):
     curves = [sweep(truth, prediction) for truth, prediction in pairs if truth.any()]
     expected = np.mean(curves, axis=0).max() if curves else 0.0

@@ -165,7 +165,7 @@ def test_dropped_frames_are_black_and_the_others_untouched(dataset: Dataset):
 
 
 @given(SEEDS)
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_a_swap_holds_for_the_whole_observation(dataset: Dataset, seed: int):
     errors = ErrorModel(swap=0.5, seed=seed)
     marked = TWIN if errors.happens("swap", tiny.MULTI) else SOUNDING

@@ -32,7 +32,7 @@ from tests import tiny_models, tiny_scenes  # noqa: E402
 
 torch.set_num_threads(1)
 CPU = torch.device("cpu")
-QUICK = settings(deadline=None, max_examples=60)
+QUICK = settings(max_examples=60)
 
 
 def found(*boxes: tuple[float, ...], scores: Any = None) -> Detections:

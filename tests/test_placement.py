@@ -325,7 +325,7 @@ triangles = st.lists(st.tuples(number, number, number), min_size=3, max_size=3)
 
 
 @pytest.mark.slow
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(triangles, st.floats(-3.2, 3.2))
 def test_the_separating_axis_test_agrees_with_linear_programming(corners: list[tuple[float, ...]], yaw: float) -> None:
     box = UprightBox(np.array([0.1, -0.05, 0.0]), np.array([0.5, 0.3, 0.4]), yaw)
@@ -339,7 +339,7 @@ def test_the_separating_axis_test_agrees_with_linear_programming(corners: list[t
     assert bool(box.hits_triangles(np.array(corners)[None])[0]) is (depth > 0)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.tuples(number, number, number), st.floats(-3.2, 3.2), st.floats(-3.2, 3.2))
 def test_two_boxes_overlap_where_their_plans_and_heights_do(centre: tuple[float, ...], a: float, b: float) -> None:
     one = UprightBox(np.zeros(3), np.array([0.5, 0.3, 0.4]), a)
@@ -352,7 +352,7 @@ def test_two_boxes_overlap_where_their_plans_and_heights_do(centre: tuple[float,
     assert other.hits_box(one) is one.hits_box(other)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(triangles, st.floats(-3.2, 3.2))
 def test_a_segment_is_blocked_where_a_sample_lies_inside(ends: list[tuple[float, ...]], yaw: float) -> None:
     box = UprightBox(np.zeros(3), np.array([0.5, 0.3, 0.4]), yaw)

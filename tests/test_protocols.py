@@ -222,7 +222,7 @@ def test_observations_count_alike_however_many_frames_they_have():
 
 
 @given(st.lists(st.one_of(st.none(), st.floats(0, 1)), min_size=1, max_size=8), st.randoms(use_true_random=False))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_the_order_of_observations_changes_nothing(ious: list[float | None], random: Any):
     group = [observation(number, iou) for number, iou in enumerate(ious, start=1)]
     assert summarise(random.sample(group, len(group))) == summarise(group)
@@ -234,7 +234,7 @@ shapes = st.tuples(st.integers(0, 95), st.integers(0, 95), st.integers(0, 30)).m
 
 
 @given(st.lists(st.tuples(shapes, shapes, shapes), min_size=1, max_size=6), st.randoms(use_true_random=False))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_the_order_of_frames_changes_nothing(masks: list[tuple[np.ndarray, ...]], random: Any):
     frames = [figures(*three) for three in masks]
     shuffled = random.sample(frames, len(frames))
@@ -243,7 +243,7 @@ def test_the_order_of_frames_changes_nothing(masks: list[tuple[np.ndarray, ...]]
 
 
 @given(st.lists(shapes, min_size=1, max_size=6))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_perfect_masks_score_one_and_mark_nothing_false(masks: list[np.ndarray]):
     scores = strict_observation([figures(mask, mask) for mask in masks], None, WHY)
     if scores.visible_frames:

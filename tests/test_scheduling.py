@@ -247,7 +247,7 @@ def book(count: int, followers: int, *, retries: int = 1, ahead: int = 4) -> tup
     return Ledger(tasks, retries=retries, ahead=ahead), tasks
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.data())
 def test_every_task_ends_exactly_once_and_none_before_what_it_follows(data: st.DataObject) -> None:
     retries = data.draw(st.integers(0, 2))

@@ -77,7 +77,7 @@ def test_in_the_free_field_the_right_instance_is_chosen(sounding, weights):
         assert (choice.chosen == (labels == sounding)).all()
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.integers(0, 10**6), st.floats(0, 2 * np.pi))
 def test_twins_half_a_metre_apart_are_told_apart_in_the_free_field(seed, angle):
     source = np.array([2.0, -1.0, 1.5])
@@ -303,7 +303,7 @@ def test_noise_joins_the_only_cluster_in_reach():
     assert merge_fragments(points, np.array([0, 1, -1, -1]), gap=0.6, largest=0.5).tolist() == [0, 1, 0, -1]
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 10**6))
 def test_merging_and_clustering_do_not_depend_on_the_order(seed):
     rng = np.random.default_rng(seed)
@@ -316,7 +316,7 @@ def test_merging_and_clustering_do_not_depend_on_the_order(seed):
     assert (merge_fragments(points[order], named, gap=0.1) == merge_fragments(points, labels, gap=0.1)[order]).all()
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 10**6), st.floats(0.01, 0.3))
 def test_after_merging_no_two_clusters_are_within_the_gap(seed, gap):
     rng = np.random.default_rng(seed)

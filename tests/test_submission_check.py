@@ -480,7 +480,7 @@ def test_a_large_cloud_is_written_as_binary(tmp_path: Path, monkeypatch: pytest.
         read_points(path)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(
     edits=st.lists(
         st.tuples(

@@ -54,7 +54,7 @@ def expected_images(source, listener, order):
 
 
 @given(inside, inside)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_a_box_has_its_image_sources_exactly(source, listener):
     """Times, directions and amplitudes of all 25 (63) images of up to 2 (3) reflections."""
     if np.linalg.norm(source - listener) < 0.15:

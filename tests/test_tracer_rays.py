@@ -91,7 +91,7 @@ class Soup:
 
 
 @given(st.integers(0, 10_000), st.integers(1, 60))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_the_tree_finds_the_first_hit_that_brute_force_finds(seed, count):
     triangles = soup(seed, count)
     rng = np.random.default_rng(seed + 1)
@@ -152,7 +152,7 @@ def test_no_ray_leaves_a_closed_box():
 
 
 @given(st.integers(0, 10_000))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_clearance_is_the_distance_to_the_nearest_point_of_a_triangle(seed):
     triangles = soup(seed, 6)
     rng = np.random.default_rng(seed)

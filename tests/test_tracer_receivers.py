@@ -121,7 +121,7 @@ def test_an_octave_sounds_in_its_own_octave_alone(centre: Array, band: int) -> N
     np.testing.assert_allclose(gains, np.eye(8)[band], atol=7e-3)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.lists(st.floats(0.01, 2), min_size=8, max_size=8), st.floats(0.1, 0.3))
 def test_pressures_are_the_gains_at_the_centres_of_the_octaves(pressures: list[float], time: float) -> None:
     response = Ambisonics(1).response(one(time=time, pressure=pressures), UPRIGHT, RATE)
@@ -161,7 +161,7 @@ def test_random_arrivals_have_the_energy_of_their_octaves(centre: Array) -> None
 # Times
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.floats(0.005, 0.4))
 def test_a_time_is_kept_to_a_fraction_of_a_sample(time: float) -> None:
     response = Ambisonics(1).response(one(time=time), UPRIGHT, RATE)

@@ -266,7 +266,7 @@ def test_samples_lie_outside_and_never_on_inner_surfaces() -> None:
 coordinate = st.floats(-3, 3)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     st.tuples(coordinate, coordinate, coordinate), st.tuples(coordinate, coordinate, coordinate),
     st.floats(-7, 7), st.floats(-0.5, 0.5), st.sampled_from([60.0, 90.0, 110.0]),

@@ -460,7 +460,7 @@ def test_a_long_report_is_cut_with_a_count(tmp_path: Path):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @pytest.mark.parametrize("kind", ["ours", "release"])
-@settings(max_examples=80, deadline=None, derandomize=True)
+@settings(max_examples=80, derandomize=True)
 @given(drawn=st.data())
 def test_no_damage_makes_it_stumble(tmp_path_factory: pytest.TempPathFactory, kind: str, drawn: st.DataObject):
     """Any file deleted, cut, flipped or replaced: a report comes back, and in a tree of ours it is not valid."""

@@ -174,7 +174,7 @@ def clipped(triangle: np.ndarray, edge: int) -> bool:
 
 @pytest.mark.slow
 @given(st.lists(st.tuples(*[st.integers(-7, 11)] * 3), min_size=3, max_size=3))
-@settings(max_examples=1500, deadline=None)
+@settings(max_examples=1500)
 def test_the_overlap_of_triangle_and_half_open_box_is_exact(corners: list[tuple[int, int, int]]):
     # A box of 4 units: corners, edges and sides are met all the time, and triangles without area too.
     triangle = np.array(corners, dtype=np.int64)
@@ -192,7 +192,7 @@ def test_the_overlap_test_survives_the_largest_triangles():
 
 
 @given(st.lists(st.tuples(*[st.integers(-40, 40)] * 3), min_size=3, max_size=3), st.sampled_from([0.02, 0.05]))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_points_of_a_triangle_lie_in_its_voxels(corners: list[tuple[int, int, int]], size: float):
     vertices, faces = np.array(corners) / 100, np.array([[0, 1, 2]])
     if len(np.unique(vertices, axis=0)) < 3 or np.linalg.matrix_rank(vertices[1:] - vertices[0]) < 2:
@@ -280,7 +280,6 @@ def test_order_and_repetition_of_points_change_nothing(cloud: list[tuple[float, 
 
 @pytest.mark.slow
 @given(st.tuples(*[st.integers(-200, 200)] * 3), clouds)
-@settings(deadline=None)
 def test_moving_all_by_whole_voxels_changes_nothing(steps: tuple[int, int, int], cloud):
     vertices, faces = box((0.03, -0.02, 0.0), (0.31, 0.4, 0.25))
     points = np.array(cloud)
@@ -293,7 +292,7 @@ def test_moving_all_by_whole_voxels_changes_nothing(steps: tuple[int, int, int],
 
 
 @given(st.permutations(range(12)), st.integers(0, 2))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_the_order_of_faces_and_of_their_corners_changes_no_voxel(order: list[int], turn: int):
     vertices, faces = box((0.013, 0.02, 0.0), (0.31, 0.4, 0.25))
     here, there = true_volume(vertices, faces), true_volume(vertices, np.roll(faces[order], turn, axis=1))

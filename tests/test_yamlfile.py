@@ -26,7 +26,7 @@ def test_the_files_of_the_project_read_as_with_pyyaml(path: Path) -> None:
     assert read_yaml(path)[1] == data
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(DOCUMENTS)
 def test_any_document_reads_as_with_pyyaml(document: object) -> None:
     for text in (yaml.safe_dump(document), yaml.safe_dump(document, default_flow_style=True, allow_unicode=True)):
