@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -34,6 +36,17 @@ def view_plan(table: Table, view: int, sounds: list[int]) -> Plan:
     return Plan(np.asarray([view], np.int64), pair, pair, audible, np.full(len(sounds), Kind.OWN, np.int64))
 
 
+@contextmanager
+def _no_search() -> Iterator[None]:
+    """A block without search for the fastest convolution of each shape: the number of sounds differs by picture."""
+    before = torch.backends.cudnn.benchmark
+    torch.backends.cudnn.benchmark = False
+    try:
+        yield
+    finally:
+        torch.backends.cudnn.benchmark = before
+
+
 def validate(
     network: Any, store: Store, bank: Bank, fabric: Any, thresholds: tuple[float, ...] = (THRESHOLD,)
 ) -> list[dict[str, float | None]]:
@@ -56,8 +69,7 @@ def validate(
     sums = torch.zeros(len(thresholds), len(SUMS), dtype=torch.float64, device=fabric.device)
     training = network.training
     network.eval()
-    # The number of sounds differs from picture to picture: no search for the fastest convolution of each shape.
-    with torch.inference_mode(), fabric.autocast(), torch.backends.cudnn.flags(benchmark=False):
+    with torch.inference_mode(), fabric.autocast(), _no_search():
         for view in validation_views(store.table)[fabric.global_rank :: fabric.world_size]:
             batch = bank.gather(view_plan(store.table, view, of_view[view]), None)
             cameras = batch.cameras.expand(len(batch.sounds), -1)
