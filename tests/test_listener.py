@@ -444,6 +444,21 @@ def test_the_table_of_thresholds_marks_less_with_a_higher_one(
     assert all(row["audible"] == rows[0]["audible"] for row in rows)
 
 
+def test_the_average_soon_forgets_the_first_weights() -> None:
+    state = new_state(settings(average=0.9))
+    parameter = next(state.network.parameters())
+    with torch.no_grad():
+        parameter.fill_(0.0)
+        state.average.update_parameters(state.network)  # the first is taken as it is
+        parameter.fill_(1.0)
+        found = []
+        for _ in range(8):
+            state.average.update_parameters(state.network)
+            found.append(1 - float(next(state.average.module.parameters()).flatten()[0]))
+    assert found[0] == pytest.approx(2 / 11, abs=1e-6)
+    assert found[7] < 1e-3
+
+
 def test_the_rate_rises_and_falls() -> None:
     wanted = Settings(steps=100, rate=1.0, warm_up=0.1)
     rates = [wanted.rate_at(step) for step in range(100)]

@@ -27,16 +27,14 @@ class Block(nn.Module):
 
     Args:
         channels: of input and output.
-        expansion: width of the hidden layer over ``channels``.
-        kernel: of the depthwise convolution.
     """
 
-    def __init__(self, channels: int, expansion: int = 4, kernel: int = 7) -> None:
+    def __init__(self, channels: int) -> None:
         super().__init__()
-        self.depthwise = nn.Conv2d(channels, channels, kernel, padding=kernel // 2, groups=channels)
+        self.depthwise = nn.Conv2d(channels, channels, 7, padding=3, groups=channels)
         self.norm = nn.LayerNorm(channels)
-        self.up = nn.Linear(channels, expansion * channels)
-        self.down = nn.Linear(expansion * channels, channels)
+        self.up = nn.Linear(channels, 4 * channels)
+        self.down = nn.Linear(4 * channels, channels)
         self.scale = nn.Parameter(torch.full((channels,), LAYER_SCALE))
 
     def forward(self, x: Tensor) -> Tensor:
@@ -47,13 +45,34 @@ class Block(nn.Module):
         return out
 
 
+class Mix(nn.Module):
+    """Residual block of a decoder: a 3 × 3 convolution of all channels with all, then one at every pixel.
+
+    At fine strides a depthwise convolution moves as much memory for far fewer operations.
+
+    Args:
+        channels: of input and output.
+    """
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.around = nn.Conv2d(channels, channels, 3, padding=1)
+        self.here = nn.Conv2d(channels, channels, 1)
+        self.scale = nn.Parameter(torch.full((channels, 1, 1), LAYER_SCALE))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, C, h, w) to the same."""
+        out: Tensor = x + self.scale * self.here(functional.gelu(self.around(x)))
+        return out
+
+
 def down(before: int, after: int) -> nn.Sequential:
     """Half the size."""
     return nn.Sequential(ChannelNorm(before), nn.Conv2d(before, after, 2, stride=2))
 
 
 class Up(nn.Module):
-    """One level of a decoder: twice the size, joined with the encoder's level and with more channels, then a block.
+    """One level of a decoder: twice the size, joined with the encoder's level and with more channels, then a `Mix`.
 
     Args:
         before: channels from below.
@@ -68,7 +87,7 @@ class Up(nn.Module):
         self.beside = nn.Conv2d(skip, after, 1)
         self.more = nn.Conv2d(more, after, 1) if more else None
         self.norm = ChannelNorm(after)
-        self.mix = Block(after, expansion=2)
+        self.mix = Mix(after)
 
     def forward(self, x: Tensor, skip: Tensor, more: Tensor | None = None) -> Tensor:
         """(B, after, 2h, 2w); ``skip`` of fewer pictures is repeated, one after another, for the sounds of each."""

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+from torch import Tensor
+from torch.optim.swa_utils import AveragedModel
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import atomic_path
@@ -93,9 +94,20 @@ def new_state(settings: Settings, device: Any = "cpu") -> State:
     optimiser = torch.optim.AdamW(
         groups, lr=settings.rate, betas=(0.9, 0.99), fused=torch.device(device).type == "cuda"
     )
-    mean: Any = get_ema_multi_avg_fn
-    average = AveragedModel(network, multi_avg_fn=mean(settings.average))
+    average = AveragedModel(network, multi_avg_fn=_moving_average(settings.average))
     return State(network, average, optimiser)
+
+
+def _moving_average(decay: float) -> Any:
+    """Exponential moving average for `AveragedModel`; over the first steps it forgets faster, down to ``decay``."""
+
+    @torch.no_grad()
+    def update(averaged: list[Tensor], current: list[Tensor], number: Tensor) -> None:
+        change = torch._foreach_sub(current, averaged)
+        torch._foreach_mul_(change, 1 - ((1 + number) / (10 + number)).clamp(max=decay))
+        torch._foreach_add_(averaged, change)
+
+    return update
 
 
 def resume(state: State, folder: Path, settings: Settings, digest: str) -> None:
