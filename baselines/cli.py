@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -17,6 +17,7 @@ from avs3d_bench.scheduling.options import Options, scheduling_options
 
 if TYPE_CHECKING:
     from avs3d_bench.submission import SubmissionWriter
+    from baselines.echosegnet.network_masks import AnySource
     from baselines.echosegnet.pipeline import Settings
 
 _RATE = click.FloatRange(0.0, 1.0)
@@ -270,7 +271,7 @@ def listener(
 
 @baseline.command(short_help="3D Gaussian splatting, lifted masks, refined by sound.")
 @_common
-@click.option("--masks", required=True, metavar="oracle|owod-bind|DIR", help="2D masks of the train frames.")
+@click.option("--masks", required=True, metavar="oracle|owod-bind|listener|DIR", help="2D masks of the train frames.")
 @click.option(
     "--instance",
     type=click.Choice(["category", "sounding"]),
@@ -278,6 +279,11 @@ def listener(
     show_default=True,
     help="Of --masks oracle: every instance of the sounding category, or the sounding one.",
 )
+@click.option("--listener-weights", type=PATH, metavar="FILE", help="Of --masks listener: weights [the package's].")
+@click.option(
+    "--listener-answer", type=click.Choice(["category", "sounding"]), default=None,
+    help="Of --masks listener: every object of the category that is heard, or what it says sounds [category].",
+)  # fmt: skip
 @click.option(
     "--variant", type=click.Choice(["official", "spatial"]), default="official", show_default=True,
     help="As released, or with occlusion-aware votes and the likelihood of what both ears heard; the training is one.",
@@ -320,11 +326,9 @@ def echosegnet(
     """
     from avs3d_bench.dataset import Dataset
     from baselines.echosegnet.run import all_devices, write_echosegnet, write_sweep
-    from baselines.echosegnet.sources import mask_source
-    from baselines.oracle_errors import ErrorModel
 
     options = _EchosegnetOptions(**chosen)
-    settings, masks = options.settings(), options.masks
+    settings = options.settings()
     shared: dict[str, Any] = {
         "work": options.work or path.with_name(path.name + ".work"),
         "devices": options.devices or all_devices(),
@@ -333,14 +337,14 @@ def echosegnet(
         "progress": sys.stderr.isatty(),
         "scheduling": scheduling,
     }
-    if masks == "owod-bind":
+    if options.masks == "owod-bind":
         from baselines.owod_bind.run import load_owod_bind, write_mask_folder
 
         folder = Path(shared["work"]) / "owod-bind"
         model = load_owod_bind(device=shared["devices"][0], **networks)
         write_mask_folder(Dataset(root), folder, model, only=only, progress=shared["progress"])
-        masks = str(folder)
-    source = mask_source(masks, instance=options.instance, errors=ErrorModel())
+        options = replace(options, masks=str(folder))
+    source = options.source()
     if options.sweep:
         for writer in write_sweep(Dataset(root), path, source, settings, **shared):
             _done(writer)
@@ -354,6 +358,8 @@ class _EchosegnetOptions:
 
     masks: str
     instance: Any
+    listener_weights: Path | None
+    listener_answer: Any
     variant: Any
     no_aisrm: bool
     voting_threshold: float
@@ -363,6 +369,27 @@ class _EchosegnetOptions:
     sweep: str | None
     work: Path | None
     devices: tuple[str, ...]
+
+    def source(self) -> AnySource:
+        """Of the train frames' masks.
+
+        Raises:
+            UsageError: if there is none of that name, or options of the listener are given for another one.
+        """
+        from baselines.echosegnet.sources import mask_source
+        from baselines.oracle_errors import ErrorModel
+
+        if self.masks != "listener":
+            if self.listener_weights is not None or self.listener_answer is not None:
+                raise UsageError("--listener-weights and --listener-answer need --masks listener")
+            return mask_source(self.masks, instance=self.instance, errors=ErrorModel())
+        from baselines.listener.packages import require
+
+        require("baselines")
+        from baselines.echosegnet.network_masks import NetworkMasks
+        from baselines.listener.marks import load_marker
+
+        return NetworkMasks(load_marker(self.listener_weights, which=self.listener_answer or "category"))
 
     def settings(self) -> Settings:
         """Of the pipeline."""

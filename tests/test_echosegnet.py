@@ -259,7 +259,7 @@ def test_what_is_missing_is_said_in_one_line(data: Path, tmp_path: Path, work: P
         media.write_png_mask(black / f"{frame.name}.png", np.zeros((tiny.SIZE, tiny.SIZE), bool))
     with pytest.raises(Avs3dError, match="marks nothing in any train frame"):
         run(data, tmp_path / "s", work, FolderMasks(tmp_path / "black"), only=["part_1/*"])
-    with pytest.raises(UsageError, match="expected 'oracle', 'owod-bind' or a folder"):
+    with pytest.raises(UsageError, match="expected 'oracle', 'owod-bind', 'listener' or a folder"):
         mask_source("nowhere", instance="category", errors=ErrorModel())
     if not torch.cuda.is_available():
         with pytest.raises(UsageError, match="CUDA devices"):
@@ -313,7 +313,7 @@ def test_a_damaged_stage_is_made_again(tmp_path: Path):
 
 
 def test_a_worker_with_other_sources_is_refused(tmp_path: Path):
-    mine = software()
+    mine = software(OracleMasks())
     job = Job(
         tmp_path, tiny.SINGLE, (), OracleMasks(), tmp_path, ("cpu",), tuple((mine | {"software": "0" * 64}).items())
     )

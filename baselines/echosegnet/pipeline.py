@@ -43,6 +43,7 @@ from baselines.echosegnet import aisrm, clusters, spatial
 from baselines.echosegnet.cache import Stages, digest
 from baselines.echosegnet.decompose import decompose
 from baselines.echosegnet.gaussians import Gaussians, write_ply
+from baselines.echosegnet.network_masks import AnySource, NetworkMasks
 from baselines.echosegnet.rasteriser.default import Rasteriser
 from baselines.echosegnet.render import amodal_mask, visible_mask
 from baselines.echosegnet.sound_scenes import Categories, class_votes, cluster_activity
@@ -98,7 +99,7 @@ class Prediction:
 
 def predict(
     observation: Observation,
-    source: MaskSource,
+    source: AnySource,
     rasteriser: Rasteriser,
     settings: Settings,
     folder: Path,
@@ -113,17 +114,22 @@ def predict(
     stages, clock = Stages(folder), _Clock()
     views = load_views(observation)
     scene = observation.is_sound_scene
+    # In sound scenes, and in what a network says, it may be that nothing is marked: then there is nothing to lift.
+    may_be_empty = scene or isinstance(source, NetworkMasks)
+    if isinstance(source, NetworkMasks):
+        with clock("network"):
+            source = source.found(observation, rasteriser.device, stages)
     with clock("masks"):
-        masks = _masks(observation, train_views(input_views(views)), source) if scene else []
-    if scene and not any(mask.any() for mask in masks):
-        return _nothing(observation, source, clock)  # nothing sounds in the train frames: there is nothing to lift
+        masks = _masks(observation, train_views(input_views(views)), source) if may_be_empty else []
+    if may_be_empty and not any(mask.any() for mask in masks):
+        return _nothing(observation, source, clock)
     with clock("train"), turn(stages.folder / "training.lock"):
         gaussians, key, full_at = trained(observation, views, rasteriser, settings.training, stages, progress)
     views = input_views(views)
     seen = train_views(views)
-    if not scene:
+    if not may_be_empty:
         with clock("masks"):
-            masks = _masks(observation, seen, source)
+            masks = _marked(observation, seen, source)
     by_frame = scene and settings.variant == "spatial" and settings.refine
     with clock("lift"):
         run = MASK_RUN if by_frame else None
@@ -222,7 +228,8 @@ def _nothing(observation: Observation, source: MaskSource, clock: _Clock) -> Pre
     """Empty masks for every test frame, and no points."""
     figures: dict[str, Scalar] = dict.fromkeys(("gaussians", "labelled", "chosen", "clusters"), 0)
     figures |= {"memory_full_at": None, **{f"{stage}_seconds": round(s, 2) for stage, s in clock.seconds.items()}}
-    named: dict[str, Categories] | None = None if source.categories(observation.train[0]) is None else {}
+    classes = observation.is_sound_scene and source.categories(observation.train[0]) is not None
+    named: dict[str, Categories] | None = {} if classes else None
     return Prediction(_complete(observation, {}), np.zeros((0, 3)), figures, _complete_classes(observation, named))
 
 
@@ -306,7 +313,12 @@ def _masks(observation: Observation, views: Sequence[View], source: MaskSource) 
                 f"expected {view.camera.width}×{view.camera.height}"
             )
         masks.append(mask)
-    if not observation.is_sound_scene and not any(mask.any() for mask in masks):
+    return masks
+
+
+def _marked(observation: Observation, views: Sequence[View], source: MaskSource) -> list[Mask]:
+    masks = _masks(observation, views, source)
+    if not any(mask.any() for mask in masks):
         raise Avs3dError(f"{observation.key}: {source.name} marks nothing in any train frame; nothing can be lifted")
     return masks
 

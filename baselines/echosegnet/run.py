@@ -19,10 +19,10 @@ from avs3d_bench.scheduling.tasks import Context
 from avs3d_bench.schema import ProvenanceRecord, Scalar
 from avs3d_bench.submission import SubmissionFolder, SubmissionWriter
 from baselines.echosegnet.jobs import all_devices, device_of, run_each, spread
+from baselines.echosegnet.network_masks import AnySource, NetworkMasks
 from baselines.echosegnet.pipeline import Settings, predict
 from baselines.echosegnet.rasteriser.default import default_rasteriser
 from baselines.echosegnet.sound_scenes import work_folder
-from baselines.echosegnet.sources import MaskSource
 from baselines.echosegnet.train import Report
 
 __all__ = ["SWEEP", "Job", "all_devices", "method_name", "predict_one", "runtime_of", "write_echosegnet", "write_sweep"]
@@ -54,24 +54,28 @@ class Job:
     root: Path
     key: str
     targets: tuple[tuple[Settings, SubmissionFolder], ...]
-    source: MaskSource
+    source: AnySource
     work: Path
     devices: tuple[str, ...]
     software: tuple[tuple[str, str], ...] = ()
 
 
-def software() -> dict[str, str]:
+def software(source: AnySource) -> dict[str, str]:
     """Name → version of the software that a prediction depends on, with the digest of its sources."""
-    return provenance(*METHOD).versions
+    return provenance(*_entries(source)).versions
 
 
-def method_name(settings: Settings, source: MaskSource) -> str:
+def _entries(source: AnySource) -> tuple[str, ...]:
+    return (*METHOD, source.marker.entry) if isinstance(source, NetworkMasks) else METHOD
+
+
+def method_name(settings: Settings, source: AnySource) -> str:
     """E.g. ``EchoSegnet, spatial, masks: oracle (category)``."""
     kind = settings.variant if settings.refine else f"{settings.variant} without AISRM"
     return f"EchoSegnet, {kind}, masks: {source.name}"
 
 
-def runtime_of(settings: Settings, source: MaskSource) -> dict[str, Scalar]:
+def runtime_of(settings: Settings, source: AnySource) -> dict[str, Scalar]:
     """The settings of a submission that `avs3d tables` reads."""
     return {
         "method": "echosegnet",
@@ -88,7 +92,7 @@ def runtime_of(settings: Settings, source: MaskSource) -> dict[str, Scalar]:
 def write_echosegnet(
     dataset: Dataset,
     path: str | Path,
-    source: MaskSource,
+    source: AnySource,
     settings: Settings,
     *,
     work: str | Path,
@@ -147,7 +151,7 @@ class RunOptions(TypedDict, total=False):
 def write_sweep(
     dataset: Dataset,
     path: str | Path,
-    source: MaskSource,
+    source: AnySource,
     settings: Settings,
     *,
     thresholds: Sequence[float] = SWEEP,
@@ -163,7 +167,7 @@ def write_sweep(
 
 
 def _writer(
-    dataset: Dataset, path: str | Path, source: MaskSource, settings: Settings, only: Iterable[str], overwrite: bool
+    dataset: Dataset, path: str | Path, source: AnySource, settings: Settings, only: Iterable[str], overwrite: bool
 ) -> SubmissionWriter:
     training = settings.training
     notes = (
@@ -172,11 +176,14 @@ def _writer(
         f"masks of train frames: {source.name}"
     )
     oracle = source.name.startswith("oracle")
+    made_by = ProvenanceRecord.of(provenance(*_entries(source)))
+    if isinstance(source, NetworkMasks):
+        notes += f": {source.marker.notes}"
     if oracle:
         notes += "; uses the ground truth of train frames"
     return SubmissionWriter(
         path, dataset, method=method_name(settings, source), notes=notes, only=tuple(only), overwrite=overwrite,
-        truth="masks of train frames" if oracle else None, provenance=ProvenanceRecord.of(provenance(*METHOD)),
+        truth="masks of train frames" if oracle else None, provenance=made_by,
     )  # fmt: skip
 
 
@@ -184,7 +191,7 @@ def _run(
     observations: Sequence[Observation],
     dataset: Dataset,
     targets: tuple[tuple[Settings, SubmissionFolder], ...],
-    source: MaskSource,
+    source: AnySource,
     work: str | Path,
     devices: Sequence[str],
     progress: bool,
@@ -197,7 +204,7 @@ def _run(
         for device in dict.fromkeys(workers):
             default_rasteriser(device)  # a device that is not there is named, and kernels compiled, before all else
     mine = workers if here else ()
-    wanted = () if here else tuple(software().items())
+    wanted = () if here else tuple(software(source).items())
     jobs = [
         Job(dataset.root.absolute(), observation.key, targets, source, Path(work).absolute(), mine, wanted)
         for observation in observations
@@ -211,7 +218,7 @@ def predict_one(context: Context, job: Job) -> dict[str, Scalar]:
     """Predict an observation on the device of the task's slot and write it; its figures."""
     try:
         if job.software:
-            check_software(software(), dict(job.software))
+            check_software(software(job.source), dict(job.software))
         rasteriser = device_of(context, job.devices)
         observation = Observation(job.root, job.key)
         figures: dict[str, Scalar] = {}

@@ -105,5 +105,7 @@ def mask_source(text: str, *, instance: Instance, errors: ErrorModel) -> MaskSou
         return OracleMasks(instance, errors)
     folder = Path(text)
     if not folder.is_dir():
-        raise UsageError(f"--masks {text}: expected 'oracle', 'owod-bind' or a folder <key>/<frame>.png of masks")
+        raise UsageError(
+            f"--masks {text}: expected 'oracle', 'owod-bind', 'listener' or a folder <key>/<frame>.png of masks"
+        )
     return FolderMasks(folder)

@@ -1,0 +1,162 @@
+"""Masks of train frames for a method that lifts them into 3D and then chooses by sound (`--masks listener`).
+
+Such a method asks for two different things, which the network both knows:
+
+    sounding   the network's mask: what sounds, as far as one frame and one second tell
+    category   every object of a category that is heard: which of them sounds is left to the sound of all frames
+
+``category`` is the answer of a detector that does not compare both ears: its masks of twins agree from frame to frame,
+whereas ``sounding`` may take one twin in one frame and the other in the next. In part_1 and part_2 one object sounds
+all the time, so that the train frames together say which category is heard; in part_3 each frame says it for itself.
+
+Nothing of the truth is read. Answers are class ids, 0 where nothing is marked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench.dataset import Frame
+from avs3d_bench.errors import Avs3dError
+from baselines.listener.masks import LEAST_AREA, MOST_LOGIT, Answer, class_map, guided, logit, without_specks
+from baselines.listener.predict import BATCH, THRESHOLD, ListenerMethod, camera_of, clip_of, load_method
+from baselines.listener.shards import fit
+from baselines.networks.device import inference
+
+#: Which of the network's answers is the mask.
+Which = Literal["sounding", "category"]
+#: Probabilities are cut here on both sides before they become log-odds.
+_LEAST = 1e-6
+
+
+@dataclass(frozen=True)
+class ListenerMarker:
+    """What marks train frames; it can be pickled, and loads the network on the device where it is used.
+
+    Attributes:
+        weights: file of weights; None: those of the package.
+        digest: sha256 of the weights.
+        which: see the module.
+        threshold: probability above which a pixel is marked.
+    """
+
+    weights: Path | None
+    digest: str
+    which: Which = "category"
+    threshold: float = THRESHOLD
+
+    @property
+    def entry(self) -> str:
+        """What computes the masks (see `avs3d_bench.provenance`)."""
+        return "baselines.listener.marks:ListenerMarker"
+
+    @property
+    def name(self) -> str:
+        """E.g. ``listener (category)``."""
+        return f"listener ({self.which})"
+
+    @property
+    def settings(self) -> dict[str, str | float]:
+        """Everything besides the software and the frames that decides the masks."""
+        return {"weights": self.digest, "answer": self.which, "threshold": self.threshold}
+
+    @property
+    def notes(self) -> str:
+        """The settings, for submission.json."""
+        return f"answer {self.which}, marked where > {self.threshold:g}, weights {self.digest[:12]}"
+
+    def mark(self, frames: Sequence[Frame], device: Any) -> Iterator[NDArray[np.uint8]]:
+        """(H, W) class ids of each of the train frames of one observation, in their order.
+
+        Raises:
+            Avs3dError: if the weights are others than those of ``digest``, or a frame's files are missing or damaged.
+        """
+        method = _method(self.weights, str(device), self.threshold)
+        if method.digest != self.digest:
+            raise Avs3dError(
+                f"{self.weights or 'weights of the package'}: sha256 {method.digest[:12]}…, expected "
+                f"{self.digest[:12]}…; the file was changed, or another machine has another one"
+            )
+        if self.which == "sounding":
+            for start in range(0, len(frames), BATCH):
+                for found in method.predictions(frames[start : start + BATCH]):
+                    yield np.asarray(found.mask if found.categories is None else found.categories, np.uint8)
+            return
+        answers = _answers(method, frames)
+        together = not any(frame.observation.is_sound_scene for frame in frames)
+        shared = shared_category(answers) if together else None
+        for frame, answer in zip(frames, answers, strict=True):
+            changed = of_category(answer, shared)
+            yield class_map(_mask(method, changed.mask, frame.rgb()), changed)
+
+
+def _answers(method: ListenerMethod, frames: Sequence[Frame]) -> list[Answer]:
+    """What the network says of frames, at its own size."""
+    found: list[Answer] = []
+    for start in range(0, len(frames), BATCH):
+        part = frames[start : start + BATCH]
+        pictures = [fit(frame.rgb(), cv2.INTER_AREA) for frame in part]
+        sounds = np.stack([clip_of(frame) for frame in part])
+        cameras = np.asarray([camera_of(frame) for frame in part], np.float32)
+        with inference(method.device, f"{part[0].observation.path}/{part[0].name}"):
+            found += method.answers(pictures, sounds, cameras)
+    return found
+
+
+def _mask(method: ListenerMethod, cells: NDArray[np.float32], picture: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """(H, W) bool of a picture (H, W, 3), from log-odds at the network's own size."""
+    large = cv2.resize(np.clip(cells, -MOST_LOGIT, MOST_LOGIT), picture.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+    if method.refine != "none" and large.max() > logit(method.threshold):
+        large = guided(np.asarray(large, np.float32), picture)
+    return without_specks(np.asarray(large > logit(method.threshold)), LEAST_AREA)
+
+
+def shared_category(answers: Sequence[Answer]) -> int:
+    """The category (0-based) that is most probably heard in all of these answers: the largest sum of log-odds."""
+    odds = np.sum([_log_odds(answer.audible) for answer in answers], axis=0)
+    return int(np.argmax(odds))
+
+
+def of_category(answer: Answer, category: int | None) -> Answer:
+    """The answer whose mask is every object of what is heard.
+
+    Args:
+        answer: of the network.
+        category: 0-based, the only one that is heard; None: as the answer says, P(heard) = Σ P(class) · P(audible).
+    """
+    if category is None:
+        return replace(answer, mask=_log_odds(np.einsum("chw,c->hw", answer.classes[1:], answer.audible)))
+    audible = np.zeros_like(answer.audible)
+    audible[category] = 1
+    return replace(answer, mask=_log_odds(answer.classes[1 + category]), audible=audible)
+
+
+def _log_odds(share: NDArray[np.float32]) -> NDArray[np.float32]:
+    cut = np.clip(share, _LEAST, 1 - _LEAST)
+    return np.asarray(np.log(cut / (1 - cut)), np.float32)
+
+
+@lru_cache(maxsize=1)
+def _method(weights: Path | None, device: str, threshold: float) -> ListenerMethod:
+    """The network; a process keeps it for its next observation."""
+    return load_method(weights, device=device, threshold=threshold)
+
+
+def load_marker(weights: Path | None = None, *, which: Which = "category") -> ListenerMarker:
+    """A marker with the digest of its weights.
+
+    Raises:
+        Avs3dError: if the weights are missing, damaged, or of another version.
+    """
+    from baselines.listener.weights import load_listener
+
+    path = None if weights is None else weights.absolute()
+    return ListenerMarker(path, load_listener(path)[1], which)
