@@ -13,6 +13,9 @@ JOBS ?= $(shell n=$(WORKERS); [ "$$n" -gt 8 ] && echo 8 || echo "$$n")
 PYTEST = $(BIN)/python -m pytest -n $(JOBS) --dist worksteal --durations 10
 # A pinned PyTorch; on a machine with a GPU, `make setup TORCH=torch` installs the newest build.
 TORCH ?= torch==2.13.0
+# What pip installs for the listener of `make demo`, if the package has its weights: PyTorch for the CPU. Empty: nothing.
+TORCH_CPU ?= --index-url https://download.pytorch.org/whl/cpu $(TORCH)
+LISTENER_WEIGHTS := baselines/listener/weights/listener.safetensors
 # The acoustic engine; empty: the manifest's, else the tracer. Without the SoundSpaces engine (it could not be compiled),
 # the tracer makes the sound of all manifests.
 AUDIO ?= $(shell $(BIN)/python -c 'import rlr_audio_propagation' 2>/dev/null || echo tracer)
@@ -25,7 +28,7 @@ VISION ?=
 # What draws the pictures, bakes the light and, with AUDIO=tracer, traces the sound: cpu or cuda (docs/gpu.md).
 DEVICE ?= cpu
 
-.PHONY: help setup demo demo-validate demo-sheets dataset test test-slow test-all lint docs bench schemas clean
+.PHONY: help setup demo demo-validate demo-sheets demo-listener dataset test test-slow test-all lint docs bench schemas clean
 
 help: ## print one line for each target
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -53,11 +56,20 @@ $(STAMP): pyproject.toml
 	$(install_engine)
 	@touch $@ $(DEMO_STAMP)
 
+define install_torch_cpu
+	@$(LISTENER_RUNS) || { echo "installing PyTorch for the CPU …" && \
+	  $(BIN)/python -m pip install --quiet --disable-pip-version-check safetensors && \
+	  $(BIN)/python -m pip install --quiet --disable-pip-version-check --retries 1 --timeout 20 $(TORCH_CPU); } || \
+	  echo "PyTorch for the CPU could not be installed: the demo goes on without the listener."
+endef
+LISTENER_RUNS = $(BIN)/python -c 'import torch, safetensors' 2>/dev/null
+
 # Only the packages that the demo needs; `make setup` adds the rest.
-$(DEMO_STAMP): pyproject.toml
+$(DEMO_STAMP): pyproject.toml $(wildcard $(LISTENER_WEIGHTS))
 	$(make_venv)
 	@echo "installing the generator …"
 	$(PIP) -e '.[generate]'
+	$(if $(TORCH_CPU),$(if $(wildcard $(LISTENER_WEIGHTS)),$(install_torch_cpu)))
 	@touch $@
 
 # The submissions of the demo: `avs3d baseline` with these arguments.
@@ -68,13 +80,15 @@ BASELINE_oracle := oracle
 BASELINE_oracle-sounding := oracle --instance sounding --points
 BASELINE_oracle-with-errors := oracle --instance sounding --drop 0.1 --swap 0.5 --dilate 4 --confuse 0.5 --seed 1
 DEMO_SCORES := $(patsubst BASELINE_%,demo-score-%,$(filter BASELINE_%,$(.VARIABLES)))
+# Only where it can run: `demo-listener`.
+BASELINE_listener := listener --device cpu
 
-demo: $(DEMO_STAMP) ## generate two observations, score six submissions, write reports
+demo: $(DEMO_STAMP) ## generate two observations, score six submissions and the listener, write reports
 	@echo "generating data/demo …"
 	$(BIN)/avs3d generate scenes_manifest/demo.yaml -o data/demo --workers $(WORKERS) $(WITH_AUDIO)
 	@mkdir -p data/demo-scores
 	@echo "validating, drawing contact sheets, writing and scoring submissions, $(WORKERS) at a time …"
-	@$(MAKE) --no-print-directory --output-sync -j $(WORKERS) demo-validate demo-sheets $(DEMO_SCORES)
+	@$(MAKE) --no-print-directory --output-sync -j $(WORKERS) demo-validate demo-sheets $(DEMO_SCORES) demo-listener
 	$(BIN)/avs3d leaderboard data/demo-scores/*.json -o data/demo-leaderboard
 	@echo
 	@echo "Sheets: data/demo-sheets/*.png. Scores: data/demo-scores/oracle.html, data/demo-leaderboard/index.html."
@@ -85,7 +99,14 @@ demo-validate:
 	$(BIN)/avs3d validate data/demo --deep --workers 1
 demo-sheets:
 	$(BIN)/avs3d contact-sheet data/demo -o data/demo-sheets
-$(DEMO_SCORES): demo-score-%:
+# The network needs PyTorch and the weights of the package.
+demo-listener:
+	@why=; [ -f $(LISTENER_WEIGHTS) ] || why="$(LISTENER_WEIGHTS) is not there"; \
+	[ -n "$$why" ] || $(LISTENER_RUNS) || why="PyTorch is not installed (make setup installs it)"; \
+	if [ -n "$$why" ]; then \
+	  echo "The listener is not scored: $$why."; rm -f data/demo-scores/listener.json data/demo-scores/listener.html; \
+	else $(MAKE) --no-print-directory -f $(firstword $(MAKEFILE_LIST)) demo-score-listener; fi
+$(DEMO_SCORES) demo-score-listener: demo-score-%:
 	$(BIN)/avs3d baseline $(BASELINE_$*) --dataset data/demo -o data/demo-submissions/$* --overwrite
 	$(BIN)/avs3d-eval data/demo-submissions/$* --dataset data/demo --workers 1 \
 	  --json data/demo-scores/$*.json --html data/demo-scores/$*.html

@@ -1,0 +1,322 @@
+"""The scores of the listener's tables: every row of every dataset, what is there already left out.
+
+    python -m benchmarks.listener_tables data/open-s34-o7 data/open-s34-o7-sh3d data/listen \\
+        -o docs/results --work work/listener --device cuda:0 --device cuda:1
+    python -m benchmarks.listener_tables … --rows echosegnet --only 'part_2/*' --iterations 7000
+    python -m benchmarks.listener_page docs/results --page docs/listener.md
+
+Writes ``listener-<dataset>-<row>.json`` for each row, and ``listener-run.json`` with seconds, hardware and settings.
+The label of a dataset is the name of its folder; ``LABEL=FOLDER`` gives another one, for example for the same
+observations with the sound of another engine. A row is computed again if its file belongs to other weights, another
+dataset, or other settings. Trained Gaussians and masks of train frames are kept below
+``--work``: a stopped run goes on.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any, Literal
+
+import click
+
+from avs3d_bench import layout
+from avs3d_bench.dataset import Dataset, Frame
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.files import read_json, sha256_file, write_json
+from avs3d_bench.media import read_record
+from avs3d_bench.method import Method, write_submission
+from avs3d_bench.parallel import available_cores
+from avs3d_bench.scores import Scores
+from avs3d_bench.submission import Prediction
+
+Kind = Literal["truth", "listener", "echosegnet"]
+#: File with what was run, beside the scores.
+RUN_JSON = "listener-run.json"
+#: Processes that share the GPUs for the rows in 2D, at most: decoding and writing pictures takes most of the time.
+MOST_WORKERS = 24
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of the tables.
+
+    Attributes:
+        name: in file names.
+        title: in tables.
+        kind: what computes it; ``--rows`` takes kinds and names.
+        setting: of what computes it: instance or deaf oracle, hearing, or variant.
+        scenes: whether it is for sound scenes alone.
+    """
+
+    name: str
+    title: str
+    kind: Kind
+    setting: str
+    scenes: bool = False
+
+
+ROWS = {
+    row.name: row
+    for row in (
+        Row("category", "true masks of the category that is heard", "truth", "category"),
+        Row("deaf-all", "deaf oracle: every instance", "truth", "all", scenes=True),
+        Row("deaf-single", "deaf oracle: best single instance", "truth", "single", scenes=True),
+        Row("2d", "listener, 2D", "listener", "own"),
+        Row("no-sound", "listener, 2D, without sound", "listener", "none"),
+        Row("wrong-sound", "listener, 2D, with wrong sound", "listener", "other"),
+        Row("no-aisrm", "listener + EchoSegnet without AISRM", "echosegnet", "no-aisrm"),
+        Row("official", "listener + EchoSegnet official", "echosegnet", "official"),
+        Row("spatial", "listener + EchoSegnet spatial", "echosegnet", "spatial"),
+    )
+}
+KINDS = ("truth", "listener", "echosegnet")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The settings of a run.
+
+    Attributes:
+        output: folder of the scores.
+        work: folder of submissions and intermediate results.
+        weights: file of the listener's weights; None: those of the package.
+        digest: sha256 of the weights.
+        answer: which of the network's answers marks train frames.
+        devices: of this machine.
+        workers: processes of the rows in 2D, and of the scoring.
+        iterations: of the training of Gaussians.
+        max_gaussians: cap on their number.
+        only: shell patterns of observation keys.
+        refine: how masks of the rows in 2D are refined.
+    """
+
+    output: Path
+    work: Path
+    weights: Path | None
+    digest: str
+    answer: Any
+    devices: tuple[str, ...]
+    workers: int
+    iterations: int
+    max_gaussians: int | None
+    only: tuple[str, ...]
+    refine: Any = "edges"
+
+    def scores(self, label: str, row: Row) -> Path:
+        """File of a row's scores."""
+        return self.output / f"listener-{label}-{row.name}.json"
+
+    def submission(self, label: str, row: Row) -> Path:
+        """Folder of a row's submission."""
+        return self.work / "submissions" / label / row.name
+
+    def said(self, row: Row) -> dict[str, Any]:
+        """What decides a row, besides the dataset and the software."""
+        found: dict[str, Any] = {"only": list(self.only)}
+        if row.kind != "truth":
+            found["weights"] = self.digest
+        if row.kind == "listener":
+            found["refine"] = self.refine
+        if row.kind == "echosegnet":
+            found |= {"answer": self.answer, "iterations": self.iterations, "max_gaussians": self.max_gaussians}
+        return found
+
+
+@lru_cache(maxsize=1)
+def _network(weights: Path | None, device: str, hearing: Any, refine: Any) -> Any:
+    import torch
+
+    from baselines.listener.predict import load_method
+
+    if device != "cpu":
+        torch.set_num_threads(1)  # many processes share the cores
+    return load_method(weights, device=device, hearing=hearing, refine=refine)
+
+
+def _predict(plan: Plan, hearing: str, frames: tuple[Frame, ...]) -> list[Prediction]:
+    """Masks of test frames, in a worker process on one of the devices."""
+    device = plan.devices[os.getpid() % len(plan.devices)]
+    found: list[Prediction] = _network(plan.weights, device, hearing, plan.refine).predictions(frames)
+    return found
+
+
+def write_row(dataset: Dataset, path: Path, row: Row, plan: Plan) -> None:
+    """Write the submission of a row."""
+    common: dict[str, Any] = {"only": plan.only, "overwrite": True, "progress": True}
+    if row.kind == "truth":
+        from baselines.deaf import write_deaf
+        from baselines.oracle import write_oracle
+
+        if row.scenes:
+            write_deaf(dataset, path, row.setting, workers=plan.workers, **common)  # type: ignore[arg-type]
+        else:
+            write_oracle(dataset, path, instance="category", workers=plan.workers, **common)
+    elif row.kind == "listener":
+        from baselines.listener.predict import ListenerMethod
+
+        hearing: Any = row.setting
+        notes = ListenerMethod(None, None, plan.digest, hearing=hearing, refine=plan.refine).notes
+        method = Method(
+            row.title,
+            partial(_predict, plan, row.setting),
+            notes=notes,
+            entry="baselines.listener.predict:write_listener",
+        )
+        write_submission(dataset, path, method, workers=plan.workers, **common)
+    else:
+        _write_lifted(dataset, path, row, plan, common)
+
+
+def _write_lifted(dataset: Dataset, path: Path, row: Row, plan: Plan, common: dict[str, Any]) -> None:
+    from baselines.echosegnet.densify import DensityControl
+    from baselines.echosegnet.network_masks import NetworkMasks
+    from baselines.echosegnet.pipeline import Settings
+    from baselines.echosegnet.run import write_echosegnet
+    from baselines.echosegnet.train import TrainingSettings
+    from baselines.listener.marks import ListenerMarker
+
+    source = NetworkMasks(ListenerMarker(plan.weights, plan.digest, plan.answer))
+    density = DensityControl(max_gaussians=plan.max_gaussians)
+    settings = Settings(
+        variant="spatial" if row.setting == "spatial" else "official",
+        refine=row.setting != "no-aisrm",
+        training=TrainingSettings(iterations=plan.iterations, density=density),
+    )
+    write_echosegnet(dataset, path, source, settings, work=plan.work / "stages", devices=plan.devices, **common)
+
+
+def is_current(path: Path, entry: dict[str, Any] | None, dataset: Dataset, said: dict[str, Any]) -> bool:
+    """Whether a file of scores belongs to this dataset and these settings."""
+    if entry is None or entry.get("settings") != said or not path.exists():
+        return False
+    record = dataset.root / layout.DATASET_JSON
+    return read_record(path, Scores).dataset.sha256 == (sha256_file(record) if record.exists() else None)
+
+
+def hardware() -> str:
+    """Name of the GPUs, or of the processor."""
+    import torch
+
+    if not torch.cuda.is_available():
+        return f"{platform.processor() or platform.machine()}, {available_cores()} cores"
+    return f"{torch.cuda.device_count()} × {torch.cuda.get_device_name()}, {available_cores()} cores"
+
+
+def run_row(label: str, dataset: Dataset, row: Row, plan: Plan) -> dict[str, Any]:
+    """Write and score one row; what listener-run.json says of it."""
+    from evaluators import evaluate
+
+    start = time.perf_counter()
+    write_row(dataset, plan.submission(label, row), row, plan)
+    written = time.perf_counter()
+    scores = evaluate(plan.submission(label, row), dataset.root, only=plan.only, workers=plan.workers).scores
+    write_json(plan.scores(label, row), scores)
+    return {
+        "settings": plan.said(row), "seconds": round(written - start, 1),
+        "scoring_seconds": round(time.perf_counter() - written, 1), "observations": scores.overall.observations,
+        "frames": scores.overall.frames, "hardware": hardware(), "processes": plan.workers,
+    }  # fmt: skip
+
+
+def run_all(roots: dict[str, Path], rows: Iterable[Row], plan: Plan) -> list[str]:
+    """Run the rows that are not there yet; messages of those that failed."""
+    document: dict[str, Any] = read_json(plan.output / RUN_JSON) if (plan.output / RUN_JSON).exists() else {}
+    document = {"weights": plan.digest, "datasets": document.get("datasets", {}), "rows": document.get("rows", {})}
+    failed = []
+    for row in rows:
+        for label, root in roots.items():
+            dataset = Dataset(root)
+            document["datasets"][label] = {"name": dataset.name, "version": dataset.record and dataset.record.version}
+            name = f"{label}-{row.name}"
+            if row.scenes and not all(observation.is_sound_scene for observation in dataset):
+                continue
+            if is_current(plan.scores(label, row), document["rows"].get(name), dataset, plan.said(row)):
+                click.echo(f"{name}: there already")
+                continue
+            try:
+                document["rows"][name] = run_row(label, dataset, row, plan)
+            except Avs3dError as error:
+                failed.append(f"{name}: {error}")
+                click.echo(f"{name}: failed: {error}", err=True)
+                continue
+            write_json(plan.output / RUN_JSON, document)
+            click.echo(f"{name}: {document['rows'][name]['seconds']} s")
+    return failed
+
+
+def rows_of(names: Sequence[str]) -> list[Row]:
+    """The rows that ``--rows`` names, in the tables' order."""
+    return [row for row in ROWS.values() if row.name in names or row.kind in names]
+
+
+def labelled(texts: Sequence[str]) -> dict[str, Path]:
+    """Label → folder, of ``FOLDER`` and ``LABEL=FOLDER``.
+
+    Raises:
+        click.UsageError: if two folders have one label.
+    """
+    found: dict[str, Path] = {}
+    for text in texts:
+        label, equals, folder = text.partition("=")
+        path = Path(folder if equals else text)
+        label = label if equals else path.resolve().name
+        if label in found:
+            raise click.UsageError(f"{text}: another dataset has the label {label}; name it LABEL=FOLDER")
+        found[label] = path
+    return found
+
+
+@click.command()
+@click.argument("datasets", nargs=-1, required=True, metavar="[LABEL=]ROOT…")
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder of the scores.")
+@click.option("--work", type=click.Path(path_type=Path), required=True, help="Folder of what is kept between runs.")
+@click.option("--weights", type=click.Path(path_type=Path), default=None, help="Of the listener [the package's].")
+@click.option(
+    "--rows", multiple=True, type=click.Choice([*KINDS, *ROWS]), default=("truth", "listener"), show_default=True,
+    help="Kinds of rows, or single rows; repeatable.",
+)  # fmt: skip
+@click.option("--answer", type=click.Choice(["category", "sounding"]), default="category", show_default=True)
+@click.option("--refine", type=click.Choice(["none", "edges", "closer", "all"]), default="edges", show_default=True)
+@click.option("--device", "devices", multiple=True, help="cpu, cuda:0, …; repeatable [all GPUs, else cpu].")
+@click.option("--workers", type=click.IntRange(1), default=None, help="Processes of the rows in 2D and of scoring.")
+@click.option("--iterations", default=30_000, show_default=True, help="Of the training of Gaussians.")
+@click.option("--max-gaussians", type=int, default=None, help="Cap on the number of Gaussians [none].")
+@click.option("--only", multiple=True, help="Shell pattern of observation keys; repeatable [all].")
+def main(
+    datasets: tuple[str, ...],
+    output: Path,
+    work: Path,
+    weights: Path | None,
+    rows: tuple[str, ...],
+    devices: tuple[str, ...],
+    workers: int | None,
+    **chosen: Any,
+) -> None:
+    """Compute the scores of the listener's tables on the datasets."""
+    from baselines.echosegnet.jobs import all_devices
+    from baselines.listener.marks import load_marker
+
+    roots = labelled(datasets)
+    devices = devices or all_devices()
+    workers = workers or min(MOST_WORKERS, available_cores())
+    try:
+        weights = None if weights is None else weights.absolute()
+        plan = Plan(output, work, weights, load_marker(weights).digest, devices=devices, workers=workers, **chosen)
+        failed = run_all(roots, rows_of(rows), plan)
+    except Avs3dError as error:
+        raise click.ClickException(str(error)) from None
+    if failed:
+        raise click.ClickException(f"{len(failed)} rows failed, the first: {failed[0]}; run the same command again")
+
+
+if __name__ == "__main__":
+    # The module under its own name: worker processes find `_predict` there.
+    from benchmarks.listener_tables import main as _main
+
+    _main()
