@@ -78,6 +78,7 @@ TABLE: dict[str, str] = {
     "generators/recording/scene_writer.py": "observation",
     "generators/recording/stems.py": "observation",
     "generators/recording/writer.py": "observation",
+    "generators/sampling/sample.py": "",
     "generators/run/runner.py": "",
     "generators/run/worker.py": "",
     "generators/run/progress.py": "",
