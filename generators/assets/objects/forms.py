@@ -102,6 +102,44 @@ def slab(
     loft(builder, np.array(loops), material, centre=centre, rotate=rotate, acoustic=acoustic)
 
 
+def grip(
+    builder: MeshBuilder,
+    line: Array,
+    section: Array,
+    outline: Array,
+    material: Material,
+    *,
+    centre: Sequence[float] | Array,
+    rotate: Array | None,
+) -> None:
+    """A bar along x with tapered ends: the grip of a handset.
+
+    Args:
+        builder: receives the faces.
+        line: (K, 2) x and y of its middle, in the order of x.
+        section: (K, 2) half its width (along z) and half its thickness (along y).
+        outline: (N, 2) of a section, between −1 and 1.
+        material: of all faces.
+        centre: added after the rotation.
+        rotate: (3, 3).
+    """
+    ends = np.ones(len(line))
+    ends[[0, -1]], ends[[1, -2]] = 0.55, 0.92
+    # Loops run counter-clockwise seen from +x.
+    loops = [
+        np.stack(
+            [
+                np.full(len(outline), x),
+                y + outline[:, 1] * thick * end,
+                -outline[:, 0] * width * end,
+            ],
+            axis=1,
+        )
+        for (x, y), (width, thick), end in zip(line, section, ends, strict=True)
+    ]
+    loft(builder, np.array(loops), material, centre=centre, rotate=rotate, crease=50, acoustic=False)
+
+
 def _flat(outline: Array, z: float) -> Array:
     return np.concatenate([outline, np.full((len(outline), 1), z)], axis=1)
 

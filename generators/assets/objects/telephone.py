@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from generators.assets.objects import decals
 from generators.assets.objects.design import Build, Design
 from generators.assets.objects.finishes import choose, chrome, plastic, printed, rubber
-from generators.assets.objects.forms import coil, loft, rounded_rectangle, slab
+from generators.assets.objects.forms import coil, grip, loft, rounded_rectangle, slab
 from generators.assets.shapes import MeshBuilder, rotation
 from generators.core.scene import Material
 
@@ -30,21 +30,7 @@ def _handset(b: MeshBuilder, length: float, material: Material, centre: Array, t
     width = 0.017 + 0.010 * np.abs(s) ** 3
     thick = 0.012 + 0.004 * np.abs(s) ** 3
     outline = rounded_rectangle(2.0, 2.0, 0.85, steps=4)
-    ends = np.ones(len(x))
-    ends[[0, -1]], ends[[1, -2]] = 0.55, 0.92
-    loops = [
-        np.stack(
-            [
-                np.full(len(outline), x[k]),
-                y[k] + outline[:, 1] * thick[k] * ends[k],
-                -outline[:, 0] * width[k] * ends[k],
-            ],
-            axis=1,
-        )
-        for k in range(len(x))
-    ]
-    # Loops run counter-clockwise seen from +x.
-    loft(b, np.array(loops), material, centre=centre, rotate=turn, crease=50, acoustic=False)
+    grip(b, np.stack([x, y], 1), np.stack([width, thick], 1), outline, material, centre=centre, rotate=turn)
     for side in (-1, 1):
         cup = np.array([side * (half - 0.030), -0.014, 0.0])
         b.lathe(

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from generators.assets.objects import decals
 from generators.assets.objects.finishes import Pixels, plastic, printed, rubber
-from generators.assets.objects.forms import coil, loft, rounded_rectangle, slab
+from generators.assets.objects.forms import coil, grip, loft, rounded_rectangle, slab
 from generators.assets.objects.training.draw import (
     between,
     chance,
@@ -39,20 +39,7 @@ def add_handset(b: MeshBuilder, rng: Generator, length: float, material: Materia
     width = slim * 0.017 * (1 + grow * np.abs(s) ** 3)
     thick = slim * 0.012 * (1 + 0.5 * grow * np.abs(s) ** 3)
     outline = rounded_rectangle(2.0, 2.0, between(rng, 0.3, 0.95), steps=4)
-    ends = np.ones(len(x))
-    ends[[0, -1]], ends[[1, -2]] = 0.55, 0.92
-    loops = [
-        np.stack(
-            [
-                np.full(len(outline), x[k]),
-                y[k] + outline[:, 1] * thick[k] * ends[k],
-                -outline[:, 0] * width[k] * ends[k],
-            ],
-            axis=1,
-        )
-        for k in range(len(x))
-    ]
-    loft(b, np.array(loops), material, centre=centre, rotate=turn, crease=50, acoustic=False)
+    grip(b, np.stack([x, y], 1), np.stack([width, thick], 1), outline, material, centre=centre, rotate=turn)
     big, deep = between(rng, 0.023, 0.031), between(rng, 0.010, 0.018)
     cups = material if chance(rng, 0.75) else trim(rng, "cups")
     for side in (-1, 1):
