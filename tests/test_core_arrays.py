@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from generators.assets.shapes import corner_normals
-from generators.core.arrays import cross, distinct_rows
+from generators.core.arrays import cross, distinct_rows, dot_rows
 
 
 @given(
@@ -30,6 +30,19 @@ def test_distinct_rows_are_those_of_numpy(rows: list[tuple[int, int, int]], shif
 def test_cross_products_are_those_of_numpy(count: int) -> None:
     a, b = np.random.default_rng(3).normal(size=(2, count, 3))
     assert cross(a, b).tobytes() == np.cross(a, b).tobytes()
+
+
+@pytest.mark.parametrize("count", [1, 7, 193, 4096, 100_003])
+def test_products_of_rows_do_not_depend_on_the_rows_around(count: int) -> None:
+    """`@` fails this: with 100,003 rows the last bit of every fifth changes when they are given in pieces."""
+    rng = np.random.default_rng(count)
+    rows, other = rng.normal(size=(count, 3)).astype(np.float32), rng.normal(size=3).astype(np.float32)
+    whole = dot_rows(rows, other)
+    assert whole.dtype == np.float32
+    np.testing.assert_allclose(whole, rows.astype(np.float64) @ other, rtol=0, atol=2e-6)
+    for piece in (1, 192, 768, 3072):
+        parts = [dot_rows(rows[k : k + piece], other) for k in range(0, min(count, 40 * piece), piece)]
+        assert np.concatenate(parts).tobytes() == whole[: sum(map(len, parts))].tobytes()
 
 
 def one_vertex_at_a_time(triangles: np.ndarray, crease: float) -> np.ndarray:

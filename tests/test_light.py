@@ -14,7 +14,7 @@ from generators.core.rays import Tracer
 from generators.core.scene import LightMap, Material, Mesh, Part, Room, Scene, Texture
 from generators.core.tone import develop, inverse_tone_curve, srgb_decode, tone_curve
 from generators.lighting.bake import QUALITIES, bake, insert
-from generators.lighting.sun import find_sun
+from generators.lighting.sun import find_sun, sun_light
 from generators.lighting.surfaces import Surfaces
 from generators.lighting.texels import Sheet, rasterise
 from generators.lighting.unwrap import unwrap
@@ -292,6 +292,33 @@ def test_sun_draws_the_window_on_the_floor() -> None:
     near_window = points[:, 2] < 0.5
     assert (light[inside] > 0.9 * beam[inside]).all()
     assert (light[outside & ~near_window] < 0.6 * beam[outside & ~near_window].max()).all()
+
+
+def test_sunlight_of_a_texel_does_not_depend_on_the_texels_around() -> None:
+    """On the floor with leaning normals; a matrix product of normals and the sun's direction would fail here."""
+    scene = window_room()
+    surfaces = Surfaces.of(scene.parts)
+    tracer = Tracer(surfaces.triangles)
+    sun = find_sun(scene.name, surfaces, tracer)
+    assert sun is not None
+    rng, count = np.random.default_rng(5), 20_000
+    place = np.stack([rng.uniform(0, SIZE[0], count), np.full(count, 1e-3), rng.uniform(0, SIZE[2], count)], axis=1)
+    leaning = rng.normal([0, 3, 0], 1, (count, 3))
+    leaning /= np.linalg.norm(leaning, axis=1, keepdims=True)
+    position, normal, across, gloss = (
+        np.asarray(each, dtype=np.float32)
+        for each in (place, leaning, np.zeros((count, 2, 3)), rng.uniform(0, 1, count))
+    )
+    pattern = np.arange(count, dtype=np.int32) % PATTERNS
+
+    def light(first: int, last: int) -> np.ndarray:
+        own = slice(first, last)
+        return sun_light(sun, pattern[own], position[own], normal[own], across[own], gloss[own], tracer, 4)
+
+    whole = light(0, count)
+    assert (whole > 0).any()
+    for piece in (192, 3072):
+        assert np.concatenate([light(k, k + piece) for k in range(0, count, piece)]).tobytes() == whole.tobytes()
 
 
 def test_screen_before_a_wall_is_no_window() -> None:

@@ -1,4 +1,4 @@
-"""Array operations that numpy does slowly, with the same results."""
+"""Array operations that numpy does slowly, or with results that depend on the number of rows."""
 
 from __future__ import annotations
 
@@ -34,3 +34,18 @@ def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]
         i, j = (axis + 1) % 3, (axis + 2) % 3
         out[:, axis] = a[:, i] * b[:, j] - a[:, j] * b[:, i]
     return out
+
+
+def dot_rows(vectors: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The product of each row with one vector; a row's result does not depend on the rows around it.
+
+    ``vectors @ other`` adds in an order that depends on the number of rows and of the BLAS library's threads.
+
+    Args:
+        vectors: (N, 3) float32.
+        other: (3,) float32.
+
+    Returns:
+        (N,) float32.
+    """
+    return np.asarray(vectors[:, 0] * other[0] + vectors[:, 1] * other[1] + vectors[:, 2] * other[2])

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from generators.core.arrays import dot_rows
 from generators.core.scene import F32, Part
 from generators.lighting.direct import direct_light
 from generators.lighting.emitters import Emitters
@@ -117,7 +118,7 @@ def _lost_light(room: Surroundings, objects: Objects, distance: F32, cells: F32)
     near = near[_before(texels.position[near], texels.normal[near], boxes)]
     sunny = np.zeros(0, dtype=np.int64)
     if room.sun is not None:
-        cosine = texels.normal @ room.sun.direction.astype(np.float32)
+        cosine = dot_rows(texels.normal, room.sun.direction.astype(np.float32))
         enough = base.light[texels.cell].max(axis=1) > _SUNNY * room.sun.radiance.max() * cosine
         sunny = np.flatnonzero((distance < _SUN_REACH) & (cosine > 0) & enough)
     shade = LitScene(objects.surfaces, objects.sheet, cells, objects.tracer)

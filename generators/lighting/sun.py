@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from generators.core.arrays import dot_rows
 from generators.core.jit import njit
 from generators.core.low_discrepancy import PATTERNS, net, square_points
 from generators.core.rays import Tracer
@@ -181,7 +182,7 @@ def sun_light(
             do not, shoots no more. Without groups all rays are shot.
     """
     light = np.zeros((len(position), 3), dtype=np.float32)
-    cosine = normal @ sun.direction.astype(np.float32)
+    cosine = dot_rows(normal, sun.direction.astype(np.float32))
     facing = np.flatnonzero(cosine > 1e-3)
     if not len(facing):
         return light
