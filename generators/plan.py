@@ -37,6 +37,9 @@ from generators.manifest import read_manifest as read_manifest  # re-exported
 from generators.receivers import OWN_HEAD, Receivers
 from generators.scans.files import ScanFiles, digest, find_scan_files, scan_files_of
 
+#: Seeds from here on are secrets: no stream of theirs tells another.
+SECRET_SEEDS = 2**64
+
 
 class OptionalFiles(TypedDict):
     """The optional files of an observation, as the arguments of its writer."""
@@ -254,8 +257,16 @@ class ObservationPlan:
 
 
 def derive_rng(seed: int, key: str, purpose: str) -> np.random.Generator:
-    """A random number generator seeded by a stable hash of (seed, key, purpose), independent of any global state."""
+    """A random number generator seeded by a stable hash of (seed, key, purpose), independent of any global state.
+
+    A seed of more than 64 bits is a secret (see docs/sealed.md). `SeedSequence` mixes its words by steps that can be
+    undone: who finds the state of a published stream, such as ``points``, could compute every other stream of that
+    seed. A secret seed therefore goes into the hash itself.
+    """
     words = np.frombuffer(hashlib.sha256(f"{key}\0{purpose}".encode()).digest(), dtype="<u4")
+    if seed >= SECRET_SEEDS:
+        words = np.frombuffer(hashlib.sha256(f"{seed}\0{key}\0{purpose}".encode()).digest(), dtype="<u4")
+        return np.random.Generator(np.random.PCG64(np.random.SeedSequence([int(word) for word in words])))
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, *(int(word) for word in words)])))
 
 

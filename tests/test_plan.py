@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from numpy.random import SeedSequence
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.taxonomy import CATEGORIES, ROOMS
-from generators.plan import derive_rng, make_plans, read_manifest, resolve_file
+from benchmarks.seed_mixing import exchanged_pool
+from generators.plan import SECRET_SEEDS, derive_rng, make_plans, read_manifest, resolve_file
 
 MANIFESTS = Path(__file__).parent.parent / "scenes_manifest"
 
@@ -150,6 +154,33 @@ def test_random_generators_differ_by_purpose_and_key_and_repeat() -> None:
     assert np.array_equal(draws[0], derive_rng(1, "a", "x").random(4))
     # Pinned: another value here means that every dataset changes.
     assert derive_rng(7, "part_1/flat/kitchen/1", "placement").integers(0, 1_000_000) == 89892
+
+
+def _words(text: str) -> list[int]:
+    return [int(word) for word in np.frombuffer(hashlib.sha256(text.encode()).digest(), dtype="<u4")]
+
+
+def test_the_state_of_one_stream_of_a_secret_seed_does_not_tell_another() -> None:
+    """The attack is granted the state of the stream of the points; on a seed outside the hash it succeeds."""
+    seed, key = 2**200 + 12345, "part_2/home_1/kitchen/1"
+    known, wanted = _words(f"{key}\0points"), _words(f"{key}\0sounding")
+
+    def told(state_of: Callable[[list[int], str], SeedSequence]) -> bool:
+        """Whether the stream ``points`` tells the stream ``sounding``; the seed has seven words."""
+        pools = [state_of(words, purpose).pool.tolist() for words, purpose in ((known, "points"), (wanted, "sounding"))]
+        return exchanged_pool(pools[0], 7, known, wanted) == pools[1]
+
+    assert not told(lambda _, purpose: derive_rng(seed, key, purpose).bit_generator.seed_seq)
+    assert told(lambda words, _: SeedSequence([seed, *words]))
+
+
+def test_secret_seeds_have_streams_of_their_own() -> None:
+    draws = [tuple(derive_rng(*args).integers(0, 2**63, 2)) for args in [
+        (SECRET_SEEDS, "a", "x"), (SECRET_SEEDS + 1, "a", "x"), (SECRET_SEEDS, "b", "x"), (SECRET_SEEDS, "a", "y"),
+        (SECRET_SEEDS - 1, "a", "x"),
+    ]]  # fmt: skip
+    assert len(set(draws)) == len(draws)
+    assert derive_rng(SECRET_SEEDS, "part_1/flat/kitchen/1", "placement").integers(0, 1_000_000) == 371273
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
