@@ -48,6 +48,7 @@ SUMMARIES = {
     "schema": "Write the JSON Schema of every file of the contract.",
     "eval": "Score a submission; the same as avs3d-eval.",
     "check": "Check a submission; name every bad file.",
+    "compare": "Compare methods: differences, intervals, p-values.",
     "leaderboard": "Rank files of scores on one static page.",
     "tables": "Turn files of scores into the paper's tables.",
     "baseline": "Run a baseline on a dataset and write its submission.",

@@ -22,6 +22,7 @@ OBSERVATION_JSON = "observation.json"
 SPLITS_JSON = "camera_splits.json"
 SUBMISSION_JSON = "submission.json"
 SCORES_JSON = "scores.json"
+COMPARISON_JSON = "comparison.json"
 #: Beside the shards of an export, and of `avs3d generate --format webdataset`.
 SHARDS_JSON = "shards.json"
 #: Beside dataset.json while `avs3d generate` is at work, and after it gave something up; no part of the dataset.

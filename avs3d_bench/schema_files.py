@@ -6,6 +6,7 @@ import json
 from typing import Any
 
 from avs3d_bench import layout
+from avs3d_bench.comparisons import Comparison
 from avs3d_bench.exports.observation_index import ObservationShardIndex
 from avs3d_bench.schema import CameraSplits, DatasetRecord, ObservationRecord, Record, SubmissionRecord
 from avs3d_bench.scores import Scores
@@ -17,6 +18,7 @@ RECORDS: dict[str, type[Record]] = {
     layout.SPLITS_JSON: CameraSplits,
     layout.SUBMISSION_JSON: SubmissionRecord,
     layout.SCORES_JSON: Scores,
+    layout.COMPARISON_JSON: Comparison,
     layout.SHARDS_JSON: ObservationShardIndex,
 }
 

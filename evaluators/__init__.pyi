@@ -5,6 +5,7 @@ from .reading.checks import check_submission as check_submission
 from .reading.submission import open_submission as open_submission
 from .records import Evaluation as Evaluation
 from .records import InvalidSubmission as InvalidSubmission
+from .reporting.compare import compare as compare
 from .reporting.leaderboard import write_leaderboard as write_leaderboard
 from .reporting.report import write_report as write_report
 from .reporting.tables import write_tables as write_tables

@@ -1,4 +1,4 @@
-"""The commands `avs3d-eval`, `avs3d check`, `avs3d leaderboard` and `avs3d tables`."""
+"""The commands `avs3d-eval`, `avs3d check`, `avs3d compare`, `avs3d leaderboard` and `avs3d tables`."""
 
 from __future__ import annotations
 
@@ -187,6 +187,51 @@ def leaderboard(scores: tuple[Path, ...], folder: Path) -> None:
     for note in write_leaderboard(folder, scores):
         click.echo(f"avs3d leaderboard: note: {note}", err=True)
     click.echo(str(folder / "index.html"))
+
+
+@click.command(context_settings=HELP, short_help="Compare methods: differences, intervals, p-values.")
+@click.argument("scores", nargs=-1, required=True, type=PATH, metavar="A.json B.json…")
+@click.option(
+    "--protocol", "protocols", multiple=True, type=click.Choice(["official", "strict", "listen"]),
+    help="Repeatable [all that the files have in common].",
+)  # fmt: skip
+@click.option(
+    "--part", "parts", multiple=True, type=click.Choice([*PARTS, "overall"]), help="Repeatable [every part, overall]."
+)
+@click.option("--figure", "figures", multiple=True, metavar="PROTOCOL.FIGURE",
+              help="Such as strict.IoU; repeatable [every figure].")  # fmt: skip
+@click.option("--json", "json_file", type=PATH, metavar="FILE", help="Write the comparison to this file as well.")
+def compare(
+    scores: tuple[Path, ...],
+    protocols: tuple[Any, ...],
+    parts: tuple[Any, ...],
+    figures: tuple[str, ...],
+    json_file: Path | None,
+) -> None:
+    """Compare methods by their files of scores (avs3d-eval --json), each with each.
+
+    For every figure and part: the paired difference over the observations that both have, its 95 % bootstrap interval,
+    the p-value of a permutation test, corrected for the number of pairs (Holm), and places, shared where nothing
+    separates. docs/metrics.md has the formulas.
+    """
+    from avs3d_bench.files import check_writable, write_json
+    from evaluators.reporting.compare import compare as compare_files
+    from evaluators.reporting.compare import comparison_lines
+
+    if json_file is not None:
+        check_writable(json_file)
+        if json_file.exists() and any(path.exists() and json_file.samefile(path) for path in scores):
+            raise UsageError(f"{json_file}: would overwrite a file of scores; choose another file")
+    found = compare_files(scores, protocols=protocols, parts=parts, figures=figures)
+    try:
+        if json_file is not None:
+            write_json(json_file, found)
+    finally:
+        click.echo("\n".join(comparison_lines(found)))
+        for warning in found.warnings:
+            click.echo(f"avs3d compare: warning: {warning}", err=True)
+    if json_file is not None:
+        click.echo(str(json_file))
 
 
 @click.command(context_settings=HELP, short_help="Turn files of scores into the paper's tables.")

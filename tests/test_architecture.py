@@ -160,6 +160,8 @@ HOUSE = {
         "frames": "metrics contour",
         "classes": "",
         "pairs": "metrics",
+        "sign_flips": "",
+        "comparison": "bootstrap pairs sign_flips",
         "listen": "bootstrap metrics classes pairs",
         "protocols": "bootstrap metrics volume frames listen",
         "deaf": "metrics frames classes",
@@ -167,7 +169,7 @@ HOUSE = {
         "sound_scenes": "metrics frames classes pairs listen deaf records reading",
         "summary": "bootstrap records protocols volume sound_scenes",
         "score": "metrics records volume frames protocols deaf reading sound_scenes summary",
-        "reporting": "bootstrap metrics pairs records reading",
+        "reporting": "bootstrap metrics pairs sign_flips comparison records reading",
         "cli": "records reading score reporting",
     },
     "baselines": {

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import stats
 
 from evaluators import bootstrap
-from evaluators.bootstrap import interval
+from evaluators.bootstrap import difference_interval, interval
 
 values = st.lists(st.floats(0, 1), min_size=2, max_size=40)
 
@@ -67,3 +68,57 @@ def test_blocks_change_no_draw(monkeypatch: pytest.MonkeyPatch):
 def test_another_seed_draws_otherwise():
     numbers = list(np.random.default_rng(0).uniform(0, 1, 30))
     assert interval(numbers, seed=1) != interval(numbers, seed=0)
+
+
+# --- Differences: corrected intervals ---------------------------------------------------------------------------------
+
+
+def scipys(sums: np.ndarray, sizes: np.ndarray, method: str) -> tuple[float, float]:
+    """The same interval by scipy, from the same draws."""
+    draws = np.random.default_rng(np.random.SeedSequence([bootstrap.SEED, len(sums)]))
+    found = stats.bootstrap(
+        (sums, sizes), lambda a, b, axis=-1: a.sum(axis=axis) / b.sum(axis=axis), n_resamples=1000, paired=True,
+        vectorized=True, method=method, rng=draws,
+    )  # fmt: skip
+    return found.confidence_interval.low, found.confidence_interval.high
+
+
+@pytest.mark.parametrize("count", [6, 9, 10, 34])
+def test_the_interval_of_differences_is_scipys(count: int):
+    """Skewed values, so that bias and skewness matter."""
+    values = np.sort(np.random.default_rng(count).gamma(0.7, 0.2, count)) - 0.1
+    found = difference_interval([[value] for value in values], resamples=1000)
+    assert found is not None
+    assert found.method == ("BCa" if count >= 10 else "percentile")
+    expected = scipys(values, np.ones(count), found.method)
+    assert (found.low, found.high) == pytest.approx(expected, abs=1e-12)
+
+
+def test_the_interval_of_clusters_is_scipys():
+    rng = np.random.default_rng(8)
+    clusters = sorted(sorted(rng.gamma(0.7, 0.2, int(rng.integers(1, 6))).tolist()) for _ in range(16))
+    found = difference_interval(clusters, resamples=1000)
+    sums, sizes = np.array([sum(one) for one in clusters]), np.array([float(len(one)) for one in clusters])
+    assert found is not None
+    assert (found.low, found.high) == pytest.approx(scipys(sums, sizes, "BCa"), abs=1e-12)
+
+
+def test_the_correction_moves_the_interval_of_skewed_values_towards_the_long_tail():
+    values = [[0.0]] * 8 + [[0.1]] * 3 + [[0.9]]
+    plain = bootstrap.clustered_interval(values)
+    found = difference_interval(values)
+    assert found is not None
+    assert plain is not None
+    assert found.low > plain[0]
+    assert found.high > plain[1]
+
+
+def test_equal_differences_have_an_interval_of_no_width():
+    found = difference_interval([[0.1]] * 12)
+    assert found is not None
+    assert (found.low, found.high) == (0.1, 0.1)
+
+
+def test_few_differences_have_no_interval():
+    assert difference_interval([[0.1], [0.2], [0.3], [0.4], [0.5]]) is None
+    assert difference_interval([[0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7]]) is None

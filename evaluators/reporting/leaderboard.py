@@ -82,7 +82,7 @@ def read_entries(score_files: Sequence[Path], *, reports: bool = True) -> tuple[
         raise UsageError("no file of scores: expected at least one file written by avs3d-eval --json")
     found: dict[str, Entry] = {}
     for path in sorted(map(Path, score_files)):
-        entry = _read_entry(path, reports)
+        entry = read_entry(path, reports)
         known = found.get(entry.digest)
         if known is None or (known.report is None and entry.report is not None):
             found[entry.digest] = entry
@@ -98,7 +98,16 @@ def read_entries(score_files: Sequence[Path], *, reports: bool = True) -> tuple[
     return tuple(named)
 
 
-def _read_entry(path: Path, reports: bool) -> Entry:
+def read_entry(path: Path, reports: bool) -> Entry:
+    """One file of scores.
+
+    Args:
+        path: written by ``avs3d-eval --json``.
+        reports: look for its report as well.
+
+    Raises:
+        Avs3dError: if the file is broken.
+    """
     scores = parse_record(read_bytes(path, MAX_SCORES_BYTES), Scores, path)
     if len(scores.observations) != scores.dataset.scored:
         raise Avs3dError(
