@@ -28,7 +28,7 @@ VISION ?=
 # What draws the pictures, bakes the light and, with AUDIO=tracer, traces the sound: cpu or cuda (docs/gpu.md).
 DEVICE ?= cpu
 
-.PHONY: help setup demo demo-validate demo-sheets demo-listener dataset test test-slow test-all lint docs bench schemas clean
+.PHONY: help setup demo demo-validate demo-sheets demo-listener dataset listener test test-slow test-all lint docs bench schemas clean
 
 help: ## print one line for each target
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -116,6 +116,10 @@ dataset: setup ## generate and validate the benchmark: MANIFEST=… OUT=… WORK
 	$(BIN)/avs3d generate $(MANIFEST) -o $(OUT) $(WITH_AUDIO) --device $(DEVICE) \
 	  $(if $(filter cpu,$(DEVICE)),--workers $(WORKERS)) $(if $(VISION),--vision $(VISION)) $(OPTIONS)
 	$(BIN)/avs3d validate $(OUT) --deep
+
+listener: setup ## make the training data, train the listener, make the test sets and the tables: GPUS=… MINUTES=… (docs/listener.md)
+	$(if $(filter cuda,$(DEVICE)),$(PIP) -e '.[cuda]')
+	@$(MAKE) --no-print-directory -f benchmarks/listener.mk -j 2 AVS3D=$(BIN)/avs3d PYTHON=$(BIN)/python WORKERS=$(WORKERS) DEVICE=$(DEVICE)
 
 test: setup ## run the fast tests, before each commit
 	$(PYTEST) -m "not slow"
