@@ -8,15 +8,18 @@
 Datasets of this toolkit and the official release are read in the same way. The release has no `dataset.json`,
 `observation.json`, instance masks or meshes; its poses come from `sparse/0`, and `camera_splits.json` may name files
 with their extension, under ``train``/``test`` or ``train_cameras``/``test_cameras``.
+
+A sealed test (`avs3d_bench.sealed`) has neither truth nor `observation.json`, but `poses.json`. Whoever has the truth
+reads both together: `Dataset("public", truth="private")`.
 """
 
 from __future__ import annotations
 
 import fnmatch
 import operator
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal, SupportsIndex, overload
 
@@ -28,7 +31,7 @@ from avs3d_bench.colmap import ColmapImage, ColmapModel, read_model
 from avs3d_bench.errors import Avs3dError, UsageError, did_you_mean, excerpt
 from avs3d_bench.geometry import Intrinsics, Pose
 from avs3d_bench.ply import Ply
-from avs3d_bench.schema import DatasetRecord, FrameRecord, ObservationRecord
+from avs3d_bench.schema import DatasetRecord, FrameRecord, ObservationRecord, PoseRecord, PosesRecord
 from avs3d_bench.taxonomy import PARTS
 
 Split = Literal["train", "test"]
@@ -96,18 +99,19 @@ class Frame:
 
     @property
     def record(self) -> FrameRecord | None:
-        """The frame's entry in observation.json; None in the official release."""
+        """The frame's entry in observation.json; None in the official release and where the truth is sealed."""
         return self.observation._frame_records.get(self.name)
 
     @property
     def pose(self) -> Pose:
-        """Camera-to-world, from observation.json, else from `sparse/0`.
+        """Camera-to-world, from observation.json, else from poses.json, else from `sparse/0`.
 
         Raises:
             Avs3dError: if the frame has no pose (COLMAP did not register it).
         """
-        if self.record is not None:
-            return self.record.pose
+        published = self.record or self.observation._poses.get(self.name)
+        if published is not None:
+            return published.pose
         image = self.observation._colmap_images.get(self.name)
         if image is None:
             raise Avs3dError(f"{self.observation.path / layout.COLMAP}: {self.name} is not registered, it has no pose")
@@ -116,13 +120,15 @@ class Frame:
     @property
     def has_pose(self) -> bool:
         """Whether `pose` is known."""
-        return self.record is not None or self.name in self.observation._colmap_images
+        known = self.record is not None or self.name in self.observation._poses
+        return known or self.name in self.observation._colmap_images
 
     def path(self, folder: str) -> Path:
         """The frame's picture in an image folder (`layout.INPUT`, `layout.SEMANTIC_MASKS`, …)."""
-        base = self.observation.path / folder
+        base = self.observation.where(folder)
         if not base.is_dir():
-            raise Avs3dError(f"{base}: missing; this observation has no such folder")
+            sealed = "; the truth of this test is sealed" if self.observation._is_sealed else ""
+            raise Avs3dError(f"{base}: missing; this observation has no such folder{sealed}")
         return base / f"{self.name}.png"
 
     def rgb(self) -> NDArray[np.uint8]:
@@ -191,7 +197,7 @@ class Frame:
             source: id of the source, e.g. ``source_1``; in part_3 only.
             receiver: ``ambisonics`` or ``array``; None: the two ears.
         """
-        path = self.observation.path / layout.rir_path(self.index, source, receiver)
+        path = self.observation.where(layout.rir_path(self.index, source, receiver))
         return media.read_rir(path, self.observation.channels(receiver)).samples
 
     def stem(self, name: str, receiver: str | None = None) -> NDArray[np.float32]:
@@ -201,7 +207,7 @@ class Frame:
             name: ``source_1``, … or ``background``.
             receiver: ``ambisonics`` or ``array``; None: the two ears.
         """
-        return self._read_clip(self.observation.path / layout.stem_path(name, self.index, receiver))
+        return self._read_clip(self.observation.where(layout.stem_path(name, self.index, receiver)))
 
     def _clip(self, folder: str) -> NDArray[np.float32]:
         return self._read_clip(self.observation.path / layout.audio_path(folder, self.index))
@@ -216,13 +222,14 @@ class Frame:
 class Observation:
     """One observation: the frames that an agent saw and heard on its path past one sounding object."""
 
-    def __init__(self, root: str | Path, key: str, *, use_record: bool = True) -> None:
+    def __init__(self, root: str | Path, key: str, *, use_record: bool = True, truth: str | Path | None = None) -> None:
         """Open the observation ``key`` below ``root``; nothing is read yet.
 
         Args:
             root: the dataset's folder.
             key: ``part_1/<scan>/<room>/<index>``.
             use_record: if False, observation.json is ignored, as if this were the official release.
+            truth: the folder with the truth of a sealed test.
 
         Raises:
             UsageError: if ``key`` is no observation key.
@@ -233,11 +240,25 @@ class Observation:
         self._use_record = use_record
         self.root = Path(root)
         self.path = self.root / key
-        if not self.path.is_dir():
-            raise Avs3dError(f"{self.path}: missing; expected the folder of an observation")
+        self._truth = None if truth is None else Path(truth) / key
+        for path in (self.path, self._truth):
+            if path is not None and not path.is_dir():
+                raise Avs3dError(f"{path}: missing; expected the folder of an observation")
+
+    def where(self, name: str) -> Path:
+        """Path of a file or folder of the observation; truth lies apart in a sealed test.
+
+        Args:
+            name: relative to the observation's folder, e.g. ``semantic_masks`` or ``gt_3d/sounding_object.ply``.
+        """
+        if self._truth is not None:
+            path = self._truth / name
+            if path.exists():
+                return path
+        return self.path / name
 
     def __repr__(self) -> str:
-        what = "" if self._has_record else ", official release"
+        what = "" if self._has_record else ", sealed" if self._is_sealed else ", official release"
         return f"Observation({self.key}, {len(self.frame_names)} frames{what})"
 
     def __len__(self) -> int:
@@ -245,21 +266,39 @@ class Observation:
 
     @property
     def _has_record(self) -> bool:
-        return self._use_record and (self.path / layout.OBSERVATION_JSON).exists()
+        return self._use_record and self.where(layout.OBSERVATION_JSON).exists()
+
+    @cached_property
+    def _is_sealed(self) -> bool:
+        """Whether this is an observation of a sealed test, opened without its truth."""
+        return not self._has_record and (self.path / layout.POSES_JSON).exists()
 
     @cached_property
     def record(self) -> ObservationRecord | None:
-        """observation.json; None in the official release.
+        """observation.json; None in the official release and where the truth is sealed.
 
         Raises:
             Avs3dError: if it does not fit the schema.
         """
-        path = self.path / layout.OBSERVATION_JSON
+        path = self.where(layout.OBSERVATION_JSON)
         return media.read_record(path, ObservationRecord) if self._has_record else None
 
     @cached_property
     def _frame_records(self) -> dict[str, FrameRecord]:
         return {frame.name: frame for frame in self.record.frames} if self.record else {}
+
+    @cached_property
+    def published(self) -> PosesRecord | None:
+        """poses.json of a sealed test; None elsewhere, and where the truth is read as well.
+
+        Raises:
+            Avs3dError: if it does not fit the schema.
+        """
+        return media.read_record(self.path / layout.POSES_JSON, PosesRecord) if self._is_sealed else None
+
+    @cached_property
+    def _poses(self) -> dict[str, PoseRecord]:
+        return {frame.name: frame for frame in self.published.frames} if self.published else {}
 
     @cached_property
     def colmap(self) -> ColmapModel:
@@ -316,15 +355,16 @@ class Observation:
     def intrinsics(self) -> Intrinsics:
         """The camera of the pictures that `Frame.rgb` returns, of the masks and of the depth.
 
-        From observation.json. The official release has only the camera of the undistorted pictures, in `sparse/0`.
-        COLMAP's undistortion keeps the focal lengths and scales the principal point with the size of the picture, so
-        that the pinhole part of the camera of `input/` follows from it (lens distortion is not modelled).
+        From observation.json or poses.json. The official release has only the camera of the undistorted pictures, in
+        `sparse/0`. COLMAP's undistortion keeps the focal lengths and scales the principal point with the size of the
+        picture, so that the pinhole part of the camera of `input/` follows from it (lens distortion is not modelled).
 
         Raises:
             Avs3dError: if the record, the sparse model or the first picture is missing or damaged.
         """
         camera = self.undistorted_intrinsics
-        if self.record is not None or not self._has_input or not self.frame_names:
+        known = self.record is not None or self.published is not None
+        if known or not self._has_input or not self.frame_names:
             return camera
         picture = media.png_header(self.path / layout.INPUT / f"{self.frame_names[0]}.png")
         x, y = picture.width / camera.width, picture.height / camera.height
@@ -339,8 +379,9 @@ class Observation:
         Raises:
             Avs3dError: if the record or the sparse model is missing or damaged.
         """
-        if self.record is not None:
-            return self.record.intrinsics.camera
+        described = self.record or self.published
+        if described is not None:
+            return described.intrinsics.camera
         cameras = self.colmap.cameras
         if not cameras:
             raise Avs3dError(f"{self.path / layout.COLMAP / 'cameras.bin'}: no camera; expected one")
@@ -352,7 +393,7 @@ class Observation:
 
     @property
     def category(self) -> str | None:
-        """Category of the sounding object; None in the official release and where nothing sounds."""
+        """Category of the sounding object; None in the official release, where nothing sounds or truth is sealed."""
         return self.record.category if self.record else None
 
     @property
@@ -373,7 +414,7 @@ class Observation:
         """
         if receiver is None:
             return 2
-        there = self.record.acoustics.receivers if self.record else {}
+        there = self.record.acoustics.receivers if self.record else self.published.receivers if self.published else {}
         if receiver not in there:
             known = ", ".join(there) or "the two ears alone"
             raise UsageError(f"{self.path}: not made with the receiver {receiver!r}; it has {known}")
@@ -384,7 +425,7 @@ class Observation:
 
         In part_3 the meshes of all sounding instances of the room together; not where there is none.
         """
-        return media.read_ply(self.path / layout.SOUNDING_OBJECT)
+        return media.read_ply(self.where(layout.SOUNDING_OBJECT))
 
 
 class Dataset:
@@ -397,16 +438,25 @@ class Dataset:
 
     Attributes:
         root: the dataset's folder.
+        truth: the folder with the truth of a sealed test; None: there is none, or it is not known.
+        open: opens the observation of a key, without a look at ``keys``; it may be sent to another process.
         keys: the keys of its observations, sorted.
     """
 
-    def __init__(self, root: str | Path) -> None:
+    def __init__(self, root: str | Path, truth: str | Path | None = None) -> None:
         """Open the dataset at ``root``.
+
+        Args:
+            root: its folder.
+            truth: the folder with the truth, of a sealed test. Whether both belong together is not checked here: see
+                `avs3d_bench.sealed.check_truth`.
 
         Raises:
             UsageError: if it is no folder, or holds neither observations nor a dataset.json.
         """
         self.root = Path(root)
+        self.truth = None if truth is None else Path(truth)
+        self.open: Callable[[str], Observation] = partial(Observation, self.root, truth=self.truth)
         if not self.root.is_dir():
             raise UsageError(f"{self.root}: no such folder; expected the root of a dataset")
         self.keys = find_keys(self.root)
@@ -429,6 +479,11 @@ class Dataset:
         """
         path = self.root / layout.DATASET_JSON
         return media.read_record(path, DatasetRecord) if path.exists() else None
+
+    @property
+    def is_sealed(self) -> bool:
+        """Whether this is the public part of a sealed test."""
+        return (self.root / layout.SEAL_JSON).exists()
 
     @property
     def name(self) -> str:
@@ -458,21 +513,21 @@ class Dataset:
                 first = f"; keys look like {self.keys[0]!r}" if self.keys else ""
                 hint = did_you_mean(key, self.keys, otherwise=first, count=_NAMED_KEYS)
                 raise UnknownKeyError(f"{self.root}: no observation {excerpt(key)} among {len(self)}{hint}")
-            return Observation(self.root, key)
+            return self.open(key)
         if isinstance(key, slice):
-            return [Observation(self.root, each) for each in self.keys[key]]
+            return [self.open(each) for each in self.keys[key]]
         place = operator.index(key)
         if not -len(self) <= place < len(self):
             expected = f"expected {-len(self)} to {len(self) - 1}, or a key" if self.keys else "it is empty"
             raise UnknownPlaceError(f"{self.root}: no observation at {place} among {len(self)}; {expected}")
-        return Observation(self.root, self.keys[place])
+        return self.open(self.keys[place])
 
     def _ipython_key_completions_(self) -> list[str]:
         """What IPython and Jupyter offer after ``dataset["``."""
         return list(self.keys)
 
     def __iter__(self) -> Iterator[Observation]:
-        return (Observation(self.root, key) for key in self.keys)
+        return (self.open(key) for key in self.keys)
 
     def __len__(self) -> int:
         return len(self.keys)

@@ -25,6 +25,9 @@ SCORES_JSON = "scores.json"
 COMPARISON_JSON = "comparison.json"
 #: Beside the shards of an export, and of `avs3d generate --format webdataset`.
 SHARDS_JSON = "shards.json"
+#: Of a sealed test: the commitments at the root, and in each observation what observation.json may tell of it.
+SEAL_JSON = "seal.json"
+POSES_JSON = "poses.json"
 #: Beside dataset.json while `avs3d generate` is at work, and after it gave something up; no part of the dataset.
 LOCK = ".avs3d-lock"
 FAILURES_JSONL = "failures.jsonl"
@@ -49,6 +52,11 @@ GT_3D = "gt_3d"
 SOUNDING_OBJECT = f"{GT_3D}/sounding_object.ply"
 COLMAP = "sparse/0"
 COLMAP_FILES = tuple(f"{COLMAP}/{name}.bin" for name in ("cameras", "images", "points3D"))
+
+#: What `avs3d seal` publishes of an observation: these folders and files, and every `audio_clips_*` folder. All others
+#: are truth.
+PUBLIC_FOLDERS = (INPUT, IMAGES, DEPTH, COLMAP)
+PUBLIC_FILES = (SPLITS_JSON, POSES_JSON)
 
 #: Folders that have the same bytes in all siblings of a group of part_3.
 SIBLING_FOLDERS = (INPUT, IMAGES, INSTANCE_MASKS, DEPTH, COLMAP)
@@ -93,6 +101,8 @@ DEPTH_UNITS_PER_METRE = 1000
 SCAN_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.\-]*$"
 FRAME_PATTERN = r"^frame_[0-9]{3}$"
 _SCAN = re.compile(SCAN_PATTERN)
+#: Beginning of the name of every folder of clips.
+_CLIPS = "audio_clips_"
 _INDEX = re.compile(r"[1-9][0-9]*")
 _FRAME = re.compile(r"frame_([0-9]+)")
 
@@ -269,6 +279,19 @@ def released_byproduct(path: str) -> str | None:
         elif path.count("/") == pattern.count("/") and fnmatchcase(path, pattern):
             return path
     return None
+
+
+def is_public(path: str) -> bool:
+    """Whether a sealed test publishes this file of an observation; ``path`` is relative to its folder.
+
+    Examples:
+        >>> is_public("audio_clips_mono/frame_0.wav"), is_public("sparse/0/images.bin")
+        (True, True)
+        >>> is_public("observation.json"), is_public("rirs/frame_0.npz"), is_public("stems/source_1/frame_0.wav")
+        (False, False, False)
+    """
+    folder = path.rpartition("/")[0]
+    return path in PUBLIC_FILES or folder in PUBLIC_FOLDERS or ("/" not in folder and folder.startswith(_CLIPS))
 
 
 def expected_files(

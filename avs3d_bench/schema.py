@@ -6,6 +6,7 @@
 | `observation.json`   | `ObservationRecord` |
 | `camera_splits.json` | `CameraSplits`      |
 | `submission.json`    | `SubmissionRecord`  |
+| `poses.json`         | `PosesRecord`       |
 
 Units: metres, seconds, degrees, pixels. World: right-handed, Y up; quaternions are (w, x, y, z), camera-to-world for
 frames and object-to-world for instances. avs3d_bench/scores.py has the record of a file of scores,
@@ -641,6 +642,68 @@ class ObservationRecord(Record):
                 raise ValueError(f"{frame.name}: audible names {order}; expected some of {names}, in this order")
 
 
+class PoseRecord(Record):
+    """One frame of a sealed test: its time and the pose of the agent's sensor."""
+
+    name: FrameName
+    time: NonNegative = Field(description="seconds from the start; the clip covers [time, time + 1)")
+    position: Vector3 = Field(description="position of the sensor in the world, metres")
+    rotation: Quaternion = Field(description="camera-to-world (w, x, y, z); the camera looks down −Z")
+
+    @property
+    def pose(self) -> Pose:
+        """The sensor's camera-to-world pose."""
+        return Pose(self.position, self.rotation)
+
+
+class PosesRecord(Record):
+    """`poses.json`: what a sealed test publishes of an observation in place of `observation.json`.
+
+    It has nothing that depends on what sounds.
+    """
+
+    left_out: ClassVar[frozenset[str]] = frozenset({"ambisonics", "array"})
+
+    schema_version: Literal["1.0"] = "1.0"
+    key: Text
+    intrinsics: IntrinsicsRecord
+    frames: Annotated[tuple[PoseRecord, ...], Field(min_length=1, max_length=layout.MAX_FRAMES)]
+    ambisonics: AmbisonicsRecord | None = Field(default=None, description="of audio_clips_ambisonics/, if it is there")
+    array: ArrayRecord | None = Field(default=None, description="of audio_clips_array/, if it is there")
+    files: dict[RelativePath, Sha256] = Field(
+        description="sha256 of every published file of the observation beside poses.json"
+    )
+
+    @classmethod
+    def of(cls, record: ObservationRecord, files: dict[str, str]) -> Self:
+        """What may be told of an observation; ``files``: the published ones → sha256."""
+        return cls(
+            key=record.key,
+            intrinsics=record.intrinsics,
+            frames=tuple(
+                PoseRecord(name=f.name, time=f.time, position=f.position, rotation=f.rotation) for f in record.frames
+            ),
+            ambisonics=record.acoustics.ambisonics,
+            array=record.acoustics.array,
+            files=files,
+        )
+
+    @property
+    def receivers(self) -> dict[str, AmbisonicsRecord | ArrayRecord]:
+        """As `AcousticsRecord.receivers`."""
+        named = {layout.AMBISONICS: self.ambisonics, layout.ARRAY: self.array}
+        return {name: found for name, found in named.items() if found is not None}
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for position, frame in enumerate(self.frames):
+            if frame.name != layout.frame_name(position):
+                raise ValueError(f"frames[{position}].name is {frame.name}, expected {layout.frame_name(position)}")
+        if any(a.time >= b.time for a, b in zip(self.frames, self.frames[1:], strict=False)):
+            raise ValueError("frame times do not increase")
+        return self
+
+
 class CameraSplits(Record):
     """`camera_splits.json`: file names, without extension, of the train and test frames."""
 
@@ -658,11 +721,13 @@ class DatasetEntry(Record):
     """One observation in `dataset.json`."""
 
     key: Text
-    category: Category | None = Field(description="null in an observation of part_3 without a source")
+    category: Category | None = Field(
+        description="null in an observation of part_3 without a source, and in a sealed test"
+    )
     part: Part
     scan: Scan
     room: Room
-    digest: Sha256 = Field(description="sha256 of the observation's observation.json")
+    digest: Sha256 = Field(description="sha256 of the observation's observation.json; of poses.json in a sealed test")
 
     @classmethod
     def of(cls, record: ObservationRecord, digest: str) -> Self:
@@ -684,7 +749,7 @@ class DatasetRecord(Record):
     computed again.
     """
 
-    left_out: ClassVar[frozenset[str]] = frozenset({"digest", "provenance", "categories"})
+    left_out: ClassVar[frozenset[str]] = frozenset({"digest", "provenance", "categories", "sealed_test"})
 
     schema_version: Literal["1.0", "1.1"] = Field(
         default="1.0", description="1.1 with observations of part_3 or categories of the manifest's own, else 1.0"
@@ -693,7 +758,12 @@ class DatasetRecord(Record):
     version: Text
     toolkit_version: Text
     created_by: str | None = None
-    manifest: str = Field(description="the text of the manifest, unchanged")
+    sealed_test: Literal[True] | None = Field(
+        default=None,
+        description="true: a sealed test, whose truth is not published (see seal.json): manifest is empty, and no "
+        "observation has a category; absent otherwise",
+    )
+    manifest: str = Field(description="the text of the manifest, unchanged; empty in a sealed test")
     manifest_sha256: Sha256 = Field(description="sha256 of the manifest's UTF-8 bytes")
     backends: dict[str, Text] = Field(description="backend name → version")
     licence: Text
@@ -726,6 +796,8 @@ class DatasetRecord(Record):
     def _check(self) -> Self:
         if hashlib.sha256(self.manifest.encode()).hexdigest() != self.manifest_sha256:
             raise ValueError("manifest_sha256 is not the sha256 of manifest")
+        if self.sealed_test and self.manifest:
+            raise ValueError("manifest is given, but the test is sealed: expected an empty text")
         keys = [entry.key for entry in self.observations]
         if keys != sorted(set(keys)):
             raise ValueError("observations are not sorted by key, or a key is listed twice")
@@ -733,7 +805,9 @@ class DatasetRecord(Record):
             head = f"{entry.part}/{entry.scan}/{entry.room}/"
             if not (entry.key.startswith(head) and entry.key[len(head) :].isdigit()):
                 raise ValueError(f"key {entry.key!r} does not fit its part, scan and room: expected {head}<index>")
-            if entry.category is None and entry.part != SOUND_SCENES:
+            if self.sealed_test and entry.category is not None:
+                raise ValueError(f"{entry.key}: has a category, but the test is sealed: expected null")
+            if entry.category is None and entry.part != SOUND_SCENES and not self.sealed_test:
                 raise ValueError(f"{entry.key}: category is missing; only an observation of part_3 may have none")
         newer = bool(self.categories) or any(entry.part == SOUND_SCENES for entry in self.observations)
         expected = SOUND_SCENES_VERSION if newer else SCHEMA_VERSION

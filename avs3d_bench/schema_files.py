@@ -8,8 +8,9 @@ from typing import Any
 from avs3d_bench import layout
 from avs3d_bench.comparisons import Comparison
 from avs3d_bench.exports.observation_index import ObservationShardIndex
-from avs3d_bench.schema import CameraSplits, DatasetRecord, ObservationRecord, Record, SubmissionRecord
+from avs3d_bench.schema import CameraSplits, DatasetRecord, ObservationRecord, PosesRecord, Record, SubmissionRecord
 from avs3d_bench.scores import Scores
+from avs3d_bench.sealed import SealRecord
 
 #: File name → record.
 RECORDS: dict[str, type[Record]] = {
@@ -20,6 +21,8 @@ RECORDS: dict[str, type[Record]] = {
     layout.SCORES_JSON: Scores,
     layout.COMPARISON_JSON: Comparison,
     layout.SHARDS_JSON: ObservationShardIndex,
+    layout.POSES_JSON: PosesRecord,
+    layout.SEAL_JSON: SealRecord,
 }
 
 

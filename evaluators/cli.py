@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
@@ -15,6 +15,9 @@ from avs3d_bench.cli import run
 from avs3d_bench.errors import UsageError
 from avs3d_bench.groups import HELP, PATH, WORKERS, dataset_option, only_option
 from avs3d_bench.taxonomy import PARTS
+
+if TYPE_CHECKING:
+    from avs3d_bench.dataset import Dataset
 
 #: Problems that `check` prints before it only counts.
 _SCREENFUL = 40
@@ -30,6 +33,7 @@ _workers = click.option("--workers", type=WORKERS, default=None, help="Processes
 @click.command(context_settings=HELP)
 @click.argument("submission", type=PATH)
 @dataset_option
+@click.option("--truth", type=PATH, metavar="PRIVATE", help="Of a sealed test: the folder with its truth.")
 @click.option(
     "--protocol", type=click.Choice(["official", "strict", "listen", "all"]), default="all", show_default=True,
     help="official and strict score part_1 and part_2, listen scores part_3; all: those that fit the dataset.",
@@ -43,6 +47,7 @@ _workers = click.option("--workers", type=WORKERS, default=None, help="Processes
 def evaluate(
     submission: Path,
     root: Path,
+    truth: Path | None,
     protocol: str,
     json_file: Path | None,
     html_file: Path | None,
@@ -55,7 +60,6 @@ def evaluate(
     SUBMISSION has the layout of docs/metrics.md, or that of the released pipeline's masks. Exit status: 0 scored,
     1 submission invalid (every bad file named), 2 usage.
     """
-    from avs3d_bench.dataset import Dataset
     from avs3d_bench.files import write_json
     from evaluators.reading.submission import open_submission
     from evaluators.records import InvalidSubmission
@@ -63,7 +67,7 @@ def evaluate(
     from evaluators.score import score
 
     wanted: Any = None if protocol == "all" else (protocol,)
-    data = Dataset(root)
+    data = _open_dataset(root, truth, only)
     _check_targets((json_file, html_file), submission, root)
     with open_submission(submission, aisrm=_aisrm(official_folder)) as opened:
         try:
@@ -88,6 +92,24 @@ def evaluate(
     for path in (json_file, html_file):
         if path is not None:
             click.echo(str(path))
+
+
+def _open_dataset(root: Path, truth: Path | None, only: tuple[str, ...]) -> Dataset:
+    """The dataset to score against; of a sealed test with its truth, checked against the commitments.
+
+    Raises:
+        UsageError: if the truth of a sealed test is not given, or belongs to another one.
+        Avs3dError: if the truth is not what was committed to.
+    """
+    from avs3d_bench.dataset import Dataset
+    from avs3d_bench.sealed import open_sealed
+
+    data = Dataset(root)
+    if truth is not None:
+        return open_sealed(root, truth, only=only)
+    if data.is_sealed:
+        raise UsageError(f"{root}: a sealed test; expected its truth as well: --truth PRIVATE, which its organiser has")
+    return data
 
 
 def _aisrm(official_folder: str | None) -> bool | None:

@@ -9,7 +9,7 @@ processes: every observation is computed whole in one of them, and means are exa
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -129,7 +129,7 @@ def score(
         # Nothing will be scored: now report problems inside the files as well.
         raise InvalidSubmission(check_contents(submission, observations, problems, workers=workers, progress=progress))
     points, categories = has_points(submission, observations), has_categories(submission, observations)
-    job = partial(_score_unit, dataset.root, submission, wanted, points, categories)
+    job = partial(_score_unit, dataset.open, submission, wanted, points, categories)
     outcomes: dict[str, Outcome] = {}
     groups: dict[str, GroupOutcome] = {}
     worst: tuple[FrameScore, ...] = ()
@@ -174,29 +174,34 @@ def _units(observations: Sequence[Observation]) -> list[Unit]:
 
 
 def _score_unit(
-    root: Path, submission: Submission, wanted: Sequence[Protocol], points: bool, categories: bool, unit: Unit
+    opener: Callable[[str], Observation],
+    submission: Submission,
+    wanted: Sequence[Protocol],
+    points: bool,
+    categories: bool,
+    unit: Unit,
 ) -> GroupOutcome:
+    observations = [opener(key) for key in unit.keys]
     if unit.group is not None:
-        return score_group(root, submission, points, categories, unit.group, unit.keys)
-    return GroupOutcome({key: score_observation(root, submission, wanted, points, key) for key in unit.keys})
+        return score_group(observations, submission, points, categories, unit.group)
+    return GroupOutcome({o.key: score_observation(o, submission, wanted, points) for o in observations})
 
 
 def score_observation(
-    root: Path, submission: Submission, wanted: Sequence[Protocol], points: bool, key: str
+    observation: Observation, submission: Submission, wanted: Sequence[Protocol], points: bool
 ) -> Outcome:
     """Score one observation of part_1 or part_2: every mask decoded once, one frame in memory at a time.
 
     Args:
-        root: the dataset's.
+        observation: of the dataset.
         submission: where its files lie.
         wanted: the protocols.
         points: whether the submission has 3D predictions.
-        key: the observation's.
 
     Raises:
         Avs3dError: if the dataset is damaged.
     """
-    observation = Observation(root, key)
+    key = observation.key
     strict = "strict" in wanted
     twin_ids = _twin_ids(observation) if strict else None
     figures: list[FrameFigures] = []
@@ -256,7 +261,7 @@ def _truth(frame: Frame, twin_ids: tuple[int, ...] | None, strict: bool) -> Trut
 
 def _volume(observation: Observation, cloud: NDArray[np.float32]) -> VolumeScore | None:
     """The 3D figures of a predicted cloud (N, 3); None where the dataset has no mesh, or the object moves."""
-    if _moves(observation) or not (observation.path / layout.SOUNDING_OBJECT).exists():
+    if _moves(observation) or not observation.where(layout.SOUNDING_OBJECT).exists():
         return None
     mesh = observation.mesh()
     return score_points(cloud, true_volume(mesh.vertices, mesh.faces))

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
-from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -150,29 +149,28 @@ class _GroupCounts:
 
 
 def score_group(
-    root: Path, submission: Submission, points: bool, categories: bool, group: str, keys: Sequence[str]
+    observations: Sequence[Observation], submission: Submission, points: bool, categories: bool, group: str
 ) -> GroupOutcome:
     """Score the siblings of a group under ``listen``.
 
     Args:
-        root: the dataset's.
+        observations: the siblings to score.
         submission: where its files lie.
         points: whether the submission has 3D predictions; they are read and not scored.
         categories: whether it has categories/.
         group: its key.
-        keys: of the siblings to score.
 
     Raises:
         Avs3dError: if the dataset is damaged.
     """
-    observations = [Observation(root, key) for key in keys]
+    keys = [observation.key for observation in observations]
     frames = sibling_frames(observations)
     record = observations[0].record
     ids = record.class_ids if record else class_ids()
     highest = len(ids) if categories else None
     readers = [Reader(submission, key) for key in keys]
     # The instances of all siblings are those of the first: they have the same pictures.
-    known = record is not None and (observations[0].path / layout.INSTANCE_MASKS).is_dir()
+    known = record is not None and observations[0].where(layout.INSTANCE_MASKS).is_dir()
     counts = _GroupCounts.start(len(keys), record if known else None, ids, categories)
     for number, siblings in enumerate(frames):
         advance(number, len(frames))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, get_args
 
@@ -21,28 +23,32 @@ _RECEIVERS = ("ambisonics", "array")
 
 
 @dataclass(frozen=True)
-class _Beside:
+class Beside:
     """What `--with` adds.
 
     Attributes:
         folders: optional folders.
         ambisonics: order; None: no ambisonic clips.
         array: file of the microphones; None: no array.
+        more: further words of a command.
     """
 
     folders: tuple[Extra, ...] = ()
     ambisonics: int | None = None
     array: Path | None = None
+    more: tuple[str, ...] = ()
 
 
-def _beside(_: click.Context, __: click.Parameter, values: tuple[str, ...]) -> _Beside:
-    """Read the values of `--with`: a folder, ``ambisonics``, ``ambisonics=ORDER`` or ``array=FILE``."""
-    found = _Beside()
+def _beside(_: click.Context, __: click.Parameter, values: tuple[str, ...], more: tuple[str, ...] = ()) -> Beside:
+    """Values of `--with`: a folder, ``ambisonics``, ``ambisonics=ORDER``, ``array=FILE``, a word of ``more``."""
+    found = Beside()
     for value in values:
         name, given, text = value.partition("=")
         folders = [folder for folder in _FOLDERS if folder == value]
         if folders:
             found = replace(found, folders=(*found.folders, *folders))
+        elif value in more:
+            found = replace(found, more=(*found.more, value))
         elif name == "ambisonics":
             if given and text not in ("1", "2", "3"):
                 raise click.BadParameter(f"the order of ambisonics is {text!r}, expected 1, 2 or 3: ambisonics=2")
@@ -52,12 +58,12 @@ def _beside(_: click.Context, __: click.Parameter, values: tuple[str, ...]) -> _
                 raise click.BadParameter("array needs a file that lists its microphones: --with array FILE")
             found = replace(found, array=Path(text))
         else:
-            known = ", ".join(map(repr, (*_FOLDERS, *_RECEIVERS)))
+            known = ", ".join(map(repr, (*_FOLDERS, *more, *_RECEIVERS)))
             raise click.BadParameter(f"{value!r} is not one of {known}.")
     return found
 
 
-class _Generate(click.Command):
+class MakingCommand(click.Command):
     """A command in which ``--with array`` takes the word after it, too."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -71,46 +77,90 @@ class _Generate(click.Command):
         return super().parse_args(ctx, joined)
 
 
-@click.command(cls=_Generate, context_settings=HELP)
+#: What `avs3d generate` and `avs3d seal` have in common.
+_OPTIONS = (
+    click.option(
+        "--workers", type=click.IntRange(*WORKERS), default=None, help="Worker processes (default: one per core)."
+    ),
+    click.option(
+        "--device",
+        type=click.Choice(get_args(Device)),
+        default="cpu",
+        show_default=True,
+        help="What draws the pictures, bakes the light and, with --audio tracer, traces the sound.",
+    ),
+    click.option(
+        "--vision",
+        type=click.Choice(get_args(Vision)),
+        default=None,
+        help="Renderer (default: embree; cuda on cuda).",
+    ),
+    click.option(
+        "--habitat-python",
+        type=PATH,
+        default=None,
+        metavar="FILE",
+        help="Interpreter with habitat-sim (default: $AVS3D_HABITAT_PYTHON).",
+    ),
+    click.option(
+        "--audio",
+        type=click.Choice(get_args(Audio)),
+        default=None,
+        help="Acoustic engine (default: the manifest's, or tracer).",
+    ),
+    click.option(
+        "--frames", type=click.IntRange(*FRAMES), default=None, help="Frames per observation (manifest: 120)."
+    ),
+    click.option("--size", type=click.IntRange(*SIZE), default=None, help="Pixels per side (manifest: 1008)."),
+    click.option("--hrtf", type=PATH, metavar="FILE", help="SOFA file of the head that hears (--audio tracer only)."),
+    click.option(
+        "--scans",
+        type=PATH,
+        default=None,
+        metavar="ROOT",
+        help="Folder with HM3D, Matterport3D or other scans (default: $AVS3D_SCANS).",
+    ),
+    click.option(
+        "--cache", type=PATH, metavar="DIR", default=None, help="Folder of baked homes (default: $AVS3D_CACHE)."
+    ),
+)
+
+
+def making_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The options that `avs3d generate` and `avs3d seal` have in common, as a decorator."""
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
+
+
+def with_option(*more: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """``--with``, as a decorator; the command gets ``beside``. ``more``: further words that it takes."""
+    return click.option(
+        "--with",
+        "beside",
+        multiple=True,
+        callback=_beside if not more else partial(_beside, more=more),
+        metavar=f"[{'|'.join((*_FOLDERS, *more))}|ambisonics[=ORDER]|array FILE]",
+        help="Also write this folder, or the clips of this receiver (--audio tracer only); repeatable.",
+    )
+
+
+def choose_tools(habitat_python: Path | None, scans: Path | None) -> None:
+    """Set the variables that worker processes read, before numpy is imported."""
+    os.environ.update(ONE_THREAD)
+    from avs3d_bench.user_path import user_path
+
+    for variable, named in (("AVS3D_HABITAT_PYTHON", habitat_python), ("AVS3D_SCANS", scans)):
+        if named is not None:
+            os.environ[variable] = str(user_path(named).absolute())
+
+
+@click.command(cls=MakingCommand, context_settings=HELP)
 @click.argument("manifest", type=PATH)
 @click.option("-o", "--output", "root", required=True, type=PATH, metavar="ROOT", help="The dataset's folder.")
-@click.option(
-    "--workers", type=click.IntRange(*WORKERS), default=None, help="Worker processes (default: one per core)."
-)
 @only_option
-@click.option(
-    "--device",
-    type=click.Choice(get_args(Device)),
-    default="cpu",
-    show_default=True,
-    help="What draws the pictures, bakes the light and, with --audio tracer, traces the sound.",
-)
-@click.option(
-    "--vision", type=click.Choice(get_args(Vision)), default=None, help="Renderer (default: embree; cuda on cuda)."
-)
-@click.option(
-    "--habitat-python",
-    type=PATH,
-    default=None,
-    metavar="FILE",
-    help="Interpreter with habitat-sim (default: $AVS3D_HABITAT_PYTHON).",
-)
-@click.option(
-    "--audio",
-    type=click.Choice(get_args(Audio)),
-    default=None,
-    help="Acoustic engine (default: the manifest's, or tracer).",
-)
-@click.option("--frames", type=click.IntRange(*FRAMES), default=None, help="Frames per observation (manifest: 120).")
-@click.option("--size", type=click.IntRange(*SIZE), default=None, help="Pixels per side (manifest: 1008).")
-@click.option(
-    "--with",
-    "beside",
-    multiple=True,
-    callback=_beside,
-    metavar=f"[{'|'.join(_FOLDERS)}|ambisonics[=ORDER]|array FILE]",
-    help="Also write this folder, or the clips of this receiver (--audio tracer only); repeatable.",
-)
+@making_options
+@with_option()
 @click.option(
     "--format",
     type=click.Choice(get_args(Form)),
@@ -118,15 +168,6 @@ class _Generate(click.Command):
     show_default=True,
     help="A folder of files for each observation, or a tar file of samples for training.",
 )
-@click.option("--hrtf", type=PATH, metavar="FILE", help="SOFA file of the head that hears (--audio tracer only).")
-@click.option(
-    "--scans",
-    type=PATH,
-    default=None,
-    metavar="ROOT",
-    help="Folder with HM3D, Matterport3D or other scans (default: $AVS3D_SCANS).",
-)
-@click.option("--cache", type=PATH, metavar="DIR", default=None, help="Folder of baked homes (default: $AVS3D_CACHE).")
 @scheduling_options
 def generate(
     manifest: Path,
@@ -134,7 +175,7 @@ def generate(
     habitat_python: Path | None,
     scans: Path | None,
     scheduling: Options,
-    beside: _Beside,
+    beside: Beside,
     **chosen: Any,
 ) -> None:
     """Generate the dataset that MANIFEST describes into a folder; run it again to continue after an interruption.
@@ -143,14 +184,7 @@ def generate(
     SoundSpaces engine (RLRAudioPropagation, CC-BY-NC 4.0) is for non-commercial research; that of the tracer, the
     default, and of --audio analytic is free.
     """
-    # Before numpy is imported.
-    os.environ.update(ONE_THREAD)
-    from avs3d_bench.user_path import user_path
-
-    # Worker processes read these variables, too.
-    for variable, named in (("AVS3D_HABITAT_PYTHON", habitat_python), ("AVS3D_SCANS", scans)):
-        if named is not None:
-            os.environ[variable] = str(user_path(named).absolute())
+    choose_tools(habitat_python, scans)
     from generators.manifest import read_manifest
     from generators.run.generation import generate_plans, plans_of
 

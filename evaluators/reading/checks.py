@@ -123,24 +123,25 @@ def check_contents(
     """
     bad = frozenset(problem.path for problem in problems if problem.severity == "error")
     points, categories = has_points(submission, observations), has_categories(submission, observations)
-    look = partial(_look, submission, observations[0].path.parents[3], bad, points, categories)
-    keys = [observation.key for observation in observations]
+    look = partial(_look, submission, bad, points, categories)
     files = int(submission.layout == "avs3d")
     found = list(problems)
     sizes = [len(observation.test) for observation in observations]
-    looked = process_each(look, keys, workers=workers, label="checking frames", progress=progress, sizes=sizes)
+    looked = process_each(look, observations, workers=workers, label="checking frames", progress=progress, sizes=sizes)
     for _, (count, more) in looked:
         files += count
         found += more
-    return Report(submission.named, True, len(keys), files, ordered(found))
+    return Report(submission.named, True, len(observations), files, ordered(found))
 
 
 def _look(
-    submission: Submission, root: Path, bad: frozenset[str], points: bool, categories: bool, key: str
+    submission: Submission, bad: frozenset[str], points: bool, categories: bool, observation: Observation
 ) -> tuple[int, tuple[Problem, ...]]:
     """(files read, findings) of one observation."""
-    observation = Observation(root, key)
+    key = observation.key
     reader = Reader(submission, key)
+    # Of a sealed test, participants have no masks; they have the size of the pictures.
+    sized = layout.SEMANTIC_MASKS if observation.published is None else layout.INPUT
     classes = _class_count(observation) if categories and observation.is_sound_scene else None
 
     def sound(path: Path) -> bool:
@@ -150,7 +151,7 @@ def _look(
 
     for number, frame in enumerate(observation.test):
         advance(number, len(observation.test))
-        header = png_header(frame.path(layout.SEMANTIC_MASKS))
+        header = png_header(frame.path(sized))
         size = header.height, header.width
         mask = reader.mask(frame.name, size) if sound(submission.mask_path(key, frame.name)) else None
         if classes is not None and sound(submission.categories_path(key, frame.name)):

@@ -123,7 +123,7 @@ def frame_of(dataset: Dataset, key: str, name: str) -> Frame:
 def _twins(frame: Frame) -> list[Mask]:
     """The visible silent twins; none if the data do not identify them."""
     numbers = silent_twins(frame)
-    if not numbers or not (frame.observation.path / layout.INSTANCE_MASKS).is_dir():
+    if not numbers or not frame.observation.where(layout.INSTANCE_MASKS).is_dir():
         return []
     ids = frame.instance_ids()
     return [mask for mask in (ids == number for number in numbers) if mask.any()]

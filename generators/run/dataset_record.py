@@ -39,13 +39,8 @@ def check(source: ManifestFile) -> None:
     Raises:
         UsageError: if the manifest, or its lock file, holds a text that the record cannot.
     """
-    manifest = source.manifest
     try:
-        attributions = _of_scans(source)
-        for table in (manifest.objects, manifest.sounds):
-            for items in table.values():
-                attributions += [found for item in items if (found := _of_asset(item, source.base)) is not None]
-        record = _record(source, (), attributions, {"soundspaces": "any"})
+        record = _record(source, (), manifest_attributions(source), {"soundspaces": "any"})
         files.dump_json(record).encode()
     except ValidationError as error:
         raise UsageError(
@@ -53,6 +48,15 @@ def check(source: ManifestFile) -> None:
         ) from None
     except UnicodeEncodeError:
         raise UsageError(f"{source.path}: holds characters that are no UTF-8; correct the manifest") from None
+
+
+def manifest_attributions(source: ManifestFile) -> list[AttributionRecord]:
+    """The attributions of everything that observations of a manifest may use, but for what is procedural."""
+    attributions = _of_scans(source)
+    for table in (source.manifest.objects, source.manifest.sounds):
+        for items in table.values():
+            attributions += [found for item in items if (found := _of_asset(item, source.base)) is not None]
+    return attributions
 
 
 def _of_asset(item: AssetSpec, base: Path) -> AttributionRecord | None:
@@ -116,13 +120,6 @@ def _record(
     backends: dict[str, str],
     software: Provenance | None = None,
 ) -> DatasetRecord:
-    terms = [
-        "CC-BY-NC-4.0 (the sound was computed with RLRAudioPropagation, whose licence is non-commercial)"
-        if "soundspaces" in backends
-        else "Apache-2.0",
-        # What is not made here keeps its own terms; those that only ask for attribution find it beside.
-        *conditions((attribution.asset, attribution.name) for attribution in attributions),
-    ]
     entries = tuple(entries)
     newer = bool(source.manifest.categories) or any(entry.part == SOUND_SCENES for entry in entries)
     return DatasetRecord(
@@ -133,12 +130,24 @@ def _record(
         manifest=source.text,
         manifest_sha256=source.sha256,
         backends=dict(sorted(backends.items())),
-        licence="; ".join(terms),
+        licence=licence_of(backends, attributions),
         attributions=unique_attributions(attributions),
         provenance=None if software is None else ProvenanceRecord.of(software),
         categories=tuple(source.manifest.categories) or None,
         observations=entries,
     ).sealed()
+
+
+def licence_of(backends: Iterable[str], attributions: Iterable[AttributionRecord]) -> str:
+    """The licence of a dataset made with these backends and assets."""
+    terms = [
+        "CC-BY-NC-4.0 (the sound was computed with RLRAudioPropagation, whose licence is non-commercial)"
+        if "soundspaces" in backends
+        else "Apache-2.0",
+        # What is not made here keeps its own terms; those that only ask for attribution find it beside.
+        *conditions((attribution.asset, attribution.name) for attribution in attributions),
+    ]
+    return "; ".join(terms)
 
 
 def _of_scans(source: ManifestFile) -> list[AttributionRecord]:

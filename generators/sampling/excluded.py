@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from avs3d_bench.errors import UsageError
@@ -21,11 +21,13 @@ class Excluded:
         homes: seed of a procedural home → name of a manifest that has it.
         seeds: seed of a manifest → its name.
         variants: (category, variant) that a manifest may draw → its name.
+        scans: id of a scan that a manifest finds by its name → its name.
     """
 
     homes: dict[int, str]
     seeds: dict[int, str]
     variants: dict[tuple[str, str], str]
+    scans: dict[str, str] = field(default_factory=dict)
 
     def check_seed(self, seed: int) -> None:
         """Refuse the seed of an excluded manifest: with it, random draws of both would be related.
@@ -76,8 +78,11 @@ def what_they_use(manifests: Sequence[Path], output: Path) -> Excluded:
 
 def _add(found: Excluded, manifest: Manifest) -> None:
     found.seeds.setdefault(manifest.seed, manifest.name)
-    for scan in manifest.scans.values():
-        if scan.seed is not None:
+    for name, scan in manifest.scans.items():
+        if scan.source == "scan":
+            # A sealed test names the files of its scans; a public manifest that does so, too, names the same ones.
+            found.scans.setdefault(scan.file or name, manifest.name)
+        elif scan.seed is not None:
             found.homes.setdefault(scan.seed, manifest.name)
     for spec in manifest.observations:
         for category in spec.objects:

@@ -1,0 +1,304 @@
+"""Sealed tests: what `seal.json` commits to, and whether a secret and a truth are those that it commits to.
+
+    public/seal.json      commitments to the secret, the manifest and every truth file; the sha256 of dataset.json,
+                          which has those of all poses.json, which have those of all published files
+    private/opening.hex   the key that opens the commitments to truth files; it follows from the secret
+
+A truth file is committed to by sha256(salt ‖ 1 ‖ bytes), one that does not exist by sha256(salt ‖ 0). Without a salt,
+the digest of a mask would tell where nothing is visible, since there is only one black picture of each size. The salt
+of a file is HMAC-SHA256(opening key, its path); the opening key is HMAC-SHA256(secret, `OPENING`). So the opening key
+shows nothing of the secret: the evaluator needs no secret.
+
+`generators.sealing` makes a sealed test. This module needs the core install only.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from fnmatch import fnmatchcase
+from pathlib import Path, PurePosixPath
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from avs3d_bench import files, layout
+from avs3d_bench.dataset import Dataset
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.parallel import available_cores
+from avs3d_bench.report import Problem
+from avs3d_bench.schema import (
+    PosesRecord,
+    ProvenanceRecord,
+    RelativePath,
+    Scalar,
+    Sha256,
+    Text,
+    parse_record,
+)
+from avs3d_bench.schema import Record as _Record
+
+#: Folders of a sealed test, and the file of its secret.
+PUBLIC, PRIVATE, SECRET = "public", "private", "secret"
+#: Files of `private/`: the manifest with its seeds, the manifest before, the draws of homes, the opening key.
+MANIFEST, TEMPLATE, DRAWS, OPENING_KEY = "manifest.yaml", "template.yaml", "draws.json", "opening.hex"
+#: Bytes of a secret.
+SECRET_BYTES = 32
+#: What the secret is used for; part of each derivation, so that no two uses share a value.
+OPENING = "avs3d-bench sealed test 1.0: opening key"
+#: Longest file of a secret or key (bytes); it has 64 digits and a line feed.
+_MOST_SECRET = 1024
+#: Largest `seal.json` (bytes).
+_MOST_SEAL = 2**30
+
+
+class CommitmentsRecord(_Record):
+    """What the organiser cannot change any more."""
+
+    secret: Sha256 = Field(description="sha256 of the 32 bytes of the secret")
+    manifest: Sha256 = Field(description="sha256 of the manifest with its seeds")
+    truth: dict[Text, dict[RelativePath, Sha256]] = Field(
+        description="key of an observation → truth file → sha256(salt, 1, bytes), or sha256(salt, 0) if there is no "
+        "such file; salt: HMAC-SHA256(opening key, key/file)"
+    )
+
+
+class SealRecord(_Record):
+    """`seal.json`: the commitments of a sealed test."""
+
+    left_out: ClassVar[frozenset[str]] = frozenset()
+
+    schema_version: Literal["1.0"] = "1.0"
+    name: Text
+    version: Text
+    train_truth: bool = Field(description="whether the masks of train frames are published")
+    settings: dict[str, Scalar] = Field(description="options of `avs3d seal` on which the bytes depend")
+    backends: dict[str, Text] = Field(description="backend name → version")
+    provenance: ProvenanceRecord = Field(description="software that made the observations")
+    dataset_sha256: Sha256 = Field(description="sha256 of dataset.json")
+    commitments: CommitmentsRecord
+
+
+class DrawsRecord(_Record):
+    """`private/draws.json`: how often the seed of a home was drawn until its observations fitted into it."""
+
+    schema_version: Literal["1.0"] = "1.0"
+    draws: dict[Text, Annotated[int, Field(ge=1)]] = Field(description="home in the template → number of draws")
+
+
+def read_secret(path: str | Path) -> bytes:
+    """The 32 bytes of a secret, from a file of 64 hexadecimal digits.
+
+    Raises:
+        UsageError: if the file cannot be read or holds something else. The message does not quote it.
+    """
+    return _read_hex(path, "secret", "as `avs3d seal` writes it, or `openssl rand -hex 32`")
+
+
+def _read_hex(path: str | Path, what: str, hint: str) -> bytes:
+    try:
+        text = files.read_bytes(path, _MOST_SECRET).strip()
+    except Avs3dError as error:
+        raise UsageError(f"cannot read the {what}: {error}") from error
+    expected = f"expected {2 * SECRET_BYTES} hexadecimal digits ({SECRET_BYTES} bytes), {hint}"
+    if len(text) != 2 * SECRET_BYTES:
+        raise UsageError(f"{path}: a {what} of {len(text)} characters; {expected}")
+    try:
+        return bytes.fromhex(text.decode("ascii"))
+    except ValueError:
+        raise UsageError(f"{path}: a {what} with other characters than digits and a to f; {expected}") from None
+
+
+def derive(secret: bytes, purpose: str) -> bytes:
+    """HMAC-SHA256(secret, purpose): 32 bytes that tell nothing of the secret or of other purposes."""
+    return hmac.new(secret, purpose.encode(), hashlib.sha256).digest()
+
+
+def commitment(opening: bytes, path: str, data: bytes | None) -> str:
+    """The commitment to a truth file.
+
+    Args:
+        opening: the opening key, ``derive(secret, OPENING)``.
+        path: key of the observation, a slash, the file's path in it.
+        data: its bytes; None: there is no such file.
+
+    Examples:
+        >>> commitment(bytes(32), "part_1/a/kitchen/1/observation.json", b"") == commitment(bytes(32), "b", b"")
+        False
+    """
+    salt = derive(opening, path)
+    return hashlib.sha256(salt + (b"\0" if data is None else b"\1" + data)).hexdigest()
+
+
+def truth_files(frames: int, *, sound_scene: bool) -> tuple[str, ...]:
+    """The truth files of an observation to which `seal.json` commits.
+
+    The list depends on nothing but the part and the number of frames. ``gt_3d/sounding_object.ply`` is always in it,
+    also where no object of the room sounds. Stems and impulse responses are not: their number would tell that of the
+    sources. observation.json, to which there is a commitment, has their sha256.
+    """
+    folders = [layout.SEMANTIC_MASKS, layout.INSTANCE_MASKS, *([layout.CATEGORY_MASKS] if sound_scene else [])]
+    masks = (layout.image_path(folder, index) for folder in folders for index in range(frames))
+    return (layout.OBSERVATION_JSON, layout.SOUNDING_OBJECT, *masks)
+
+
+def read_seal(public: str | Path) -> SealRecord:
+    """The commitments of a sealed test.
+
+    Raises:
+        UsageError: if there are none.
+        Avs3dError: if the file is damaged.
+    """
+    path = Path(public) / layout.SEAL_JSON
+    if not path.exists():
+        raise UsageError(f"{path}: missing; expected the public folder that `avs3d seal` wrote")
+    return parse_record(files.read_bytes(path, _MOST_SEAL), SealRecord, path)
+
+
+def open_sealed(public: str | Path, truth: str | Path, *, only: Sequence[str] = ()) -> Dataset:
+    """The dataset of a sealed test with its truth, for whoever scores.
+
+    Checks that the truth is the one that ``public`` commits to: the manifest, and of the chosen observations every
+    truth file that scoring reads.
+
+    Args:
+        public: the public folder.
+        truth: the private folder.
+        only: shell patterns of observation keys; none: all observations.
+
+    Raises:
+        UsageError: if one of the folders is none of a sealed test, or both are of different seals.
+        Avs3dError: naming the first file that is not what was committed to.
+    """
+    seal = read_seal(public)
+    found = list(check_belonging(Path(public), Path(truth), seal))
+    if not found:
+        keys = [key for key in seal.commitments.truth if not only or any(fnmatchcase(key, p) for p in only)]
+        found = list(check_truth(truth, seal, keys, wanted=_scored(Dataset(public), keys)))
+    if found:
+        first, *rest = found
+        more = f" (and {len(rest)} more)" if rest else ""
+        raise Avs3dError(f"{Path(truth) / first.path}: {first.message}{more}")
+    return Dataset(public, truth)
+
+
+def check_belonging(public: Path, truth: Path, seal: SealRecord) -> Iterator[Problem]:
+    """Whether a private folder is of the same seal.
+
+    Raises:
+        UsageError: if it is no private folder, or of another seal.
+    """
+    ours, theirs = public / layout.SEAL_JSON, truth / layout.SEAL_JSON
+    if not theirs.exists():
+        raise UsageError(f"{theirs}: missing; expected the private folder that `avs3d seal` wrote beside {public}")
+    if files.sha256_file(ours) != files.sha256_file(theirs):
+        raise UsageError(
+            f"{truth}: the truth of another seal: its {layout.SEAL_JSON} is not that of {public}; "
+            "expected the private folder that was written with it"
+        )
+    if files.sha256_file(truth / MANIFEST) != seal.commitments.manifest:
+        yield Problem("error", MANIFEST, "not the manifest that seal.json commits to; restore it")
+
+
+def _scored(dataset: Dataset, keys: Iterable[str]) -> Callable[[str, str], bool]:
+    """Whether scoring reads a truth file: all but the masks of train frames."""
+    splits = {key: dataset.open(key).splits for key in keys}
+
+    def is_scored(key: str, path: str) -> bool:
+        name = PurePosixPath(path)
+        return name.suffix != ".png" or splits[key].get(name.stem) == "test"
+
+    return is_scored
+
+
+def opening_key(truth: str | Path) -> bytes:
+    """The opening key of a private folder.
+
+    Raises:
+        UsageError: if it is missing or damaged.
+    """
+    return _read_hex(Path(truth) / OPENING_KEY, "opening key", "as `avs3d seal` writes it")
+
+
+def check_truth(
+    truth: str | Path,
+    seal: SealRecord,
+    keys: Iterable[str] | None = None,
+    *,
+    opening: bytes | None = None,
+    wanted: Callable[[str, str], bool] = lambda key, path: True,
+) -> Iterator[Problem]:
+    """The truth files that are not what `seal.json` commits to, by sha256.
+
+    Args:
+        truth: the private folder.
+        seal: the commitments.
+        keys: observations to look at; None: all.
+        opening: the opening key; None: that of the private folder.
+        wanted: whether a file (key, path in the observation) is looked at.
+    """
+    key_of_all = opening_key(truth) if opening is None else opening
+    chosen = [
+        (key, path, digest)
+        for key in (seal.commitments.truth if keys is None else keys)
+        for path, digest in seal.commitments.truth[key].items()
+        if wanted(key, path)
+    ]
+
+    def look(one: tuple[str, str, str]) -> Problem | None:
+        key, path, digest = one
+        return _compare(Path(truth), f"{key}/{path}", digest, key_of_all)
+
+    with ThreadPoolExecutor(available_cores()) as pool:
+        yield from (found for found in pool.map(look, chosen) if found is not None)
+
+
+def _compare(truth: Path, path: str, digest: str, opening: bytes) -> Problem | None:
+    file = truth / path
+    try:
+        data = files.read_bytes(file) if file.exists() else None
+    except Avs3dError as error:
+        return Problem("error", path, str(error).removeprefix(f"{file}: "))
+    if commitment(opening, path, data) == digest:
+        return None
+    if data is None:
+        return Problem("error", path, "missing; seal.json commits to such a file")
+    return Problem("error", path, "not what seal.json commits to: the file was changed after the test was sealed")
+
+
+def check_public(public: str | Path, seal: SealRecord) -> Iterator[Problem]:
+    """The published files that are not those that `seal.json` and the records below it name, by sha256."""
+    root = Path(public)
+    if files.sha256_file(root / layout.DATASET_JSON) != seal.dataset_sha256:
+        yield Problem("error", layout.DATASET_JSON, "not the file that seal.json names: it was changed after the seal")
+        return
+    record = Dataset(root).record
+    for entry in record.observations if record else ():
+        path = f"{entry.key}/{layout.POSES_JSON}"
+        if not (root / path).exists() or files.sha256_file(root / path) != entry.digest:
+            yield Problem("error", path, "missing, or not the file that dataset.json names: it was changed")
+            continue
+        yield from _check_published(root, entry.key)
+
+
+def _check_published(root: Path, key: str) -> Iterator[Problem]:
+    record = files.read_record(root / key / layout.POSES_JSON, PosesRecord)
+    there = {path.relative_to(root / key).as_posix() for path in (root / key).rglob("*") if not path.is_dir()}
+    for name in sorted(there - set(record.files) - {layout.POSES_JSON}):
+        yield Problem("error", f"{key}/{name}", "surplus file: poses.json does not name it")
+    for name, digest in record.files.items():
+        path = root / key / name
+        if not path.exists():
+            yield Problem("error", f"{key}/{name}", "missing; poses.json names it")
+        elif files.sha256_file(path) != digest:
+            yield Problem("error", f"{key}/{name}", "not the file that poses.json names: it was changed")
+
+
+def check_secret(secret: bytes, seal: SealRecord, truth: str | Path) -> Iterator[Problem]:
+    """Whether a secret is the one that was committed to, and the opening key of ``truth`` follows from it."""
+    if hashlib.sha256(secret).hexdigest() != seal.commitments.secret:
+        yield Problem("error", SECRET, "not the secret that seal.json commits to: its sha256 is another one")
+    elif opening_key(truth) != derive(secret, OPENING):
+        yield Problem("error", OPENING_KEY, "does not follow from the secret: it was changed")

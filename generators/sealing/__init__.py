@@ -1,0 +1,1 @@
+"""Sealed tests: manifests whose seeds come from a secret. Start reading at `generators.sealing.seal`."""
