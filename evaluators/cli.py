@@ -52,8 +52,7 @@ def evaluate(
     json_file: Path | None,
     html_file: Path | None,
     official_folder: str | None,
-    only: tuple[str, ...],
-    workers: int | None,
+    **chosen: Any,
 ) -> None:
     """Score SUBMISSION, a folder or a .zip, against a dataset.
 
@@ -67,11 +66,11 @@ def evaluate(
     from evaluators.score import score
 
     wanted: Any = None if protocol == "all" else (protocol,)
-    data = _open_dataset(root, truth, only)
+    data = _open_dataset(root, truth, chosen["only"])
     _check_targets((json_file, html_file), submission, root)
     with open_submission(submission, aisrm=_aisrm(official_folder)) as opened:
         try:
-            evaluation = score(opened, data, protocols=wanted, only=only, workers=workers, progress=sys.stderr.isatty())
+            evaluation = score(opened, data, protocols=wanted, progress=sys.stderr.isatty(), **chosen)
         except InvalidSubmission as error:
             _print_problems(error.report, submission, root)
             raise SystemExit(1) from None
