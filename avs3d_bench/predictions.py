@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.files import read_bytes
 from avs3d_bench.media import PngHeader, decode_png
 from avs3d_bench.ply import read_ply
 from avs3d_bench.ply_reader import read_header
@@ -51,7 +53,9 @@ def _check_size(path: Path, header: PngHeader, width: int, height: int) -> None:
         )
 
 
-def read_mask(path: Path, width: int, height: int, *, released: bool) -> NDArray[np.uint8]:
+def read_mask(
+    path: Path, width: int, height: int, *, released: bool, seen: Callable[[bytes], None] | None = None
+) -> NDArray[np.uint8]:
     """A predicted mask.
 
     Args:
@@ -59,6 +63,7 @@ def read_mask(path: Path, width: int, height: int, *, released: bool) -> NDArray
         width: that it must have, pixels.
         height: likewise.
         released: accept what the released pipeline writes as well: RGB with three equal channels.
+        seen: called with the bytes of the file.
 
     Returns:
         (H, W) uint8, exactly 0 or 255.
@@ -74,7 +79,7 @@ def read_mask(path: Path, width: int, height: int, *, released: bool) -> NDArray
         if not grey and not (released and header.colour_type == _RGB and header.bits == 8):
             raise Avs3dError(f"{path}: {header.mode}; expected a mask: grey, 8 bit, 0 or 255")
 
-    pixels = decode_png(path, cv2.IMREAD_UNCHANGED, check, plain=True)
+    pixels = decode_png(path, cv2.IMREAD_UNCHANGED, check, plain=True, data=_read(path, seen))
     if pixels.ndim == 3:
         first, second, third = cv2.split(pixels)
         if cv2.norm(first, second, cv2.NORM_INF) or cv2.norm(first, third, cv2.NORM_INF):
@@ -86,7 +91,9 @@ def read_mask(path: Path, width: int, height: int, *, released: bool) -> NDArray
     return np.asarray(pixels, dtype=np.uint8)
 
 
-def read_categories(path: Path, width: int, height: int, classes: int) -> NDArray[np.uint8]:
+def read_categories(
+    path: Path, width: int, height: int, classes: int, *, seen: Callable[[bytes], None] | None = None
+) -> NDArray[np.uint8]:
     """The predicted class ids of a frame of part_3.
 
     Args:
@@ -94,6 +101,7 @@ def read_categories(path: Path, width: int, height: int, classes: int) -> NDArra
         width: that it must have, pixels.
         height: likewise.
         classes: the highest class id of the dataset.
+        seen: called with the bytes of the file.
 
     Returns:
         (H, W) uint8: 0 for nothing, else a class id (see `avs3d_bench.taxonomy.class_ids`).
@@ -108,7 +116,7 @@ def read_categories(path: Path, width: int, height: int, classes: int) -> NDArra
         if header.colour_type != _GREY or header.bits != 8:
             raise Avs3dError(f"{path}: {header.mode}; expected class ids: grey, 8 bit, 0 to {classes}")
 
-    pixels = decode_png(path, cv2.IMREAD_UNCHANGED, check, plain=True)
+    pixels = decode_png(path, cv2.IMREAD_UNCHANGED, check, plain=True, data=_read(path, seen))
     highest = int(pixels.max(initial=0))
     if highest > classes:
         hint = ": 0 and 255 make a mask, which belongs in masks/" if highest == 255 else ""
@@ -116,6 +124,13 @@ def read_categories(path: Path, width: int, height: int, classes: int) -> NDArra
             f"{path}: holds the value {highest}; expected class ids, 0 for nothing and 1 to {classes}{hint}"
         )
     return np.asarray(pixels, dtype=np.uint8)
+
+
+def _read(path: Path, seen: Callable[[bytes], None] | None) -> bytes:
+    data = read_bytes(path)
+    if seen is not None:
+        seen(data)
+    return data
 
 
 def _values(pixels: NDArray[np.uint8]) -> str:

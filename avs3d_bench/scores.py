@@ -154,10 +154,24 @@ class ListenObservation(ListenScore):
     unavailable: dict[str, str] = Field(default_factory=dict, description="figure that is null → reason")
 
 
+class ObservationDigests(Record):
+    """The files of one observation that were scored, and those that they were compared with.
+
+    Each digest is the sha256 of a list with one line per file: the file's sha256, two spaces, the file's path relative
+    to the root of the submission or dataset, a line break. The lines are sorted by path.
+    """
+
+    predictions: Sha256 = Field(description="digest of the list of files of the submission that were read")
+    truth: Sha256 = Field(
+        description="digest of the list of files with the truth: observation.json, the mesh in gt_3d/, and the "
+        "semantic, instance and category mask of each test frame, as far as they exist"
+    )
+
+
 class ObservationScores(Record):
     """One observation."""
 
-    left_out: ClassVar[frozenset[str]] = frozenset({"group", "listen"})
+    left_out: ClassVar[frozenset[str]] = frozenset({"group", "listen", "digests"})
 
     key: Text
     part: PartName
@@ -173,6 +187,7 @@ class ObservationScores(Record):
     official: OfficialObservation | None = None
     strict: StrictObservation | None = None
     listen: ListenObservation | None = Field(default=None, description="only in part_3")
+    digests: ObservationDigests | None = Field(default=None, description="null in files of older versions")
 
 
 Interval = tuple[float, float]
@@ -238,10 +253,18 @@ class SiblingScores(Record):
     pairs: tuple[PairScores, ...] = Field(description="every two of them")
 
 
+class Machine(Record):
+    """The machine that computed the figures, without a name of host or user."""
+
+    platform: Text = Field(description="operating system and processor architecture, e.g. Linux x86_64")
+    python: Text = Field(description="implementation and version, e.g. CPython 3.11.9")
+    cores: Annotated[int, Field(ge=1)] = Field(description="processor cores that the process could use")
+
+
 class Evaluator(Record):
     """The software and settings that computed the figures."""
 
-    left_out: ClassVar[frozenset[str]] = frozenset({"provenance"})
+    left_out: ClassVar[frozenset[str]] = frozenset({"provenance", "machine"})
 
     version: Text
     protocols: dict[Protocol, ProtocolVersion] = Field(description="each requested protocol → its version")
@@ -249,20 +272,28 @@ class Evaluator(Record):
     bootstrap_seed: Count
     voxel_size: NonNegative = Field(description="edge of the voxels of the 3D figures, metres")
     provenance: ProvenanceRecord | None = None
+    machine: Machine | None = Field(default=None, description="null in files of older versions")
 
 
 class ScoredSubmission(SubmissionRecord):
     """The contents of submission.json, and the layout of the submission's folder."""
 
+    left_out: ClassVar[frozenset[str]] = SubmissionRecord.left_out | {"digest"}
+
     layout: Literal["avs3d", "official"] = Field(description="layout of the folder")
     masks: Text | None = Field(default=None, description="folder of the masks, below the observation's folder")
     points: bool = Field(description="whether it has a 3D prediction")
+    digest: Sha256 | None = Field(
+        default=None,
+        description="of what was scored: sha256 of a list with one line per observation, sorted by key: its "
+        "digests.predictions, two spaces, its key, a line break. submission.json is not part of it",
+    )
 
 
 class ScoredDataset(Record):
     """The dataset with which the submission was compared."""
 
-    left_out: ClassVar[frozenset[str]] = frozenset({"provenance"})
+    left_out: ClassVar[frozenset[str]] = frozenset({"provenance", "truth_digest"})
 
     name: Text
     version: str | None = Field(description="null in the official release")
@@ -270,6 +301,10 @@ class ScoredDataset(Record):
     observations: Count = Field(description="number of observations in the dataset")
     scored: Count = Field(description="number of observations that were scored; fewer only with --only")
     provenance: ProvenanceRecord | None = Field(default=None, description="that of dataset.json")
+    truth_digest: Sha256 | None = Field(
+        default=None,
+        description="of the truth of the scored observations: as submission.digest, with digests.truth",
+    )
 
 
 class Scores(Record):

@@ -1,4 +1,4 @@
-"""The commands `avs3d-eval`, `avs3d check`, `avs3d compare`, `avs3d leaderboard` and `avs3d tables`."""
+"""The commands `avs3d-eval` and `avs3d` `check`, `compare`, `verify`, `leaderboard` and `tables`."""
 
 from __future__ import annotations
 
@@ -195,6 +195,48 @@ def check(
     finally:
         print_report(report, shown=_SCREENFUL)
     if not report.valid:
+        raise SystemExit(1)
+
+
+@click.command(context_settings=HELP, short_help="Score a submission again and compare with a file of scores.")
+@click.argument("score_file", type=PATH, metavar="SCORES.json")
+@click.option(
+    "--submission", type=PATH, metavar="SUBMISSION", required=True, help="The folder or .zip that was scored."
+)
+@dataset_option
+@click.option("--json", "json_file", type=PATH, metavar="FILE", help="Write all differences to this file as well.")
+@_workers
+def verify(score_file: Path, submission: Path, root: Path, json_file: Path | None, workers: int | None) -> None:
+    """Score SUBMISSION again and say whether SCORES.json has the same figures and digests.
+
+    Exit status: 0 the same, 1 not confirmed (each figure and digest that differs is named, or each bad file of the
+    submission), 2 usage.
+    """
+    from avs3d_bench.files import write_json
+    from avs3d_bench.report import printable
+    from evaluators.records import InvalidSubmission
+    from evaluators.verify import verify as verify_scores
+
+    _check_targets((json_file,), submission, root)
+    if json_file is not None and os.path.realpath(json_file) == os.path.realpath(score_file):
+        raise UsageError(f"{json_file}: is the file of scores itself; choose another file for --json")
+    try:
+        found = verify_scores(score_file, submission, root, workers=workers, progress=sys.stderr.isatty())
+    except InvalidSubmission as error:
+        _print_problems(error.report, submission, root)
+        raise SystemExit(1) from None
+    try:
+        if json_file is not None:
+            write_json(json_file, found.as_dict())
+    finally:
+        for difference in found.differences[:_SCREENFUL]:
+            click.echo(printable(str(difference)))
+        if len(found.differences) > _SCREENFUL:
+            click.echo(f"{len(found.differences) - _SCREENFUL:,} more; --json FILE writes all of them")
+        for note in found.notes:
+            click.echo(f"note: {printable(note)}")
+        click.echo(f"{score_file}: {found.summary}")
+    if not found.same:
         raise SystemExit(1)
 
 

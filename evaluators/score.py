@@ -33,6 +33,7 @@ from avs3d_bench.scores import (
 from evaluators.deaf import DeafFrame, deaf_frame, deaf_references
 from evaluators.frames import FrameFigures, Truth, frame_figures, reference_figures
 from evaluators.metrics import as_bytes
+from evaluators.origin import observation_digests
 from evaluators.protocols import (
     MOVING,
     NO_INSTANCE_MASKS,
@@ -235,6 +236,7 @@ def score_observation(
     beside = {
         name: _observation_scores(observation, frames_, None, wanted, False) for name, frames_ in references.items()
     }
+    scored = scored.model_copy(update={"digests": observation_digests(observation, reader.digests)})
     return Outcome(scored, beside, worst_frames(frames), best_frames(frames), files=reader.files)
 
 

@@ -28,6 +28,7 @@ from evaluators.deaf import DeafOracles
 from evaluators.frames import Truth, reference_figures
 from evaluators.listen import listen_observation
 from evaluators.metrics import U8, FrameCounts, as_bytes, frame_counts
+from evaluators.origin import observation_digests
 from evaluators.pairs import CrossCounts, differ, right_pair, sibling_scores
 from evaluators.reading.reader import Reader
 from evaluators.records import FrameScore, Outcome, SiblingFrame, Submission, best_frames, worst_frames
@@ -211,8 +212,9 @@ def _judge(
             for of, found in zip(frames, own.frames, strict=True)
         ]
         beside = {name: _scores(observation, index, each, pairs[name], names) for name, each in references.items()}
+        digests = observation_digests(observation, reader.digests)
         outcomes[observation.key] = Outcome(
-            _scores(observation, index, own, siblings, names),
+            _scores(observation, index, own, siblings, names).model_copy(update={"digests": digests}),
             beside,
             worst_frames(shown),
             best_frames(shown),

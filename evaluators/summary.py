@@ -25,6 +25,7 @@ from avs3d_bench.scores import (
 )
 from avs3d_bench.taxonomy import PARTS, ROOMS, class_ids
 from evaluators import bootstrap
+from evaluators.origin import this_machine, totals
 from evaluators.protocols import NO_INSTANCE_MASKS, summarise
 from evaluators.records import Outcome, Submission
 from evaluators.sound_scenes import GroupOutcome
@@ -54,6 +55,7 @@ def score_record(
     scored = [outcome.scores for outcome in outcomes if outcome.scores is not None]
     siblings = [group.siblings for group in groups if group.siblings is not None]
     record = dataset.record
+    digest, truth = totals(scored)
     known, missing = _references(outcomes)
     known_categories = class_ids(record.categories or () if record else ())
     others = {scores.category for scores in scored if scores.category is not None} - known_categories.keys()
@@ -66,9 +68,14 @@ def score_record(
             bootstrap_seed=bootstrap.SEED,
             voxel_size=VOXEL_SIZE,
             provenance=software,
+            machine=this_machine(),
         ),
         submission=ScoredSubmission(
-            **submission.record.model_dump(), layout=submission.layout, masks=submission.masks, points=points
+            **submission.record.model_dump(),
+            layout=submission.layout,
+            masks=submission.masks,
+            points=points,
+            digest=digest,
         ),
         dataset=ScoredDataset(
             name=dataset.name,
@@ -77,6 +84,7 @@ def score_record(
             observations=len(dataset),
             scored=len(scored),
             provenance=record.provenance if record else None,
+            truth_digest=truth,
         ),
         observations=tuple(scored),
         siblings=tuple(siblings) if "listen" in wanted else None,

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench import layout
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.files import sha256_bytes, sha256_file
 from avs3d_bench.predictions import read_categories, read_mask, read_points
 from avs3d_bench.report import Problem
 from evaluators.records import Submission
@@ -34,6 +35,7 @@ class Reader:
         key: the observation's.
         problems: errors in the files that were read.
         files: how many were read.
+        digests: path relative to the submission → sha256, of the files that were read.
         unmarked: frame → pixels that have a category in categories/ and are not marked in masks/.
     """
 
@@ -41,6 +43,7 @@ class Reader:
     key: str
     problems: list[Problem] = field(default_factory=list)
     files: int = 0
+    digests: dict[str, str] = field(default_factory=dict)
     unmarked: dict[str, int] = field(default_factory=dict)
 
     def mask(self, frame: str, size: tuple[int, int]) -> NDArray[np.uint8] | None:
@@ -48,7 +51,7 @@ class Reader:
         height, width = size
         released = self.submission.layout == "official"
         path = self.submission.mask_path(self.key, frame)
-        return self._read(path, lambda: read_mask(path, width, height, released=released))
+        return self._read(path, lambda: read_mask(path, width, height, released=released, seen=self._note(path)))
 
     def categories(
         self, frame: str, size: tuple[int, int], classes: int, mask: NDArray[np.uint8] | None
@@ -63,7 +66,7 @@ class Reader:
         """
         height, width = size
         path = self.submission.categories_path(self.key, frame)
-        found = self._read(path, lambda: read_categories(path, width, height, classes))
+        found = self._read(path, lambda: read_categories(path, width, height, classes, seen=self._note(path)))
         if found is not None and mask is not None:
             outside = cv2.countNonZero(found) - cv2.countNonZero(cv2.min(found, mask))
             if outside:
@@ -73,7 +76,10 @@ class Reader:
     def points(self) -> NDArray[np.float32] | None:
         """The 3D prediction, (N, 3) metres; None if the file is bad."""
         path = self.submission.points_path(self.key)
-        return self._read(path, lambda: read_points(path))
+        cloud = self._read(path, lambda: read_points(path))
+        if cloud is not None:
+            self.digests[self._name(path)] = sha256_file(path)
+        return cloud
 
     @property
     def warnings(self) -> tuple[Problem, ...]:
@@ -84,6 +90,17 @@ class Reader:
         frames = f"{1 + len(more)} frames ({first}, …)" if more else first
         message = f"{sum(self.unmarked.values()):,} pixels in {frames} have a category but are not marked in masks/"
         return (Problem("warning", f"{self.key}/{layout.SUBMISSION_CATEGORIES}", message),)
+
+    def _name(self, path: Path) -> str:
+        return path.relative_to(self.submission.root).as_posix()
+
+    def _note(self, path: Path) -> Callable[[bytes], None]:
+        """What keeps the digest of the bytes of a file."""
+
+        def note(data: bytes) -> None:
+            self.digests[self._name(path)] = sha256_bytes(data)
+
+        return note
 
     def _read(self, path: Path, read: Callable[[], _Found]) -> _Found | None:
         self.files += 1

@@ -19,17 +19,15 @@ from dataclasses import replace
 from pathlib import Path
 
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.files import dump_json, read_bytes, write_bytes
+from avs3d_bench.files import dump_json, write_bytes
 from avs3d_bench.report import printable
-from avs3d_bench.schema import parse_record
 from avs3d_bench.scores import Scores
+from evaluators.reading.score_file import read_scores
 from evaluators.reporting.pages import write_page
 from evaluators.reporting.ranking import Entry, leaderboard_values
 from evaluators.reporting.report_check import read_report
 
 _SLUG_LENGTH = 60
-#: Largest file of scores (bytes): an observation takes about one KB.
-MAX_SCORES_BYTES = 64 * 2**20
 #: Characters of a name in a message.
 _NAMED = 200
 
@@ -108,19 +106,7 @@ def read_entry(path: Path, reports: bool) -> Entry:
     Raises:
         Avs3dError: if the file is broken.
     """
-    scores = parse_record(read_bytes(path, MAX_SCORES_BYTES), Scores, path)
-    if len(scores.observations) != scores.dataset.scored:
-        raise Avs3dError(
-            f"{path}: observations: {len(scores.observations)} in the list, but dataset.scored is "
-            f"{scores.dataset.scored}; score the submission again"
-        )
-    if not scores.avs3d_eval.protocols:
-        raise Avs3dError(f"{path}: avs3d_eval.protocols: empty, expected official, strict or listen; score it again")
-    for protocol in scores.avs3d_eval.protocols:
-        if getattr(scores.overall, protocol) is None:
-            raise Avs3dError(
-                f"{path}: overall.{protocol}: null, though avs3d_eval.protocols lists it; score the submission again"
-            )
+    scores = read_scores(path)
     # Without the report's place and the order of keys, so that a copy in a leaderboard counts as the same entry.
     contents = json.dumps(scores.model_dump(mode="json", exclude={"report"}), sort_keys=True)
     digest = hashlib.sha256(contents.encode()).hexdigest()
