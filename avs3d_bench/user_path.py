@@ -12,9 +12,11 @@ def user_path(name: str | os.PathLike[str]) -> Path:
     """A path as users write it: ``~`` and ``~user`` at its beginning stand for home folders.
 
     Raises:
-        UsageError: if nothing is known of that home folder.
+        UsageError: if the name is empty, or nothing is known of that home folder.
     """
     text = os.fspath(name)
+    if not text:
+        raise UsageError("the name of a file or folder is empty; write its path")
     expanded = os.path.expanduser(text)
     if text.startswith("~") and expanded == text:
         home = text.partition("/")[0]

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 
 from avs3d_bench import cli
 from avs3d_bench.dataset import Dataset
-from avs3d_bench.groups import Group
+from avs3d_bench.groups import Group, NamedPath
 from avs3d_bench.listing import list_dataset
 
 ROOT = Path(__file__).parent.parent
@@ -56,6 +56,13 @@ def call(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[object
         cli.run(cli.avs3d, [str(a) for a in arguments])
     out = capsys.readouterr()
     return caught.value.code, out.out, out.err
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_no_path_may_be_an_empty_text(name: str) -> None:
+    """`Path("")` is the current folder: every option and argument that is a path has the type that refuses it."""
+    paths = [p for p in COMMANDS[name].params if isinstance(p.type, click.Path)]
+    assert [p.name for p in paths if not isinstance(p.type, NamedPath)] == []
 
 
 @pytest.fixture(scope="module")

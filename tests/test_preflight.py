@@ -98,6 +98,8 @@ def test_a_home_folder_is_spelled_out_and_an_unknown_one_is_refused(
     (tmp_path / "bell.wav").write_bytes(b"ding")
     assert user_path("~/bell.wav") == tmp_path / "bell.wav"
     assert user_path("a~b/~") == Path("a~b/~")
+    with pytest.raises(UsageError, match="the name of a file or folder is empty"):
+        user_path("")
     assert resolve_file(tmp_path / "else", "~/bell.wav", "sound") == tmp_path / "bell.wav"
     monkeypatch.setenv("AVS3D_CACHE", "~/homes")
     monkeypatch.setenv("AVS3D_ASSETS", "~/models")

@@ -12,28 +12,27 @@ from typing import TYPE_CHECKING
 
 import click
 
-from avs3d_bench.groups import HELP, WORKERS, only_option
+from avs3d_bench.groups import HELP, PATH, WORKERS, only_option
 
 if TYPE_CHECKING:
     from avs3d_bench.dataset import Dataset
     from avs3d_bench.inspector.submissions import ShownSubmission
 
-_PATH = click.Path(path_type=Path)
 #: Time that requests in progress get after Ctrl-C or SIGTERM (s).
 GRACE_SECONDS = 0.7
 
 
 @click.command(context_settings=HELP, short_help="Look at a dataset and listen to it.")
-@click.argument("root", type=_PATH)
+@click.argument("root", type=PATH)
 @click.option(
     "-o",
     "--output",
     "folder",
-    type=_PATH,
+    type=PATH,
     metavar="DIR",
     help="Write a static site into this folder instead of serving.",
 )
-@click.option("--submission", "submissions", type=_PATH, multiple=True, help="Show its masks with the truth; up to 9.")
+@click.option("--submission", "submissions", type=PATH, multiple=True, help="Show its masks with the truth; up to 9.")
 @click.option("--port", type=click.IntRange(0, 65535), help="Port on 127.0.0.1 [8737, or any that is free].")
 @click.option("--no-browser", is_flag=True, help="Do not open a browser.")
 @only_option

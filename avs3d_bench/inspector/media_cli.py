@@ -16,7 +16,7 @@ from avs3d_bench.groups import HELP, PATH, dataset_option, only_option
 @click.argument("key")
 @dataset_option
 @click.option("-o", "--output", "path", type=PATH, metavar="FILE", required=True, help="The film: FILE.mp4.")
-@click.option("--submission", type=click.Path(path_type=Path), help="Outline the masks of this submission as well.")
+@click.option("--submission", type=PATH, help="Outline the masks of this submission as well.")
 @click.option("--size", type=int, default=720, show_default=True, help="Longer side of the picture, pixels.")
 @click.option(
     "--overlay",
@@ -71,7 +71,7 @@ def video(
 @click.option(
     "--submission",
     "submissions",
-    type=click.Path(path_type=Path),
+    type=PATH,
     multiple=True,
     help="Show the predicted points of this submission; may be given several times.",
 )
@@ -79,7 +79,7 @@ def video(
 @click.option(
     "--save",
     "path",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Write FILE.html, which any browser opens without a network (or FILE.viser), and serve nothing.",
 )
 def view_3d(key: str, root: Path, submissions: tuple[Path, ...], port: int, path: Path | None) -> None:
@@ -102,7 +102,7 @@ def view_3d(key: str, root: Path, submissions: tuple[Path, ...], port: int, path
 
 
 @click.command("contact-sheet", context_settings=HELP)
-@click.argument("root", type=click.Path(path_type=Path))
+@click.argument("root", type=PATH)
 @click.option("-o", "--output", type=PATH, metavar="DIR", required=True, help="Folder for one PNG each.")
 @only_option
 @click.option("--frames", "columns", type=click.IntRange(2, 24), default=8, show_default=True, help="Frames shown.")

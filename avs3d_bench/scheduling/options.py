@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import click
 
 from avs3d_bench.errors import UsageError
+from avs3d_bench.groups import PATH
 from avs3d_bench.one_thread import ONE_THREAD
 from avs3d_bench.scheduling.jobqueue import KINDS
 from avs3d_bench.scheduling.tasks import Policy, Scheduler
@@ -118,7 +119,7 @@ def scheduling_options(command: _F) -> _F:
                      help="Try what crashed, hung or failed unexpectedly again, on another worker."),
         click.option("--max-failures", type=click.IntRange(0), default=None, metavar="N",
                      help="Stop when more than N observations have failed [never]."),
-        click.option("--jobqueue-options", type=click.Path(path_type=Path), default=None, metavar="FILE",
+        click.option("--jobqueue-options", type=PATH, default=None, metavar="FILE",
                      help="YAML: how to start a job (cores, memory, queue, walltime, …)."),
         click.option("--jobqueue", type=click.Choice(list(KINDS)), default=None, help="Start a Dask cluster there."),
         click.option("--scheduler-address", "address", default=None, metavar="tcp://HOST:PORT",

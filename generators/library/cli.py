@@ -9,10 +9,9 @@ import click
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import os_error_line
-from avs3d_bench.groups import Group
+from avs3d_bench.groups import PATH, Group
 from generators.library.cli_common import (
     CATEGORY,
-    PATH,
     licence_option,
     limit_options,
     lock_option,

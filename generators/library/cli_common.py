@@ -13,6 +13,7 @@ from click.shell_completion import CompletionItem
 
 from avs3d_bench.errors import Avs3dError, UsageError, did_you_mean
 from avs3d_bench.files import os_error_line
+from avs3d_bench.groups import PATH
 from avs3d_bench.taxonomy import CATEGORIES, DISTRACTORS, check_category_name
 
 if TYPE_CHECKING:
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 
 AXES = click.Choice(["x", "y", "z", "+x", "+y", "+z", "-x", "-y", "-z"])
 MOUNTS = click.Choice(["floor", "surface", "wall", "wall_or_surface"])
-PATH = click.Path(path_type=Path)
 
 Command = Callable[..., Any]
 

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.groups import Group
+from avs3d_bench.groups import PATH, Group
 from generators.library.cli_common import (
     CATEGORY,
-    PATH,
     licence_option,
     lock_option,
     lock_path,

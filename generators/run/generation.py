@@ -92,9 +92,9 @@ def generate(
         frames,
         size,
         extras,
-        hrtf=None if hrtf is None else Path(hrtf),
+        hrtf=None if hrtf is None else user_path(hrtf),
         ambisonics=ambisonics,
-        array=None if array is None else Path(array),
+        array=None if array is None else user_path(array),
         device=device,
         format=format,
     )
