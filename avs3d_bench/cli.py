@@ -35,6 +35,8 @@ GROUP = "avs3d.commands"
 #: One line per command of this project, so that the list of commands needs no import.
 SUMMARIES = {
     "generate": "Generate a dataset from a manifest.",
+    "seal": "Generate a dataset whose truth stays secret.",
+    "unseal": "Prove that a sealed truth is what was committed to.",
     "manifest": "Sample a manifest of plausible observations, for training.",
     "contact-sheet": "Draw frames, masks, map and sound of every observation.",
     "view": "Look at a dataset and listen to it, in the browser.",
