@@ -28,12 +28,13 @@ _official_folder = click.option(
     help="Of the released pipeline's output: 3d_segmentation_use_aisrm_True or …_False [True where it is there].",
 )
 _workers = click.option("--workers", type=WORKERS, default=None, help="Processes [one per core].")
+_truth = click.option("--truth", type=PATH, metavar="PRIVATE", help="Of a sealed test: the folder with its truth.")
 
 
 @click.command(context_settings=HELP)
 @click.argument("submission", type=PATH)
 @dataset_option
-@click.option("--truth", type=PATH, metavar="PRIVATE", help="Of a sealed test: the folder with its truth.")
+@_truth
 @click.option(
     "--protocol", type=click.Choice(["official", "strict", "listen", "all"]), default="all", show_default=True,
     help="official and strict score part_1 and part_2, listen scores part_3; all: those that fit the dataset.",
@@ -204,9 +205,12 @@ def check(
     "--submission", type=PATH, metavar="SUBMISSION", required=True, help="The folder or .zip that was scored."
 )
 @dataset_option
+@_truth
 @click.option("--json", "json_file", type=PATH, metavar="FILE", help="Write all differences to this file as well.")
 @_workers
-def verify(score_file: Path, submission: Path, root: Path, json_file: Path | None, workers: int | None) -> None:
+def verify(
+    score_file: Path, submission: Path, root: Path, truth: Path | None, json_file: Path | None, workers: int | None
+) -> None:
     """Score SUBMISSION again and say whether SCORES.json has the same figures and digests.
 
     Exit status: 0 the same, 1 not confirmed (each figure and digest that differs is named, or each bad file of the
@@ -221,7 +225,8 @@ def verify(score_file: Path, submission: Path, root: Path, json_file: Path | Non
     if json_file is not None and os.path.realpath(json_file) == os.path.realpath(score_file):
         raise UsageError(f"{json_file}: is the file of scores itself; choose another file for --json")
     try:
-        found = verify_scores(score_file, submission, root, workers=workers, progress=sys.stderr.isatty())
+        data = _open_dataset(root, truth, ())
+        found = verify_scores(score_file, submission, data, workers=workers, progress=sys.stderr.isatty())
     except InvalidSubmission as error:
         _print_problems(error.report, submission, root)
         raise SystemExit(1) from None

@@ -54,7 +54,7 @@ def truth_digest(observation: Observation) -> str:
     """
     found = {}
     for name in truth_files(observation):
-        path = observation.path / name
+        path = observation.where(name)
         if path.exists():
             found[f"{observation.key}/{name}"] = sha256_file(path)
     return list_digest(found)

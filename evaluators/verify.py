@@ -102,7 +102,7 @@ class Verification:
 def verify(
     score_file: str | Path,
     submission: str | Path,
-    dataset: str | Path,
+    dataset: str | Path | Dataset,
     *,
     workers: int | None = 1,
     progress: bool = False,
@@ -112,7 +112,8 @@ def verify(
     Args:
         score_file: written by ``avs3d-eval --json``.
         submission: the folder or .zip that it claims to be about.
-        dataset: the root of the dataset.
+        dataset: the root of the dataset; of a sealed test the dataset opened with its truth
+            (`avs3d_bench.sealed.open_sealed`).
         workers: processes; None: one per core.
         progress: show a bar on stderr.
 
@@ -125,7 +126,7 @@ def verify(
         recorded = read_scores(Path(score_file))
     except Avs3dError as error:
         raise UsageError(str(error)) from None
-    data = Dataset(dataset)
+    data = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
     kept, missing = _without_unknown(recorded, data)
     if not kept.observations:
         return Verification(recorded, missing, (), len(missing))

@@ -21,6 +21,7 @@ from score_examples import example_scores
 from avs3d_bench import layout, media
 from avs3d_bench.cli import run
 from avs3d_bench.dataset import Dataset
+from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import dump_json, read_json, sha256_bytes, write_json
 from avs3d_bench.scores import Scores
 from evaluators import origin
@@ -401,3 +402,20 @@ def test_the_json_file_has_every_difference(
     assert f"{len(found['differences']) - 40:,} more; --json FILE writes all of them" in said
     assert said.splitlines()[-1].endswith("values are not confirmed")
     assert found["notes"][0].startswith("the file has no digests")
+
+
+def test_a_sealed_test_is_verified_with_its_truth(
+    score_file: Path, submission: Path, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where the truth lies makes no difference to digests and figures."""
+    public, private = tiny.clone(data, tmp_path / "public"), tmp_path / "private"
+    for key in (tiny.SINGLE, tiny.MULTI):
+        (private / key).mkdir(parents=True)
+        for name in ("observation.json", "semantic_masks", "instance_masks", "gt_3d"):
+            (public / key / name).rename(private / key / name)
+    assert verify(score_file, submission, Dataset(public, private)).same
+    with pytest.raises(Avs3dError):
+        verify(score_file, submission, public)
+    code, out, err = call(capsys, score_file, "--submission", submission, "--dataset", public, "--truth", private)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert str(public) in err  # no seal.json: no sealed test
