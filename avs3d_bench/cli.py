@@ -38,6 +38,7 @@ SUMMARIES = {
     "seal": "Generate a dataset whose truth stays secret.",
     "unseal": "Prove that a sealed truth is what was committed to.",
     "manifest": "Sample a manifest of plausible observations, for training.",
+    "sweep": "Vary the acoustics of a manifest's observations over a grid.",
     "contact-sheet": "Draw frames, masks, map and sound of every observation.",
     "view": "Look at a dataset and listen to it, in the browser.",
     "video": "Write an observation as an MP4 with its sound.",
@@ -54,6 +55,7 @@ SUMMARIES = {
     "verify": "Score a submission again and compare with a file of scores.",
     "leaderboard": "Rank files of scores on one static page.",
     "tables": "Turn files of scores into the paper's tables.",
+    "sweep-curve": "Draw scores against a parameter of a sweep.",
     "baseline": "Run a baseline on a dataset and write its submission.",
     "train": "Train the network that looks and listens.",
 }

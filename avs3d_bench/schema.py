@@ -432,7 +432,9 @@ class ObservationRecord(Record):
     )
     notes: tuple[str, ...] = Field(default=(), description="constraints that were relaxed, e.g. twins closer than 1 m")
     variant_of: Text | None = Field(
-        default=None, description="key of the observation from which this variant differs only in its acoustics"
+        default=None,
+        description="key of the observation from which this one differs only in its acoustics, in part_3 also in "
+        "its background",
     )
     source_motion: Literal["path"] | None = Field(
         default=None, description="path: the sounding object moves (see frames); absent if it does not move"
@@ -613,6 +615,8 @@ class ObservationRecord(Record):
         place = layout.parse_key(self.group)
         if (place.part, place.scan, place.room) != (self.part, self.scan, self.room):
             raise ValueError(f"group {self.group} is not in the same part, scan and room")
+        if self.variant_of is not None and self.variant_of.rpartition("/")[0] != self.key.rpartition("/")[0]:
+            raise ValueError(f"variant_of {self.variant_of} is not in the same part, scan and room")
         first = self.sources[0] if self.sources else None
         if self.category != (first and first.category) or self.source_position != (first and first.position):
             raise ValueError("category and source_position are not those of the first source")

@@ -168,10 +168,20 @@ class ObservationDigests(Record):
     )
 
 
+class ConditionRecord(Record):
+    """Acoustics and background of an observation that is one of several variants, which share all else."""
+
+    variant_of: Text = Field(description="key of the original; the observation's own if it is the original")
+    values: dict[str, float | str | None] = Field(
+        description="field of the manifest → its value, e.g. background.snr_db → 10; null: no background"
+    )
+    t30: NonNegative | None = Field(default=None, description="reverberation time in observation.json, seconds")
+
+
 class ObservationScores(Record):
     """One observation."""
 
-    left_out: ClassVar[frozenset[str]] = frozenset({"group", "listen", "digests"})
+    left_out: ClassVar[frozenset[str]] = frozenset({"group", "listen", "digests", "condition"})
 
     key: Text
     part: PartName
@@ -182,6 +192,9 @@ class ObservationScores(Record):
     )
     group: Text | None = Field(
         default=None, description="only in part_3: key of the observation whose pictures this one has"
+    )
+    condition: ConditionRecord | None = Field(
+        default=None, description="only where variants of the same observation were scored"
     )
     frames: Count = Field(description="test frames scored")
     official: OfficialObservation | None = None

@@ -30,6 +30,7 @@ from avs3d_bench.scores import (
     ObservationScores,
     Protocol,
 )
+from evaluators.conditions import with_conditions
 from evaluators.deaf import DeafFrame, deaf_frame, deaf_references
 from evaluators.frames import FrameFigures, Truth, frame_figures, reference_figures
 from evaluators.metrics import as_bytes
@@ -155,6 +156,7 @@ def score(
     ordered_groups = [groups[unit.group] for unit in units if unit.group is not None]
     software = ProvenanceRecord.of(provenance(SCORING))
     record = score_record(submission, dataset, wanted, points, ordered_outcomes, ordered_groups, software)
+    record = with_conditions(record, observations)
     shown = sorted(
         (group.shown for group in ordered_groups if group.shown is not None),
         key=lambda one: (one.right - one.pairs, one.group),

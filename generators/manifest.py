@@ -32,7 +32,7 @@ from avs3d_bench.schema import Category, Part, Room
 from avs3d_bench.taxonomy import MOST_OWN_CATEGORIES, SOUND_SCENES, check_room
 from avs3d_bench.yamlfile import read_yaml, step
 from generators.categories import CategoryName, CategorySpec, Number, check_name, declared, missing_files
-from generators.core.limits import FRAMES, SIZE
+from generators.core.limits import FRAMES, MOST_INDEX, SIZE
 
 #: Largest coordinate of a room's box (m): far beyond any home, and small enough for millimetres in single precision.
 FARTHEST = 10_000.0
@@ -40,6 +40,8 @@ FARTHEST = 10_000.0
 MOST_SILENT = 16
 #: Largest number of identical objects, and of sources of a sound scene.
 MOST_COPIES, MOST_SOURCES = 4, 8
+#: Least and greatest scale of the absorption, and level of all sources above the background (dB).
+ABSORPTION_SCALE, SNR_DB = (0.05, 20.0), (-30.0, 80.0)
 #: Shortest time for which a source sounds or pauses (s): far longer than the ramps at both ends.
 SHORTEST_SOUND = 0.05
 #: Tolerance of the shortest interval (s): 0.15 − 0.1 is a little less than 0.05 in floating point.
@@ -187,7 +189,7 @@ class AcousticsSpec(_Model):
     more reverberant, above 1 less. Unlike a plain product, α' stays in [0, 1).
     """
 
-    absorption_scale: Annotated[Number, Field(ge=0.05, le=20.0)] = 1.0
+    absorption_scale: Annotated[Number, Field(ge=ABSORPTION_SCALE[0], le=ABSORPTION_SCALE[1])] = 1.0
 
 
 SourceMotion = Literal["static", "path"]
@@ -330,11 +332,11 @@ class BackgroundSpec(_Model):
     """Diffuse background ``snr_db`` below the mean level of all sources (see docs/sound-scenes.md)."""
 
     kind: Literal["room_tone", "noise"]
-    snr_db: Annotated[Number, Field(ge=-30.0, le=80.0)]
+    snr_db: Annotated[Number, Field(ge=SNR_DB[0], le=SNR_DB[1])]
 
 
 #: Fields of an entry of part_3, and of the other parts.
-_SCENE_FIELDS, _ONE_SOURCE_FIELDS = ("sources", "background"), ("category", "silent", "variant")
+_SCENE_FIELDS, _ONE_SOURCE_FIELDS = ("sources", "background", "variant_of"), ("category", "silent", "variant")
 
 
 class ObservationSpec(_Model):
@@ -345,13 +347,14 @@ class ObservationSpec(_Model):
     of identical objects, and ``sources`` says which of them sound, with a diffuse ``background`` if there is one.
 
     ``acoustics`` and ``source_motion`` default to those of the manifest. ``like`` is the key of the observation that
-    this one is an acoustic variant or a sibling of (see `Manifest`).
+    this one is an acoustic variant or a sibling of, ``variant_of`` that of which a sound scene is a variant (see
+    `Manifest`).
     """
 
     part: Part
     scan: Slug
     room: Annotated[Room, BeforeValidator(_room)]
-    index: int = Field(ge=1, le=99, strict=True)
+    index: int = Field(ge=1, le=MOST_INDEX, strict=True)
     category: Annotated[Category, BeforeValidator(_category)] | None = None
     instances: Instances | None = None
     silent: tuple[InstanceName, ...] = Field((), max_length=MOST_SILENT)
@@ -361,6 +364,7 @@ class ObservationSpec(_Model):
     acoustics: AcousticsSpec = AcousticsSpec()
     source_motion: SourceMotion = "static"
     like: Line | None = None
+    variant_of: Line | None = None
 
     @model_validator(mode="after")
     def _counts(self) -> ObservationSpec:
@@ -455,7 +459,7 @@ class ObservationSpec(_Model):
     def identity(self) -> dict[str, Any]:
         """What goes into digests: options that later versions added count only where they are set."""
         usual: dict[str, Any] = {"acoustics": AcousticsSpec().model_dump(), "source_motion": "static"}
-        usual |= dict.fromkeys(("like", "sources", "background"))
+        usual |= dict.fromkeys(("like", "variant_of", "sources", "background"))
         return {name: value for name, value in self.model_dump().items() if name not in usual or value != usual[name]}
 
 
@@ -472,6 +476,9 @@ class Manifest(_Model):
 
     In part_3 such an entry is a sibling of KEY: it may have its own ``sources`` and ``background``, too. The n-th
     source of a category plays the same signal in all siblings.
+
+    In part_3 an entry ``{variant_of: KEY, index: 3, acoustics: {…}, background: {…}}`` is a variant of KEY, which may
+    be a sibling: the same sources play the same signals, and only acoustics and background differ.
 
     ``categories`` adds categories to the seven of the paper; each that is used needs ``objects``, and ``sounds`` if it
     sounds.
@@ -517,6 +524,10 @@ class Manifest(_Model):
         for number, entry in enumerate(document["observations"]):
             if isinstance(entry, dict) and "like" in entry:
                 entries[number] = _original(entry, number, originals) | entry
+        scenes = {_raw_key(one): one for one in entries if isinstance(one, dict) and "variant_of" not in one}
+        for number, entry in enumerate(document["observations"]):
+            if isinstance(entry, dict) and "variant_of" in entry:
+                entries[number] = _scene(entry, number, scenes) | entry
             if isinstance(entry, dict) and entries[number].get("part") == "part_3" and "source_motion" not in entry:
                 entries[number] = {name: value for name, value in entries[number].items() if name != "source_motion"}
         return document | {"observations": entries}
@@ -578,6 +589,8 @@ class Manifest(_Model):
 
 #: The fields that an entry with ``like`` may have, and those that it may have in part_3 only.
 _VARIANT_FIELDS, _SIBLING_FIELDS = ("like", "index", "acoustics"), ("sources", "background")
+#: The fields that an entry with ``variant_of`` may have.
+_SCENE_VARIANT_FIELDS = ("variant_of", "index", "acoustics", "background")
 
 
 def _listed(names: Sequence[str], most: int = 8) -> str:
@@ -611,6 +624,28 @@ def _original(entry: dict[str, Any], number: int, originals: dict[str, dict[str,
         )
     left = {"index", "background"} if "sources" in entry else {"index"}
     return {name: value for name, value in original.items() if name not in left}
+
+
+def _scene(entry: dict[str, Any], number: int, scenes: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """The fields that an entry with ``variant_of`` takes from its original.
+
+    Raises:
+        ValueError: if there is no original in part_3, or ``entry`` has fields that such an entry may not have.
+    """
+    key = str(entry["variant_of"])
+    original = scenes.get(key)
+    if original is None or original.get("part") != SOUND_SCENES:
+        raise ValueError(
+            f"observations.{number}: variant_of {excerpt(key)} names no observation of part_3 of this manifest that "
+            "has no variant_of itself; in part_1 and part_2 write like"
+        )
+    surplus = sorted(step(name) for name in set(entry) - set(_SCENE_VARIANT_FIELDS))
+    if surplus:
+        raise ValueError(
+            f"observations.{number}: an entry with variant_of cannot have {_listed(surplus)}; it takes everything "
+            "except index, acoustics and background from its original; leave them out"
+        )
+    return {name: value for name, value in original.items() if name != "index"} | {"like": original.get("like", key)}
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +34,7 @@ from generators.acoustics.decay import reverberation_time
 from generators.arrangement import Arrangement, arrange, draw_sounding, file_licence
 from generators.assets.sounds import load_sound, synthesise
 from generators.backends import vision_backend
-from generators.core.scene import Licence
+from generators.core.scene import Licence, Scene
 from generators.homes.store import open_home
 from generators.library import open_asset
 from generators.library.licences import spdx
@@ -74,6 +74,7 @@ def generate_observation(
     on_frame: Callable[[int], None] = lambda _: None,
     *,
     cores: Callable[[], int] = lambda: 1,
+    pictures: Path | None = None,
     output: Callable[[Path], Output] = FolderOutput,
 ) -> ObservationRecord:
     """Make one observation below ``root``; it gets its final name only when it is complete.
@@ -85,6 +86,8 @@ def generate_observation(
         on_frame: called with the index of each finished frame.
         cores: how many cores may be used, called before each frame; the bytes do not depend on it. With more than one,
             several frames are rendered at the same time, and the sound is computed in another process.
+        pictures: the finished original of an acoustic variant, whose pictures are taken over (see `Output.share`);
+            None: they are rendered.
         output: makes the output of the files from the observation's final folder.
 
     Returns:
@@ -94,7 +97,7 @@ def generate_observation(
         Avs3dError: one line: no place for an object, a missing or broken file, a full disk, …
     """
     ready = prepare_observation(plan, cache)
-    stage, poses, sounding = ready.stage, ready.seen.poses, ready.sounding
+    stage, poses = ready.stage, ready.seen.poses
     points = SurfaceSampler(ready.intrinsics, plan.rng("points"))
     frames: list[FrameRecord] = []
     clips: list[NDArray[np.float32]] = []
@@ -102,33 +105,49 @@ def generate_observation(
     lent = Lent(cores)
     with (
         ObservationWriter(output(root / plan.key), **plan.optional_files) as writer,
-        closing(Camera(ready.sight, stage, ready.intrinsics)) as view,
         heard(ready.listening, lambda: lent.ask() > 1) as sounds,
+        closing(_share(ready, writer, pictures) if pictures else _render(ready, writer, points, lent)) as masks,
     ):
-
-        def write_pictures(index: int, frame: Frame) -> None:
-            writer.add_pictures(index, frame, frame.instance_ids == sounding)
-
-        pictures = view.frames(poses, write_pictures, lambda: lent.cores)
         # The sound first: its process must start before there are threads.
-        for index, (pose, sound, frame) in enumerate(zip(poses, sounds, pictures, strict=False)):
+        for index, (pose, sound, mask) in enumerate(zip(poses, sounds, masks, strict=False)):
             clip, response = sound.head.clip, sound.head.response
             check_heard(sound, f"{plan.key}, frame {index}")
             writer.add_sound(index, clip, response)
             writer.add_recordings(index, sound.others)
-            if writer.keeps(layout.COLMAP):
-                points.add(frame, pose, instances=not stage.moves)
             clips.append(clip)
             if index % max(1, len(poses) // T30_RESPONSES) == 0:
                 decays.append(response)
-            frames.append(describe_frame(index, pose, frame.instance_ids == sounding, clip, stage))
+            frames.append(describe_frame(index, pose, mask, clip, stage))
             on_frame(index)
         for index in range(len(clips) if writer.keeps(layout.MONO) else 0):
             writer.add_mono(index, mono_clip(clips, index))
-        if writer.keeps(layout.COLMAP):
+        if pictures is None and writer.keeps(layout.COLMAP):
             writer.add_model(ready.intrinsics, poses, points.link(poses, stage.hidden))
         writer.add_sounding_mesh(stage.source(0).mesh)
         return writer.finish(describe_observation(plan, ready, frames, decays))
+
+
+def _render(
+    ready: PreparedObservation, writer: ObservationWriter, points: SurfaceSampler, lent: Lent
+) -> Generator[NDArray[np.bool_]]:
+    """Render and write the pictures; give the mask (H, W) of each frame, and add its surface points."""
+    stage, poses = ready.stage, ready.seen.poses
+
+    def write_pictures(index: int, frame: Frame) -> None:
+        writer.add_pictures(index, frame, frame.instance_ids == ready.sounding)
+
+    with closing(Camera(ready.sight, stage, ready.intrinsics)) as view:
+        for pose, frame in zip(poses, view.frames(poses, write_pictures, lambda: lent.cores), strict=False):
+            if writer.keeps(layout.COLMAP):
+                points.add(frame, pose, instances=not stage.moves)
+            yield frame.instance_ids == ready.sounding
+
+
+def _share(ready: PreparedObservation, writer: ObservationWriter, original: Path) -> Generator[NDArray[np.bool_]]:
+    """Take over the pictures of the original; give the mask (H, W) of each frame."""
+    writer.share_pictures(original)
+    for index in range(len(ready.seen.poses)):
+        yield writer.add_mask_of(index, ready.sounding)
 
 
 def check_heard(sound: Heard, where: str, *, silence: bool = False) -> None:
@@ -199,9 +218,8 @@ def prepare_observation(plan: ObservationPlan, cache: Path) -> PreparedObservati
     Raises:
         Avs3dError: if the room is too small for the objects or the walk, or a file is missing or broken.
     """
-    home = open_home(plan, cache).for_room(plan.spec.room)
     sight = vision_backend(plan.vision)
-    seen = arrange(plan, home, sight.navigable(home))
+    home, seen = arranged(plan, cache, sight)
     sounding = draw_sounding(plan, seen.placements)
     stage = Stage(home, seen.placements, sounding, seen.motion)
     intrinsics = Intrinsics.from_fov(plan.camera.size, plan.camera.hfov)
@@ -220,6 +238,20 @@ def prepare_observation(plan: ObservationPlan, cache: Path) -> PreparedObservati
         device=plan.device,
     )
     return PreparedObservation(seen, sounding, stage, sound, intrinsics, sight, listening.engine(), listening)
+
+
+#: The last home with its arrangement, by the digest of the pictures: siblings and variants often follow one another in
+#: a process.
+_LAST: dict[str, tuple[Scene, Arrangement]] = {}
+
+
+def arranged(plan: ObservationPlan, cache: Path, sight: VisionBackend) -> tuple[Scene, Arrangement]:
+    """The lit home of a plan, and what is visible in it."""
+    if plan.pictures_digest not in _LAST:
+        _LAST.clear()
+        home = open_home(plan, cache).for_room(plan.spec.room)
+        _LAST[plan.pictures_digest] = home, arrange(plan, home, sight.navigable(home))
+    return _LAST[plan.pictures_digest]
 
 
 def describe_observation(

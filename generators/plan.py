@@ -117,8 +117,8 @@ class ObservationPlan:
         return derive_rng(self.seed, self.spec.like or self.key, purpose)
 
     def own_rng(self, purpose: str) -> np.random.Generator:
-        """As `rng`, but a sibling or an acoustic variant has generators of its own."""
-        return derive_rng(self.seed, self.key, purpose)
+        """As `rng`, but a sibling has generators of its own; a variant of a sound scene has those of its original."""
+        return derive_rng(self.seed, self.spec.variant_of or self.key, purpose)
 
     @property
     def keeps_stems(self) -> bool:
@@ -362,7 +362,8 @@ def make_plans(
             device=device,
         )
 
-    firsts = {spec.key: planned(spec) for spec in manifest.observations if spec.is_sound_scene and spec.like is None}
+    named = {spec.like for spec in selected}
+    firsts = {spec.key: planned(spec) for spec in manifest.observations if spec.key in named}
     return tuple(replace(planned(spec), first=firsts.get(spec.like or "")) for spec in selected)
 
 

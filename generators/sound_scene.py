@@ -38,16 +38,16 @@ from avs3d_bench.taxonomy import class_ids
 from generators.acoustics.background import diffuse_noise, diffuse_seconds
 from generators.acoustics.base import AcousticBackend
 from generators.acoustics.clips import check_clip, mono_clip, rms
-from generators.arrangement import Arrangement, arrange
+from generators.arrangement import Arrangement
 from generators.backends import acoustic_backend, vision_backend
 from generators.core.freespace import FreeSpace
 from generators.core.rays import RayCaster
 from generators.core.scene import Scene
-from generators.homes.store import open_home
 from generators.observation import (
     T30_RESPONSES,
     Lent,
     Sound,
+    arranged,
     choose_sound,
     describe_acoustics,
     describe_instance,
@@ -268,7 +268,7 @@ def prepare_scene(plan: ObservationPlan, cache: Path) -> PreparedScene:
         Avs3dError: if a room does not exist, is too small for the objects or the walk, or a file is missing or broken.
     """
     sight = vision_backend(plan.vision)
-    home, seen = _arranged(plan, cache, sight)
+    home, seen = arranged(plan, cache, sight)
     return PreparedScene(
         home=home,
         seen=seen,
@@ -283,20 +283,6 @@ def prepare_scene(plan: ObservationPlan, cache: Path) -> PreparedScene:
         ),
         scene=home.with_parts(tuple(p.part(number) for number, p in enumerate(seen.placements, start=1))),
     )
-
-
-#: The last home with its arrangement, by the digest of the pictures: siblings often follow one another in a process.
-_LAST: dict[str, tuple[Scene, Arrangement]] = {}
-
-
-def _arranged(plan: ObservationPlan, cache: Path, sight: VisionBackend) -> tuple[Scene, Arrangement]:
-    """The lit home of a plan, and what is visible in it."""
-    if plan.pictures_digest not in _LAST:
-        home = open_home(plan, cache).for_room(plan.spec.room)
-        found = home, arrange(plan, home, sight.navigable(home))
-        _LAST.clear()
-        _LAST[plan.pictures_digest] = found
-    return _LAST[plan.pictures_digest]
 
 
 def choose_sources(plan: ObservationPlan, home: Scene, placements: Sequence[Placement]) -> tuple[SceneSource, ...]:
@@ -577,6 +563,7 @@ def describe_scene(
         seed=plan.seed,
         plan_sha256=plan.digest,
         notes=ready.seen.notes,
+        variant_of=spec.variant_of,
         source_position=first.position if first else None,
         sources=tuple(source.record for source in ready.sources),
         background=background,

@@ -143,7 +143,7 @@ HOUSE = {
         "observation": "core assets vision acoustics receivers backends placement paths library plan homes recording "
         "arrangement",
         "programme": "manifest",
-        "sound_scene": "core vision acoustics backends placement paths plan homes recording arrangement programme "
+        "sound_scene": "core vision acoustics backends placement paths plan recording arrangement programme "
         "observation",
         "run": "core assets vision receivers backends scans manifest library plan homes recording observation "
         "sound_scene",
@@ -154,6 +154,7 @@ HOUSE = {
     },
     "evaluators": {
         "bootstrap": "",
+        "conditions": "",
         "metrics": "",
         "origin": "",
         "records": "metrics",
@@ -170,9 +171,9 @@ HOUSE = {
         "reading": "records",
         "sound_scenes": "metrics origin frames classes pairs listen deaf records reading",
         "summary": "bootstrap origin records protocols volume sound_scenes",
-        "score": "metrics origin records volume frames protocols deaf reading sound_scenes summary",
+        "score": "conditions metrics origin records volume frames protocols deaf reading sound_scenes summary",
         "verify": "reading score",
-        "reporting": "bootstrap metrics pairs sign_flips comparison records reading",
+        "reporting": "bootstrap metrics pairs sign_flips comparison protocols records reading",
         "cli": "records reading score verify reporting",
     },
     "baselines": {

@@ -416,7 +416,11 @@ def _limits(facts: CardFacts) -> str:
 
 def _variants(facts: CardFacts) -> str:
     count = sum(o.variant_of is not None for o in facts.observations)
-    return f"\n- {_plural(count, 'observation')} differ from another in their acoustics alone." if count else ""
+    return (
+        f"\n- {_plural(count, 'observation')} differ from another in their acoustics or background alone."
+        if count
+        else ""
+    )
 
 
 def _engine(facts: CardFacts) -> str:

@@ -45,7 +45,7 @@ def list_details(
             rows.append(("Recording", record.sound.asset))
         rows.append(("Seed", str(record.seed)))
         if record.variant_of:
-            rows.append(("Acoustic variant of", record.variant_of))
+            rows.append(("Variant of", record.variant_of))
         if record.group:
             rows.append(("Group", record.group))
     if dataset.record is not None:

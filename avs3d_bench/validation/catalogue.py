@@ -79,12 +79,14 @@ def read_facts(text: str) -> ManifestFacts | None:
     categories: dict[str, str] = {}
     originals: dict[str, str] = {}
     for entry in observations:
-        like = entry.get("like", "")
+        like = entry.get("like", "") or entry.get("variant_of", "")
         head = like.rpartition("/")[0] if like else "/".join(entry.get(name, "") for name in ("part", "scan", "room"))
         key = f"{head}/{entry.get('index', '')}"
         categories[key] = categories.get(like, "") if like else entry.get("category", "")
         if like:
             originals[key] = like
+    # A variant of a sibling has the pictures of the first of its group.
+    originals = {key: originals.get(like, like) for key, like in originals.items()}
     return ManifestFacts(scalars, categories, originals, tuple(own))
 
 
@@ -208,14 +210,18 @@ def _licences(record: DatasetRecord, records: Mapping[str, ObservationRecord]) -
 
 
 def _variant(record: ObservationRecord, original: ObservationRecord) -> Iterator[str]:
-    """A variant differs from its original in sound alone."""
+    """A variant differs from its original in sound alone; in part_3 the masks show what is audible, and may differ."""
+    of_original = f"those of {original.key}, whose variant this is"
     if record.instances != original.instances or record.source_position != original.source_position:
-        yield f"instances differ from those of {original.key}, whose acoustic variant this is"
+        yield f"instances differ from {of_original}"
+    if record.sources != original.sources:
+        yield f"sources differ from {of_original}"
     poses = [[(frame.position, frame.rotation) for frame in one.frames] for one in (record, original)]
     if poses[0] != poses[1]:
-        yield f"poses differ from those of {original.key}, whose acoustic variant this is"
-    pictures = (layout.INPUT, layout.SEMANTIC_MASKS, layout.INSTANCE_MASKS)
+        yield f"poses differ from {of_original}"
+    masks = () if record.is_sound_scene else (layout.SEMANTIC_MASKS,)
+    pictures = (layout.INPUT, layout.INSTANCE_MASKS, *masks)
     common = [path for path in record.files if path.startswith(pictures) and path in original.files]
     other = [path for path in common if record.files[path] != original.files[path]]
     if other:
-        yield f"{len(other)} pictures differ from those of {original.key}, whose acoustic variant this is: {other[0]}"
+        yield f"{len(other)} pictures differ from {of_original}: {other[0]}"

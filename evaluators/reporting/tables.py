@@ -45,7 +45,7 @@ def write_tables(folder: Path, score_files: Sequence[Path], *, which: Which = "a
     from evaluators.reporting.tables_markdown import markdown
 
     if plot:
-        _need_matplotlib()
+        need_matplotlib()
     entries = read_entries(score_files, reports=False)
     tables = []
     if which in ("2", "all"):
@@ -79,7 +79,12 @@ def write_tables(folder: Path, score_files: Sequence[Path], *, which: Which = "a
     return list(files)
 
 
-def _need_matplotlib() -> None:
+def need_matplotlib() -> None:
+    """Refuse to draw without matplotlib.
+
+    Raises:
+        Avs3dError: if it is not installed.
+    """
     from importlib.util import find_spec
 
     if find_spec("matplotlib") is None:

@@ -53,7 +53,7 @@ _TITLE_LINES = 4
 _TITLE_WIDTH = 10
 #: Between the marks of the parts in one row.
 _STEP = 0.3
-_TICKS = (0.0, 0.25, 0.5, 0.75, 1.0)
+TICKS = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
 def draw(table: Table, section: Section) -> dict[str, bytes]:
@@ -62,13 +62,14 @@ def draw(table: Table, section: Section) -> dict[str, bytes]:
     Raises:
         ModuleNotFoundError: without matplotlib.
     """
-    with _style():
+    with style():
         drawn = methods_figure(section) if table.name == "table2" else thresholds_figure(section)
-        return {"png": _bytes(drawn, "png", {"Software": None}), "svg": _bytes(drawn, "svg", {"Date": None})}
+        return {"png": encode(drawn, "png", {"Software": None}), "svg": encode(drawn, "svg", {"Date": None})}
 
 
 @contextmanager
-def _style() -> Iterator[None]:
+def style() -> Iterator[None]:
+    """The style of every picture, whatever the user's matplotlibrc says."""
     import matplotlib as mpl
 
     with mpl.rc_context(), warnings.catch_warnings():
@@ -79,13 +80,15 @@ def _style() -> Iterator[None]:
         yield
 
 
-def _bytes(drawn: Figure, suffix: str, metadata: dict[str, Any]) -> bytes:
+def encode(drawn: Figure, suffix: str, metadata: dict[str, Any]) -> bytes:
+    """The file of a figure (``png`` or ``svg``)."""
     stream = io.BytesIO()
     drawn.savefig(stream, format=suffix, dpi=_DPI, metadata=metadata, facecolor="white")
     return stream.getvalue()
 
 
-def _figure(width: float, height: float) -> Figure:
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure of that size (inches)."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -102,7 +105,8 @@ def _name(title: str) -> str:
     return "\n".join(lines)
 
 
-def _head(axes: Axes, metric: Metric) -> None:
+def head_of(axes: Axes, metric: Metric) -> None:
+    """Title of a panel: the figure, its protocol, its direction."""
     axes.set_title(metric.title, loc="left", fontsize=11, fontweight="bold", pad=17)
     below = metric.protocol if metric.higher_is_better else f"{metric.protocol}, lower is better"
     axes.text(0.0, 1.012, below, transform=axes.transAxes, va="bottom", fontsize=8.5, color=SOFT)
@@ -134,12 +138,12 @@ def methods_figure(section: Section) -> Figure:
     heights = [max(1.0, 0.52 * (name.count("\n") + 1)) * (0.62 if reference else 1.0)
                for name, (_, reference) in zip(names, titles, strict=True)]  # fmt: skip
     places = [sum(heights[:index]) + heights[index] / 2 for index in range(len(heights))]
-    drawn = _figure(2.9 + 2.15 * len(columns), (1.75 if len(columns) > 2 else 2.2) + 0.43 * sum(heights))
+    drawn = new_figure(2.9 + 2.15 * len(columns), (1.75 if len(columns) > 2 else 2.2) + 0.43 * sum(heights))
     panels = drawn.subplots(1, max(1, len(columns)), sharey=True, squeeze=False)[0]
     for axes, metric in zip(panels, columns, strict=True):
-        _head(axes, metric)
+        head_of(axes, metric)
         axes.set_xlim(-0.03, 1.03)
-        axes.set_xticks(_TICKS, ["0", ".25", ".5", ".75", "1"])
+        axes.set_xticks(TICKS, ["0", ".25", ".5", ".75", "1"])
         axes.grid(axis="x")
         axes.spines["left"].set_visible(False)
         for index, place in enumerate(places):
@@ -193,12 +197,12 @@ def thresholds_figure(section: Section) -> Figure:
     columns = [m for m in shown if m.protocol == "official"] or [m for m in shown if m.name in ("IoU", "F")]
     titles = list(dict.fromkeys(row.title for row in section.rows if row.entry))
     beside = any(row.paper for row in section.rows)
-    drawn = _figure(9.6, 4.5 + 0.2 * (len(titles) + beside))
+    drawn = new_figure(9.6, 4.5 + 0.2 * (len(titles) + beside))
     for axes, metric in zip(drawn.subplots(1, len(columns), sharey=True, squeeze=False)[0], columns, strict=True):
-        _head(axes, metric)
+        head_of(axes, metric)
         axes.set_xlabel("voting threshold")
         axes.set_ylim(-0.02, 1.02)
-        axes.set_yticks(_TICKS, ["0", ".25", ".5", ".75", "1"])
+        axes.set_yticks(TICKS, ["0", ".25", ".5", ".75", "1"])
         axes.grid(axis="y")
         axes.spines["left"].set_visible(False)
         axes.axvline(paper.VOTING_THRESHOLD, color=MARKED, lw=9, zorder=0.5, solid_capstyle="butt")

@@ -8,6 +8,8 @@ from avs3d_bench.errors import Avs3dError
 FRAMES = (1, 999)
 #: Least and greatest side of a picture (pixels).
 SIZE = (16, 8192)
+#: Greatest index of an observation among those of its part, scan and room: a grid of variants needs thousands.
+MOST_INDEX = 9_999
 #: Least and greatest number of worker processes.
 WORKERS = (1, 256)
 #: An observation makes use of so many cores: four render frames, and the sound, which only one can compute, then takes

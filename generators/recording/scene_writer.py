@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,11 +37,6 @@ class SceneWriter(ObservationWriter):
     ) -> None:
         super().__init__(output, depth=depth, rirs=rirs, receivers=receivers)
         self._contents = contents
-        self._shared: dict[str, str] = {}
-
-    def share_pictures(self, sibling: Path) -> None:
-        """Take over all that siblings share from a finished one; ``sibling``: see `Output.share`."""
-        self._shared = self._output.share(sibling)
 
     def add_response(self, index: int, source: str, response: NDArray[np.float32]) -> None:
         """Write the impulse response (2, n) from a source to frame ``index``, if responses are kept."""
@@ -122,6 +116,3 @@ class SceneWriter(ObservationWriter):
             sound_scene=self._contents,
             receivers=self._channels,
         )
-
-    def _known_digests(self) -> dict[str, str]:
-        return dict(self._shared)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 
@@ -40,6 +41,7 @@ class ObservationWriter:
         self._rirs = rirs
         self._channels = dict(receivers or {})
         self._frames = 0
+        self._shared: dict[str, str] = {}
 
     def __enter__(self) -> Self:
         self._output.open()
@@ -53,6 +55,26 @@ class ObservationWriter:
     def keeps(self, name: str) -> bool:
         """Whether a file of that name is part of the output."""
         return self._output.keeps(name)
+
+    def share_pictures(self, sibling: Path) -> None:
+        """Take over all that siblings and variants share from a finished one; ``sibling``: see `Output.share`."""
+        self._shared = self._output.share(sibling)
+
+    def add_mask_of(self, index: int, instance: int) -> NDArray[np.bool_]:
+        """Write the mask of frame ``index``, whose instance mask is there already.
+
+        Args:
+            index: of the frame.
+            instance: id of the instance that the mask marks.
+
+        Returns:
+            The mask (H, W).
+        """
+        out, name = self._output, layout.image_path(layout.INSTANCE_MASKS, index)
+        mask = media.read_png_ids(out.where(name), out.get(name)) == instance
+        name = layout.image_path(layout.SEMANTIC_MASKS, index)
+        out.put(name, media.encode_png_mask(out.where(name), mask))
+        return np.asarray(mask)
 
     def add_pictures(self, index: int, frame: Frame, mask: NDArray[np.bool_] | None = None) -> None:
         """Write the pictures of frame ``index``, and its mask (H, W); several threads may write different frames."""
@@ -121,7 +143,7 @@ class ObservationWriter:
         """Write the split and observation.json with sha256 and size of every file, and give all of it its name."""
         if self._output.keeps(layout.SPLITS_JSON):
             self._output.put(layout.SPLITS_JSON, files.dump_json(CameraSplits.of(self._frames)).encode())
-        digests = self._known_digests()
+        digests = dict(self._shared)
         sizes: dict[str, int] = {}
         names = [name for name in self._paths() if self._output.keeps(name)]
         for name in names:
@@ -146,7 +168,3 @@ class ObservationWriter:
     def _paths(self) -> tuple[str, ...]:
         """Every file that the observation must have, relative to its folder."""
         return layout.expected_files(self._frames, depth=self._depth, rirs=self._rirs, receivers=self._channels)
-
-    def _known_digests(self) -> dict[str, str]:
-        """Path → sha256 of the files whose contents need not be read again."""
-        return {}

@@ -74,11 +74,8 @@ def make_observation(context: Context, plan: ObservationPlan, place: Place) -> s
             context.report("frame", str(index))
 
         where, cores, output = (place.root, place.cache), context.cores, FORMATS[place.format].output
-        if plan.spec.is_sound_scene:
-            pictures = _pictures(plan, place)
-            record = generate_sound_scene(plan, *where, on_frame, cores=cores, pictures=pictures, output=output)
-        else:
-            record = generate_observation(plan, *where, on_frame, cores=cores, output=output)
+        make = generate_sound_scene if plan.spec.is_sound_scene else generate_observation
+        record = make(plan, *where, on_frame, cores=cores, pictures=_pictures(plan, place), output=output)
     what = describe_sound(record) or record.category
     t30 = f"T30 {record.acoustics.t30:.2f} s, " if record.acoustics.t30 else ""
     visible = sum(frame.visible_pixels > 0 for frame in record.frames)
@@ -89,7 +86,7 @@ def make_observation(context: Context, plan: ObservationPlan, place: Place) -> s
 
 
 def _pictures(plan: ObservationPlan, place: Place) -> Path | None:
-    """The sibling whose pictures ``plan`` can have; None if it is not there, or not whole."""
+    """The sibling or original whose pictures ``plan`` can have; None if it is not there, or not whole."""
     if plan.first is None:
         return None
     form = FORMATS[place.format]

@@ -1,0 +1,264 @@
+"""Scores against a parameter of a sweep, from files of scores: one curve per method, with intervals.
+
+Each value of the parameter has the scores of the same observations under another condition (`evaluators.conditions`).
+Figures and intervals of a value are those that the file of scores would have if only its observations had been scored:
+means over observations, pair accuracy over groups, pairs of siblings under the same condition only.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from csv import DictWriter
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+
+from avs3d_bench.errors import Avs3dError, UsageError, did_you_mean
+from avs3d_bench.scores import METRICS, GroupScores, Metric, ObservationScores, SiblingScores
+from evaluators.protocols import summarise
+from evaluators.reporting.leaderboard import read_entries
+from evaluators.reporting.pages import figure, interval, number, span
+from evaluators.reporting.ranking import Entry, dataset_identity, rulers_of
+from evaluators.reporting.series import titles_of
+from evaluators.reporting.tables_markdown import plain
+
+Value = float | str | None
+#: Field → value of everything that varies beside the parameter; empty if nothing does.
+Setting = tuple[tuple[str, Value], ...]
+
+#: Figures that are drawn unless others are asked for: those of them that the files hold.
+USUAL = ("listen.pair_accuracy", "listen.IoU", "strict.IoU", "official.mIoU")
+
+
+@dataclass(frozen=True)
+class Point:
+    """The scores of one method at one value of the parameter.
+
+    Attributes:
+        value: of the parameter; None: no background.
+        group: means and intervals over the observations with this value.
+        t30: mean reverberation time of these observations (s); None where it is not known.
+    """
+
+    value: Value
+    group: GroupScores
+    t30: float | None
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One method under one setting of the other parameters.
+
+    Attributes:
+        method: its name, with a suffix if others have the same one.
+        setting: values of the other parameters.
+        points: in the order of `order_of`.
+    """
+
+    method: str
+    setting: Setting
+    points: tuple[Point, ...]
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Everything that the files and the picture show.
+
+    Attributes:
+        field: the parameter, e.g. ``background.snr_db``.
+        dataset: name and version.
+        metrics: the figures.
+        curves: one per method and setting.
+    """
+
+    field: str
+    dataset: str
+    metrics: tuple[Metric, ...]
+    curves: tuple[Curve, ...]
+
+
+def read_sweep(score_files: Sequence[Path], *, over: str | None = None, figures: Sequence[str] = ()) -> Sweep:
+    """The curves of files of scores.
+
+    Args:
+        score_files: written by ``avs3d-eval --json``, all on the same dataset.
+        over: the parameter; None: the only one that varies.
+        figures: names such as ``strict.IoU``; none: those of `USUAL` that the files hold.
+
+    Raises:
+        UsageError: if the files are of different datasets or without variants, or a name is unknown.
+        Avs3dError: if a file is broken.
+    """
+    entries = read_entries(score_files, reports=False)
+    first = entries[0]
+    for entry in entries:
+        if dataset_identity(entry) != dataset_identity(first) or _keys(entry) != _keys(first):
+            raise UsageError(f"{first.source}, {entry.source}: scores on different datasets or observations; give one")
+        if sorted(rulers_of(entry)) != sorted(rulers_of(first)):
+            raise UsageError(f"{first.source}, {entry.source}: scores under different protocols; score both again")
+    field, others = _parameter(first, over)
+    data = first.scores.dataset
+    titles = titles_of(entries)
+    curves = [curve for entry in entries for curve in _curves(entry, titles[entry.digest], field, others)]
+    curves.sort(key=lambda curve: (curve.method, [order_of(value) for _, value in curve.setting]))
+    metrics = _metrics(curves, figures)
+    return Sweep(field, " ".join(filter(None, (data.name, data.version))), metrics, tuple(curves))
+
+
+def order_of(value: Value) -> tuple[bool, float, str]:
+    """Sorts values: no background first, then numbers, then words."""
+    return (value is not None, value if isinstance(value, float) else 0.0, value if isinstance(value, str) else "")
+
+
+def values_of(sweep: Sweep) -> list[Value]:
+    """All values of the parameter, sorted; those of the background from none to loud noise."""
+    values = sorted({point.value for curve in sweep.curves for point in curve.points}, key=order_of)
+    if sweep.field == "background.snr_db":
+        values = [value for value in values if value is None] + [value for value in values[::-1] if value is not None]
+    return values
+
+
+def value_text(value: Value) -> str:
+    """A value as the option ``--over`` of avs3d sweep writes it."""
+    return "none" if value is None else value if isinstance(value, str) else f"{value:g}"
+
+
+def _keys(entry: Entry) -> list[str]:
+    return sorted(row.key for row in entry.scores.observations)
+
+
+def _values(entry: Entry) -> dict[str, list[Value]]:
+    """Field → its values among the observations, sorted."""
+    found: dict[str, set[Value]] = {}
+    for row in entry.scores.observations:
+        for name, value in (row.condition.values if row.condition else {}).items():
+            found.setdefault(name, set()).add(value)
+    return {name: sorted(found[name], key=order_of) for name in sorted(found)}
+
+
+def _parameter(entry: Entry, over: str | None) -> tuple[str, tuple[str, ...]]:
+    """The parameter, and the others that vary.
+
+    Raises:
+        UsageError: if there is none, or several and none is named.
+    """
+    values = _values(entry)
+    varying = [name for name, some in values.items() if len(some) > 1]
+    # Without a background there is no kind of it.
+    if "background.kind" in varying and len([one for one in values["background.kind"] if one is not None]) < 2:
+        varying.remove("background.kind")
+    if not varying:
+        raise UsageError(
+            f"{entry.source}: no observations that are variants of one another; expected scores on a dataset made "
+            "from a manifest of avs3d sweep"
+        )
+    if over is not None and over not in varying:
+        hint = did_you_mean(over, varying)
+        raise UsageError(f"--over {over}: does not vary in {entry.source}; expected {' or '.join(varying)}{hint}")
+    if over is None and len(varying) > 1:
+        raise UsageError(f"{entry.source}: {' and '.join(varying)} vary; name one with --over")
+    field = over or varying[0]
+    return field, tuple(name for name in varying if name != field)
+
+
+def _curves(entry: Entry, title: str, field: str, others: Sequence[str]) -> Iterable[Curve]:
+    def place(row: ObservationScores) -> tuple[Setting, Value]:
+        values: Mapping[str, Value] = row.condition.values if row.condition else {}
+        return tuple((name, values.get(name)) for name in others), values.get(field)
+
+    def order(row: ObservationScores) -> tuple[list[tuple[bool, float, str]], tuple[bool, float, str]]:
+        setting, value = place(row)
+        return [order_of(one) for _, one in setting], order_of(value)
+
+    rows = sorted((row for row in entry.scores.observations if row.condition), key=order)
+    for setting, some in groupby(rows, key=lambda row: place(row)[0]):
+        points = [
+            _point(value, list(members), entry.scores.siblings or ())
+            for value, members in groupby(some, key=lambda row: place(row)[1])
+        ]
+        yield Curve(title, setting, tuple(points))
+
+
+def _point(value: Value, rows: Sequence[ObservationScores], siblings: Sequence[SiblingScores]) -> Point:
+    keys = {row.key for row in rows}
+    under = [
+        one.model_copy(update={"pairs": tuple(p for p in one.pairs if {p.first, p.second} <= keys)}) for one in siblings
+    ]
+    times = [row.condition.t30 for row in rows if row.condition and row.condition.t30 is not None]
+    return Point(value, summarise(rows, under), sum(times) / len(times) if times else None)
+
+
+def _metrics(curves: Sequence[Curve], names: Sequence[str]) -> tuple[Metric, ...]:
+    known = {f"{metric.protocol}.{metric.name}": metric for metric in METRICS}
+    for name in names:
+        if name not in known:
+            raise UsageError(f"--figure {name}: expected one of {', '.join(known)}{did_you_mean(name, known)}")
+    held = [
+        metric
+        for name, metric in known.items()
+        if name in (names or USUAL)
+        and any(figure(point.group, metric) is not None for curve in curves for point in curve.points)
+    ]
+    if not held:
+        raise Avs3dError(f"the files of scores hold none of {', '.join(names or USUAL)}; choose others with --figure")
+    return tuple(held)
+
+
+def count_of(group: GroupScores, metric: Metric) -> int:
+    """Number of observations (of pair_accuracy: groups) in a figure."""
+    scores = getattr(group, metric.protocol)
+    return int(getattr(scores, "counts", {}).get(metric.name, group.observations))
+
+
+def csv_text(sweep: Sweep) -> str:
+    """One line per method, setting, value and figure."""
+    others = [name for name, _ in sweep.curves[0].setting]
+    names = ["method", *others, sweep.field, "t30", "figure", "n", "mean", "low", "high"]
+    stream = io.StringIO()
+    writer = DictWriter(stream, names, lineterminator="\n")
+    writer.writeheader()
+    for curve in sweep.curves:
+        for point in curve.points:
+            for metric in sweep.metrics:
+                spread = interval(point.group, metric)
+                writer.writerow(
+                    {name: value_text(value) for name, value in curve.setting}
+                    | {
+                        "method": curve.method, sweep.field: value_text(point.value), "t30": point.t30,
+                        "figure": f"{metric.protocol}.{metric.name}", "n": count_of(point.group, metric),
+                        "mean": figure(point.group, metric), "low": spread and spread[0], "high": spread and spread[1],
+                    }
+                )  # fmt: skip
+    return stream.getvalue()
+
+
+def markdown_text(sweep: Sweep, picture: bool) -> str:
+    """A table per figure and setting: a row per method, a column per value."""
+    blocks = [f"# {sweep.field}: {plain(sweep.dataset)}"]
+    if picture:
+        blocks.append("![Scores against the parameter](curve.png)")
+    blocks.append("Mean over observations (pair accuracy: over groups) and its 95 % interval; n is their number.")
+    for setting in dict.fromkeys(curve.setting for curve in sweep.curves):
+        curves = [curve for curve in sweep.curves if curve.setting == setting]
+        if setting:
+            blocks.append("## " + ", ".join(f"{name} {value_text(value)}" for name, value in setting))
+        points = {point.value: point for curve in reversed(curves) for point in curve.points}
+        values = [value for value in values_of(sweep) if value in points]
+        head = [sweep.field, *map(value_text, values)]
+        times = ["T30 (s)", *("–" if (t30 := points[value].t30) is None else f"{t30:.2f}" for value in values)]
+        rows = [head, ["---"] * len(head), times]
+        for metric in sweep.metrics:
+            counts = [str(count_of(points[value].group, metric)) for value in values]
+            rows.append([f"n, {metric.protocol} {metric.title}", *counts])
+            for curve in curves:
+                at = {point.value: point.group for point in curve.points}
+                cells = [f"{number(figure(at.get(v), metric))} {_brackets(at.get(v), metric)}".strip() for v in values]
+                rows.append([f"{metric.title}, {plain(curve.method)}", *cells])
+        blocks.append("\n".join(f"| {' | '.join(row)} |" for row in rows))
+    return "\n\n".join(blocks) + "\n"
+
+
+def _brackets(group: GroupScores | None, metric: Metric) -> str:
+    text = span(interval(group, metric))
+    return f"({text})" if text else ""

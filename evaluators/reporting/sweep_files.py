@@ -1,0 +1,49 @@
+"""The files of a sweep's curves: curve.png, curve.csv, curve.md."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from avs3d_bench.errors import UsageError
+from avs3d_bench.files import write_bytes
+from evaluators.reporting.sweep_curve import csv_text, markdown_text, read_sweep
+from evaluators.reporting.tables import need_matplotlib
+
+
+def write_sweep(
+    folder: Path,
+    score_files: Sequence[Path],
+    *,
+    over: str | None = None,
+    figures: Sequence[str] = (),
+    plot: bool = True,
+) -> list[Path]:
+    """Write the curves as CSV, Markdown and, with ``plot``, a picture; the same bytes for the same scores.
+
+    Args:
+        folder: made if missing; files of other names in it stay.
+        score_files: as for `evaluators.reporting.sweep_curve.read_sweep`.
+        over: likewise.
+        figures: likewise.
+        plot: draw; needs matplotlib.
+
+    Raises:
+        UsageError: as `read_sweep`, or if a file of scores would be overwritten.
+        Avs3dError: as `read_sweep`, or if matplotlib is missing or nothing can be written.
+    """
+    if plot:
+        need_matplotlib()
+    found = read_sweep(score_files, over=over, figures=figures)
+    files = {folder / "curve.csv": csv_text(found).encode(), folder / "curve.md": markdown_text(found, plot).encode()}
+    if plot:
+        from evaluators.reporting.sweep_plot import draw
+
+        files[folder / "curve.png"] = draw(found)
+    inputs = {Path(file).resolve() for file in score_files}
+    for path in files:
+        if path.resolve() in inputs:
+            raise UsageError(f"{path}: would overwrite a file of scores; choose another folder")
+    for path, data in files.items():
+        write_bytes(path, data)
+    return list(files)

@@ -1,0 +1,60 @@
+"""The command `avs3d sweep`."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+import click
+
+from avs3d_bench.errors import UsageError
+from avs3d_bench.groups import HELP, PATH, only_option
+
+
+@click.command(context_settings=HELP, short_help="Vary the acoustics of a manifest's observations over a grid.")
+@click.argument("manifest", type=PATH)
+@click.option(
+    "--over",
+    multiple=True,
+    metavar="FIELD=VALUE,…",
+    help="A parameter and its values: acoustics.absorption_scale, background.snr_db (or none), background.kind; "
+    "repeatable: every combination is made.",
+)
+@click.option("-o", "--output", type=PATH, required=True, metavar="FILE", help="The manifest to write.")
+@only_option
+@click.option("--name", default=None, metavar="NAME", help="Name of the manifest (default: NAME-sweep).")
+def sweep(manifest: Path, over: tuple[str, ...], output: Path, only: tuple[str, ...], name: str | None) -> None:
+    """Write a manifest with variants of the observations of MANIFEST that share their pictures.
+
+    Generate it with avs3d generate, score submissions to it, and draw the scores against a parameter with
+    avs3d sweep-curve.
+    """
+    from avs3d_bench import files
+    from avs3d_bench.yamlfile import read_yaml
+    from generators.manifest import Manifest, read_manifest
+    from generators.sampling.document import manifest_text
+    from generators.sampling.sweep import check_place, grid_of, parse_axis
+    from generators.sampling.sweep import sweep as make
+
+    axes = [parse_axis(text) for text in over]
+    grid_of(axes)
+    source = read_manifest(manifest)
+    if output.resolve() == source.path:
+        raise UsageError(f"{output}: would overwrite the manifest; choose another file with -o")
+    check_place(source, output)
+    files.check_writable(output)
+    document = make(source, read_yaml(manifest)[0], axes, only)
+    if name is not None:
+        document["name"] = name
+        Manifest.model_validate(document)
+    words = ["avs3d", "sweep", manifest.name]
+    words += [word for text in over for word in ("--over", text)] + [word for text in only for word in ("--only", text)]
+    files.write_bytes(output, manifest_text(document, shlex.join(words)).encode())
+    entries = document["observations"]
+    originals = sum("variant_of" not in one and not _is_variant(one) for one in entries)
+    click.echo(f"{output}: {len(entries)} observations: {originals} originals and {len(entries) - originals} variants")
+
+
+def _is_variant(entry: dict[str, object]) -> bool:
+    """Whether an entry with ``like`` is a variant; in part_3 it is a sibling."""
+    return "like" in entry and not str(entry["like"]).startswith("part_3/")
