@@ -266,3 +266,24 @@ def test_the_file_is_a_plain_manifest(tmp_path: Path) -> None:
     assert document["observations"][1] == {
         "like": "part_1/box/kitchen/1", "index": 2, "acoustics": {"absorption_scale": 2.0},
     }  # fmt: skip
+
+
+def test_a_sealed_sweep_keeps_variants_with_their_originals(tmp_path: Path) -> None:
+    from generators.manifest import Manifest
+    from generators.sealing.draw import draw_document
+
+    path = swept(write(tmp_path), f"{SCALE}=1,4", f"{SNR}=none,5", only="part_3/*")
+    before = read_manifest(path).manifest
+    drawn, homes = draw_document(yaml.safe_load(path.read_text()), bytes(range(32)), {})
+    after = Manifest.model_validate(drawn)
+
+    def described(manifest: Manifest) -> list[str]:
+        specs = {spec.key: spec for spec in manifest.observations}
+        return sorted(
+            repr((spec.sources, spec.acoustics, spec.background, specs[spec.variant_of or spec.key].background))
+            for spec in manifest.observations
+        )
+
+    assert homes == {"box": "home_1"}
+    assert described(after) == described(before)
+    assert [spec.key for spec in after.observations] != [spec.key for spec in before.observations]

@@ -85,6 +85,7 @@ def draw_document(
     document = deepcopy(template)
     homes = {old: f"home_{n}" for n, old in enumerate(shuffled(sorted(template["scans"]), "homes"), start=1)}
     units = _units(document["observations"])
+    variants = _variants(units)
     kinds: defaultdict[tuple[Any, ...], list[list[Document]]] = defaultdict(list)
     for unit in units:
         kinds[unit[0]["part"], unit[0]["room"], len(unit)].append(unit)
@@ -101,7 +102,10 @@ def draw_document(
             entry["index"] = index
     for first, *others in units:
         for other in others:
-            other["like"] = _key(first)
+            if "like" in other:
+                other["like"] = _key(first)
+    for entry, original, first in variants:
+        entry["variant_of"] = _key({**first, "index": original["index"]})
     document["observations"] = [entry for unit in sorted(units, key=lambda unit: _key(unit[0])) for entry in unit]
     document["scans"] = {}
     for old, new in sorted(homes.items(), key=lambda pair: int(pair[1].removeprefix("home_"))):
@@ -141,11 +145,27 @@ def fit_homes(
 
 def _units(entries: list[Document]) -> list[list[Document]]:
     """Each observation with its variants or siblings, the original first."""
-    units = {_key(entry): [entry] for entry in entries if "like" not in entry}
+    units = {_key(entry): [entry] for entry in entries if not {"like", "variant_of"} & entry.keys()}
+    likes = {f"{_place(entry['like'])}/{entry['index']}": entry["like"] for entry in entries if "like" in entry}
     for entry in entries:
-        if "like" in entry:
-            units[entry["like"]].append(entry)
+        original = entry.get("like") or entry.get("variant_of")
+        if original is not None:
+            units[likes.get(original, original)].append(entry)
     return list(units.values())
+
+
+def _variants(units: list[list[Document]]) -> list[tuple[Document, Document, Document]]:
+    """Each variant of a sound scene with its original, and the first of their group; keys are those of the template."""
+    found = []
+    for first, *others in units:
+        place = _place(_key(first))
+        named = {f"{place}/{entry['index']}": entry for entry in (first, *others)}
+        found += [(one, named[one["variant_of"]], first) for one in others if "variant_of" in one]
+    return found
+
+
+def _place(key: str) -> str:
+    return key.rpartition("/")[0]
 
 
 def _key(entry: Document) -> str:
