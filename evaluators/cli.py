@@ -18,6 +18,7 @@ from avs3d_bench.taxonomy import PARTS
 
 if TYPE_CHECKING:
     from avs3d_bench.dataset import Dataset
+    from evaluators.records import Evaluation, Submission
 
 #: Problems that `check` prints before it only counts.
 _SCREENFUL = 40
@@ -41,6 +42,7 @@ _truth = click.option("--truth", type=PATH, metavar="PRIVATE", help="Of a sealed
 )  # fmt: skip
 @click.option("--json", "json_file", type=PATH, metavar="FILE", help="Write the scores to this file.")
 @click.option("--html", "html_file", type=PATH, metavar="FILE", help="Write a report to this file.")
+@click.option("--frames", "frames_file", type=PATH, metavar="FILE", help="Write a row per frame: .csv or .parquet.")
 @_official_folder
 @only_option
 @_workers
@@ -50,46 +52,40 @@ def evaluate(
     root: Path,
     truth: Path | None,
     protocol: str,
-    json_file: Path | None,
-    html_file: Path | None,
     official_folder: str | None,
-    **chosen: Any,
+    only: tuple[str, ...],
+    workers: int | None,
+    **files: Path | None,
 ) -> None:
     """Score SUBMISSION, a folder or a .zip, against a dataset.
 
     SUBMISSION has the layout of docs/metrics.md, or that of the released pipeline's masks. Exit status: 0 scored,
     1 submission invalid (every bad file named), 2 usage.
     """
-    from avs3d_bench.files import write_json
     from evaluators.reading.submission import open_submission
     from evaluators.records import InvalidSubmission
     from evaluators.reporting.terminal_table import print_scores
     from evaluators.score import score
 
     wanted: Any = None if protocol == "all" else (protocol,)
-    data = _open_dataset(root, truth, chosen["only"])
-    _check_targets((json_file, html_file), submission, root)
+    data = _open_dataset(root, truth, only)
+    _check_targets(tuple(files.values()), submission, root)
+    _check_frames(files["frames_file"], protocol)
     with open_submission(submission, aisrm=_aisrm(official_folder)) as opened:
         try:
-            evaluation = score(opened, data, protocols=wanted, progress=sys.stderr.isatty(), **chosen)
+            evaluation = score(opened, data, protocols=wanted, only=only, workers=workers, progress=sys.stderr.isatty())
         except InvalidSubmission as error:
             _print_problems(error.report, submission, root)
             raise SystemExit(1) from None
-        scores = evaluation.scores
         try:
-            if html_file is not None:
-                from evaluators.reporting.report import write_report
-
-                write_report(html_file, evaluation, data, opened)
-            if json_file is not None:
-                write_json(json_file, scores.model_copy(update={"report": _beside(html_file, json_file)}))
+            _write_files(evaluation, data, opened, **files)
         finally:
             # A full disk must not cost the scores as well.
-            print_scores(scores)
+            print_scores(evaluation.scores)
             for warning in evaluation.warnings:
                 if warning.severity == "warning":
                     click.echo(f"avs3d-eval: note: {warning.path}: {warning.message}", err=True)
-    for path in (json_file, html_file):
+    for path in files.values():
         if path is not None:
             click.echo(str(path))
 
@@ -110,6 +106,51 @@ def _open_dataset(root: Path, truth: Path | None, only: tuple[str, ...]) -> Data
     if data.is_sealed:
         raise UsageError(f"{root}: a sealed test; expected its truth as well: --truth PRIVATE, which its organiser has")
     return data
+
+
+def _write_files(
+    evaluation: Evaluation,
+    data: Dataset,
+    submission: Submission,
+    json_file: Path | None,
+    html_file: Path | None,
+    frames_file: Path | None,
+) -> None:
+    """Write the report, the file of scores and the table of frames that were asked for.
+
+    Raises:
+        Avs3dError: if a file cannot be written, or the dataset is damaged.
+    """
+    from avs3d_bench.files import write_json
+
+    if html_file is not None:
+        from evaluators.reporting.report import write_report
+
+        write_report(html_file, evaluation, data, submission)
+    if json_file is not None:
+        write_json(json_file, evaluation.scores.model_copy(update={"report": _beside(html_file, json_file)}))
+    if frames_file is not None:
+        from evaluators.frame_rows import frame_rows, write_rows
+
+        write_rows(frames_file, frame_rows(evaluation, data))
+
+
+def _check_frames(path: Path | None, protocol: str) -> None:
+    """Refuse, before any work is done, a table of frames that cannot be written.
+
+    Raises:
+        UsageError: if its name has another suffix, or the protocol has no figures of frames.
+        Avs3dError: if it is Parquet and pyarrow is missing.
+    """
+    if path is None:
+        return
+    from evaluators.frame_rows import check_suffix
+
+    check_suffix(path)
+    if protocol == "official":
+        raise UsageError(
+            f"{path}: --frames has the figures of strict and listen; expected --protocol strict, listen or all"
+        )
 
 
 def _aisrm(official_folder: str | None) -> bool | None:
@@ -141,7 +182,7 @@ def _check_targets(targets: Sequence[Path | None], submission: Path, dataset: Pa
             check_writable(target)
     places = [Path(os.path.realpath(target)) for target in targets if target is not None and not is_stream(target)]
     if len(set(places)) < len(places):
-        raise UsageError(f"{places[0]}: named twice; expected a file each for --json and --html")
+        raise UsageError(f"{places[0]}: named twice; expected a file each for --json, --html and --frames")
     for place in places:
         for root, record in ((submission, layout.SUBMISSION_JSON), (dataset, layout.DATASET_JSON)):
             home = Path(os.path.realpath(root))

@@ -110,6 +110,25 @@ def best_frames(frames: Iterable[FrameScore], count: int = SHOWN_PER_OBSERVATION
 
 
 @dataclass(frozen=True)
+class FrameTally:
+    """The counts of one frame of the submission, from which its row in the table of frames is made.
+
+    Attributes:
+        name: e.g. ``frame_008``.
+        counts: pixels.
+        boundary_f: None where nothing is to be marked, and in part_3.
+        twins: silent twins in view and how many of them are marked; None where nothing is known about twins.
+        pairs: siblings whose truth differs, and how many of these pairs are right; None but in part_3.
+    """
+
+    name: str
+    counts: FrameCounts
+    boundary_f: float | None = None
+    twins: tuple[int, int] | None = None
+    pairs: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True)
 class SiblingFrame:
     """A frame of a group of part_3 that a report shows for all siblings side by side.
 
@@ -140,6 +159,7 @@ class Outcome:
         problems: errors in the submission's files.
         warnings: what is odd about them.
         files: how many files of the submission were read.
+        frames: the counts of its test frames.
     """
 
     scores: ObservationScores | None
@@ -149,6 +169,7 @@ class Outcome:
     problems: tuple[Problem, ...] = ()
     warnings: tuple[Problem, ...] = ()
     files: int = 0
+    frames: tuple[FrameTally, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -162,6 +183,7 @@ class Evaluation:
             worst.
         groups: a frame of each group of part_3 in which truths differ, the groups with the most wrong pairs first.
         warnings: what is odd about the submission's files, though it can be scored.
+        frames: key of an observation → the counts of its test frames.
     """
 
     scores: Scores
@@ -169,6 +191,7 @@ class Evaluation:
     best: tuple[FrameScore, ...] = ()
     groups: tuple[SiblingFrame, ...] = ()
     warnings: tuple[Problem, ...] = ()
+    frames: Mapping[str, tuple[FrameTally, ...]] = field(default_factory=dict)
 
 
 class InvalidSubmission(Avs3dError):  # noqa: N818 - the word that users know from the exit status

@@ -51,6 +51,7 @@ from evaluators.reading.submission import open_submission
 from evaluators.records import (
     Evaluation,
     FrameScore,
+    FrameTally,
     InvalidSubmission,
     Outcome,
     Submission,
@@ -161,7 +162,8 @@ def score(
         (group.shown for group in ordered_groups if group.shown is not None),
         key=lambda one: (one.right - one.pairs, one.group),
     )
-    return Evaluation(record, worst, best, tuple(shown), tuple(ordered([*problems, *warnings])))
+    tallies = {observation.key: outcomes[observation.key].frames for observation in observations}
+    return Evaluation(record, worst, best, tuple(shown), tuple(ordered([*problems, *warnings])), tallies)
 
 
 def _units(observations: Sequence[Observation]) -> list[Unit]:
@@ -210,6 +212,7 @@ def score_observation(
     figures: list[FrameFigures] = []
     references: dict[str, list[FrameFigures]] = {name: [] for name in BLIND_REFERENCES}
     frames: list[FrameScore] = []
+    tallies: list[FrameTally] = []
     reader = Reader(submission, key)
     deaf: list[DeafFrame] = []
     for number, frame in enumerate(observation.test):
@@ -226,6 +229,8 @@ def score_observation(
         if strict and observation.record is not None:
             deaf.append(deaf_frame(truth, observation.record.sounding.id))
         frames.append(FrameScore.of(key, frame.name, found.counts, found.twins_marked))
+        seen = None if found.twins is None else (len(found.twins), found.twins_marked)
+        tallies.append(FrameTally(frame.name, found.counts, found.boundary_f, seen))
     if not figures and not reader.problems:
         raise Avs3dError(f"{observation.path}: no test frame; expected some in {layout.SPLITS_JSON}")
     # Points are always read: a submission with a bad file gets no score under any protocol.
@@ -239,7 +244,8 @@ def score_observation(
         name: _observation_scores(observation, frames_, None, wanted, False) for name, frames_ in references.items()
     }
     scored = scored.model_copy(update={"digests": observation_digests(observation, reader.digests)})
-    return Outcome(scored, beside, worst_frames(frames), best_frames(frames), files=reader.files)
+    best = best_frames(frames)
+    return Outcome(scored, beside, worst_frames(frames), best, files=reader.files, frames=tuple(tallies))
 
 
 def _twin_ids(observation: Observation) -> tuple[int, ...] | None:

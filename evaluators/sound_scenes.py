@@ -31,7 +31,7 @@ from evaluators.metrics import U8, FrameCounts, as_bytes, frame_counts
 from evaluators.origin import observation_digests
 from evaluators.pairs import CrossCounts, differ, right_pair, sibling_scores
 from evaluators.reading.reader import Reader
-from evaluators.records import FrameScore, Outcome, SiblingFrame, Submission, best_frames, worst_frames
+from evaluators.records import FrameScore, FrameTally, Outcome, SiblingFrame, Submission, best_frames, worst_frames
 
 
 @dataclass(frozen=True)
@@ -220,9 +220,20 @@ def _judge(
             best_frames(shown),
             warnings=reader.warnings,
             files=reader.files,
+            frames=_tallies(index, shown, counts),
         )
     names_ = [siblings_[0].name for siblings_ in frames]
     return GroupOutcome(outcomes, siblings, pairs, _shown(siblings, names_, counts))
+
+
+def _tallies(index: int, shown: Sequence[FrameScore], counts: _GroupCounts) -> tuple[FrameTally, ...]:
+    """The counts of the sibling ``index`` in each frame, with the pairs that it takes part in."""
+    found = []
+    for frame, cross, differing in zip(shown, counts.own.frames, counts.differing, strict=True):
+        mine = [pair for pair in differing if index in pair]
+        right = sum(right_pair(cross, *pair) for pair in mine)
+        found.append(FrameTally(frame.name, cross[index][index], pairs=(len(mine), right)))
+    return tuple(found)
 
 
 def _shown(siblings: SiblingScores, names: Sequence[str], counts: _GroupCounts) -> SiblingFrame | None:

@@ -173,8 +173,10 @@ HOUSE = {
         "summary": "bootstrap origin records protocols volume sound_scenes",
         "score": "conditions metrics origin records volume frames protocols deaf reading sound_scenes summary",
         "verify": "reading score",
+        "factors": "",
+        "frame_rows": "metrics records factors",
         "reporting": "bootstrap metrics pairs sign_flips comparison protocols records reading",
-        "cli": "records reading score verify reporting",
+        "cli": "records reading score verify frame_rows reporting",
     },
     "baselines": {
         "networks": "",

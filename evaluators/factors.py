@@ -1,0 +1,178 @@
+"""The factors of a frame on which figures may depend: direction, room acoustics, noise, silent twins.
+
+They come from observation.json. Of part_1 and part_2 it has no ratio of direct sound to reverberation; that is computed
+from the impulse responses of `rirs/` where the dataset has them. What cannot be known is None, with a reason.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from avs3d_bench import layout
+from avs3d_bench.dataset import Frame, Observation
+from avs3d_bench.geometry import direction_to
+from avs3d_bench.schema import AudibleRecord, FrameRecord, ObservationRecord
+
+NO_RECORD = "the dataset has no observation.json"
+NOTHING_AUDIBLE = "no source is audible in the frame"
+NO_T30 = "observation.json has no reverberation time"
+NO_RESPONSES = "the dataset has no rirs/"
+NO_DIRECT_SOUND = "no direct sound arrives"
+NO_REVERBERATION = "nothing but direct sound arrives"
+ALONE = "the clip contains nothing but the source"
+NO_TWIN = "no silent object of the category is in the room"
+#: Every factor that can be None.
+NAMES = (
+    "category", "distance_m", "azimuth_deg", "elevation_deg", "t30_s", "drr_db", "snr_db", "twins", "twin_distance_m",
+)  # fmt: skip
+
+#: Speed of sound of the acoustic engines (m/s), which sets when direct sound arrives.
+SPEED_OF_SOUND = 343.0
+#: The direct sound lies between these times after its arrival at the centre of the head (s): the nearer ear hears it up
+#: to 0.3 ms early, and the response of a head is over after 2 ms.
+BEFORE, AFTER = 0.0005, 0.002
+#: Energy below this share of a response is rounding, no sound.
+_NO_PART = 1e-9
+
+
+@dataclass(frozen=True)
+class Factors:
+    """The factors of one frame; see the fields of the same names of `avs3d_bench.frame_rows.FrameRow`.
+
+    Attributes:
+        category: of the source.
+        distance_m: to the source.
+        azimuth_deg: of the source.
+        elevation_deg: of the source.
+        t30_s: of the room.
+        drr_db: of the source.
+        snr_db: of the source.
+        twins: silent objects of the category in the room.
+        twin_distance_m: from the source to the nearest of them.
+        unavailable: factor that is None → reason.
+    """
+
+    category: str | None = None
+    distance_m: float | None = None
+    azimuth_deg: float | None = None
+    elevation_deg: float | None = None
+    t30_s: float | None = None
+    drr_db: float | None = None
+    snr_db: float | None = None
+    twins: int | None = None
+    twin_distance_m: float | None = None
+    unavailable: dict[str, str] = field(default_factory=dict)
+
+
+def frame_factors(frame: Frame) -> Factors:
+    """The factors of a frame.
+
+    Raises:
+        Avs3dError: if observation.json or an impulse response is damaged.
+    """
+    record, here = frame.observation.record, frame.record
+    if record is None or here is None:
+        return Factors(unavailable=dict.fromkeys(NAMES, NO_RECORD))
+    return _of_sound_scene(record, here) if record.is_sound_scene else _of_one_source(frame, record, here)
+
+
+def _of_one_source(frame: Frame, record: ObservationRecord, here: FrameRecord) -> Factors:
+    """Of a frame of part_1 or part_2."""
+    why = {"snr_db": ALONE}
+    if record.acoustics.t30 is None:
+        why["t30_s"] = NO_T30
+    drr = _response_drr(frame, here, why)
+    twins, nearest = _twins(record, here, record.category, record.source_at(here))
+    if nearest is None:
+        why["twin_distance_m"] = NO_TWIN
+    return Factors(
+        record.category, here.distance, here.azimuth, here.elevation, record.acoustics.t30, drr, None, twins, nearest,
+        {name: why[name] for name in NAMES if name in why},
+    )  # fmt: skip
+
+
+def _response_drr(frame: Frame, here: FrameRecord, why: dict[str, str]) -> float | None:
+    """The ratio from the frame's impulse response; a reason goes into ``why`` where there is none."""
+    observation = frame.observation
+    if not (observation.path / layout.rir_path(frame.index)).exists():
+        why["drr_db"] = NO_RESPONSES
+    elif not here.line_of_sight or here.distance is None:
+        why["drr_db"] = NO_DIRECT_SOUND
+    else:
+        ratio = direct_to_reverberant(frame.impulse_response(), here.distance)
+        if math.isfinite(ratio):
+            return ratio
+        why["drr_db"] = NO_DIRECT_SOUND if ratio < 0 else NO_REVERBERATION
+    return None
+
+
+def direct_to_reverberant(response: ArrayLike, distance: float, rate: int = layout.SAMPLE_RATE) -> float:
+    """Energy of the direct sound of an impulse response over that of all that comes later, dB.
+
+    The direct sound lies between 0.5 ms before and 2 ms after distance / 343 m/s.
+
+    Args:
+        response: (channels, n), from the source at time 0.
+        distance: from the source to the listener, metres.
+        rate: Hz.
+
+    Returns:
+        −inf without direct sound, inf without anything else.
+    """
+    power = np.square(np.asarray(response, dtype=np.float64)).sum(axis=0)
+    arrival = distance / SPEED_OF_SOUND
+    first, last = max(math.floor((arrival - BEFORE) * rate), 0), math.ceil((arrival + AFTER) * rate)
+    early, whole = float(power[first:last].sum()), float(power.sum())
+    late = whole - early
+    if early <= _NO_PART * whole:
+        return -math.inf
+    return math.inf if late <= _NO_PART * whole else 10 * math.log10(early / late)
+
+
+def _of_sound_scene(record: ObservationRecord, here: FrameRecord) -> Factors:
+    """Of a frame of part_3: its source is the loudest that is audible."""
+    why = {} if record.acoustics.t30 is not None else {"t30_s": NO_T30}
+    loudest = _loudest(here.audible or ())
+    if loudest is None:
+        why |= {name: NOTHING_AUDIBLE for name in NAMES if name != "t30_s"}
+        return Factors(t30_s=record.acoustics.t30, unavailable={name: why[name] for name in NAMES if name in why})
+    source = record.source(loudest.source)
+    where = direction_to(here.pose, source.position)
+    twins, nearest = _twins(record, here, source.category, source.position)
+    if loudest.drr_db is None:
+        why["drr_db"] = NO_DIRECT_SOUND
+    if loudest.snr_db is None:
+        why["snr_db"] = ALONE
+    if nearest is None:
+        why["twin_distance_m"] = NO_TWIN
+    return Factors(
+        source.category, where.distance, where.azimuth, where.elevation, record.acoustics.t30, loudest.drr_db,
+        loudest.snr_db, twins, nearest, {name: why[name] for name in NAMES if name in why},
+    )  # fmt: skip
+
+
+def _loudest(audible: Iterable[AudibleRecord]) -> AudibleRecord | None:
+    """The source with the highest level, the first of equals; None if none is audible."""
+    return max(audible, key=lambda one: one.level_db, default=None)
+
+
+def _twins(
+    record: ObservationRecord, here: FrameRecord, category: str | None, source: tuple[float, float, float]
+) -> tuple[int, float | None]:
+    """Number of objects of a category that are silent in a frame, and the distance of the nearest from the source."""
+    audible = record.audible_instances(here)
+    silent = [one.bounds for one in record.instances if one.category == category and one.id not in audible]
+    if not silent:
+        return 0, None
+    middles: NDArray[np.float64] = np.mean(np.asarray(silent, dtype=np.float64), axis=1)
+    return len(silent), float(np.linalg.norm(middles - np.asarray(source), axis=1).min())
+
+
+def observation_factors(observation: Observation) -> dict[str, Factors]:
+    """Name of a test frame → its factors."""
+    return {frame.name: frame_factors(frame) for frame in observation.test}
