@@ -99,7 +99,7 @@ def _of_one_source(frame: Frame, record: ObservationRecord, here: FrameRecord) -
 def _response_drr(frame: Frame, here: FrameRecord, why: dict[str, str]) -> float | None:
     """The ratio from the frame's impulse response; a reason goes into ``why`` where there is none."""
     observation = frame.observation
-    if not (observation.path / layout.rir_path(frame.index)).exists():
+    if not observation.where(layout.rir_path(frame.index)).exists():
         why["drr_db"] = NO_RESPONSES
     elif not here.line_of_sight or here.distance is None:
         why["drr_db"] = NO_DIRECT_SOUND
