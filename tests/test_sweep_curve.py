@@ -17,7 +17,7 @@ from score_examples import example_scores
 from avs3d_bench import media
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.scores import Scores
-from evaluators.bootstrap import clustered_interval, interval
+from evaluators.bootstrap import clustered_interval, difference_interval, interval
 from evaluators.reporting.sweep_cli import sweep_curve
 from evaluators.reporting.sweep_curve import csv_text, markdown_text, read_sweep, value_text
 from evaluators.reporting.sweep_files import write_sweep
@@ -127,6 +127,12 @@ def test_pairs_count_under_one_condition_only(tmp_path: Path) -> None:
         assert listen.pair_accuracy == pytest.approx(np.mean(groups))
         assert listen.intervals["pair_accuracy"] == pytest.approx(clustered_interval(groups))
         assert (listen.groups, listen.counts["IoU"], listen.counts["pair_accuracy"]) == (6, 12, 6)
+    noisy = next(point for point in found.curves[0].points if point.value == 0.0)
+    changes = [found.curves[0].change(noisy, metric, found.reference) for metric in found.metrics]
+    assert [change and (change.units, round(change.mean, 6)) for change in changes] == [
+        (6, -0.7),
+        (12, round(-7 / 11, 6)),
+    ]
 
 
 def test_other_parameters_are_settings(tmp_path: Path) -> None:
@@ -143,12 +149,18 @@ def test_the_files_hold_every_figure(tmp_path: Path) -> None:
     two = rows_of_part_2(lambda n, scale: 0.06 * n / scale, "two")
     found = read_sweep(saved(tmp_path, a=one, b=two), figures=["strict.IoU"])
     table = pd.read_csv(StringIO(csv_text(found)))
-    assert list(table.columns) == ["method", SCALE, "t30", "figure", "n", "mean", "low", "high"]
+    assert list(table.columns) == ["method", SCALE, "t30", "figure", "n", "mean", "low", "high", "change", "change_low",
+                                   "change_high"]  # fmt: skip
     assert list(zip(table["method"], table[SCALE], strict=True)) == [(m, s) for m in ("one", "two") for s in SCALES]
     assert table["mean"].tolist() == pytest.approx([0.35, 0.175, 0.0875, 0.42, 0.21, 0.105])
     assert (table["low"] < table["mean"]).all()
     assert (table["mean"] < table["high"]).all()
     assert set(table["n"]) == {6}
+    # Paired: 0.05 n / scale − 0.05 n at scale 1, from which nothing changes.
+    assert table["change"].fillna(-9).tolist() == pytest.approx([0.175, -9, -0.0875, 0.21, -9, -0.105])
+    spread = difference_interval([[0.05 * n] for n in ORIGINALS])
+    assert spread is not None
+    assert table[["change_low", "change_high"]].iloc[0].tolist() == pytest.approx([spread.low, spread.high])
     lines = markdown_text(found, False).splitlines()
     assert "| acoustics.absorption_scale | 0.5 | 1 | 2 |" in lines
     assert "| T30 (s) | 1.00 | 0.50 | 0.25 |" in lines

@@ -3,11 +3,15 @@
 Each value of the parameter has the scores of the same observations under another condition (`evaluators.conditions`).
 Figures and intervals of a value are those that the file of scores would have if only its observations had been scored:
 means over observations, pair accuracy over groups, pairs of siblings under the same condition only.
+
+The change from a reference value is the mean of paired differences: of each original under both conditions, or of each
+group for pair accuracy. Its interval resamples originals, in part_3 groups, as `avs3d compare` does.
 """
 
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from csv import DictWriter
 from dataclasses import dataclass
@@ -16,6 +20,9 @@ from pathlib import Path
 
 from avs3d_bench.errors import Avs3dError, UsageError, did_you_mean
 from avs3d_bench.scores import METRICS, GroupScores, Metric, ObservationScores, SiblingScores
+from evaluators.bootstrap import difference_interval
+from evaluators.comparison import figure_of
+from evaluators.pairs import group_accuracies
 from evaluators.protocols import summarise
 from evaluators.reporting.leaderboard import read_entries
 from evaluators.reporting.pages import figure, interval, number, span
@@ -27,6 +34,8 @@ Value = float | str | None
 #: Field → value of everything that varies beside the parameter; empty if nothing does.
 Setting = tuple[tuple[str, Value], ...]
 
+#: Field → its value in an observation that nothing was done to.
+_PLAIN: dict[str, Value] = {"acoustics.absorption_scale": 1.0, "background.snr_db": None}
 #: Figures that are drawn unless others are asked for: those of them that the files hold.
 USUAL = ("listen.pair_accuracy", "listen.IoU", "strict.IoU", "official.mIoU")
 
@@ -39,11 +48,42 @@ class Point:
         value: of the parameter; None: no background.
         group: means and intervals over the observations with this value.
         t30: mean reverberation time of these observations (s); None where it is not known.
+        rows: the scores of the observations.
+        siblings: the groups, with the pairs under this condition alone.
     """
 
     value: Value
     group: GroupScores
     t30: float | None
+    rows: tuple[ObservationScores, ...]
+    siblings: tuple[SiblingScores, ...]
+
+    def units(self, metric: Metric) -> dict[str, tuple[str, float]]:
+        """What differences are paired by (an original, or a group) → its cluster, and its value of a figure."""
+        if (metric.protocol, metric.name) == ("listen", "pair_accuracy"):
+            found = group_accuracies(self.siblings, [row.key for row in self.rows])
+            return {group: (group, value) for group, value in found.items()}
+        known = [(row, figure_of(row, metric)) for row in self.rows]
+        return {
+            row.condition.variant_of: (row.group or row.condition.variant_of, value)
+            for row, value in known
+            if row.condition is not None and value is not None
+        }
+
+
+@dataclass(frozen=True)
+class Change:
+    """The change of a figure from the reference value, paired.
+
+    Attributes:
+        mean: of the differences.
+        interval: its 95 % interval; None for fewer than six originals or groups.
+        units: number of pairs.
+    """
+
+    mean: float
+    interval: tuple[float, float] | None
+    units: int
 
 
 @dataclass(frozen=True)
@@ -60,6 +100,19 @@ class Curve:
     setting: Setting
     points: tuple[Point, ...]
 
+    def change(self, point: Point, metric: Metric, reference: Value) -> Change | None:
+        """The change of a figure from the point with the value ``reference`` to another; None where one is missing."""
+        first = next((one.units(metric) for one in self.points if one.value == reference), {})
+        pairs = [(first[name], unit) for name, unit in point.units(metric).items() if name in first]
+        if not pairs or point.value == reference:
+            return None
+        clusters: dict[str, list[float]] = {}
+        for (_, before), (cluster, after) in pairs:
+            clusters.setdefault(cluster, []).append(after - before)
+        spread = difference_interval(list(clusters.values()))
+        mean = math.fsum(value for some in clusters.values() for value in some) / len(pairs)
+        return Change(mean, None if spread is None else (spread.low, spread.high), len(pairs))
+
 
 @dataclass(frozen=True)
 class Sweep:
@@ -70,12 +123,14 @@ class Sweep:
         dataset: name and version.
         metrics: the figures.
         curves: one per method and setting.
+        reference: the value from which changes are measured.
     """
 
     field: str
     dataset: str
     metrics: tuple[Metric, ...]
     curves: tuple[Curve, ...]
+    reference: Value
 
 
 def read_sweep(score_files: Sequence[Path], *, over: str | None = None, figures: Sequence[str] = ()) -> Sweep:
@@ -103,7 +158,10 @@ def read_sweep(score_files: Sequence[Path], *, over: str | None = None, figures:
     curves = [curve for entry in entries for curve in _curves(entry, titles[entry.digest], field, others)]
     curves.sort(key=lambda curve: (curve.method, [order_of(value) for _, value in curve.setting]))
     metrics = _metrics(curves, figures)
-    return Sweep(field, " ".join(filter(None, (data.name, data.version))), metrics, tuple(curves))
+    values = sorted({point.value for curve in curves for point in curve.points}, key=order_of)
+    plain_value = _PLAIN.get(field, values[0])
+    reference = plain_value if plain_value in values else values[0]
+    return Sweep(field, " ".join(filter(None, (data.name, data.version))), metrics, tuple(curves), reference)
 
 
 def order_of(value: Value) -> tuple[bool, float, str]:
@@ -186,7 +244,8 @@ def _point(value: Value, rows: Sequence[ObservationScores], siblings: Sequence[S
         one.model_copy(update={"pairs": tuple(p for p in one.pairs if {p.first, p.second} <= keys)}) for one in siblings
     ]
     times = [row.condition.t30 for row in rows if row.condition and row.condition.t30 is not None]
-    return Point(value, summarise(rows, under), sum(times) / len(times) if times else None)
+    t30 = sum(times) / len(times) if times else None
+    return Point(value, summarise(rows, under), t30, tuple(rows), tuple(under))
 
 
 def _metrics(curves: Sequence[Curve], names: Sequence[str]) -> tuple[Metric, ...]:
@@ -215,19 +274,23 @@ def csv_text(sweep: Sweep) -> str:
     """One line per method, setting, value and figure."""
     others = [name for name, _ in sweep.curves[0].setting]
     names = ["method", *others, sweep.field, "t30", "figure", "n", "mean", "low", "high"]
+    names += ["change", "change_low", "change_high"]
     stream = io.StringIO()
     writer = DictWriter(stream, names, lineterminator="\n")
     writer.writeheader()
     for curve in sweep.curves:
         for point in curve.points:
             for metric in sweep.metrics:
-                spread = interval(point.group, metric)
+                spread, change = interval(point.group, metric), curve.change(point, metric, sweep.reference)
+                ends = change and change.interval
                 writer.writerow(
                     {name: value_text(value) for name, value in curve.setting}
                     | {
                         "method": curve.method, sweep.field: value_text(point.value), "t30": point.t30,
                         "figure": f"{metric.protocol}.{metric.name}", "n": count_of(point.group, metric),
                         "mean": figure(point.group, metric), "low": spread and spread[0], "high": spread and spread[1],
+                        "change": change and change.mean, "change_low": ends and ends[0],
+                        "change_high": ends and ends[1],
                     }
                 )  # fmt: skip
     return stream.getvalue()
@@ -238,7 +301,10 @@ def markdown_text(sweep: Sweep, picture: bool) -> str:
     blocks = [f"# {sweep.field}: {plain(sweep.dataset)}"]
     if picture:
         blocks.append("![Scores against the parameter](curve.png)")
-    blocks.append("Mean over observations (pair accuracy: over groups) and its 95 % interval; n is their number.")
+    blocks.append(
+        "Mean over observations (pair accuracy: over groups) and its 95 % interval; n is their number. Changes are "
+        f"means of paired differences from {sweep.field} {value_text(sweep.reference)}."
+    )
     for setting in dict.fromkeys(curve.setting for curve in sweep.curves):
         curves = [curve for curve in sweep.curves if curve.setting == setting]
         if setting:
@@ -252,11 +318,21 @@ def markdown_text(sweep: Sweep, picture: bool) -> str:
             counts = [str(count_of(points[value].group, metric)) for value in values]
             rows.append([f"n, {metric.protocol} {metric.title}", *counts])
             for curve in curves:
-                at = {point.value: point.group for point in curve.points}
-                cells = [f"{number(figure(at.get(v), metric))} {_brackets(at.get(v), metric)}".strip() for v in values]
+                at = {point.value: point for point in curve.points}
+                groups = [at[value].group if value in at else None for value in values]
+                cells = [f"{number(figure(group, metric))} {_brackets(group, metric)}".strip() for group in groups]
                 rows.append([f"{metric.title}, {plain(curve.method)}", *cells])
+                found = [curve.change(at[v], metric, sweep.reference) if v in at else None for v in values]
+                rows.append([f"its change, {plain(curve.method)}", *map(_change_text, found)])
         blocks.append("\n".join(f"| {' | '.join(row)} |" for row in rows))
     return "\n\n".join(blocks) + "\n"
+
+
+def _change_text(change: Change | None) -> str:
+    if change is None:
+        return "–"
+    ends = f" ({change.interval[0]:+.3f} to {change.interval[1]:+.3f})" if change.interval else ""
+    return f"{change.mean:+.3f}{ends}"
 
 
 def _brackets(group: GroupScores | None, metric: Metric) -> str:

@@ -148,8 +148,8 @@ def _units(entries: list[Document]) -> list[list[Document]]:
     units = {_key(entry): [entry] for entry in entries if not {"like", "variant_of"} & entry.keys()}
     likes = {f"{_place(entry['like'])}/{entry['index']}": entry["like"] for entry in entries if "like" in entry}
     for entry in entries:
-        original = entry.get("like") or entry.get("variant_of")
-        if original is not None:
+        original = str(entry.get("like") or entry.get("variant_of") or "")
+        if original:
             units[likes.get(original, original)].append(entry)
     return list(units.values())
 
