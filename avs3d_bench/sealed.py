@@ -265,26 +265,37 @@ def _compare(truth: Path, path: str, digest: str, opening: bytes) -> Problem | N
         return None
     if data is None:
         return Problem("error", path, "missing; seal.json commits to such a file")
-    return Problem("error", path, "not what seal.json commits to: the file was changed after the test was sealed")
+    return Problem("error", path, "not what seal.json commits to: this file or its commitment was changed")
 
 
 def check_public(public: str | Path, seal: SealRecord) -> Iterator[Problem]:
-    """The published files that are not those that `seal.json` and the records below it name, by sha256."""
+    """The published files that are not those that `seal.json` and the records below it name, by sha256.
+
+    ``seal.json`` names `dataset.json`, which names every `poses.json`, which name all other files.
+    """
     root = Path(public)
-    if files.sha256_file(root / layout.DATASET_JSON) != seal.dataset_sha256:
-        yield Problem("error", layout.DATASET_JSON, "not the file that seal.json names: it was changed after the seal")
+    dataset = Dataset(root)
+    if dataset.record is None or files.sha256_file(root / layout.DATASET_JSON) != seal.dataset_sha256:
+        yield Problem("error", layout.DATASET_JSON, "missing, or not the file that seal.json names: it was changed")
         return
-    record = Dataset(root).record
-    for entry in record.observations if record else ():
-        path = f"{entry.key}/{layout.POSES_JSON}"
-        if not (root / path).exists() or files.sha256_file(root / path) != entry.digest:
+    listed = {entry.key: entry.digest for entry in dataset.record.observations}
+    for key in sorted({*dataset.keys, *seal.commitments.truth} - set(listed)):
+        yield Problem("error", key, f"not listed in {layout.DATASET_JSON}")
+    for key, digest in listed.items():
+        path = f"{key}/{layout.POSES_JSON}"
+        if not (root / path).exists() or files.sha256_file(root / path) != digest:
             yield Problem("error", path, "missing, or not the file that dataset.json names: it was changed")
             continue
-        yield from _check_published(root, entry.key)
+        yield from _check_published(root, key)
 
 
 def _check_published(root: Path, key: str) -> Iterator[Problem]:
     record = files.read_record(root / key / layout.POSES_JSON, PosesRecord)
+    expected = layout.expected_files(
+        len(record.frames), depth=(root / key / layout.DEPTH).is_dir(), receivers=record.receivers
+    )
+    for name in sorted({name for name in expected if layout.is_public(name)} - set(record.files)):
+        yield Problem("error", f"{key}/{layout.POSES_JSON}", f"does not name {name}, which every observation has")
     there = {path.relative_to(root / key).as_posix() for path in (root / key).rglob("*") if not path.is_dir()}
     for name in sorted(there - set(record.files) - {layout.POSES_JSON}):
         yield Problem("error", f"{key}/{name}", "surplus file: poses.json does not name it")

@@ -21,6 +21,7 @@ from avs3d_bench.files import read_bytes, sha256_file
 from avs3d_bench.parallel import process_each
 from avs3d_bench.report import Problem, Report, ordered
 from avs3d_bench.schema import DatasetRecord, ObservationRecord, describe
+from avs3d_bench.sealed import check_public, read_seal
 from avs3d_bench.taxonomy import PARTS, ROOMS
 from avs3d_bench.validation.catalogue import check_catalogue
 from avs3d_bench.validation.siblings import check_groups
@@ -54,6 +55,8 @@ def validate(root: str | Path, *, deep: bool = False, workers: int | None = 1, p
     """
     base = Path(root)
     dataset = Dataset(base)
+    if dataset.is_sealed:
+        return _validate_sealed(dataset, deep=deep)
     ours = (base / layout.DATASET_JSON).exists() or any(
         (base / key / layout.OBSERVATION_JSON).exists() for key in dataset.keys
     )
@@ -76,6 +79,15 @@ def validate(root: str | Path, *, deep: bool = False, workers: int | None = 1, p
     problems += check_groups({key: one.record for key, one in outcomes.items() if one.record}, frozenset(outcomes))
     files = sum(outcome.files for outcome in outcomes.values()) + int((base / layout.DATASET_JSON).exists())
     return Report(base, deep, len(dataset.keys), files, ordered(problems))
+
+
+def _validate_sealed(dataset: Dataset, *, deep: bool) -> Report:
+    """Check the public part of a sealed test: every file against the digests of seal.json, dataset.json, poses.json."""
+    record, found = _read_dataset_record(dataset.root)
+    if record is not None:
+        found += check_public(dataset.root, read_seal(dataset.root))
+    count = sum(1 for path in dataset.root.rglob("*") if path.is_file())
+    return Report(dataset.root, deep, len(dataset), count, ordered([*_check_tree(dataset.root), *found]))
 
 
 def check_observation(root: str | Path, key: str, *, ours: bool = True, deep: bool = False) -> tuple[Problem, ...]:
@@ -109,7 +121,7 @@ def _check_tree(root: Path) -> Iterator[Problem]:
             continue
         if name in (layout.LOCK, layout.FAILURES_JSONL):
             continue
-        if name != layout.DATASET_JSON and not name.upper().startswith(_COMPANIONS):
+        if name not in (layout.DATASET_JSON, layout.SEAL_JSON) and not name.upper().startswith(_COMPANIONS):
             yield Problem("warning", name, f"not part of a dataset; expected {layout.DATASET_JSON}, {', '.join(PARTS)}")
     for part in PARTS:
         for depth in ("*", "*/*", "*/*/*"):

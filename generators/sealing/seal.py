@@ -99,6 +99,7 @@ def seal(
     drawn = as_manifest(sealed_document, template)
     options = replace(options, audio=None, frames=None, size=None)
     work = folder / WORK
+    _make_secret_folder(work)
     outcome = generate_plans(drawn, plans_of(drawn, options), work, options, scheduling, progress=progress)
     if outcome.failed:
         key, message = outcome.failed[0]
@@ -113,6 +114,7 @@ def seal(
         staged_folder(folder / PUBLIC, _refuse_seal) as public,
         staged_folder(folder / PRIVATE, lambda _: None) as private,
     ):
+        private.chmod(0o700)
         record = write_public(generated, public, sealing)
         write_private(generated, public, private, sealing)
     digest = files.sha256_file(folder / PUBLIC / layout.SEAL_JSON)
@@ -161,6 +163,18 @@ def _refuse_seal(public: Path) -> None:
     path = public / layout.SEAL_JSON
     if path.exists():
         raise UsageError(f"{path}: this test is sealed already; choose another folder with -o")
+
+
+def _make_secret_folder(path: Path) -> None:
+    """Make a folder that only its owner can read.
+
+    Raises:
+        Avs3dError: if the system refuses.
+    """
+    try:
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+    except OSError as error:
+        raise Avs3dError(files.os_error_line(error, path, "write")) from error
 
 
 def _taken_homes(template: ManifestFile, exclude: Sequence[Path]) -> dict[int, str]:

@@ -80,12 +80,12 @@ def unseal(folder: Path, secret: bytes, again: Again | None = None) -> Opening:
     """
     public, private = folder / PUBLIC, folder / PRIVATE
     seal = read_seal(public)
-    problems = [*check_belonging(public, private, seal), *check_secret(secret, seal, private)]
-    if not problems:
-        # Only the right secret gives the right manifest and opens the commitments.
-        problems += _check_manifest(private, secret)
+    problems = list(check_belonging(public, private, seal))
+    wrong = list(check_secret(secret, seal, private))
+    problems += wrong or _check_manifest(private, secret)
     problems += check_public(public, seal)
-    problems += check_truth(private, seal, opening=derive(secret, OPENING))
+    # With a wrong secret, the private folder's own key still shows which files were changed.
+    problems += check_truth(private, seal, opening=None if wrong else derive(secret, OPENING))
     problems += _check_rest(private, seal)
     made: tuple[str, ...] = ()
     if again is not None and not problems:
