@@ -159,7 +159,7 @@ def test_homes_without_room_are_drawn_again() -> None:
 
 def test_homes_that_are_never_large_enough(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(draw, "MOST_DRAWS", 3)
-    with pytest.raises(Avs3dError, match="none of 3 homes has room .*ask for fewer objects in a room"):
+    with pytest.raises(Avs3dError, match=r"none of 3 homes has room .*ask for fewer objects in a room"):
         fit_homes(template(homes=1), SECRET, lambda _, homes: homes, {})
 
 
