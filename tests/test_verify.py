@@ -26,6 +26,9 @@ from avs3d_bench.files import dump_json, read_json, sha256_bytes, write_json
 from avs3d_bench.scores import Scores
 from evaluators import origin
 from evaluators.cli import verify as verify_command
+from evaluators.reading.submission import open_submission
+from evaluators.reporting.report import write_report
+from evaluators.reporting.report_check import read_report
 from evaluators.score import evaluate
 from evaluators.verify import Verification, compare_scores, compare_values, verify
 
@@ -419,3 +422,14 @@ def test_a_sealed_test_is_verified_with_its_truth(
     code, out, err = call(capsys, score_file, "--submission", submission, "--dataset", public, "--truth", private)
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert str(public) in err  # no seal.json: no sealed test
+
+
+def test_the_report_names_digests_and_machine(data: Path, submission: Path, tmp_path: Path) -> None:
+    with open_submission(submission) as opened:
+        evaluation = evaluate(submission, data)
+        write_report(tmp_path / "report.html", evaluation, Dataset(data), opened)
+    text = (tmp_path / "report.html").read_text()
+    scores = evaluation.scores
+    assert f"scored <code>{scores.submission.digest}</code>, truth <code>{scores.dataset.truth_digest}</code>" in text
+    assert f"<dd>{scores.avs3d_eval.machine.platform}, {scores.avs3d_eval.machine.python}, " in text
+    assert read_report(tmp_path / "report.html")
