@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from io import StringIO
 from pathlib import Path
@@ -11,8 +12,12 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
+import tiny
+import tiny_scenes
 from click.testing import CliRunner
 from score_examples import example_scores
+from test_score import submit, true_mask
+from tiny_scenes import AWAY, FIRST, SECOND
 
 from avs3d_bench import media
 from avs3d_bench.errors import Avs3dError, UsageError
@@ -21,6 +26,7 @@ from evaluators.bootstrap import clustered_interval, difference_interval, interv
 from evaluators.reporting.sweep_cli import sweep_curve
 from evaluators.reporting.sweep_curve import csv_text, markdown_text, read_sweep, value_text
 from evaluators.reporting.sweep_files import write_sweep
+from evaluators.score import evaluate
 
 SCALE, SNR, KIND = "acoustics.absorption_scale", "background.snr_db", "background.kind"
 SCALES = (0.5, 1.0, 2.0)
@@ -227,3 +233,23 @@ def test_what_makes_no_curve_is_refused_in_one_line(tmp_path: Path) -> None:
     assert refused(both) == f"{both[0]}: {KIND} and {SNR} vary; name one with --over"
     with pytest.raises(UsageError, match="would overwrite a file of scores"):
         write_sweep(tmp_path, [saved(tmp_path, curve=part_2)[0].rename(tmp_path / "curve.csv")], plot=False)
+
+
+def test_a_file_of_scores_states_the_conditions_of_variants(tmp_path: Path) -> None:
+    data = tiny_scenes.write_sound_scenes(tmp_path / "data", frames=9, size=32, keys=(FIRST, SECOND, AWAY))
+    plain = evaluate(submit(tmp_path / "plain", data, true_mask), data).scores
+    assert all(row.condition is None for row in plain.observations)
+    assert '"condition"' not in media.dump_json(plain)
+    path = data / AWAY / "observation.json"
+    record = json.loads(path.read_text())
+    record["variant_of"] = FIRST
+    record["acoustics"] |= {"settings": {"absorption_scale": 0.5}, "t30": 0.8}
+    tiny.replace(path, json.dumps(record).encode())
+    scores = evaluate(submit(tmp_path / "again", data, true_mask), data).scores
+    found = {row.key: row.condition for row in scores.observations}
+    assert found[SECOND] is None
+    first, variant = found[FIRST], found[AWAY]
+    assert first is not None
+    assert variant is not None
+    assert (first.variant_of, first.t30, first.values) == (FIRST, None, {SCALE: 1.0, SNR: None, KIND: None})
+    assert (variant.variant_of, variant.t30, variant.values) == (FIRST, 0.8, {SCALE: 0.5, SNR: 10.0, KIND: "noise"})
