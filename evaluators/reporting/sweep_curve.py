@@ -12,10 +12,9 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from csv import DictWriter
 from dataclasses import dataclass
-from itertools import groupby
 from pathlib import Path
 
 from avs3d_bench.errors import Avs3dError, UsageError, did_you_mean
@@ -34,6 +33,7 @@ Value = float | str | None
 #: Field → value of everything that varies beside the parameter; empty if nothing does.
 Setting = tuple[tuple[str, Value], ...]
 
+_KIND = "background.kind"
 #: Field → its value in an observation that nothing was done to.
 _PLAIN: dict[str, Value] = {"acoustics.absorption_scale": 1.0, "background.snr_db": None}
 #: Figures that are drawn unless others are asked for: those of them that the files hold.
@@ -203,9 +203,8 @@ def _parameter(entry: Entry, over: str | None) -> tuple[str, tuple[str, ...]]:
     """
     values = _values(entry)
     varying = [name for name, some in values.items() if len(some) > 1]
-    # Without a background there is no kind of it.
-    if "background.kind" in varying and len([one for one in values["background.kind"] if one is not None]) < 2:
-        varying.remove("background.kind")
+    if _KIND in varying and len([one for one in values[_KIND] if one is not None]) < 2:
+        varying.remove(_KIND)
     if not varying:
         raise UsageError(
             f"{entry.source}: no observations that are variants of one another; expected scores on a dataset made "
@@ -221,21 +220,29 @@ def _parameter(entry: Entry, over: str | None) -> tuple[str, tuple[str, ...]]:
 
 
 def _curves(entry: Entry, title: str, field: str, others: Sequence[str]) -> Iterable[Curve]:
-    def place(row: ObservationScores) -> tuple[Setting, Value]:
-        values: Mapping[str, Value] = row.condition.values if row.condition else {}
-        return tuple((name, values.get(name)) for name in others), values.get(field)
-
-    def order(row: ObservationScores) -> tuple[list[tuple[bool, float, str]], tuple[bool, float, str]]:
-        setting, value = place(row)
-        return [order_of(one) for _, one in setting], order_of(value)
-
-    rows = sorted((row for row in entry.scores.observations if row.condition), key=order)
-    for setting, some in groupby(rows, key=lambda row: place(row)[0]):
-        points = [
-            _point(value, list(members), entry.scores.siblings or ())
-            for value, members in groupby(some, key=lambda row: place(row)[1])
-        ]
+    rows = [row for row in entry.scores.observations if row.condition]
+    settings = {_setting(row, others) for row in rows}
+    # Without a background there is no kind of it: such observations belong to the curves of all kinds.
+    whole = {one for one in settings if (_KIND, None) not in one} or settings
+    for setting in sorted(whole, key=lambda one: [order_of(value) for _, value in one]):
+        mine = [row for row in rows if _setting(row, others) in (setting, _without_background(setting))]
+        found: dict[Value, list[ObservationScores]] = {}
+        for row in mine:
+            found.setdefault(_value(row, field), []).append(row)
+        points = [_point(value, found[value], entry.scores.siblings or ()) for value in sorted(found, key=order_of)]
         yield Curve(title, setting, tuple(points))
+
+
+def _setting(row: ObservationScores, names: Sequence[str]) -> Setting:
+    return tuple((name, _value(row, name)) for name in names)
+
+
+def _without_background(setting: Setting) -> Setting:
+    return tuple((name, None if name == _KIND else value) for name, value in setting)
+
+
+def _value(row: ObservationScores, name: str) -> Value:
+    return row.condition.values.get(name) if row.condition else None
 
 
 def _point(value: Value, rows: Sequence[ObservationScores], siblings: Sequence[SiblingScores]) -> Point:

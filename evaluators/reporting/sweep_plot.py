@@ -26,6 +26,8 @@ _TITLES = {
 _MARKERS = "osD^vP"
 #: Share of the distance between two values by which the methods are moved apart, so that their intervals show.
 _APART = 0.09
+#: Room beside the first and the last value, of the distance between two.
+_MARGIN = 0.35
 
 
 def draw(sweep: Sweep) -> bytes:
@@ -58,11 +60,13 @@ def sweep_figure(sweep: Sweep) -> Figure:
         if setting:
             said = ", ".join(f"{_TITLES.get(name, name)} {value_text(value)}" for name, value in setting)
             row[0].set_ylabel(said, fontsize=8.5, color=SOFT)
+    ticks = _ticks(sweep, values)
     for axes in panels[-1]:
-        axes.set_xticks(range(len(values)), _ticks(sweep, values))
-        axes.set_xlabel(_TITLES.get(sweep.field, sweep.field))
+        axes.set_xticks(range(len(values)), ticks)
+        axes.set_xlabel(_TITLES.get(sweep.field, sweep.field) + (", and mean T30" if "\n" in ticks[0] else ""))
+        axes.set_xlim(-_MARGIN, len(values) - 1 + _MARGIN)
     _limits(sweep, panels[0][0])
-    drawn.suptitle(clean(sweep.dataset), x=0.012, ha="left", fontsize=12.5)
+    drawn.suptitle(f"{clean(sweep.dataset)}: mean and 95 % interval", x=0.012, ha="left", fontsize=12.5)
     handles = [
         Line2D([], [], color=COLOURS[n % len(COLOURS)], marker=_MARKERS[n % len(_MARKERS)], markersize=5.5, lw=1.8,
                label=clean(method))
