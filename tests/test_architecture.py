@@ -176,6 +176,7 @@ HOUSE = {
         "factors": "",
         "frame_rows": "metrics records factors",
         "reporting": "bootstrap metrics pairs sign_flips comparison protocols records reading",
+        "competition": "records reading score reporting",
         "cli": "records reading score verify frame_rows reporting",
     },
     "baselines": {

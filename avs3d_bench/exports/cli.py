@@ -15,6 +15,7 @@ from avs3d_bench.groups import PATH, WORKERS, Group, only_option
 
 _C = TypeVar("_C", bound=Callable[..., Any])
 _ROOT = click.argument("root", type=PATH)
+_DATE = click.DateTime(["%Y-%m-%d", "%Y-%m-%d %H:%M:%S"])
 
 
 @click.group(cls=Group, noun="form")
@@ -95,4 +96,35 @@ def card(root: Path, output: Path) -> None:
     from avs3d_bench.exports.card import write_card
 
     write_card(root, output)
+    click.echo(str(output))
+
+
+@export.command(short_help="A competition bundle for Codabench.")
+@click.argument("public", type=PATH)
+@click.argument("private", type=PATH)
+@click.option("-o", "--output", type=PATH, metavar="FILE", required=True, help="The bundle, e.g. bundle.zip.")
+@click.option("--title", required=True, help="Title of the competition.")
+@click.option("--docker-image", required=True, metavar="NAME:TAG", help="The evaluator's image, for the workers.")
+@click.option("--start", type=_DATE, required=True, metavar="DATE", help="Start, UTC: YYYY-MM-DD[ HH:MM:SS].")
+@click.option("--end", type=_DATE, default=None, metavar="DATE", help="End, UTC [never].")
+@click.option("--development", multiple=True, metavar="KEY_GLOB", help="Observations of a first phase. Repeatable.")
+@click.option("--final-start", type=_DATE, default=None, metavar="DATE", help="Start of the final phase, UTC.")
+@click.option("--data-url", default=None, help="Where participants get PUBLIC [it is put into the bundle].")
+@click.option("--contact", default=None, metavar="EMAIL", help="The organisers' address.")
+@click.option("--max-per-day", type=click.IntRange(1), default=5, show_default=True, help="Submissions a day.")
+@click.option("--max-submissions", type=click.IntRange(1), default=100, show_default=True, help="In the last phase.")
+@click.option("--image", type=PATH, default=None, metavar="FILE", help="Picture of the competition [one is drawn].")
+@click.option("--terms", type=PATH, default=None, metavar="FILE", help="Terms, Markdown [a general text].")
+def codabench(public: Path, private: Path, output: Path, **options: Any) -> None:
+    """Write a competition for Codabench: participants get PUBLIC, the platform scores with the truth in PRIVATE.
+
+    Both are trees of one dataset, such as `avs3d seal` writes. The bundle is checked against the platform's rules
+    (docs/competition.md).
+    """
+    from avs3d_bench.exports.codabench import Settings, write_codabench
+
+    written = write_codabench(public, private, output, Settings(**options))
+    for phase in written.phases:
+        click.echo(f"{phase.name}: {len(phase.observations)} observations, {phase.masks:,} masks")
+    click.echo(f"ranked by {written.columns[0].title}; {written.size / 1e6:,.1f} MB")
     click.echo(str(output))

@@ -1,0 +1,190 @@
+"""The pages and the picture of a competition bundle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+
+import numpy as np
+
+from avs3d_bench import layout
+from avs3d_bench.competition import Column
+from avs3d_bench.scores import METRICS
+from avs3d_bench.taxonomy import SOUND_SCENES
+
+#: Side of the drawn picture (pixels).
+_SIDE = 256
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What the pages say.
+
+    Attributes:
+        title: of the competition.
+        dataset: its name.
+        version: of the dataset; None where it has none.
+        licence: of the dataset; None where it is not known.
+        phases: name, observations, masks, start, end, most submissions of each.
+        parts: of the dataset.
+        columns: of the leaderboard.
+        example: key of an observation.
+        data_url: address of the data; None: they are among the files of the phase.
+        sealed: whether commitments were published with the data.
+    """
+
+    title: str
+    dataset: str
+    version: str | None
+    licence: str | None
+    phases: tuple[tuple[str, int, int, datetime, datetime | None, int], ...]
+    parts: tuple[str, ...]
+    columns: tuple[Column, ...]
+    example: str
+    data_url: str | None
+    sealed: bool
+
+
+def pages(facts: Facts) -> dict[str, str]:
+    """File → text of the pages, in Markdown."""
+    return {"overview.md": _overview(facts), "data.md": _data(facts), "evaluation.md": _evaluation(facts)}
+
+
+def _overview(facts: Facts) -> str:
+    rows = "\n".join(
+        f"| {name} | {start:%Y-%m-%d %H:%M} | {f'{end:%Y-%m-%d %H:%M}' if end else 'open'} | {count} | {masks:,} | "
+        f"{most} |"
+        for name, count, masks, start, end, most in facts.phases
+    )
+    task = (
+        "An agent walks through a home with a camera and two ears. For each test frame, mark the pixels of the object "
+        "that sounds."
+    )
+    if SOUND_SCENES in facts.parts:
+        task += (
+            " In part_3 several objects may sound, or none: mark all that is audible and visible. Observations of a "
+            "group have the same pictures and different sound, so that a method that does not listen cannot be right "
+            "in both."
+        )
+    return f"""# {facts.title}
+
+{task}
+
+| Phase | Starts (UTC) | Ends (UTC) | Observations | Masks | Submissions |
+|---|---|---|---:|---:|---:|
+{rows}
+
+Submit masks, not code. The pages "Data" and "Evaluation" say what you get and what you hand in.
+"""
+
+
+def _data(facts: Facts) -> str:
+    version = f" {facts.version}" if facts.version else ""
+    licence = f", licence {facts.licence}" if facts.licence else ""
+    where = facts.data_url or 'The data are the file "Public data" of the phase.'
+    seal = (
+        "\n`seal.json` commits the organisers to the truth: it has the sha256 of every hidden file and of the secret "
+        "from which all was generated. After the competition the secret is published, and anyone can check with "
+        "`avs3d unseal` that nothing was changed.\n"
+        if facts.sealed
+        else ""
+    )
+    return f"""# Data
+
+{where}
+
+The dataset is {facts.dataset}{version}{licence}. Each observation is a folder,
+such as `{facts.example}/`:
+
+| Path | Contents |
+|---|---|
+| `{layout.INPUT}/frame_000.png` … | pictures, one a second |
+| `{layout.BINAURAL}/frame_0.wav` … | the second of sound at each picture, left and right ear, 44.1 kHz |
+| `{layout.MONO}/frame_0.wav` … | two seconds of sound around it, one channel |
+| `{layout.COLMAP}/` | camera poses and sparse points in COLMAP's format |
+| `{layout.SPLITS_JSON}` | which frames are train and which are test |
+
+The truth of the test frames is not public.
+{seal}"""
+
+
+def _evaluation(facts: Facts) -> str:
+    names = dict.fromkeys((column.protocol, column.figure) for column in facts.columns)
+    known = {(metric.protocol, metric.name): metric for metric in METRICS}
+    rows = "\n".join(
+        f"| {m.protocol} {m.title} | {'higher' if m.higher_is_better else 'lower'} | {m.meaning} |"
+        for m in (known[pair] for pair in names)
+    )
+    scenes = f"\n{_scene_files()}" if SOUND_SCENES in facts.parts else ""
+    said = f'{{"method": "…", "dataset": "{facts.dataset}", "dataset_version": "{facts.version or "unversioned"}"}}'
+    return f"""# Evaluation
+
+## What to hand in
+
+A zip archive with `submission.json` and the masks at its root:
+
+```
+submission.json
+{facts.example}/{layout.SUBMISSION_MASKS}/frame_000.png
+…
+```
+{scenes}
+- `submission.json` is `{said}`.
+- One PNG for each test frame of each observation, of the size of the picture, with 0 and 255 only.
+- Masks of observations of another phase may be in the archive; they are not looked at.
+- `all_black/` in the starting kit has every file that is expected. Write your masks over it.
+
+Check it before you submit, with the evaluator that scores it here:
+
+```
+pip install avs3d-bench
+avs3d check my-submission.zip --dataset PATH-OF-THE-DATA
+```
+
+A submission with a bad or missing file gets no score. The log of the submission names every such
+file.
+
+## How it is scored
+
+`{facts.columns[0].title}` ranks. Figures are means over observations, with a 95 % bootstrap interval from six
+observations on. When the intervals of two methods overlap, the order of their rows says little.
+
+| Figure | Better | Meaning |
+|---|---|---|
+{rows}
+
+The last submission of a participant counts.
+"""
+
+
+def _scene_files() -> str:
+    """The lines on class ids, which observations of part_3 may have beside their masks."""
+    return (
+        f"Observations of part_3 may have `{layout.SUBMISSION_CATEGORIES}/frame_000.png`, too: the class id of each "
+        "marked pixel, for every test frame of part_3 or for none.\n"
+    )
+
+
+def terms(title: str, contact: str | None) -> str:
+    """General terms, for organisers who bring none."""
+    ask = f" Write to {contact} if in doubt." if contact else ""
+    return f"""# Terms of {title}
+
+1. Submit the output of a method, not masks drawn by hand. The method may not be tuned on the truth of the test frames.
+2. One account for each team.
+3. Use of the data is bound to their licence.
+4. Results on the leaderboard are public under the name of the account. The organisers may take down a submission that
+   breaks these terms.{ask}
+"""
+
+
+def logo() -> bytes:
+    """A picture for the competition (PNG, 256 × 256): a marked object and rings of sound; always the same bytes."""
+    import cv2
+
+    picture = np.full((_SIDE, _SIDE, 3), (64, 44, 32), dtype=np.uint8)
+    centre = (_SIDE * 3 // 8, _SIDE * 5 // 8)
+    for radius in (72, 104, 136):
+        cv2.ellipse(picture, centre, (radius, radius), 0, -75, 15, (214, 190, 120), 9, cv2.LINE_AA)
+    cv2.circle(picture, centre, 42, (92, 178, 248), -1, cv2.LINE_AA)
+    return bytes(cv2.imencode(".png", picture)[1].tobytes())

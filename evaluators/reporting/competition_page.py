@@ -1,0 +1,56 @@
+"""The page that a participant of a competition sees: the figures of a submission, or every bad file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from avs3d_bench.report import Problem
+from avs3d_bench.templates import template_environment
+
+
+@dataclass(frozen=True)
+class Row:
+    """A figure of the whole submission.
+
+    Attributes:
+        title: its name.
+        value: the mean; None where the data cannot give it.
+        interval: the bounds of its 95 % interval; None with too few observations.
+        reason: why there is no value.
+    """
+
+    title: str
+    value: float | None
+    interval: tuple[float, float] | None
+    reason: str | None = None
+
+    @property
+    def shown(self) -> str:
+        """The value with its interval, as text.
+
+        Examples:
+            >>> Row("strict IoU", 0.5, (0.41, 0.6)).shown
+            '0.500 [0.410, 0.600]'
+        """
+        if self.value is None:
+            return f"not available ({self.reason})" if self.reason else "not available"
+        interval = f" [{self.interval[0]:.3f}, {self.interval[1]:.3f}]" if self.interval else ""
+        return f"{self.value:.3f}{interval}"
+
+    @property
+    def text(self) -> str:
+        """The line of the log."""
+        return f"{self.title}: {self.shown}"
+
+
+def results_page(title: str, rows: Sequence[Row], problems: Sequence[Problem]) -> str:
+    """The HTML page: a table of figures, then what was found in the submission's files.
+
+    Args:
+        title: of the task.
+        rows: the figures; none for an invalid submission.
+        problems: every finding.
+    """
+    page = template_environment("evaluators.reporting").get_template("competition.html.j2")
+    return page.render(title=title, rows=rows, problems=problems)
