@@ -70,7 +70,7 @@ def prepare(bundle: Path, submission: Path, app: Path, task: int = 0) -> str:
 
 
 def score(
-    bundle: Path, submission: Path, app: Path, *, environment: Mapping[str, str], task: int = 0, limit: float = 120
+    bundle: Path, submission: Path, app: Path, *, environment: Mapping[str, str], task: int = 0, limit: float = 600
 ) -> Scored:
     """Score a submission as the platform does.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import runpy
 import shutil
 import sys
 import zipfile
@@ -330,6 +331,17 @@ def test_sound_scenes_are_ranked_by_pairs(scene_trees: tuple[Path, Path], tmp_pa
     assert done.scores is not None
     assert done.scores["listen_pair_accuracy"] == 1.0
     assert "part_3" in zipfile.ZipFile(tmp_path / "bundle.zip").read("overview.md").decode()
+
+
+def test_processes_that_import_the_scoring_program_start_nothing(bundle: Path, tmp_path: Path) -> None:
+    with (
+        zipfile.ZipFile(bundle) as outer,
+        outer.open("scoring_program_0.zip") as stream,
+        zipfile.ZipFile(stream) as inner,
+    ):
+        inner.extractall(tmp_path)
+    found = runpy.run_path(str(tmp_path / "scoring.py"), run_name="__mp_main__")
+    assert "main" not in found
 
 
 # Phases
