@@ -52,6 +52,7 @@ SUMMARIES = {
     "eval": "Score a submission; the same as avs3d-eval.",
     "check": "Check a submission; name every bad file.",
     "compare": "Compare methods: differences, intervals, p-values.",
+    "factors": "Show figures by distance, direction, reverberation and others.",
     "verify": "Score a submission again and compare with a file of scores.",
     "leaderboard": "Rank files of scores on one static page.",
     "tables": "Turn files of scores into the paper's tables.",

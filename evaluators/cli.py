@@ -343,6 +343,31 @@ def compare(
         click.echo(str(json_file))
 
 
+@click.command(context_settings=HELP, short_help="Show figures by distance, direction, reverberation and others.")
+@click.argument("tables", nargs=-1, required=True, type=PATH, metavar="FRAMES…")
+@click.option("--html", "html_file", type=PATH, metavar="FILE", help="Write a page with charts to this file.")
+@click.option("--csv", "csv_file", type=PATH, metavar="FILE", help="Write the figures of all bins to this file.")
+def factors(tables: tuple[Path, ...], html_file: Path | None, csv_file: Path | None) -> None:
+    """Show the figures of one to four methods by factor, side by side.
+
+    FRAMES are tables of frames (avs3d-eval --frames) of the same frames of one dataset.
+    """
+    from avs3d_bench.files import check_writable
+    from evaluators.reporting.factors import write_factors
+
+    targets = [path for path in (html_file, csv_file) if path is not None]
+    if not targets:
+        raise UsageError("nothing to write: expected --html FILE, --csv FILE or both")
+    for path in targets:
+        check_writable(path)
+    places = [os.path.realpath(path) for path in (*tables, *targets)]
+    if len({*places}) < len({*places[: len(tables)]}) + len(targets):
+        raise UsageError(f"{targets[0]}: named twice, or one of the tables; expected a file of its own for each output")
+    write_factors(tables, html=html_file, table=csv_file)
+    for path in targets:
+        click.echo(str(path))
+
+
 @click.command(context_settings=HELP, short_help="Turn files of scores into the paper's tables.")
 @click.argument("scores", nargs=-1, required=True, type=PATH, metavar="SCORES.json…")
 @click.option("-o", "--output", "folder", type=PATH, metavar="DIR", required=True, help="Folder for the tables.")

@@ -37,7 +37,10 @@ REFERENCE_TITLES = {
     "deaf_all": "deaf oracle: all", "deaf_single": "deaf oracle: best one",
 }  # fmt: skip
 #: Template → what its pages say that they are (``<meta name="generator">``).
-GENERATORS = {"report.html.j2": "avs3d-bench score report", "leaderboard.html.j2": "avs3d-bench leaderboard"}
+GENERATORS = {
+    "report.html.j2": "avs3d-bench score report", "leaderboard.html.j2": "avs3d-bench leaderboard",
+    "factors.html.j2": "avs3d-bench figures by factor",
+}  # fmt: skip
 _UNSEEN = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]")
 
 

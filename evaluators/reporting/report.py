@@ -27,7 +27,9 @@ from avs3d_bench.scores import (
 )
 from avs3d_bench.taxonomy import CATEGORIES, PARTS, ROOMS
 from avs3d_bench.templates import words
+from evaluators.frame_rows import frame_rows
 from evaluators.records import Evaluation, FrameScore, Submission
+from evaluators.reporting.factors import factor_page
 from evaluators.reporting.pages import PART_NOTES, PART_TITLES, REFERENCE_TITLES, figure, interval, write_page
 from evaluators.reporting.pictures import Triple, draw_triple
 from evaluators.reporting.siblings import draw_siblings
@@ -122,7 +124,8 @@ def write_report(path: Path, evaluation: Evaluation, dataset: Dataset, submissio
     }
     twins = any(triple.twins for triples in frames.values() for triple in triples)
     groups = [draw_siblings(shown, dataset, submission) for shown in evaluation.groups[:SHOWN_GROUPS]]
-    values = report_values(scores) | {"frames": frames, "has_twins": twins, "groups": groups}
+    rows = frame_rows(evaluation, dataset) if evaluation.frames else ()
+    values = report_values(scores) | {"frames": frames, "has_twins": twins, "groups": groups} | factor_page([rows])
     write_page(Path(path), "report.html.j2", values)
 
 
@@ -150,6 +153,7 @@ def report_values(scores: Scores) -> dict[str, Any]:
         "unavailable": unavailable(scores),
         "all_metrics": METRICS,
         "groups": (),
+        **factor_page([()]),
         "runtime": runtime_text(scores.submission.runtime),
         "authors": authors_text(scores.submission.authors),
     }
