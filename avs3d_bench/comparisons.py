@@ -26,7 +26,7 @@ class PairedDifference(Record):
     observations: Count = Field(description="values in the mean: observations, or groups for pair_accuracy")
     mean: float = Field(description="mean of the differences, in the figure's unit")
     interval: Interval | None = Field(description="95 % bootstrap interval; null for fewer than six units")
-    interval_method: Literal["BCa", "percentile"] | None = Field(description="BCa from ten units on")
+    interval_method: Literal["BCa", "percentile"] | None = Field(description="BCa from twenty units on")
     p: Share = Field(description="two-sided p-value of the sign-flip permutation test")
     p_holm: Share = Field(description="the same, corrected for all pairs of methods of this part and figure")
     verdict: Verdict = Field(

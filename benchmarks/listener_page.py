@@ -15,13 +15,15 @@ from typing import Any
 
 import click
 
+from avs3d_bench.comparisons import PartOrOverall
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import read_json, write_bytes
 from avs3d_bench.media import read_record
 from avs3d_bench.scores import METRICS, GroupScores, Scores
 from benchmarks.listener_failures import draw_failures
 from benchmarks.listener_tables import ROWS, RUN_JSON, labelled
-from benchmarks.resampling import difference
+from evaluators.comparison import compare_figure, metric_of
+from evaluators.reporting.compare import estimate_text, p_text
 from evaluators.reporting.paper import CITATION, DATASET, TABLE_2
 
 BEGIN, END = "<!-- tables -->", "<!-- end of tables -->"
@@ -38,7 +40,7 @@ PAIRS = (
     ("official", "2d"), ("official", "no-aisrm"), ("spatial", "2d"), ("spatial", "official"), ("spatial", "category"),
 )  # fmt: skip
 #: Figures of the comparisons.
-COMPARED = {
+COMPARED: dict[PartOrOverall, tuple[str, ...]] = {
     "part_1": ("strict.IoU", "official.mIoU"),
     "part_2": ("strict.IoU", "official.mIoU", "strict.wrong_instance_rate"),
     "part_3": ("listen.pair_accuracy", "listen.IoU", "listen.FP_rate"),
@@ -89,20 +91,18 @@ def part_table(part: str, found: Mapping[str, Scores]) -> list[str]:
 
 
 def difference_table(found: Mapping[str, Scores]) -> list[str]:
-    """Paired differences with intervals."""
+    """Paired differences with intervals and p-values, which are corrected for the pairs of a part and figure."""
     rows = []
+    pairs = [pair for pair in PAIRS if found.keys() >= set(pair)]
     for part, figures in COMPARED.items():
-        for first, second in PAIRS:
-            if first not in found or second not in found:
-                continue
-            for figure in figures:
-                pair = difference(figure, part, (first, found[first]), (second, found[second]))
-                if pair is not None:
-                    names = f"{ROWS[first].title} − {ROWS[second].title}"
-                    rows.append([part, names, _TITLES[figure], pair.estimate.text("+"), pair.verdict])
+        for figure in figures:
+            compared = compare_figure(found, metric_of(figure), part, pairs=pairs)
+            for one in compared.differences if compared else ():
+                names = f"{ROWS[one.first].title} − {ROWS[one.second].title}"
+                rows.append([part, names, _TITLES[figure], estimate_text(one), p_text(one), one.verdict])
     if not rows:
         return []
-    head = ("part", "rows", "figure", "difference (95 % interval)", "first is")
+    head = ("part", "rows", "figure", "difference (95 % interval)", "p", "first is")
     return ["Paired differences over the observations that both have:", "", *table(head, rows)]
 
 
@@ -161,7 +161,8 @@ def page(output: Path, pictures: Mapping[str, str]) -> str:
             lines += [f"![Worst and median observations of {label}]({pictures[label]})", ""]
     lines += ["### Time", "", *time_table(document)]
     lines += [f"paper: {CITATION}; measured on {DATASET}. *Slanted*: reference rows. In brackets: 95 % intervals,",
-              "bootstrap over observations, in sound scenes over groups of siblings."]  # fmt: skip
+              "bootstrap over observations, in sound scenes over groups of siblings. p: sign-flip permutation test,",
+              "corrected for the compared pairs of a part and figure (Holm)."]  # fmt: skip
     return "\n".join(lines)
 
 

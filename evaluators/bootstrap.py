@@ -24,8 +24,9 @@ SEED = 0
 #: Least number of values with an interval. The means of resamples never leave the range of the values; n independent
 #: values all lie on one side of their distribution's median with probability 2 / 2ⁿ, and five do so in more than 5 %.
 FEWEST = 6
-#: Least number of values of a difference whose interval is corrected (BCa): the correction is estimated from them.
-BCA_FEWEST = 10
+#: Least number of values of a difference whose interval is corrected (BCa). The correction is estimated from them, and
+#: with fewer it does more harm than good (docs/metrics.md, benchmarks/comparison_power.py).
+BCA_FEWEST = 20
 #: Resampled values at a time, so that memory does not grow with the number of observations.
 _BLOCK = 2_000_000
 
@@ -39,7 +40,7 @@ def _blocks(count: int, resamples: int, seed: int) -> Iterator[NDArray[np.intp]]
 
 @lru_cache(maxsize=16)
 def _small(count: int, resamples: int, seed: int) -> NDArray[np.intp]:
-    """All resamples of a small group: one draw serves every figure of it."""
+    """All resamples of a small group: one draw serves every figure of it, and every pair of methods."""
     return np.concatenate(list(_blocks(count, resamples, seed)))
 
 
@@ -127,13 +128,14 @@ def difference_interval(
     resamples: int = RESAMPLES,
     seed: int = SEED,
     confidence: float = CONFIDENCE,
+    bca_fewest: int = BCA_FEWEST,
 ) -> DifferenceInterval | None:
     """The interval of a mean of paired differences, if clusters of them are resampled as a whole.
 
-    From `BCA_FEWEST` clusters on its ends are the BCa percentiles of the resampled means: with z₀ = Φ⁻¹(share of means
-    below the observed one, ties half) and a = Σuᵢ³ / (6·(Σuᵢ²)^1.5), u the jackknife means' distances from their mean,
-    the end of the normal quantile z is the percentile Φ(z₀ + (z₀ + z) / (1 − a·(z₀ + z))) (Efron 1987). Fewer clusters,
-    but at least `FEWEST`: the percentiles themselves, as in `clustered_interval`.
+    From ``bca_fewest`` clusters on its ends are the BCa percentiles of the resampled means: with z₀ = Φ⁻¹(share of
+    means below the observed one, ties half) and a = Σuᵢ³ / (6·(Σuᵢ²)^1.5), u the jackknife means' distances from their
+    mean, the end of the normal quantile z is the percentile Φ(z₀ + (z₀ + z) / (1 − a·(z₀ + z))) (Efron 1987). Fewer
+    clusters, but at least `FEWEST`: the percentiles themselves, as in `clustered_interval`.
 
     `scipy.stats.bootstrap` finds the same from the same draws, and is much slower (tests/test_bootstrap.py).
 
@@ -142,6 +144,7 @@ def difference_interval(
         resamples: how many.
         seed: of the draws; the same seed and number of clusters give the same draws.
         confidence: the share, centred.
+        bca_fewest: fewer clusters have an interval of percentiles.
 
     Returns:
         None for fewer than `FEWEST` clusters.
@@ -150,7 +153,7 @@ def difference_interval(
     if resampled is None:
         return None
     tails = ((1 - confidence) / 2, (1 + confidence) / 2)
-    if len(resampled.sums) < BCA_FEWEST:
+    if len(resampled.sums) < bca_fewest:
         return DifferenceInterval(*resampled.between(*tails), "percentile")
     return DifferenceInterval(*resampled.between(*resampled.corrected(tails)), "BCa")
 
@@ -170,8 +173,13 @@ class _Resampled:
             return None
         sums = np.array([math.fsum(cluster) for cluster in ordered])
         sizes = np.array([len(cluster) for cluster in ordered], dtype=np.float64)
-        blocks = _blocks(len(ordered), resamples, seed)
-        means = np.concatenate([sums[block].sum(axis=1) / sizes[block].sum(axis=1) for block in blocks])
+        count = len(ordered)
+        small = count * resamples <= _BLOCK
+        blocks = [_small(count, resamples, seed)] if small else _blocks(count, resamples, seed)
+        if (sizes == 1).all():
+            means = np.concatenate([sums[block].sum(axis=1) for block in blocks]) / count
+        else:
+            means = np.concatenate([sums[block].sum(axis=1) / sizes[block].sum(axis=1) for block in blocks])
         return cls(sums, sizes, means)
 
     def between(self, lower: float, upper: float) -> tuple[float, float]:

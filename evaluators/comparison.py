@@ -20,6 +20,8 @@ from evaluators.bootstrap import difference_interval
 from evaluators.pairs import group_accuracies
 from evaluators.sign_flips import LEVEL, flips_for, holm, places, sign_flip_p_values
 
+#: Fewer observations, or groups of siblings, get a warning.
+WARN_BELOW = 10
 #: IoU below which the sounding object counts as missed.
 MISSED = 0.1
 #: Figures that are compared only on request.

@@ -83,13 +83,13 @@ def scipys(sums: np.ndarray, sizes: np.ndarray, method: str) -> tuple[float, flo
     return found.confidence_interval.low, found.confidence_interval.high
 
 
-@pytest.mark.parametrize("count", [6, 9, 10, 34])
+@pytest.mark.parametrize("count", [6, 19, 20, 34])
 def test_the_interval_of_differences_is_scipys(count: int):
     """Skewed values, so that bias and skewness matter."""
     values = np.sort(np.random.default_rng(count).gamma(0.7, 0.2, count)) - 0.1
     found = difference_interval([[value] for value in values], resamples=1000)
     assert found is not None
-    assert found.method == ("BCa" if count >= 10 else "percentile")
+    assert found.method == ("BCa" if count >= 20 else "percentile")
     expected = scipys(values, np.ones(count), found.method)
     assert (found.low, found.high) == pytest.approx(expected, abs=1e-12)
 
@@ -97,14 +97,14 @@ def test_the_interval_of_differences_is_scipys(count: int):
 def test_the_interval_of_clusters_is_scipys():
     rng = np.random.default_rng(8)
     clusters = sorted(sorted(rng.gamma(0.7, 0.2, int(rng.integers(1, 6))).tolist()) for _ in range(16))
-    found = difference_interval(clusters, resamples=1000)
+    found = difference_interval(clusters, resamples=1000, bca_fewest=16)
     sums, sizes = np.array([sum(one) for one in clusters]), np.array([float(len(one)) for one in clusters])
     assert found is not None
     assert (found.low, found.high) == pytest.approx(scipys(sums, sizes, "BCa"), abs=1e-12)
 
 
 def test_the_correction_moves_the_interval_of_skewed_values_towards_the_long_tail():
-    values = [[0.0]] * 8 + [[0.1]] * 3 + [[0.9]]
+    values = [[0.0]] * 14 + [[0.1]] * 4 + [[0.9]] * 2
     plain = bootstrap.clustered_interval(values)
     found = difference_interval(values)
     assert found is not None
@@ -114,7 +114,7 @@ def test_the_correction_moves_the_interval_of_skewed_values_towards_the_long_tai
 
 
 def test_equal_differences_have_an_interval_of_no_width():
-    found = difference_interval([[0.1]] * 12)
+    found = difference_interval([[0.1]] * 24)
     assert found is not None
     assert (found.low, found.high) == (0.1, 0.1)
 

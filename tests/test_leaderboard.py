@@ -16,11 +16,12 @@ from score_examples import example_scores, report_page
 from avs3d_bench import media
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.scores import DEAF_REFERENCES, REFERENCES, Scores, metrics_of
+from evaluators.reporting import standings
 from evaluators.reporting.leaderboard import read_entries, write_leaderboard
 from evaluators.reporting.pages import interval
 from evaluators.reporting.ranking import Entry, leaderboard_values
 
-VISIBLE = ".dataset > div:not([hidden]) table"
+VISIBLE = ".dataset > div:not([hidden]) table.ranking"
 
 
 @pytest.fixture(scope="module")
@@ -98,10 +99,83 @@ def test_a_link_to_a_file_of_scores_keeps_its_report(tmp_path: Path) -> None:
     assert "<title>mine</title>" in (tmp_path / "board" / "reports" / "mine.html").read_text()
 
 
-def test_equal_figures_share_a_rank(tmp_path: Path) -> None:
+def test_equal_methods_share_a_rank(tmp_path: Path) -> None:
     files = [save(tmp_path / name, example_scores(seed=seed, skill=skill, method=name))
              for name, seed, skill in [("a", 1, 0.9), ("b", 2, 0.6), ("c", 2, 0.6), ("d", 3, 0.3)]]  # fmt: skip
     assert tables(files) == [[(1, "a"), (2, "b"), (2, "c"), (4, "d")]]
+
+
+def test_methods_that_no_test_separates_share_a_rank(tmp_path: Path) -> None:
+    files = [save(tmp_path / name, example_scores(seed=seed, skill=skill, method=name))
+             for name, seed, skill in [("a", 1, 0.6), ("b", 2, 0.62), ("c", 3, 0.2)]]  # fmt: skip
+    (ranks,) = tables(files)
+    assert sorted(ranks) == [(1, "a"), (1, "b"), (3, "c")]
+    (section,) = leaderboard_values(read_entries(files))["sections"]
+    (table,) = section.views[0].tables
+    assert [metric.name for metric in table.standings.columns] == [metric.name for metric in table.metrics]
+    first, *_ = table.standings.pairs
+    named = {table.titles[first.first], table.titles[first.second]}
+    assert named == {"a", "b"}
+    iou = first.differences[[metric.name for metric in table.metrics].index("IoU")]
+    assert iou is not None
+    assert (iou.verdict, iou.units) == ("undecided", 34)
+    assert iou.mean >= 0, "the better mean is first"
+    assert iou.interval is not None
+    assert iou.interval[0] < iou.mean < iou.interval[1]
+
+
+def test_every_figure_has_its_own_places(tmp_path: Path) -> None:
+    """A method can lead by IoU and share a place by another figure."""
+    made = {name: example_scores(seed=1, skill=skill, method=name).model_dump(mode="json")
+            for name, skill in (("a", 0.9), ("b", 0.4))}  # fmt: skip
+    for row, other in zip(made["a"]["observations"], made["b"]["observations"], strict=True):
+        row["strict"]["boundary_F"] = other["strict"]["boundary_F"]
+    files = [save(tmp_path / name, Scores.model_validate(data)) for name, data in made.items()]
+    (section,) = leaderboard_values(read_entries(files))["sections"]
+    (table,) = section.views[0].tables
+    rows = {row.title: row for row in table.rows}
+    metrics = {metric.name: metric for metric in table.metrics}
+    assert [table.place(rows[name], metrics["IoU"]) for name in "ab"] == [1, 2]
+    assert [table.place(rows[name], metrics["boundary_F"]) for name in "ab"] == [1, 1]
+    assert all(table.place(row, metrics["IoU"]) is None for row in table.rows if row.entry is None)
+
+
+def test_the_page_shows_pairs_and_says_when_there_are_few_observations(tmp_path: Path) -> None:
+    files = [save(tmp_path / name, example_scores(seed=seed, skill=skill, method=name))
+             for name, seed, skill in [("mine", 1, 0.9), ("<b>theirs</b>", 2, 0.4)]]  # fmt: skip
+    write_leaderboard(tmp_path / "board", files)
+    page = (tmp_path / "board/index.html").read_text(encoding="utf-8")
+    assert "Paired differences of 1 pair</summary>" in page
+    assert "<bdi>mine</bdi> − <bdi>&lt;b&gt;theirs&lt;/b&gt;</bdi>" in page
+    assert 'class="number separated"' in page
+    overall, *parts = re.split(r'<div data-part="', page)[1:]
+    assert "Few observations." not in overall, "34 observations"
+    assert any("Differences of 8 observations: fewer than 10, so that only large" in part for part in parts)
+
+
+def test_more_methods_than_can_be_tested_are_ranked_by_their_means(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(standings, "MOST_METHODS", 2)
+    files = [
+        save(tmp_path / name, example_scores(8, seed=seed, skill=0.5, method=name)) for seed, name in enumerate("abc")
+    ]
+    (ranks,) = tables(files)
+    assert sorted(rank for rank, _ in ranks if rank) == [1, 2, 3]
+    write_leaderboard(tmp_path / "board", files)
+    assert "the ranks are those of the means" in (tmp_path / "board/index.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(("methods", "shown"), [(2, "every figure"), (6, "the ranking figure"), (21, "none")])
+def test_many_pairs_are_shown_for_fewer_figures(methods: int, shown: str) -> None:
+    scores = {str(i): example_scores(3, seed=i, skill=0.5) for i in range(methods)}
+    metrics = metrics_of("strict")
+    found = standings.standings(scores, metrics, metrics[0], "overall")
+    pairs = methods * (methods - 1) // 2
+    assert len(found.pairs) == (0 if shown == "none" else pairs)
+    assert len(found.columns) == {"none": 0, "the ranking figure": 1}.get(shown, len(found.figures))
+    assert found.tested
+    assert found.few
 
 
 def test_what_does_not_compare_is_ranked_apart(tmp_path: Path) -> None:
@@ -168,7 +242,7 @@ def test_one_method_twice_is_told_apart_and_one_file_twice_counts_once(tmp_path:
 
 
 @given(st.permutations(range(5)))
-@settings(max_examples=10)
+@settings(max_examples=5)
 def test_the_order_of_the_files_changes_nothing(order: list[int]) -> None:
     import tempfile
 

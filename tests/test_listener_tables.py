@@ -128,7 +128,7 @@ def test_differences_are_those_of_common_observations() -> None:
     better, worse = (score_examples.example_scores(16, seed=1, skill=skill) for skill in (0.9, 0.2))
     lines = listener_page.difference_table({"2d": better, "no-sound": worse})
     (line,) = [line for line in lines if line.startswith("| part_1 ") and "strict IoU" in line]
-    assert line.endswith("| higher |")
+    assert line.endswith("| better |")
 
 
 def test_the_worst_and_the_median_observations_are_shown() -> None:

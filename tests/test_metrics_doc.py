@@ -14,6 +14,8 @@ import itertools
 import json
 import math
 import re
+import statistics
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -23,6 +25,7 @@ import numpy as np
 import pytest
 from markdown_code import blocks
 from score_examples import example_scores
+from test_compare import scores_of
 
 from avs3d_bench.geometry import flip_world
 from avs3d_bench.scores import (
@@ -37,7 +40,7 @@ from avs3d_bench.scores import (
     metrics_of,
 )
 from avs3d_bench.submission import MAX_POINTS
-from evaluators import bootstrap, listen, protocols
+from evaluators import bootstrap, comparison, listen, protocols, sign_flips
 from evaluators.classes import confusion
 from evaluators.contour import contour, found, tolerance
 from evaluators.deaf import DeafOracles, deaf_frame, deaf_references
@@ -88,6 +91,7 @@ class Example:
     cube: tuple[float, float] | None = None
     voxels: list[tuple[int, int, int]] = field(default_factory=list)
     values: list[float | None] = field(default_factory=list)
+    methods: dict[str, list[float]] = field(default_factory=dict)
     scenes: bool = False
     chains: list[tuple[str, str]] = field(default_factory=list)
 
@@ -95,7 +99,7 @@ class Example:
 def drawings() -> Iterator[tuple[list[str], list[str]]]:
     """Info string in words, and lines, of every fenced block that is ours."""
     for block in blocks(DOCUMENT):
-        if block.language in ("masks", "scenes", "voxels", "values", "figures"):
+        if block.language in ("masks", "scenes", "voxels", "values", "methods", "figures"):
             yield block.info.split(), [line for line in block.code.splitlines() if line.strip()]
 
 
@@ -146,6 +150,8 @@ def read_examples() -> dict[str, Example]:
                 example.voxels += [(x, y, z) for z, row in enumerate(rows) for x, mark in enumerate(row) if mark == "#"]
         elif kind == "values":
             example.values = [None if word == "null" else float(word) for line in lines for word in line.split()]
+        elif kind == "methods":
+            example.methods = {method: [*map(float, values)] for method, *values in map(str.split, lines)}
         else:
             for line in lines:
                 prefix, _, rest_of_line = line.rpartition(": ")
@@ -158,8 +164,11 @@ CHAINS = [(name, prefix, chain) for name, example in EXAMPLES.items() for prefix
 
 # --- Arithmetic as it is written --------------------------------------------------------------------------------------
 
-_SIGNS = {"·": "*", "−": "-", "²": "**2", "³": "**3", "√": "sqrt"}
-_FUNCTIONS: dict[str, Callable[..., float]] = {"sqrt": math.sqrt, "ceil": math.ceil, "max": max, "min": min}
+_SIGNS = {"Φ⁻¹": "quantile", "Φ": "share", "·": "*", "−": "-", "^": "**", "²": "**2", "³": "**3", "√": "sqrt"}
+_NORMAL = statistics.NormalDist()
+_FUNCTIONS: dict[str, Callable[..., float]] = {
+    "sqrt": math.sqrt, "ceil": math.ceil, "max": max, "min": min, "quantile": _NORMAL.inv_cdf, "share": _NORMAL.cdf,
+}  # fmt: skip
 _OPERATORS: dict[type, Callable[[float, float], float]] = {
     ast.Add: lambda a, b: a + b, ast.Sub: lambda a, b: a - b, ast.Mult: lambda a, b: a * b,
     ast.Div: lambda a, b: a / b, ast.Pow: lambda a, b: a**b,
@@ -188,6 +197,7 @@ def test_sums_are_worked_out():
     assert work_out("0.05·√((13/11 − 1)² + 2)") == 0.05 * math.sqrt((13 / 11 - 1) ** 2 + 2)
     assert work_out("0.05·√105/11") == 0.05 * math.sqrt(105) / 11
     assert work_out("max(1, ceil(2.1)) − 3³") == -24
+    assert work_out("2^3/2 + Φ(Φ⁻¹(0.25))") == pytest.approx(4.25)
 
 
 # --- The evaluator ----------------------------------------------------------------------------------------------------
@@ -223,6 +233,8 @@ def evaluated(example: Example) -> dict[str, Values]:
     """Prefix → name → value, by the evaluator."""
     if example.scenes:
         return evaluated_scenes(example)
+    if example.methods:
+        return evaluated_methods(example.methods)
     volume, out = None, dict[str, Values]()
     plain: Values = {}
     if example.cube is not None:
@@ -360,6 +372,8 @@ def witnessed(example: Example) -> dict[str, dict[str, Fraction | float | None]]
     """Prefix → name → value, by the second implementation."""
     if example.scenes:
         return witnessed_scenes(example)
+    if example.methods:
+        return witnessed_methods(example.methods)
     out: dict[str, dict[str, Fraction | float | None]] = {"": {}}
     if example.frames:
         out = {prefix: dict(_witness_scores(example, prefix or None)) for prefix in ("", *REFERENCES)}
@@ -403,6 +417,100 @@ def _exact_interval(values: list[Fraction]) -> dict[str, Fraction | float | None
     means = sorted(sum(drawn) / len(values) for drawn in itertools.product(values, repeat=len(values)))
     low, high = (means[math.ceil(share * len(means)) - 1] for share in (0.025, 0.975))
     return {"count": len(values), "mean": _average(values), "low": low, "high": high}
+
+
+# --- Methods that are compared, by both -------------------------------------------------------------------------------
+
+
+def evaluated_methods(methods: dict[str, list[float]]) -> dict[str, Values]:
+    """Prefix → name → value, by the evaluator: ``a − b`` for a pair, ``a`` for a method."""
+    scores = {name: scores_of(values) for name, values in methods.items()}
+    found = comparison.compare_figure(scores, comparison.FIGURES["strict.IoU"], "part_2")
+    assert found is not None
+    out: dict[str, Values] = {"": {}}
+    out |= {method.name: {"place": method.place, "mean": method.mean} for method in found.methods}
+    for pair in found.differences:
+        differences = [[a - b] for a, b in zip(methods[pair.first], methods[pair.second], strict=True)]
+        assert pair.interval is not None
+        plain = bootstrap.clustered_interval(differences)
+        assert plain is not None
+        out[f"{pair.first} − {pair.second}"] = {
+            "n": pair.units, "mean": pair.mean, "p": pair.p, "p_holm": pair.p_holm,
+            "low": pair.interval[0], "high": pair.interval[1], "percentile_high": plain[1],
+        }  # fmt: skip
+    return out
+
+
+def witnessed_methods(methods: dict[str, list[float]]) -> dict[str, dict[str, Fraction | float | None]]:
+    """Prefix → name → value, by fractions: every pattern of signs, and the distribution of all resamples."""
+    exact = {name: [Fraction(str(value)) for value in values] for name, values in methods.items()}
+    means = {name: sum(values) / len(values) for name, values in exact.items()}
+    pairs = list(itertools.combinations(exact, 2))
+    differences = {pair: [a - b for a, b in zip(*(exact[name] for name in pair), strict=True)] for pair in pairs}
+    p = {pair: _share_of_patterns(values) for pair, values in differences.items()}
+    ranked = sorted(pairs, key=p.__getitem__)
+    holm = {
+        pair: max((len(pairs) - r) * p[other] for r, other in enumerate(ranked[: ranked.index(pair) + 1]))
+        for pair in pairs
+    }
+    out: dict[str, dict[str, Fraction | float | None]] = {"": {}}
+    for (first, second), values in differences.items():
+        out[f"{first} − {second}"] = {
+            "n": len(values), "mean": sum(values) / len(values), "p": p[first, second],
+            "p_holm": min(Fraction(1), holm[first, second]), **_exact_ends(values),
+        }  # fmt: skip
+    apart = {frozenset(pair) for pair in pairs if holm[pair] < Fraction(1, 20)}
+    ordered = sorted(exact, key=lambda name: -means[name])
+    place = 0
+    for index, name in enumerate(ordered):
+        split = all(frozenset((a, b)) in apart for a in ordered[:index] for b in ordered[index:])
+        place = index + 1 if split else place
+        out[name] = {"mean": means[name], "place": place}
+    return out
+
+
+def _share_of_patterns(values: list[Fraction]) -> Fraction:
+    sums = Counter({Fraction(0): 1})
+    for value in values:
+        following: Counter[Fraction] = Counter()
+        for total, count in sums.items():
+            following[total + value] += count
+            following[total - value] += count
+        sums = following
+    return Fraction(sum(c for k, c in sums.items() if abs(k) >= abs(sum(values))), 2 ** len(values))
+
+
+def _exact_ends(values: list[Fraction]) -> dict[str, Fraction]:
+    """BCa from twenty values on, percentiles of fewer: of the exact distribution of the mean of a resample."""
+    n, sums = len(values), {Fraction(0): Fraction(1)}
+    for _ in values:
+        following: dict[Fraction, Fraction] = {}
+        for total, probability in sums.items():
+            for value, times in Counter(values).items():
+                key = total + value
+                following[key] = following.get(key, Fraction(0)) + probability * times / n
+        sums = following
+
+    def end(share: float) -> Fraction:
+        reached = Fraction(0)
+        for total in sorted(sums):
+            reached += sums[total]
+            if reached >= share:
+                break
+        return total / n
+
+    percentiles = {"low": end(0.025), "high": end(0.975), "percentile_high": end(0.975)}
+    if n < 20:
+        return percentiles
+    below = sum(p for total, p in sums.items() if total < sum(values)) + sums[sum(values)] / 2
+    without = [(sum(values) - value) / (n - 1) for value in values]
+    away = [float(sum(without) / n - mean) for mean in without]
+    a = sum(u**3 for u in away) / (6 * sum(u**2 for u in away) ** 1.5)
+    ends = []
+    for z in (-1.959964, 1.959964):
+        z0 = _NORMAL.inv_cdf(float(below))
+        ends.append(end(_NORMAL.cdf(z0 + (z0 + z) / (1 - a * (z0 + z)))))
+    return percentiles | {"low": ends[0], "high": ends[1]}
 
 
 # --- Sound scenes: groups of siblings, by both ----------------------------------------------------------------------
@@ -562,10 +670,10 @@ def test_every_number_of_every_example(example: str, prefix: str, chain: str):
 def test_every_figure_has_an_example():
     claimed = {re.split(r"\s*[=≈]", chain)[0] for _, _, chain in CHAINS if not chain.endswith("null")}
     assert {f"{metric.protocol}.{metric.name}" for metric in METRICS} <= claimed
-    assert {"low", "high", "mean", "count"} <= claimed
+    assert {"low", "high", "mean", "count", "p", "p_holm", "place", "percentile_high"} <= claimed
     assert {prefix for _, prefix, _ in CHAINS} >= set(ALL_REFERENCES)
     # The drawings are used, and there are no chains of examples that nobody drew.
-    assert all(e.chains and (e.frames or e.cube or e.values) for e in EXAMPLES.values())
+    assert all(e.chains and (e.frames or e.cube or e.values or e.methods) for e in EXAMPLES.values())
 
 
 def test_the_drawn_boundaries_are_the_boundaries():
@@ -616,6 +724,17 @@ def test_constants_in_the_text_are_those_of_the_code():
     assert f"{bootstrap.RESAMPLES:,} times" in TEXT
     assert bootstrap.CONFIDENCE == 0.95
     assert bootstrap.FEWEST == 6
+    assert "From twenty on, the ends" in TEXT
+    assert bootstrap.BCA_FEWEST == 20
+    assert "Below n = 10 there is a\nwarning" in TEXT
+    assert comparison.WARN_BELOW == 10
+    assert sign_flips.is_exact(13, sign_flips.FLIPS)
+    assert not sign_flips.is_exact(14, sign_flips.FLIPS)
+    assert f"{sign_flips.FLIPS - 1:,}\n   random patterns" in TEXT
+    assert sign_flips.flips_for(20) == sign_flips.FLIPS
+    assert f"for more than 20 pairs of methods {sign_flips.FLIPS_PER_TEST} per pair" in TEXT
+    assert f"at most {sign_flips.MOST_FLIPS:,}" in TEXT
+    assert sign_flips.LEVEL == 0.05
     assert "Fewer than six observations: no interval" in TEXT
     assert "Fewer than six groups: no interval" in TEXT
     assert MAX_POINTS == 2_000_000

@@ -27,13 +27,11 @@ from avs3d_bench.errors import UsageError
 from avs3d_bench.report import printable
 from avs3d_bench.scores import PROTOCOL_PARTS, PROTOCOLS, Metric, Protocol, metrics_of
 from evaluators.bootstrap import RESAMPLES, SEED
-from evaluators.comparison import compare_figure, metric_of
+from evaluators.comparison import WARN_BELOW, compare_figure, metric_of
 from evaluators.reporting.leaderboard import read_entry
 from evaluators.reporting.ranking import Entry, Ruler, dataset_identity, rulers_of, truth_figures
 from evaluators.sign_flips import LEVEL, flips_for
 
-#: Fewer observations (or groups of siblings) get a warning.
-WARN_BELOW = 10
 #: Characters of a list of names in a message.
 _NAMED = 300
 

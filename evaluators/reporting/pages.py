@@ -20,6 +20,8 @@ from avs3d_bench.files import write_bytes
 from avs3d_bench.scores import GroupScores, Metric
 from avs3d_bench.templates import MISSING, template_environment, words
 from evaluators.bootstrap import FEWEST
+from evaluators.comparison import WARN_BELOW
+from evaluators.reporting.standings import MOST_METHODS
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -107,7 +109,7 @@ def _environment() -> Environment:
         "web_address": web_address, "figure": figure, "interval": interval,
     }  # fmt: skip
     environment.globals |= {
-        "FEWEST": FEWEST, "MISSING": MISSING,
+        "FEWEST": FEWEST, "MISSING": MISSING, "WARN_BELOW": WARN_BELOW, "MOST_METHODS": MOST_METHODS,
         "PART_TITLES": PART_TITLES, "PART_NOTES": PART_NOTES, "REFERENCE_TITLES": REFERENCE_TITLES,
     }  # fmt: skip
     return environment

@@ -10,10 +10,11 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from avs3d_bench.comparisons import PartOrOverall
 from avs3d_bench.scores import (
     ALL_REFERENCES,
     BLIND_REFERENCES,
@@ -25,8 +26,9 @@ from avs3d_bench.scores import (
 )
 from evaluators.reporting.pages import PART_TITLES, REFERENCE_TITLES, figure
 from evaluators.reporting.report import authors_text, headline
+from evaluators.reporting.standings import Standings, standings
 
-_PARTS = ("overall", "part_1", "part_2", "part_3")
+_PARTS: tuple[PartOrOverall, ...] = ("overall", "part_1", "part_2", "part_3")
 #: Order of the protocols on a page; the first that there is is shown first.
 _PROTOCOLS = ("listen", "strict", "official")
 _DIGEST_LENGTH = 7
@@ -94,7 +96,8 @@ class Row:
     """One row of a table.
 
     Attributes:
-        rank: from 1; None for rows that are not ranked: references, oracles, parts of a dataset.
+        rank: the place, from 1, shared by methods that no test separates; None for rows that are not ranked:
+            references, oracles, parts of a dataset.
         title: the method or reference.
         entry: None for a reference.
         group: the scores in the row.
@@ -116,6 +119,8 @@ class Table:
         metrics: the columns.
         ranking: the figure that ranks.
         observations: how many each mean in ``rows`` goes over.
+        standings: the tests of the ranked rows; its keys are digests of entries.
+        titles: key → method, with a part of the digest where several entries have one name.
     """
 
     rows: tuple[Row, ...]
@@ -123,6 +128,12 @@ class Table:
     metrics: tuple[Metric, ...]
     ranking: Metric
     observations: int
+    standings: Standings
+    titles: Mapping[str, str]
+
+    def place(self, row: Row, metric: Metric) -> int | None:
+        """Of a ranked row under a figure, if it was tested."""
+        return self.standings.place(row.entry.digest, metric) if row.entry and row.rank is not None else None
 
 
 @dataclass(frozen=True)
@@ -222,7 +233,7 @@ def dataset_identity(entry: Entry) -> tuple[str, str, str, int]:
     return data.name, data.version or "", data.sha256 or "", data.observations
 
 
-def _sections(entries: Sequence[Entry], rulers: Sequence[Ruler], parts: Sequence[str]) -> tuple[Section, ...]:
+def _sections(entries: Sequence[Entry], rulers: Sequence[Ruler], parts: Sequence[PartOrOverall]) -> tuple[Section, ...]:
     """The datasets, the one with the most entries first."""
     found: dict[tuple[str, str, str, int], list[Entry]] = {}
     for entry in entries:
@@ -240,7 +251,7 @@ def _sections(entries: Sequence[Entry], rulers: Sequence[Ruler], parts: Sequence
     return tuple(sections)
 
 
-def _tables(entries: Iterable[Entry], ruler: Ruler, part: str) -> tuple[Table, ...]:
+def _tables(entries: Iterable[Entry], ruler: Ruler, part: PartOrOverall) -> tuple[Table, ...]:
     """Usually one; the entries without the part or the ruler are left out."""
     members = [entry for entry in entries if ruler in rulers_of(entry) and _scored(_group(entry, part), ruler)]
     truths: dict[Any, list[Entry]] = {}
@@ -278,8 +289,8 @@ def truth_figures(entry: Entry, ruler: Ruler) -> tuple[Any, ...]:
     return (tuple(sorted((row.key, row.frames) for row in entry.scores.observations)), tuple(rows))
 
 
-def _table(entries: Sequence[Entry], partial: Sequence[Entry], ruler: Ruler, part: str) -> Table:
-    rows = [_row(entry, part) for entry in entries]
+def _table(entries: Sequence[Entry], partial: Sequence[Entry], ruler: Ruler, part: PartOrOverall) -> Table:
+    rows: Sequence[Row] = [_row(entry, part) for entry in entries]
     below = [_row(entry, part) for entry in partial]
     beside = references_of(entries)
     references = [
@@ -294,13 +305,25 @@ def _table(entries: Sequence[Entry], partial: Sequence[Entry], ruler: Ruler, par
     # A figure that no row has ranks nothing: sound scenes without siblings have no pair accuracy.
     ranking = headline(metrics) or headline(everything)
     assert ranking is not None  # every protocol has an IoU
+    competing = {row.entry.digest: row.entry.scores for row in rows if row.entry and _competes(row)}
+    found = standings(competing, metrics, ranking, part)
+    ranked = [*_ranked(rows, found, ranking), *references]
+    return Table(
+        _best_first(ranked, ranking), _best_first(below, ranking), metrics or (ranking,), ranking,
+        observations=max(row.group.observations for row in (ranked or below)), standings=found,
+        titles={e.digest: f"{e.scores.submission.method}{f' ({e.short_digest})' if e.twin else ''}" for e in entries},
+    )  # fmt: skip
+
+
+def _ranked(rows: Iterable[Row], found: Standings, ranking: Metric) -> list[Row]:
+    """The rows with their places: those of the tests, else by the figure itself."""
     values = [value for row in rows if _competes(row) and (value := figure(row.group, ranking)) is not None]
-    rows = [
-        Row(_rank(figure(r.group, ranking), values) if _competes(r) else None, r.title, r.entry, r.group) for r in rows
-    ]
-    rows += references
-    count = max(row.group.observations for row in (rows or below))
-    return Table(_best_first(rows, ranking), _best_first(below, ranking), metrics or (ranking,), ranking, count)
+
+    def rank(row: Row) -> int | None:
+        tested = found.place(row.entry.digest, ranking) if row.entry else None
+        return tested or _rank(figure(row.group, ranking), values)
+
+    return [replace(row, rank=rank(row)) if _competes(row) else row for row in rows]
 
 
 def references_of(entries: Iterable[Entry]) -> Mapping[str, Mapping[str, GroupScores]]:

@@ -48,14 +48,15 @@
     if (heading.dataset.rank) rankBy(table, heading, column);
   }
 
-  /** Write ranks for one figure: equal values share a rank, rows that are not ranked keep their dash. */
+  /** Write ranks for one figure: those of the tests, else equal values share one; rows without a rank keep their dash. */
   function rankBy(table, heading, column) {
     const sign = heading.dataset.rank === "ascending" ? 1 : -1;
     const rows = [...table.querySelectorAll("tr[data-ranked]")];
     const values = rows.map((row) => text(row.cells[column])).map((value) => (value === "" ? null : Number(value)));
     rows.forEach((row, index) => {
       const mine = values[index];
-      const rank = mine === null ? null : 1 + values.filter((other) => other !== null && sign * (other - mine) < 0).length;
+      const place = row.cells[column].dataset.place;
+      const rank = mine === null ? null : place ? Number(place) : 1 + values.filter((other) => other !== null && sign * (other - mine) < 0).length;
       row.cells[0].textContent = rank === null ? "–" : String(rank);
       row.cells[0].dataset.v = rank === null ? "" : String(rank);
     });
