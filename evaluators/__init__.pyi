@@ -10,3 +10,4 @@ from .reporting.leaderboard import write_leaderboard as write_leaderboard
 from .reporting.report import write_report as write_report
 from .reporting.tables import write_tables as write_tables
 from .score import evaluate as evaluate
+from .verify import verify as verify
