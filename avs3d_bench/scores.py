@@ -168,11 +168,15 @@ class ObservationDigests(Record):
     )
 
 
+#: Field of a manifest that variants may differ in.
+ConditionField = Literal["acoustics.absorption_scale", "background.snr_db", "background.kind"]
+
+
 class ConditionRecord(Record):
     """Acoustics and background of an observation that is one of several variants, which share all else."""
 
     variant_of: Text = Field(description="key of the original; the observation's own if it is the original")
-    values: dict[str, float | str | None] = Field(
+    values: dict[ConditionField, float | Literal["room_tone", "noise"] | None] = Field(
         description="field of the manifest → its value, e.g. background.snr_db → 10; null: no background"
     )
     t30: NonNegative | None = Field(default=None, description="reverberation time in observation.json, seconds")

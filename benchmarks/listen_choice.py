@@ -2,9 +2,10 @@
 
 The choice alone, with perfect candidates: every instance of the room that can sound, with points on the faces of its
 true box that the walk sees. The prediction for a test frame is the union of the visible pixels of the candidates that
-are said to sound in it. Two submissions are written below DIR and scored:
+are said to sound in it. Three submissions are written below DIR and scored:
 
 - ``official``: the published refinement, one cluster for all frames (all of them where it keeps none);
+- ``centre``: the candidate nearest to the published audio centre, for all frames: the refinement without its size rule;
 - ``spatial``: `baselines.echosegnet.activity`, per frame.
 
 Beside the scores it prints, for ``spatial``: how often the set of sounding candidates is right, how often two twins
@@ -64,6 +65,7 @@ class Choice:
         truth: (T, K) whether a candidate is audible.
         posterior: (T, K) of `spatial`.
         official: (K,) the candidates that the published refinement keeps.
+        centre: (K,) the candidate nearest to the published audio centre.
         twins: pairs of candidates of one category.
     """
 
@@ -73,6 +75,7 @@ class Choice:
     truth: NDArray[np.bool_]
     posterior: Array
     official: NDArray[np.bool_]
+    centre: NDArray[np.bool_]
     twins: tuple[tuple[int, int], ...]
 
 
@@ -100,11 +103,23 @@ def spatial_choice(points: Sequence[Array], views: Sequence[View], weights: Acti
     return activity.infer(places, rotation, position, clips_of(views), weights=weights)
 
 
-def official_choice(points: Sequence[Array], observation: Observation, views: Sequence[View]) -> NDArray[np.bool_]:
-    """(K,) which candidates the published refinement keeps: all, if it keeps no cluster or nothing was heard."""
+def published_centre(observation: Observation, views: Sequence[View]) -> Array | None:
+    """(3,) the published audio centre, in the views' world; None if nothing was heard."""
     seen = train_views(views)
     scene, _ = load_points(observation)
-    centre = aisrm.audio_centre(scene, aisrm.audio_intensity_map(seen, clips_of(seen), scene))
+    return aisrm.audio_centre(scene, aisrm.audio_intensity_map(seen, clips_of(seen), scene))
+
+
+def centre_choice(points: Sequence[Array], centre: Array | None) -> NDArray[np.bool_]:
+    """(K,) the candidate nearest to the centre on the floor plan: all, if nothing was heard."""
+    if centre is None:
+        return np.ones(len(points), np.bool_)
+    gaps = [float(np.linalg.norm((each.mean(axis=0) - centre)[[0, 2]])) for each in points]
+    return np.asarray(np.arange(len(points)) == int(np.argmin(gaps)))
+
+
+def official_choice(points: Sequence[Array], centre: Array | None) -> NDArray[np.bool_]:
+    """(K,) which candidates the published refinement keeps: all, if it keeps no cluster or nothing was heard."""
     if centre is None:
         return np.ones(len(points), np.bool_)
     labels = np.repeat(np.arange(len(points)), [len(each) for each in points])
@@ -118,7 +133,7 @@ def choose(root: Path, key: str) -> Choice:
     record, views = observation.record, load_views(observation)
     assert record is not None
     points = candidate_points(record, views)
-    found = spatial_choice(points, views)
+    found, centre = spatial_choice(points, views), published_centre(observation, views)
     number = {one.id: k for k, one in enumerate(can_sound(record))}
     truth = np.zeros(found.posterior.shape, np.bool_)
     for t, frame in enumerate(record.frames):
@@ -127,17 +142,18 @@ def choose(root: Path, key: str) -> Choice:
     twins = tuple((a, b) for b in range(len(category)) for a in range(b) if category[a] == category[b])
     return Choice(
         key, kind_of(record), np.array([view.split == "test" for view in views]), truth, found.posterior,
-        official_choice(points, observation, views), twins,
+        official_choice(points, centre), centre_choice(points, centre), twins,
     )  # fmt: skip
 
 
-def masks(choices: dict[str, Choice], spatial: bool, frames: tuple[Frame, ...]) -> list[Prediction]:
-    """The predictions for test frames of one observation."""
+def masks(choices: dict[str, Choice], name: str, frames: tuple[Frame, ...]) -> list[Prediction]:
+    """The predictions of the method ``name`` for test frames of one observation."""
     out = []
     for frame in frames:
         choice, record = choices[frame.observation.key], frame.observation.record
         assert record is not None
-        active = choice.posterior[frame.index] > activity.DECIDED if spatial else choice.official
+        fixed = {"official": choice.official, "centre": choice.centre}
+        active = fixed[name] if name in fixed else choice.posterior[frame.index] > activity.DECIDED
         marked = [one for one, on in zip(can_sound(record), active, strict=True) if on]
         ids = paint(frame.instance_ids(), {one.id: record.class_ids[one.category] for one in marked})
         out.append(Prediction(ids > 0, ids))
@@ -205,15 +221,15 @@ def score(path: Path, dataset: Dataset, choices: Sequence[Choice]) -> dict[str, 
 @click.option("--workers", type=int, default=None, help="Processes [one per core].")
 @click.option("--json", "report", type=click.Path(path_type=Path), default=None, help="Also write the figures here.")
 def main(root: Path, output: Path, only: tuple[str, ...], workers: int | None, report: Path | None) -> None:
-    """Choose in all observations of part_3 of ROOT, write and score both submissions, print the figures."""
+    """Choose in all observations of part_3 of ROOT, write and score the submissions, print the figures."""
     dataset = Dataset(root)
     keys = [one.key for one in dataset.select(*only) if one.is_sound_scene]
     found = dict(process_each(partial(choose, root), keys, workers=workers, label="choice", progress=True))
     choices = {key: found[key] for key in keys}
     table = Table("", "pair_accuracy", "one source", "IoU", "FP_rate", "by kind", title="choice alone, listen")
     document: dict[str, Any] = {"choice": figures_of(list(choices.values()))}
-    for name, spatial in (("official", False), ("spatial", True)):
-        method = Method(f"EchoSegnet's choice, {name}", partial(masks, choices, spatial), truth="instance masks")
+    for name in ("official", "centre", "spatial"):
+        method = Method(f"EchoSegnet's choice, {name}", partial(masks, choices, name), truth="instance masks")
         write_submission(dataset, output / name, method, only=keys, overwrite=True)
         row = document[name] = score(output / name, dataset, list(choices.values()))
         cells = [row[key] for key in ("pair_accuracy", "pair_accuracy_one_source", "IoU", "FP_rate")]

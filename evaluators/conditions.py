@@ -8,16 +8,19 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from typing import Literal
 
 from avs3d_bench.dataset import Observation
 from avs3d_bench.schema import ObservationRecord
-from avs3d_bench.scores import ConditionRecord, Scores
+from avs3d_bench.scores import ConditionField, ConditionRecord, Scores
 
 
 def condition_of(record: ObservationRecord) -> ConditionRecord:
     """The condition that observation.json states."""
     scale = record.acoustics.settings.get("absorption_scale", 1.0)
-    values: dict[str, float | str | None] = {"acoustics.absorption_scale": float(scale or 1.0)}
+    values: dict[ConditionField, float | Literal["room_tone", "noise"] | None] = {
+        "acoustics.absorption_scale": float(scale) if isinstance(scale, int | float) else 1.0
+    }
     if record.is_sound_scene:
         background = record.background
         values["background.snr_db"] = background.snr_db if background else None

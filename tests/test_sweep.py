@@ -256,8 +256,20 @@ def test_variants_of_part_1_are_those_that_are_rendered_alone(tmp_path: Path) ->
     names = sorted(file.relative_to(variant) for file in variant.rglob("*") if file.is_file())
     assert names == sorted(file.relative_to(same) for file in same.rglob("*") if file.is_file())
     assert [name for name in names if (variant / name).read_bytes() != (same / name).read_bytes()] == []
-    clips = [Dataset(data.root)[f"part_1/box/kitchen/{index}"].frames[0].audio() for index in (1, 2)]
-    assert not np.array_equal(*clips)
+    first_clip, second_clip = (Dataset(data.root)[f"part_1/box/kitchen/{index}"].frames[0].audio() for index in (1, 2))
+    assert not np.array_equal(first_clip, second_clip)
+
+
+@pytest.mark.slow
+def test_tars_of_variants_are_those_that_are_rendered_alone(tmp_path: Path) -> None:
+    path = swept(write(tmp_path), f"{SCALE}=1,4", only="part_1/*")
+    words = [str(path), "--workers", "1", "--audio", "analytic", "--format", "webdataset"]
+    tars = []
+    for name, more in (("both", []), ("alone", ["--only", "part_1/box/kitchen/2"])):
+        outcome = CliRunner().invoke(generate, [*words, "-o", str(tmp_path / name), *more], catch_exceptions=False)
+        assert outcome.exit_code == 0, outcome.output
+        tars.append(next((tmp_path / name).rglob("2.tar")).read_bytes())
+    assert tars[0] == tars[1]
 
 
 def test_the_file_is_a_plain_manifest(tmp_path: Path) -> None:

@@ -174,6 +174,21 @@ def test_the_files_hold_every_figure(tmp_path: Path) -> None:
     assert any(line.startswith("| IoU, one | 0.350 (0.") for line in lines)
 
 
+@pytest.mark.parametrize("method", ["=1+1", "@SUM(A1)", "a|b\nc"])
+def test_no_cell_begins_a_formula_or_breaks_the_table(tmp_path: Path, method: str) -> None:
+    found = read_sweep(saved(tmp_path, a=rows_of_part_2(lambda n, scale: 0.1, method)))
+    table = pd.read_csv(StringIO(csv_text(found)))
+    assert not table["method"].str.match(r"\s*[=+\-@]").any()
+    rows = [line for line in markdown_text(found, False).splitlines() if line.startswith("|")]
+    assert {row.replace("\\|", "").count("|") for row in rows} == {5}
+
+
+def test_a_condition_that_no_sweep_makes_is_no_file_of_scores(tmp_path: Path) -> None:
+    files = saved(tmp_path, a=rows_of_part_2(lambda n, scale: 0.1))
+    files[0].write_text(files[0].read_text().replace(SCALE, "=cmd"))
+    assert "condition.values" in refused(files)
+
+
 def test_noise_goes_from_none_to_loud(tmp_path: Path) -> None:
     found = read_sweep(saved(tmp_path, a=scenes({0.0: 1, 20.0: 8, None: 9, -10.0: 0})))
     assert "| background.snr_db | none | 20 | 0 | -10 |" in markdown_text(found, False)

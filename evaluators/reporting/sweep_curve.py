@@ -27,6 +27,7 @@ from evaluators.reporting.leaderboard import read_entries
 from evaluators.reporting.pages import figure, interval, number, span
 from evaluators.reporting.ranking import Entry, dataset_identity, rulers_of
 from evaluators.reporting.series import titles_of
+from evaluators.reporting.table_contents import inert
 from evaluators.reporting.tables_markdown import plain
 
 Value = float | str | None
@@ -242,7 +243,8 @@ def _without_background(setting: Setting) -> Setting:
 
 
 def _value(row: ObservationScores, name: str) -> Value:
-    return row.condition.values.get(name) if row.condition else None
+    values = row.condition.values.items() if row.condition else ()
+    return next((value for field, value in values if field == name), None)
 
 
 def _point(value: Value, rows: Sequence[ObservationScores], siblings: Sequence[SiblingScores]) -> Point:
@@ -293,7 +295,7 @@ def csv_text(sweep: Sweep) -> str:
                 writer.writerow(
                     {name: value_text(value) for name, value in curve.setting}
                     | {
-                        "method": curve.method, sweep.field: value_text(point.value), "t30": point.t30,
+                        "method": inert(curve.method), sweep.field: value_text(point.value), "t30": point.t30,
                         "figure": f"{metric.protocol}.{metric.name}", "n": count_of(point.group, metric),
                         "mean": figure(point.group, metric), "low": spread and spread[0], "high": spread and spread[1],
                         "change": change and change.mean, "change_low": ends and ends[0],

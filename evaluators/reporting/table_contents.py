@@ -200,10 +200,10 @@ def records(table: Table) -> list[dict[str, Scalar]]:
     scenes = any(ruler.protocol == "listen" for section in table.sections for ruler in section.rulers)
     columns = [metric for metric in COLUMNS if metric.protocol != "listen" or scenes]
     found = [_record(section, row, table, columns) for section in table.sections for row in section.rows]
-    return [{name: _inert(value) for name, value in record.items()} for record in found]
+    return [{name: inert(value) for name, value in record.items()} for record in found]
 
 
-def _inert(value: Scalar) -> Scalar:
+def inert(value: Scalar) -> Scalar:
     """Text of one line that is no formula: an apostrophe precedes text that a spreadsheet would read as one (OWASP)."""
     if not isinstance(value, str):
         return value
