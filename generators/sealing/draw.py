@@ -1,9 +1,9 @@
 """The manifest of a sealed test: a template's observations with seeds, homes and numbers that come from a secret.
 
-A template may be public. So that it tells nothing of an observation but its part and room, three things are drawn
+A template may be public. So that it tells nothing of an observation but its part and room, four things are drawn
 beside the seeds: which home an observation is in, among those with the same part, room and number of siblings; the
-names of the homes (``home_1``, …); and the numbers of the observations of a room. Draws are HMACs of the secret, so
-that they depend on no library.
+names of the homes (``home_1``, …); the numbers of the observations of a room; and in part_1, which of the objects
+sounds. Draws are HMACs of the secret, so that they depend on no library.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.sealed import derive
+from avs3d_bench.taxonomy import CATEGORIES
 from generators.manifest import Manifest, ManifestFile
 
 #: Bytes of a seed: too many values to try.
@@ -86,6 +87,9 @@ def draw_document(
     homes = {old: f"home_{n}" for n, old in enumerate(shuffled(sorted(template["scans"]), "homes"), start=1)}
     units = _units(document["observations"])
     variants = _variants(units)
+    for number, (first, *_) in enumerate(units):
+        tag = int.from_bytes(derive(secret, f"{_PURPOSE}: category: {number}"), "big")
+        _draw_category(first, tag, {*CATEGORIES, *(template.get("sounds") or {})})
     kinds: defaultdict[tuple[Any, ...], list[list[Document]]] = defaultdict(list)
     for unit in units:
         kinds[unit[0]["part"], unit[0]["room"], len(unit)].append(unit)
@@ -141,6 +145,26 @@ def fit_homes(
                 )
         document, _ = draw_document(template, secret, draws, taken)
     return document, draws
+
+
+def _draw_category(entry: Document, tag: int, known: set[str]) -> None:
+    """Draw which object of an observation of part_1 sounds, among those that could.
+
+    The pictures show all objects. A known template has few entries with these objects, and says which of them sounds.
+    A chosen variant would be visible, too.
+
+    Args:
+        entry: of the manifest; changed.
+        tag: a random number of 256 bits.
+        known: categories that have a sound.
+    """
+    objects = [entry.get("category"), *(entry.get("silent") or ())]
+    able = sorted(name for name in known if objects.count(name) == 1)
+    if entry["part"] != "part_1" or len(able) < 2:
+        return
+    entry["category"] = able[tag % len(able)]
+    entry["silent"] = sorted(name for name in objects if name is not None and name != entry["category"])
+    entry.pop("variant", None)
 
 
 def _units(entries: list[Document]) -> list[list[Document]]:

@@ -183,7 +183,7 @@ def _taken_homes(template: ManifestFile, exclude: Sequence[Path]) -> dict[int, s
     Raises:
         UsageError: if a scan of the template is in a public manifest.
     """
-    manifests = [*([PUBLIC_MANIFESTS] if PUBLIC_MANIFESTS.is_dir() else []), *exclude, template.path]
+    manifests = [*([PUBLIC_MANIFESTS] if PUBLIC_MANIFESTS.is_dir() else []), *exclude]
     used = what_they_use(manifests, Path(MANIFEST))
     for name, scan in template.manifest.scans.items():
         owner = next((used.scans[known] for known in used.scans if known in (scan.file or "")), None)
@@ -192,7 +192,8 @@ def _taken_homes(template: ManifestFile, exclude: Sequence[Path]) -> dict[int, s
                 f"{template.path}: scans.{name}: the manifest {owner}, which is public, uses the scan of {scan.file}; "
                 "a sealed test needs other homes"
             )
-    return used.homes
+    own = {scan.seed: template.manifest.name for scan in template.manifest.scans.values() if scan.seed is not None}
+    return own | used.homes
 
 
 def _secret_of(folder: Path, secret_file: Path | None) -> tuple[Path, bytes]:
