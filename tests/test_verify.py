@@ -433,3 +433,31 @@ def test_the_report_names_digests_and_machine(data: Path, submission: Path, tmp_
     assert f"scored <code>{scores.submission.digest}</code>, truth <code>{scores.dataset.truth_digest}</code>" in text
     assert f"<dd>{scores.avs3d_eval.machine.platform}, {scores.avs3d_eval.machine.python}, " in text
     assert read_report(tmp_path / "report.html")
+
+
+@pytest.mark.parametrize(
+    ("contents", "says"),
+    [
+        (b"", "Invalid JSON"),
+        (b"[" * 100_000, ""),
+        (b'{"avs3d_eval": NaN}', ""),
+        ("scored", "observations: 2 in the list, but dataset.scored is 7; score the submission again"),
+        ("protocols", "avs3d_eval.protocols: empty, expected official, strict or listen; score it again"),
+    ],
+    ids=["empty", "deep", "NaN", "contradiction", "no protocol"],
+)
+def test_a_broken_file_of_scores_is_one_line(
+    scores: Scores, submission: Path, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    contents: bytes | str, says: str,
+) -> None:  # fmt: skip
+    path = tmp_path / "bad.json"
+    document = json.loads(dump_json(scores))
+    if contents == "scored":
+        document["dataset"]["scored"] = 7
+    elif contents == "protocols":
+        document["avs3d_eval"]["protocols"] = {}
+    path.write_bytes(contents if isinstance(contents, bytes) else json.dumps(document).encode())
+    code, out, err = call(capsys, path, "--submission", submission, "--dataset", data)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert err.startswith(f"avs3d: error: {path}: ")
+    assert says in err
