@@ -404,8 +404,8 @@ def read_png_mask(path: str | Path) -> Mask:
             raise Avs3dError(f"{path}: a coloured picture, expected a mask: grey, 8 bit, 0 or 255")
         pixels = pixels[..., 0]
     mask = pixels == 255
-    odd = pixels[~mask & (pixels != 0)]
-    if odd.size:
+    if cv2.countNonZero(pixels) != cv2.countNonZero(mask.view(np.uint8)):
+        odd = pixels[~mask & (pixels != 0)]
         values = ", ".join(str(v) for v in np.unique(odd)[:4])
         raise Avs3dError(f"{path}: {odd.size} mask pixels are neither 0 nor 255 (found {values}); threshold the mask")
     return np.asarray(mask, dtype=np.bool_)

@@ -1,4 +1,8 @@
-"""Time of scoring 510 masks of 1008², compared with decoding the same files in the same number of processes."""
+"""Time of scoring 510 masks of 1008², compared with decoding the same files in the same number of processes.
+
+Also with a table of frames (`avs3d-eval --frames`): compared by CPU time, because what it adds is less than what two
+runs differ by on a busy machine.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +17,7 @@ import cv2
 import numpy as np
 
 from avs3d_bench import layout, media
+from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose, direction_to
 from avs3d_bench.schema import (
@@ -26,6 +31,7 @@ from avs3d_bench.schema import (
     SubmissionRecord,
     VisionRecord,
 )
+from evaluators.frame_rows import frame_rows, write_rows
 from evaluators.score import evaluate
 
 _LICENCE = LicenceRecord(name="CC0-1.0", author="avs3d-bench", source="procedural")
@@ -146,11 +152,22 @@ def decode_all(files: list[Path], workers: int) -> float:
     return time.perf_counter() - start
 
 
-def score_all(root: Path, submission: Path, workers: int) -> float:
-    """Seconds to score with both protocols and all checks."""
+def score_all(root: Path, submission: Path, workers: int, table: Path | None = None) -> float:
+    """Seconds to score with both protocols and all checks, and to write the table of frames if one is given."""
     start = time.perf_counter()
-    evaluate(submission, root, workers=workers)
+    evaluation = evaluate(submission, root, workers=workers)
+    if table is not None:
+        write_rows(table, frame_rows(evaluation, Dataset(root)))
     return time.perf_counter() - start
+
+
+def table_share(root: Path, submission: Path, table: Path) -> float:
+    """CPU time of the table of frames over that of scoring, in percent, in this process."""
+    start = time.process_time()
+    evaluation = evaluate(submission, root, workers=1)
+    scored = time.process_time()
+    write_rows(table, frame_rows(evaluation, Dataset(root)))
+    return 100 * (time.process_time() - scored) / (scored - start)
 
 
 def peak_memory(root: Path, submission: Path) -> float:
@@ -176,6 +193,11 @@ def run_all(repeats: int = 5) -> dict[str, float]:
             figures[f"decoding {len(files)} PNG files, {label} (s)"] = float(np.median([d for d, _ in pairs]))
             figures[f"scoring 510 masks, {label} (s)"] = float(np.median([s for _, s in pairs]))
             figures[f"scoring over decoding, {label}"] = float(np.median([s / d for d, s in pairs]))
+            table = Path(folder) / "frames.csv"
+            pairs = [(decode_all(files, workers), score_all(root, submission, workers, table)) for _ in range(repeats)]
+            figures[f"scoring with --frames over decoding, {label}"] = float(np.median([s / d for d, s in pairs]))
+        shares = [table_share(root, submission, Path(folder) / "frames.csv") for _ in range(repeats)]
+        figures["table of frames over scoring (% of CPU time)"] = float(np.median(shares))
         figures["peak memory of scoring, 34 observations (MB)"] = peak_memory(root, submission)
         figures["peak memory of scoring, 3 observations (MB)"] = peak_memory(small, small_submission)
     return figures

@@ -29,6 +29,9 @@ TARGETS: dict[str, tuple[float | None, float | None]] = {
     "pictures of a sibling over rendering them (%)": (5.0, None),
     "scoring over decoding, 1 process": (1.75, None),  # 0.24 of it: the submission's masks are inflated once more
     "scoring over decoding, 2 processes": (1.75, None),
+    "scoring with --frames over decoding, 1 process": (1.75, None),
+    "scoring with --frames over decoding, 2 processes": (1.75, None),
+    "table of frames over scoring (% of CPU time)": (5.0, None),
     "peak memory of scoring, 34 observations (MB)": (300.0, None),
     "lifting + decomposition + AISRM, 300k × 105 (s)": (90.0, None),
     "client and Dask's scheduler per no-op observation, of 10⁴ (CPU ms)": (5.0, None),

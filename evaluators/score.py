@@ -215,8 +215,9 @@ def score_observation(
     tallies: list[FrameTally] = []
     reader = Reader(submission, key)
     deaf: list[DeafFrame] = []
-    for number, frame in enumerate(observation.test):
-        advance(number, len(observation.test))
+    test = observation.test
+    for number, frame in enumerate(test):
+        advance(number, len(test))
         truth = _truth(frame, twin_ids, strict)
         height, width = truth.mask.shape
         prediction = reader.mask(frame.name, (height, width))
