@@ -61,6 +61,16 @@ class Factor:
             return self.labels[0]
         return self.labels[bisect_right(self.cuts, number) + self.zero]
 
+    def ends(self, label: str) -> tuple[float | None, float | None]:
+        """Where a bin begins and ends, in ``unit``; None where it is open, and of names."""
+        if self.cuts is None:
+            return None, None
+        if self.zero and label == self.labels[0]:
+            return 0.0, 0.0
+        place = self.labels.index(label) - self.zero
+        bounds = (None, *self.cuts, None)
+        return bounds[place], bounds[place + 1]
+
     @property
     def labels(self) -> tuple[str, ...]:
         """The bins in order; empty for names."""

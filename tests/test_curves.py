@@ -310,6 +310,22 @@ def test_the_table_has_every_point(page: Path):
     assert [float(line["value"]) for line in lines] == [at.value for at in expected]
     assert [line["low"] == "" for line in lines] == [at.interval is None for at in expected]
     assert {line["method"] for line in lines} == {HOSTILE, "'=b"}
+    rows = random_rows(1, HOSTILE, 32, True)
+    for line in lines:
+        if line["factor"] != "distance_m" or line["figure"] != "IoU" or line["method"] != HOSTILE:
+            continue
+        low, high = float(line["from"] or "-inf"), float(line["to"] or "inf")
+        inside = [r for r in rows if r.IoU is not None and low <= (r.distance_m or 0) < high]
+        assert len(inside) == int(line["frames"])
+
+
+def test_where_bins_begin_and_end():
+    for factor in FACTORS:
+        ends = [factor.ends(label) for label in factor.labels]
+        if factor.zero:
+            assert ends.pop(0) == (0, 0)
+        assert [low for low, _ in ends[1:]] == [high for _, high in ends[:-1]] == list(factor.cuts or ())
+    assert BY_NAME["room"].ends("kitchen") == (None, None)
 
 
 @pytest.mark.slow

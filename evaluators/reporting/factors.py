@@ -21,6 +21,11 @@ from evaluators.reporting.pages import write_page
 
 #: Most tables of frames on one page: so many colours can be told apart.
 MOST_TABLES = 4
+#: Columns of the table of `avs3d factors --csv`; ``from`` and ``to`` are empty where a bin is open, and of names.
+TABLE_COLUMNS = (
+    "protocol", "figure", "factor", "unit", "bin", "from", "to", "method", "value", "low", "high", "observations",
+    "frames",
+)  # fmt: skip
 #: Width that the points of all methods take of a bin.
 _SPREAD = 0.34
 #: Half of the thickness of a line (pixels).
@@ -219,27 +224,15 @@ def _check_comparable(one: _Table, other: _Table) -> None:
 
 def _as_csv(found: Sequence[Curve], names: Sequence[str]) -> str:
     stream = io.StringIO()
-    columns = (
-        "protocol",
-        "figure",
-        "factor",
-        "unit",
-        "bin",
-        "method",
-        "value",
-        "low",
-        "high",
-        "observations",
-        "frames",
-    )
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(columns)
+    writer.writerow(TABLE_COLUMNS)
     for each in found:
         head = (each.metric.protocol, each.metric.name, each.factor.name, each.factor.unit)
         for one in each.bins:
+            ends = each.factor.ends(one.label)
             for name, at in zip(names, one.points, strict=True):
                 if at is not None:
                     low, high = at.interval or (None, None)
                     safe = f"'{name}" if name.lstrip().startswith(("=", "+", "-", "@")) else name
-                    writer.writerow((*head, one.label, safe, at.value, low, high, at.observations, at.frames))
+                    writer.writerow((*head, one.label, *ends, safe, at.value, low, high, at.observations, at.frames))
     return stream.getvalue()
