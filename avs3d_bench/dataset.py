@@ -482,8 +482,9 @@ class Dataset:
 
     @property
     def is_sealed(self) -> bool:
-        """Whether this is the public part of a sealed test."""
-        return (self.root / layout.SEAL_JSON).exists()
+        """Whether this is the public part of a sealed test; the private one has a seal.json, too, but no poses.json."""
+        poses = self.root / (self.keys[0] if self.keys else "") / layout.POSES_JSON
+        return poses.exists() and (self.root / layout.SEAL_JSON).exists()
 
     @property
     def name(self) -> str:

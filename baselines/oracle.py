@@ -94,9 +94,12 @@ def check_truth(
     asked = {"--instance category": instance == "category", "--swap": errors.swap, "--confuse": errors.confuse}
     needs = [name for name, wanted in asked.items() if wanted]
     if needs and (observation.record is None or not (observation.path / layout.INSTANCE_MASKS).is_dir()):
+        sealed = observation.published is not None
+        lacks = "a sealed test does not publish" if sealed else "the official release does not have"
+        hint = "" if sealed else "; only --instance sounding works there"
         raise UsageError(
-            f"{observation.path}: {needs[0]} needs {layout.OBSERVATION_JSON} and {layout.INSTANCE_MASKS}/, which the "
-            "official release does not have; only --instance sounding works there"
+            f"{observation.path}: {needs[0]} needs {layout.OBSERVATION_JSON} and {layout.INSTANCE_MASKS}/, which "
+            f"{lacks}{hint}"
         )
     if not points:
         return

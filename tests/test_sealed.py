@@ -20,12 +20,15 @@ from sealed_trees import SECRET, write_seal
 from avs3d_bench import cli, files, layout, sealed
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.schema import ObservationRecord, PosesRecord
+from avs3d_bench.schema import ObservationRecord, PosesRecord, ProvenanceRecord
 from avs3d_bench.submission import SubmissionWriter
 from avs3d_bench.validate import validate
+from baselines.oracle import write_oracle
 from evaluators.cli import check, evaluate
 from evaluators.score import evaluate as score
+from generators.backends import observation_provenance
 from generators.sealing.cli import unseal
+from generators.sealing.unseal import other_software
 from generators.sealing.unseal import unseal as open_seal
 
 
@@ -180,6 +183,16 @@ def test_public_is_read_without_truth(made: Path) -> None:
             np.testing.assert_array_equal(frame.depth(), true.depth())
         with pytest.raises(Avs3dError, match="the truth of this test is sealed"):
             observation.frames[0].mask()
+
+
+def test_only_the_public_folder_is_a_sealed_dataset(made: Path) -> None:
+    assert [Dataset(made / name).is_sealed for name in ("public", "private", "generated")] == [True, False, False]
+
+
+def test_an_oracle_needs_the_truth(made: Path, tmp_path: Path) -> None:
+    for instance, message in (("category", "which a sealed test does not publish"), ("sounding", "test is sealed")):
+        with pytest.raises(Avs3dError, match=message):
+            write_oracle(Dataset(made / "public"), tmp_path / instance, instance=instance)
 
 
 def test_poses_come_from_poses_json(copy: Path) -> None:
@@ -425,3 +438,20 @@ def test_a_secret_with_a_line_feed_or_capitals_is_read(tmp_path: Path) -> None:
 def test_messages_of_usage_are_usage_errors(tmp_path: Path) -> None:
     with pytest.raises(UsageError):
         sealed.read_seal(tmp_path)
+
+
+def test_other_software_is_named_before_bytes_are_compared(made: Path) -> None:
+    """Observations that are generated again by other versions may differ without anyone's fault."""
+    seal = sealed.read_seal(made / "public")
+    here = ProvenanceRecord.of(observation_provenance("embree", "analytic"))
+    same = seal.model_copy(
+        update={"provenance": here, "settings": {"vision": "embree", "audio": "analytic", "device": "cpu"}}
+    )
+    assert list(other_software(same)) == []
+    sources = same.model_copy(update={"provenance": here.model_copy(update={"digest": "0" * 64})})
+    assert [note.partition(": ")[2] for note in other_software(sources)] == ["another version of the toolkit's sources"]
+    libraries = dict(here.libraries) | {"numpy": "1.0"}
+    older = here.model_copy(update={"digest": "0" * 64, "python": "3.10", "libraries": libraries})
+    (note,) = other_software(same.model_copy(update={"provenance": older}))
+    assert note.startswith("sealed with other software, so that bytes may differ: Python 3.10 (here 3.")
+    assert f"numpy 1.0 (here {here.libraries['numpy']})" in note

@@ -110,6 +110,8 @@ def unseal(
     opened = check(folder, read_secret(secret_file), Again(only, files, options) if regenerate else None)
     for problem in opened.problems:
         click.echo(f"error: {problem.path}: {problem.message}")
+    for note in opened.notes:
+        click.echo(f"avs3d unseal: note: {note}", err=True)
     seal = opened.seal
     count = sum(map(len, seal.commitments.truth.values()))
     what = f"{len(seal.commitments.truth)} observations, {count:,} commitments to truth files"

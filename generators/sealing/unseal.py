@@ -11,7 +11,7 @@ from typing import Any
 from avs3d_bench import files, layout
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.report import Problem, ordered
-from avs3d_bench.schema import ObservationRecord
+from avs3d_bench.schema import ObservationRecord, ProvenanceRecord
 from avs3d_bench.sealed import (
     DRAWS,
     MANIFEST,
@@ -41,11 +41,13 @@ class Opening:
         seal: its commitments.
         problems: everything that is not as committed to, sorted by file.
         made_again: keys of the observations that were generated again.
+        notes: why observations that were generated again may differ.
     """
 
     seal: SealRecord
     problems: tuple[Problem, ...]
     made_again: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -87,11 +89,32 @@ def unseal(folder: Path, secret: bytes, again: Again | None = None) -> Opening:
     # With a wrong secret, the private folder's own key still shows which files were changed.
     problems += check_truth(private, seal, opening=None if wrong else derive(secret, OPENING))
     problems += _check_rest(private, seal)
-    made: tuple[str, ...] = ()
-    if again is not None and not problems:
-        made, differences = _make_again(private, seal, again)
-        problems += differences
-    return Opening(seal, tuple(ordered(problems)), made)
+    if again is None or problems:
+        return Opening(seal, tuple(ordered(problems)))
+    made, differences = _make_again(private, seal, again)
+    return Opening(seal, tuple(ordered(differences)), made, tuple(other_software(seal)))
+
+
+def other_software(seal: SealRecord) -> Iterator[str]:
+    """What is said if the software is not that of the seal."""
+    from generators.backends import observation_provenance
+
+    made: dict[str, Any] = dict(seal.settings)
+    here = observation_provenance(made["vision"], made["audio"], made["device"])
+    if here.digest == seal.provenance.digest:
+        return
+    then = ProvenanceRecord.of(here).model_dump()
+    before = seal.provenance.model_dump()
+    libraries = {*then["libraries"], *before["libraries"]}
+    other = [
+        f"{name} {before['libraries'].get(name, 'none')} (here {then['libraries'].get(name, 'none')})"
+        for name in sorted(libraries)
+        if before["libraries"].get(name) != then["libraries"].get(name)
+    ]
+    if before["python"] != then["python"]:
+        other.insert(0, f"Python {before['python']} (here {then['python']})")
+    what = ", ".join(other) or "another version of the toolkit's sources"
+    yield f"sealed with other software, so that bytes may differ: {what}"
 
 
 def _check_manifest(private: Path, secret: bytes) -> Iterator[Problem]:
