@@ -26,6 +26,7 @@ from evaluators import factors, frame_rows
 from evaluators.frame_rows import read_rows, write_rows
 from evaluators.records import Evaluation
 from evaluators.score import evaluate
+from generators.acoustics import direct, geometry
 
 FRAMES = 17  # three test frames: 0, 8 and 16
 
@@ -228,6 +229,11 @@ def test_the_ratio_of_a_dataset_with_responses(tmp_path: Path, free: bool, late:
         assert (found.drr_db, found.unavailable["drr_db"]) == (None, expected)
     else:
         assert found.drr_db == pytest.approx(expected, abs=1e-4)
+
+
+def test_the_direct_sound_is_that_of_the_generator():
+    assert (factors.BEFORE, factors.AFTER) == (direct.BEFORE, direct.AFTER)
+    assert geometry.SPEED_OF_SOUND == factors.SPEED_OF_SOUND
 
 
 # --- Files ------------------------------------------------------------------------------------------------------------
