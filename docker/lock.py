@@ -19,9 +19,9 @@ from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = Path(__file__).resolve().parent
-#: File of requirements → extras that its image installs.
-IMAGES: dict[str, tuple[str, ...]] = {"evaluator.txt": (), "generator.txt": ("generate",)}
-_HEAD = "# Written by docker/lock.py from constraints.txt: the core install{extras}.\n"
+#: File of requirements → what it has: the core install and the extras, or what builds this project.
+IMAGES: dict[str, tuple[str, ...]] = {"build.txt": ("build",), "evaluator.txt": (), "generator.txt": ("generate",)}
+_HEAD = "# Written by docker/lock.py from constraints.txt: {what}.\n"
 
 
 def pinned(text: str) -> dict[str, str]:
@@ -53,20 +53,27 @@ def closure(lines: Iterable[str]) -> set[str]:
     return found
 
 
-def requirements(extras: tuple[str, ...]) -> str:
-    """The file of requirements of an image.
+def requirements(name: str) -> str:
+    """The text of a file of requirements.
+
+    Args:
+        name: a key of `IMAGES`.
 
     Raises:
         KeyError: if `constraints.txt` does not pin a package.
     """
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    lines = [*project["dependencies"], *(line for e in extras for line in project["optional-dependencies"][e])]
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    project, extras = settings["project"], IMAGES[name]
+    if extras == ("build",):
+        lines, what = settings["build-system"]["requires"], "what builds this project"
+    else:
+        lines = [*project["dependencies"], *(line for e in extras for line in project["optional-dependencies"][e])]
+        what = " and ".join(["the core install", *(f"the extra {extra}" for extra in extras)])
     blocks = pinned((ROOT / "constraints.txt").read_text(encoding="utf-8"))
-    named = f" and the extra {', '.join(extras)}" if extras else ""
-    return _HEAD.format(extras=named) + "".join(blocks[name] for name in sorted(closure(lines)))
+    return _HEAD.format(what=what) + "".join(blocks[each] for each in sorted(closure(lines)))
 
 
 if __name__ == "__main__":
-    for name, extras in IMAGES.items():
-        (FOLDER / name).write_text(requirements(extras), encoding="utf-8")
+    for name in IMAGES:
+        (FOLDER / name).write_text(requirements(name), encoding="utf-8")
         print(FOLDER / name)

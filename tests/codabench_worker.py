@@ -20,6 +20,9 @@ from typing import Any
 
 import yaml
 
+#: Where the worker puts the program, and runs it.
+PROGRAM = "/app/program"
+
 
 @dataclass(frozen=True)
 class Scored:

@@ -10,6 +10,7 @@ import json
 import re
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,9 @@ CODE = [block for block in BLOCKS if block.language in RUN and block.page.name !
 YAML = [block for block in BLOCKS if block.language == "yaml"]
 #: Blocks on job queues and on Dask's configuration; all other YAML is a manifest, or a part of one.
 CLUSTER = [block for block in YAML if block.page.name == "cluster.md"]
-MANIFESTS = [block for block in YAML if block not in CLUSTER]
+#: A workflow of GitHub.
+WORKFLOWS = [block for block in YAML if block.page.name == "competition.md"]
+MANIFESTS = [block for block in YAML if block not in (*CLUSTER, *WORKFLOWS)]
 
 
 def name_of(block: Block) -> str:
@@ -116,6 +119,16 @@ def manifest_of(text: str) -> dict[str, Any]:
     whole = {"name": "part", "seed": 1, "observations": [entry | {"category": "microwave"}]} | part
     homes = {entry["scan"]: {"seed": 1} for entry in whole["observations"] if "scan" in entry}
     return whole | {"scans": homes | whole.get("scans", {})}
+
+
+@pytest.mark.parametrize("block", WORKFLOWS, ids=name_of)
+def test_workflows_run_commands_that_exist(block: Block) -> None:
+    steps = yaml.safe_load(block.code)["jobs"]["score"]["steps"]
+    commands = [step["run"] for step in steps if "run" in step]
+    called = [call for command in commands for call in calls(replace(block, code=command))]
+    assert [call[0] for call in called] == ["avs3d", "avs3d-eval"]
+    for call in called:
+        assert not unknown(call), " ".join(call)
 
 
 @pytest.mark.parametrize("block", MANIFESTS, ids=name_of)
