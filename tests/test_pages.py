@@ -33,7 +33,7 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").r
 #: Info strings of blocks that are neither run nor calls of commands.
 SHOWN = ("text", "yaml", "diff")
 #: Those of docs/metrics.md: drawn examples, which test_metrics_doc.py reads.
-DRAWN = ("masks", "scenes", "figures", "voxels", "values")
+DRAWN = ("masks", "scenes", "figures", "voxels", "values", "methods")
 BLOCKS = [block for page in PAGES for block in blocks(page)]
 #: Blocks that are run here.
 CODE = [block for block in BLOCKS if block.language in RUN and block.page.name != "extending.md"]
