@@ -281,15 +281,19 @@ def check_public(public: str | Path, seal: SealRecord) -> Iterator[Problem]:
     listed = {entry.key: entry.digest for entry in dataset.record.observations}
     for key in sorted({*dataset.keys, *seal.commitments.truth} - set(listed)):
         yield Problem("error", key, f"not listed in {layout.DATASET_JSON}")
-    for key, digest in listed.items():
-        path = f"{key}/{layout.POSES_JSON}"
-        if not (root / path).exists() or files.sha256_file(root / path) != digest:
-            yield Problem("error", path, "missing, or not the file that dataset.json names: it was changed")
-            continue
-        yield from _check_published(root, key)
+    with ThreadPoolExecutor(available_cores()) as pool:
+        # Hashing leaves other threads free: observations are read side by side.
+        for found in pool.map(lambda one: list(_check_published(root, *one)), listed.items()):
+            yield from found
 
 
-def _check_published(root: Path, key: str) -> Iterator[Problem]:
+def _check_published(root: Path, key: str, digest: str) -> Iterator[Problem]:
+    """The published files of an observation that are not those that poses.json names; ``digest``: of poses.json."""
+    path = root / key / layout.POSES_JSON
+    if not path.exists() or files.sha256_file(path) != digest:
+        text = "missing, or not the file that dataset.json names: it was changed"
+        yield Problem("error", f"{key}/{layout.POSES_JSON}", text)
+        return
     record = files.read_record(root / key / layout.POSES_JSON, PosesRecord)
     expected = layout.expected_files(
         len(record.frames), depth=(root / key / layout.DEPTH).is_dir(), receivers=record.receivers
