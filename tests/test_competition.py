@@ -17,6 +17,7 @@ from typing import Any
 
 import codabench_worker
 import pytest
+import sealed_trees
 import tiny
 import tiny_scenes
 import yaml
@@ -421,6 +422,25 @@ def test_truth_in_the_public_tree_is_refused(trees: tuple[Path, Path], tmp_path:
     mask.rename(mask.with_name("frame_008.png"))
     with pytest.raises(Avs3dError, match=r"frame_008.png: the truth of a test frame"):
         write_codabench(leaky, private, tmp_path / "bundle.zip", SETTINGS)
+
+
+def test_the_truth_of_another_seal_is_refused(tmp_path: Path) -> None:
+    first = sealed_trees.write_seal(tmp_path / "first")
+    second = sealed_trees.write_seal(tmp_path / "second", bytes(32))
+    with pytest.raises(UsageError, match="private: the truth of another seal"):
+        write_codabench(first / "public", second / "private", tmp_path / "bundle.zip", SETTINGS)
+    write_codabench(first / "public", first / "private", tmp_path / "bundle.zip", replace(SETTINGS, data_url=None))
+    with zipfile.ZipFile(tmp_path / "bundle.zip") as archive:
+        assert "`seal.json` commits the organisers" in archive.read("data.md").decode()
+    assert "public/seal.json" in members(tmp_path / "bundle.zip", "reference_data.zip")
+    published = members(tmp_path / "bundle.zip", "public_data.zip")
+    assert not [name for name in published if "opening" in name or "manifest" in name or "secret" in name]
+    key = Dataset(first / "public").keys[0]
+    mask = first / "private" / key / "semantic_masks/frame_008.png"
+    tiny.replace(mask, (first / "private" / key / "semantic_masks/frame_000.png").read_bytes() + b" ")
+    with pytest.raises(Avs3dError, match=r"frame_008\.png: not what seal.json commits to"):
+        write_codabench(first / "public", first / "private", tmp_path / "other.zip", SETTINGS)
+    assert not (tmp_path / "other.zip").exists()
 
 
 def test_truth_that_is_missing_or_of_another_dataset_is_named(trees: tuple[Path, Path], tmp_path: Path) -> None:

@@ -89,6 +89,7 @@ def _data(facts: Facts) -> str:
         if facts.sealed
         else ""
     )
+    poses = f"| `{layout.POSES_JSON}` | camera, and its pose at each frame |\n" if facts.sealed else ""
     return f"""# Data
 
 {where}
@@ -103,7 +104,7 @@ such as `{facts.example}/`:
 | `{layout.MONO}/frame_0.wav` … | two seconds of sound around it, one channel |
 | `{layout.COLMAP}/` | camera poses and sparse points in COLMAP's format |
 | `{layout.SPLITS_JSON}` | which frames are train and which are test |
-
+{poses}
 The truth of the test frames is not public.
 {seal}"""
 
