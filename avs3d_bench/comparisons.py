@@ -90,4 +90,6 @@ class Comparison(Record):
     dataset: ComparedDataset
     files: tuple[ComparedFile, ...]
     figures: tuple[FigureComparison, ...]
-    warnings: tuple[Text, ...] = Field(description="too few observations; observations that only some files have")
+    warnings: tuple[Text, ...] = Field(
+        description="few observations, observations that some files lack, masks made from the truth"
+    )

@@ -253,6 +253,12 @@ def test_few_observations_are_a_warning(tmp_path: Path) -> None:
     assert "warning" not in run(*enough, "--figure", "strict.IoU").stderr
 
 
+def test_a_method_that_uses_the_truth_is_named(tmp_path: Path) -> None:
+    files = save(tmp_path, a=example_scores(seed=1, truth="masks of test frames"), b=example_scores(seed=2))
+    found = compare(files, figures=("official.F",), parts=("overall",))
+    assert found.warnings == ("a: made from the ground truth (masks of test frames): no result of a method",)
+
+
 def test_a_figure_of_one_observation_is_left_out_with_a_warning(tmp_path: Path) -> None:
     files = save(tmp_path, a=scores_of([0.5, 0.9], [0.5, None]), b=scores_of([0.4, 0.1], [0.0, None]))
     found = compare(files, figures=("strict.IoU", "strict.wrong_instance_rate"))

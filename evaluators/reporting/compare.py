@@ -88,7 +88,7 @@ def compare(
         dataset=_dataset(next(iter(entries.values()))),
         files=tuple(_file(name, entry) for name, entry in entries.items()),
         figures=tuple(enough),
-        warnings=(*_uncommon(entries, common), *_few(found)),
+        warnings=(*_oracles(entries), *_uncommon(entries, common), *_few(found)),
     )
 
 
@@ -213,6 +213,15 @@ def _figures(
         for metric in metrics
         if part == "overall" or part in PROTOCOL_PARTS[metric.protocol]
         if (found := compare_figure(methods, metric, part)) is not None
+    ]
+
+
+def _oracles(entries: Mapping[str, Entry]) -> list[str]:
+    """A line for each file whose masks were made from the ground truth: a leaderboard does not rank it."""
+    return [
+        printable(f"{name}: made from the ground truth ({entry.truth}): no result of a method")
+        for name, entry in entries.items()
+        if entry.truth is not None
     ]
 
 
