@@ -20,9 +20,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from avs3d_bench import files, layout
 from avs3d_bench.dataset import Dataset
@@ -63,6 +63,15 @@ class CommitmentsRecord(_Record):
         description="key of an observation → truth file → sha256(salt, 1, bytes), or sha256(salt, 0) if there is no "
         "such file; salt: HMAC-SHA256(opening key, key/file)"
     )
+
+    @model_validator(mode="after")
+    def _keys(self) -> Self:
+        for key in self.truth:
+            try:
+                layout.parse_key(key)
+            except UsageError as error:
+                raise ValueError(str(error)) from None
+        return self
 
 
 class SealRecord(_Record):
@@ -174,14 +183,18 @@ def open_sealed(public: str | Path, truth: str | Path, *, only: Sequence[str] = 
     """
     seal = read_seal(public)
     found = list(check_belonging(Path(public), Path(truth), seal))
+    dataset = Dataset(public, truth)
     if not found:
-        keys = [key for key in seal.commitments.truth if not only or any(fnmatchcase(key, p) for p in only)]
+        keys = [key for key in dataset.keys if not only or any(fnmatchcase(key, p) for p in only)]
+        strange = [key for key in keys if key not in seal.commitments.truth]
+        found = [Problem("error", key, f"{layout.SEAL_JSON} has no commitments to this observation") for key in strange]
+    if not found:
         found = list(check_truth(truth, seal, keys, wanted=_scored(Dataset(public), keys)))
     if found:
         first, *rest = found
         more = f" (and {len(rest)} more)" if rest else ""
         raise Avs3dError(f"{Path(truth) / first.path}: {first.message}{more}")
-    return Dataset(public, truth)
+    return dataset
 
 
 def check_belonging(public: Path, truth: Path, seal: SealRecord) -> Iterator[Problem]:

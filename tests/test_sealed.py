@@ -343,6 +343,24 @@ def test_a_tampered_commitment_is_noticed_by_the_evaluator(copy: Path) -> None:
         sealed.open_sealed(copy / "public", copy / "private")
 
 
+def test_an_observation_without_commitments_is_not_scored(copy: Path) -> None:
+    """Else the organiser could add observations after the seal."""
+    for folder in ("public", "private"):
+        shutil.copytree(copy / folder / tiny.SINGLE, copy / folder / "part_1/tiny/kitchen/2")
+    with pytest.raises(Avs3dError, match=r"kitchen/2: seal.json has no commitments to this observation"):
+        sealed.open_sealed(copy / "public", copy / "private")
+    assert [problem.path for problem in open_seal(copy, SECRET).problems] == ["part_1/tiny/kitchen/2"]
+
+
+def test_commitments_name_observations_only(copy: Path) -> None:
+    """A path out of the folder must not be read."""
+    data = files.read_json(copy / "public" / "seal.json")
+    data["commitments"]["truth"]["../../part_1"] = {}
+    tiny.replace(copy / "public" / "seal.json", files.dump_json(data).encode())
+    with pytest.raises(Avs3dError, match=r"commitments: observation key '../../part_1': expected part_1"):
+        sealed.read_seal(copy / "public")
+
+
 # Bad input
 
 
