@@ -79,3 +79,15 @@ def test_differences_of_one_mean_and_another_shape_are_not_what_the_test_assumes
     scores = WORLDS["skewed"](np.random.default_rng(3), (9, 2000), 2)
     share = (sign_flip_p_values(scores[..., 0] - scores[..., 1]) < LEVEL).mean()
     assert share > limit(2000)
+
+
+def test_siblings_must_change_sign_together() -> None:
+    """Differences that siblings share: with a sign for each sibling, equal methods are separated far too often."""
+    groups, siblings, trials = 16, 6, 2000
+    rng = np.random.default_rng(4)
+    shared = rng.normal(0, 1, (groups, 1, trials))
+    differences = shared + rng.normal(0, 0.5, (groups, siblings, trials))
+    together = (sign_flip_p_values(differences.sum(axis=1)) < LEVEL).mean()
+    apart = (sign_flip_p_values(differences.reshape(-1, trials)) < LEVEL).mean()
+    assert 0.03 <= together <= limit(trials)
+    assert apart > 0.3
