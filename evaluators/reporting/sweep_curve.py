@@ -340,6 +340,8 @@ def markdown_text(sweep: Sweep, picture: bool) -> str:
 def _change_text(change: Change | None) -> str:
     if change is None:
         return "–"
+    if change.mean == 0 and change.interval in (None, (0.0, 0.0)):
+        return "0"
     ends = f" ({change.interval[0]:+.3f} to {change.interval[1]:+.3f})" if change.interval else ""
     return f"{change.mean:+.3f}{ends}"
 
