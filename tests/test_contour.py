@@ -106,6 +106,18 @@ def test_large_shapes_agree_with_the_witness():
         assert score(*pair) == pytest.approx(witness(*pair), abs=1e-12)
 
 
+@pytest.mark.parametrize("size", [64, 1008, 2000])
+def test_a_disc_and_distances_find_the_same(size: int, monkeypatch: pytest.MonkeyPatch):
+    rng = np.random.default_rng(size)
+    mask = (rng.random((size, size)) < 3 / size).astype(np.uint8) * 255
+    found_ = []
+    for limit in (0, 100):
+        monkeypatch.setattr("evaluators.contour.DISC_LIMIT", limit)
+        found_.append(contour(mask).near > 0)
+    assert np.array_equal(*found_)
+    assert 0 < found_[0].mean() < 1
+
+
 def test_found_counts_only_where_the_crops_meet():
     a, b = contour(square(200, 10, 10, 10)), contour(square(200, 150, 150, 10))
     assert found(a, b) == found(b, a) == 0
