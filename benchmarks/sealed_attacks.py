@@ -24,7 +24,7 @@ from scipy.stats import binom
 from avs3d_bench.files import write_json
 from benchmarks.sealed_cases import QUESTIONS, Array, Case, load_cases
 from benchmarks.sealed_channels import ATTACKS, Scores
-from benchmarks.sealed_seeds import SEEDS_TRIED, guess_seeds
+from benchmarks.sealed_seeds import SEEDS_TRIED, guess_seeds, public_homes, recognise
 
 #: Probability that any attack of a run is said to succeed where nothing is told.
 LEVEL = 0.01
@@ -162,14 +162,18 @@ def table(verdicts: Sequence[Verdict]) -> Table:
 @click.argument("public", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.argument("private", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.option("--seeds", default=SEEDS_TRIED, show_default=True, type=click.IntRange(0), help="Seeds to try.")
+@click.option("--homes", is_flag=True, help="Also compare with every home of the benchmarks (seconds each).")
 @click.option("--json", "output", type=click.Path(path_type=Path), default=None, help="Also write the figures here.")
-def main(public: Path, private: Path, seeds: int, output: Path | None) -> None:
+def main(public: Path, private: Path, seeds: int, homes: bool, output: Path | None) -> None:
     """Attack a sealed test; exit 1 if an attack succeeds."""
+    recognised = recognise(public, public_homes()) if homes else {}
+    for home, found in recognised.items():
+        print(f"{home}: {f'is the home of seed {found[0]}' if found else 'is none of those tried'}")
     verdicts = judge(load_cases(public, private), seeds=seeds)
     Console(width=130).print(table(verdicts))
     if output:
         write_json(output, summary(verdicts))
-    if any(v.succeeds for v in verdicts):
+    if any(v.succeeds for v in verdicts) or any(recognised.values()):
         raise SystemExit(1)
 
 

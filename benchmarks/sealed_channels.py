@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-import struct
-import zlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,21 +16,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench import layout, media
+from avs3d_bench.taxonomy import CATEGORIES
+from benchmarks import sealed_files
 from benchmarks.sealed_cases import Array, Case, text_about, texts
-from generators.acoustics.clips import mono_clip
 
 #: The scores (K,) of a case's candidates; None: the public folder has nothing of this kind.
 Scores = Array | None
 Attack = Callable[[Sequence[Case]], list[Scores]]
 #: Of a frame's files: one number, or several, for each frame.
-PerFrame = Callable[[Path, int], Array | None]
+PerFrame = Callable[[Path, int], Array]
 
+#: Metres per second.
 _SPEED_OF_SOUND = 343.0
 #: Share of the largest sample at which an impulse response begins.
 _ONSET = 0.2
+#: A sha256 in a text.
 _DIGEST = re.compile(r"\b[0-9a-f]{64}\b")
-#: Folders whose files are looked at as files.
-_PICTURES, _CLIPS = (layout.INPUT, layout.IMAGES, layout.DEPTH), (layout.BINAURAL, layout.MONO)
 
 
 def _each(score: Callable[[Case], Scores]) -> Attack:
@@ -48,11 +47,8 @@ def _in_frames(value: PerFrame) -> Attack:
 
     def score(case: Case) -> Scores:
         if not case.instances:
-            found = [value(folder, frame_count(folder)) for folder in case.folders]
-            return None if any(one is None for one in found) else np.array([float(np.mean(one)) for one in found])  # type: ignore[arg-type]
+            return np.array([float(value(one, sealed_files.frame_count(one)).mean()) for one in case.folders])
         values = value(case.folders[0], case.areas.shape[1])
-        if values is None:
-            return None
         columns = values.reshape(len(values), -1).T
         return np.array([max(_association(column, area) for column in columns) for area in case.areas])
 
@@ -68,122 +64,11 @@ def _association(values: Array, area: Array) -> float:
     return round(best, 9)
 
 
-def frame_count(folder: Path) -> int:
-    """Number of frames of an observation."""
-    return len(list((folder / layout.INPUT).glob("*.png")))
-
-
-def files_of(folder: Path, frames: int) -> list[list[Path]]:
-    """For each frame, its published files in a fixed order."""
-    pictures = [name for name in _PICTURES if (folder / name).is_dir()]
-    clips = [name for name in _CLIPS if (folder / name).is_dir()]
-    return [
-        [folder / layout.image_path(name, index) for name in pictures]
-        + [folder / layout.audio_path(name, index) for name in clips]
-        for index in range(frames)
-    ]
-
-
-def _sizes(folder: Path, frames: int) -> Array:
-    return np.array([[path.stat().st_size for path in paths] for paths in files_of(folder, frames)], dtype=np.float64)
-
-
-def _times(folder: Path, frames: int) -> Array:
-    stats = [[path.stat() for path in paths] for paths in files_of(folder, frames)]
-    first = stats[0][0].st_mtime_ns
-    return np.array([[one.st_mtime_ns - first for one in row] for row in stats], dtype=np.float64)
-
-
 def _start(case: Case) -> Scores:
     """When the first file of each sibling was written (seconds)."""
     if case.instances:
         return None
     return np.array([min(path.stat().st_mtime for path in folder.rglob("*")) for folder in case.folders])
-
-
-def _modes(folder: Path, frames: int) -> Array:
-    return np.array([[path.stat().st_mode for path in paths] for paths in files_of(folder, frames)], dtype=np.float64)
-
-
-def _links(folder: Path, frames: int) -> Array:
-    return np.array([[path.stat().st_nlink for path in paths] for paths in files_of(folder, frames)], dtype=np.float64)
-
-
-def _inodes(folder: Path, frames: int) -> Array:
-    """Order in which the files of each folder were made, against the order of their names."""
-    numbers = np.array([[path.stat().st_ino for path in paths] for paths in files_of(folder, frames)])
-    return (numbers.argsort(axis=0).argsort(axis=0) - np.arange(frames)[:, None]).astype(np.float64)
-
-
-def _png_surplus(folder: Path, frames: int) -> Array:
-    """Bytes of a picture beyond those that the usual encoder needs for its pixels, and whether they are others."""
-    out = []
-    for index in range(frames):
-        row: list[float] = []
-        for name in (layout.INPUT, layout.IMAGES):
-            path = folder / layout.image_path(name, index)
-            data, usual = path.read_bytes(), media.encode_png_rgb(path, media.read_png_rgb(path))
-            row += [len(data) - len(usual), data != usual]
-        out.append(row)
-    return np.array(out, dtype=np.float64)
-
-
-def _png_settings(folder: Path, frames: int) -> Array:
-    """Kinds and number of the chunks, the compressor's header, and the mean filter of a picture's rows."""
-    out = []
-    for index in range(frames):
-        data = (folder / layout.image_path(layout.INPUT, index)).read_bytes()
-        kinds, pixels, at = b"", b"", 8
-        while at + 12 <= len(data):
-            (length,) = struct.unpack_from(">I", data, at)
-            kinds += data[at + 4 : at + 8]
-            if data[at + 4 : at + 8] == b"IDAT":
-                pixels += data[at + 8 : at + 8 + length]
-            at += 12 + length
-        width, height = struct.unpack_from(">II", data, 16)
-        rows = zlib.decompress(pixels)
-        filters = np.frombuffer(rows, np.uint8)[:: len(rows) // height][:height]
-        out.append([zlib.crc32(kinds), len(kinds), pixels[1], float(filters.mean()), width])
-    return np.array(out, dtype=np.float64)
-
-
-def _second_name(folder: Path, frames: int) -> Array:
-    """Pixels that differ between ``images/`` and ``input/``."""
-    names = [[folder / layout.image_path(name, i) for name in (layout.INPUT, layout.IMAGES)] for i in range(frames)]
-    return np.array([(media.read_png_rgb(a) != media.read_png_rgb(b)).sum() for a, b in names], dtype=np.float64)
-
-
-def _wav_heads(folder: Path, frames: int) -> Array:
-    """Everything before and after the samples of the clips."""
-    out = []
-    for index in range(frames):
-        row = []
-        for name in _CLIPS:
-            data = (folder / layout.audio_path(name, index)).read_bytes()
-            at = data.find(b"data") + 4
-            (length,) = struct.unpack_from("<I", data, at)
-            row += [zlib.crc32(data[8 : at - 4] + data[at + 4 + length :]), at]
-        out.append(row)
-    return np.array(out, dtype=np.float64)
-
-
-def _mono_levels(folder: Path, frames: int) -> Array:
-    """What the mono clips have beyond the binaural ones: level (dB), largest difference."""
-    clips = [media.read_wav(folder / layout.audio_path(layout.BINAURAL, i)).samples for i in range(frames)]
-    out = []
-    for index in range(frames):
-        mono = media.read_wav(folder / layout.audio_path(layout.MONO, index)).samples.mean(axis=0)
-        usual = mono_clip(clips, index)
-        level = 10 * np.log10((np.mean(mono**2) + 1e-20) / (np.mean(usual**2) + 1e-20))
-        out.append([level, float(np.abs(mono - usual).max())])
-    return np.array(out, dtype=np.float64)
-
-
-def _sightings(folder: Path, frames: int) -> Array:
-    from avs3d_bench.colmap import read_images
-
-    images = read_images(folder / layout.COLMAP / "images.bin")
-    return np.array([[len(one.pixels), one.id, one.camera] for one in images], dtype=np.float64)
 
 
 def _on_points(value: Callable[[Case], Array]) -> Attack:
@@ -251,8 +136,6 @@ def _brightness(rgb: NDArray[np.generic]) -> Array:
 
 def _mentions(case: Case) -> Scores:
     """Words of a candidate's category, and of any category for siblings, in the text about the observation."""
-    from avs3d_bench.taxonomy import CATEGORIES
-
     about = [text_about(case.root, key) for key in case.keys]
     if case.instances:
         return np.array([text.count(name) for text, name in zip(about, case.names, strict=True)], dtype=np.float64)
@@ -262,7 +145,7 @@ def _mentions(case: Case) -> Scores:
 def _text_length(case: Case) -> Scores:
     if case.instances:
         return None
-    return np.array([len(text_about(case.root, key)) for key in case.keys], dtype=np.float64)
+    return np.array([len(text_about(case.root, key).replace(key, "")) for key in case.keys], dtype=np.float64)
 
 
 def _file_names(case: Case) -> Scores:
@@ -283,18 +166,23 @@ def _digests(case: Case) -> Scores:
             masks = [media.encode_png_mask("", case.ids[index] == one) for index in np.flatnonzero(area)]
             out.append(sum(hashlib.sha256(mask).hexdigest() in known for mask in masks))
         return np.array(out, dtype=np.float64)
-    # Siblings: how often the digest of a black picture is there, and any other digest twice.
+    # Siblings: how often the digest of a black picture is there.
     shape = media.read_png_rgb(case.folders[0] / layout.image_path(layout.INPUT, 0)).shape[:2]
     black = hashlib.sha256(media.encode_png_mask("", np.zeros(shape, bool))).hexdigest()
     return np.array([text_about(case.root, key).count(black) for key in case.keys], dtype=np.float64)
 
 
 def _same_digests(case: Case) -> Scores:
-    """Equal digests tell equal files: how many an observation has twice."""
+    """Equal digests tell equal files: how many an observation has twice, those of its published files aside."""
     if case.instances:
         return None
-    found = [_DIGEST.findall(text_about(case.root, key)) for key in case.keys]
-    return np.array([len(one) - len(set(one)) for one in found], dtype=np.float64)
+    out = []
+    for key, folder in zip(case.keys, case.folders, strict=True):
+        # Silent clips are equal, too: whoever compares them listens.
+        own = {hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.rglob("*.*") if path.is_file()}
+        found = [digest for digest in _DIGEST.findall(text_about(case.root, key)) if digest not in own]
+        out.append(len(found) - len(set(found)))
+    return np.array(out, dtype=np.float64)
 
 
 def _responses(case: Case) -> Scores:
@@ -386,22 +274,22 @@ ATTACKS: dict[str, Attack] = {
     "sparse points: errors": _on_points(_errors),
     "sparse points: ids": _on_points(_point_ids),
     "sparse points: colours": _on_points(_point_colours),
-    "sparse points: sightings of each frame": _in_frames(_sightings),
+    "sparse points: sightings of each frame": _in_frames(sealed_files.sightings),
     "depth: roughness": _in_pixels(layout.DEPTH, _roughness),
     "depth: odd millimetres": _in_pixels(layout.DEPTH, _odd_millimetres),
     "pictures: low bits": _in_pixels(layout.INPUT, _low_bits),
     "pictures: brightness": _in_pixels(layout.INPUT, _brightness),
-    "pictures: images/ against input/": _in_frames(_second_name),
-    "file sizes": _in_frames(_sizes),
-    "file times": _in_frames(_times),
+    "pictures: images/ against input/": _in_frames(sealed_files.second_name),
+    "file sizes": _in_frames(sealed_files.sizes),
+    "file times": _in_frames(sealed_files.times),
     "file times: start of the observation": _each(_start),
-    "file permissions": _in_frames(_modes),
-    "PNG encoding: bytes beyond the pixels": _in_frames(_png_surplus),
-    "PNG encoding: chunks, compressor, filters": _in_frames(_png_settings),
-    "WAV headers": _in_frames(_wav_heads),
-    "mono clips against binaural ones": _in_frames(_mono_levels),
+    "file permissions": _in_frames(sealed_files.modes),
+    "PNG encoding: bytes beyond the pixels": _in_frames(sealed_files.png_surplus),
+    "PNG encoding: chunks, compressor, filters": _in_frames(sealed_files.png_settings),
+    "WAV headers": _in_frames(sealed_files.wav_heads),
+    "mono clips against binaural ones": _in_frames(sealed_files.mono_levels),
     "impulse responses": _each(_responses),
-    "order: files on disk": _in_frames(_inodes),
+    "order: files on disk": _in_frames(sealed_files.inodes),
     "order: folders on disk": _each(_made),
     "order: dataset.json": _each(_listed),
     "order: same as the observation before": _neighbours(_by_key),
@@ -410,7 +298,7 @@ ATTACKS: dict[str, Attack] = {
     "names: words about the observation": _each(_mentions),
     "names: length of the text about it": _each(_text_length),
     "names: objects in view, in the template": _each(_template),
-    "hard links": _in_frames(_links),
+    "hard links": _in_frames(sealed_files.links),
     "digests: masks without a salt": _each(_digests),
     "digests: equal ones": _each(_same_digests),
 }

@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 from avs3d_bench import layout
 from avs3d_bench.colmap import ColmapModel, read_model
 from benchmarks.sealed_cases import Array, Case
+from benchmarks.unseen_homes import used_seeds
 from generators.apartments.apartment import build_apartment
 from generators.core.rays import RayCaster
 from generators.plan import derive_rng
+from generators.sampling.sample import SEEDS
 
 #: Seeds of a manifest that are tried by default, from 0 on.
 SEEDS_TRIED = 20_000
@@ -62,9 +64,8 @@ def _draw(case: Case, seed: int | None) -> Array:
     return scores
 
 
-def agreement(model: ColmapModel, seed: int) -> float:
-    """Share of the sparse points that lie on the surfaces of the procedural home with this seed."""
-    caster = RayCaster(build_apartment("home", seed))
+def agreement(model: ColmapModel, home: RayCaster) -> float:
+    """Share of the sightings of sparse points that lie on the surfaces of a home."""
     near: list[NDArray[np.bool_]] = []
     by_id = dict(zip(model.points.ids.tolist(), model.points.positions, strict=True))
     for image in model.images:
@@ -73,16 +74,29 @@ def agreement(model: ColmapModel, seed: int) -> float:
         eye = np.asarray(image.pose.position)
         ways = np.array([by_id[one] for one in image.point_ids.tolist()]) - eye
         distance = np.linalg.norm(ways, axis=1)
-        met, face = caster.closest(np.broadcast_to(eye, ways.shape), ways / distance[:, None])
+        met, face = home.closest(np.broadcast_to(eye, ways.shape), ways / distance[:, None])
         near.append((face >= 0) & (np.abs(met - distance) < _TOLERANCE))
     return float(np.concatenate(near).mean()) if near else 0.0
 
 
+def home_of(seed: int) -> RayCaster:
+    """The surfaces of the procedural home with a seed."""
+    return RayCaster(build_apartment("home", seed))
+
+
+def public_homes() -> list[int]:
+    """Seeds of the homes of the committed benchmarks; the sampled homes for training have larger ones."""
+    return sorted(seed for seed in used_seeds() if seed < SEEDS[0])
+
+
 def recognise(public: Path, seeds: Iterable[int]) -> dict[str, list[int]]:
-    """Home of the public folder → those of ``seeds`` that are its own, by its sparse points."""
-    tried, out = list(seeds), {}
-    for home in sorted({path.name for path in public.glob("part_*/*") if path.is_dir()}):
-        folder = next(iter(sorted(public.glob(f"part_*/{home}/*/*"))))
-        model = read_model(folder / layout.COLMAP)
-        out[home] = [seed for seed in tried if agreement(model, seed) > _RECOGNISED]
+    """Home of the public folder → those of ``seeds`` that are its own, by the sparse points of one observation."""
+    homes = sorted({path.name for path in public.glob("part_*/*") if path.is_dir()})
+    models = {home: read_model(sorted(public.glob(f"part_*/{home}/*/*"))[0] / layout.COLMAP) for home in homes}
+    out: dict[str, list[int]] = {home: [] for home in homes}
+    for seed in seeds:
+        caster = home_of(seed)
+        for home, model in models.items():
+            if agreement(model, caster) > _RECOGNISED:
+                out[home].append(seed)
     return out
