@@ -1,5 +1,6 @@
 # The public names of exports: type checkers read them here, and lazy_loader imports them from here on first use.
 from .card import write_card as write_card
+from .codabench import write_codabench as write_codabench
 from .croissant import write_croissant as write_croissant
 from .huggingface import waveform as waveform
 from .huggingface import write_huggingface as write_huggingface
