@@ -7,7 +7,7 @@ from datetime import datetime
 
 import numpy as np
 
-from avs3d_bench import layout
+from avs3d_bench import __version__, layout
 from avs3d_bench.competition import Column
 from avs3d_bench.scores import METRICS
 from avs3d_bench.taxonomy import SOUND_SCENES
@@ -83,8 +83,8 @@ def _data(facts: Facts) -> str:
     licence = f", licence {facts.licence}" if facts.licence else ""
     where = facts.data_url or 'The data are the file "Public data" of the phase.'
     seal = (
-        "\n`seal.json` commits the organisers to the truth: it has the sha256 of every hidden file and of the secret "
-        "from which all was generated. After the competition the secret is published, and anyone can check with "
+        "\n`seal.json` commits the organisers to the truth: it has a commitment (sha256) to every hidden file and to "
+        "the secret from which all was generated. After the competition the secret is published, and anyone can check with "
         "`avs3d unseal` that nothing was changed.\n"
         if facts.sealed
         else ""
@@ -135,10 +135,9 @@ submission.json
 - Masks of observations of another phase may be in the archive; they are not looked at.
 - `all_black/` in the starting kit has every file that is expected. Write your masks over it.
 
-Check it before you submit, with the evaluator that scores it here:
+Check it before you submit, with avs3d-bench {__version__}, which scores it here:
 
 ```
-pip install avs3d-bench
 avs3d check my-submission.zip --dataset PATH-OF-THE-DATA
 ```
 
