@@ -267,7 +267,7 @@ def test_points_lie_where_the_figures_say():
 
 def test_what_is_not_drawn_is_said():
     (found,) = factor_values([[row(0, 0), row(1, 0)]])
-    assert "DRR: not known (2 frames: no)" in found["undrawn"]
+    assert "DRR, SNR, nearest silent twin: not known (2 frames: no)" in found["undrawn"]
     assert "distance: all in the bin 2 to 3 m" in found["undrawn"]
     assert {chart.curve.factor.name for chart in found["charts"]} == {"category", "room"}
     assert factor_values([]) == factor_values([()]) == ()

@@ -113,7 +113,7 @@ def factor_values(tables: Sequence[Sequence[FrameRow]]) -> tuple[dict[str, Any],
             "metric": metric,
             "charts": tuple(draw(each) for each in found if len(each.bins) > 1),
             "rows": tuple(each for each in found if each.bins),
-            "undrawn": tuple(note for each in found if (note := _note(each))),
+            "undrawn": _notes(found),
         }
         for metric, found in by_figure.items()
     )
@@ -130,15 +130,24 @@ def factor_page(tables: Sequence[Sequence[FrameRow]]) -> dict[str, Any]:
     }
 
 
+def _notes(found: Sequence[Curve]) -> tuple[str, ...]:
+    """What is not drawn or left out, each once with the titles of all factors that it concerns."""
+    titles: dict[str, list[str]] = {}
+    for each in found:
+        note = _note(each)
+        if note is not None:
+            titles.setdefault(note, []).append(each.factor.title)
+    return tuple(f"{', '.join(concerned)}: {note}" for note, concerned in titles.items())
+
+
 def _note(curve: Curve) -> str | None:
     """Why a curve is not drawn, or how many frames are missing in it; None if it has all of them."""
     missing = "; ".join(f"{_frames(count)}: {reason}" for reason, count in curve.unknown.items())
     if not curve.bins:
-        return f"{curve.factor.title}: not known ({missing})"
+        return f"not known ({missing})"
     only = "" if len(curve.bins) > 1 else f"all in the bin {bin_label(curve, curve.bins[0])}"
     left_out = f"left out: {missing}" if missing else ""
-    said = "; ".join(part for part in (only, left_out) if part)
-    return f"{curve.factor.title}: {said}" if said else None
+    return "; ".join(part for part in (only, left_out) if part) or None
 
 
 def _frames(count: int) -> str:
