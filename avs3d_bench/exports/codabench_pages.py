@@ -84,8 +84,8 @@ def _data(facts: Facts) -> str:
     where = facts.data_url or 'The data are the file "Public data" of the phase.'
     seal = (
         "\n`seal.json` commits the organisers to the truth: it has a commitment (sha256) to every hidden file and to "
-        "the secret from which all was generated. After the competition the secret is published, and anyone can check with "
-        "`avs3d unseal` that nothing was changed.\n"
+        "the secret from which all was generated. After the competition the secret is published, and anyone can check "
+        "with `avs3d unseal` that nothing was changed.\n"
         if facts.sealed
         else ""
     )
