@@ -113,10 +113,13 @@ def test_kinds_without_a_background_are_one_variant(tmp_path: Path) -> None:
     assert said == [None, ("noise", 5.0), ("room_tone", 5.0)]
 
 
-def test_the_same_options_write_the_same_file_with_its_command(tmp_path: Path) -> None:
+def test_the_same_options_write_the_same_file_with_its_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = write(tmp_path)
     texts = [swept(path, f"{SCALE}=1,2", only="part_1/*", output=tmp_path / name).read_bytes() for name in "ab"]
     assert texts[0] == texts[1]
+    assert capsys.readouterr().out.splitlines()[-1] == f"{tmp_path / 'b'}: 2 observations (originals: 1, variants: 1)"
     assert texts[0].startswith(b"# avs3d sweep tiny.yaml --over acoustics.absorption_scale=1,2 --only 'part_1/*'\n")
 
 

@@ -52,7 +52,8 @@ def sweep(manifest: Path, over: tuple[str, ...], output: Path, only: tuple[str, 
     files.write_bytes(output, manifest_text(document, shlex.join(words)).encode())
     entries = document["observations"]
     originals = sum("variant_of" not in one and not _is_variant(one) for one in entries)
-    click.echo(f"{output}: {len(entries)} observations: {originals} originals and {len(entries) - originals} variants")
+    count = len(entries)
+    click.echo(f"{output}: {count} observations (originals: {originals}, variants: {count - originals})")
 
 
 def _is_variant(entry: dict[str, object]) -> bool:
