@@ -154,6 +154,17 @@ def test_siblings_of_public_are_not_links_of_one_another(scenes: Path) -> None:
     assert len({one.st_ino for one in pictures}) == len(pictures)
 
 
+def test_siblings_are_found_by_their_pictures(scenes: Path) -> None:
+    """Without the truth: methods that train on pictures train once for a group."""
+    public, whole = Dataset(scenes / "public"), Dataset(scenes / "public", truth=scenes / "private")
+    groups: dict[str, set[str]] = {}
+    for observation in whole:
+        groups.setdefault(observation.group or observation.key, set()).add(observation.key)
+    assert any(len(keys) > 1 for keys in groups.values())
+    for keys in groups.values():
+        assert {public[key].group for key in keys} == {min(keys)}
+
+
 def test_train_truth_publishes_masks_of_train_frames_only(tmp_path: Path) -> None:
     folder = write_seal(tmp_path, train_truth=True)
     names = {name for name in names_below(folder / "public") if "masks" in name}
