@@ -79,6 +79,7 @@ TABLE: dict[str, str] = {
     "generators/recording/stems.py": "observation",
     "generators/recording/writer.py": "observation",
     "generators/sampling/sample.py": "",
+    "generators/sealing/seal.py": "",
     "generators/run/runner.py": "",
     "generators/run/worker.py": "",
     "generators/run/progress.py": "",
