@@ -409,6 +409,8 @@ def test_a_private_folder_that_is_none(made: Path, tmp_path: Path) -> None:
     submission = write_submission(tmp_path / "submission", Dataset(made / "public"))
     text = error_of(evaluate, submission, "--dataset", made / "public", "--truth", tmp_path)
     assert "seal.json: missing; expected the private folder" in text
+    text = error_of(evaluate, submission, "--dataset", made / "public", "--truth", made / "public")
+    assert "a public folder: no manifest.yaml; expected the private folder" in text
 
 
 @pytest.mark.parametrize(
