@@ -213,7 +213,8 @@ def check_belonging(public: Path, truth: Path, seal: SealRecord) -> Iterator[Pro
         )
     if not (truth / MANIFEST).exists() and not (truth / OPENING_KEY).exists():
         raise UsageError(
-            f"{truth}: a public folder: no {MANIFEST}; expected the private folder that `avs3d seal` wrote beside {public}"
+            f"{truth}: a public folder: no {MANIFEST}; "
+            f"expected the private folder that `avs3d seal` wrote beside {public}"
         )
     if files.sha256_file(truth / MANIFEST) != seal.commitments.manifest:
         yield Problem("error", MANIFEST, "not the manifest that seal.json commits to; restore it")
