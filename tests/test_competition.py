@@ -11,7 +11,7 @@ import sys
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ import tiny_scenes
 import yaml
 from click.testing import CliRunner
 
-from avs3d_bench import media
+from avs3d_bench import __version__, media
 from avs3d_bench.competition import CompetitionTask, columns_of, task_protocols
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
@@ -381,6 +381,18 @@ def test_phases_follow_each_other_and_score_their_own(two_phases: Path, oracle: 
         assert done.scores is not None
         record = json.loads((done.output / "avs3d_scores.json").read_text())
         assert [one["key"] for one in record["observations"]] == [key]
+
+
+def test_a_bundle_needs_no_more_than_two_trees(trees: tuple[Path, Path], tmp_path: Path) -> None:
+    path = tmp_path / "bundle.zip"
+    result = CliRunner().invoke(export, ["codabench", *map(str, trees), "-o", str(path)], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    assert f"image: avs3d-evaluator:{__version__}, which" in result.output
+    form = codabench_worker.read_competition(path)
+    assert form["title"] == Dataset(trees[0]).name
+    start = datetime.fromisoformat(form["phases"][0]["start"])
+    assert (start.hour, start.minute) == (0, 0)
+    assert abs((datetime.now(UTC).replace(tzinfo=None) - start).total_seconds()) < 2 * 86400
 
 
 # Bad input

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
+from avs3d_bench import __version__
 from avs3d_bench.exports.samples import EXTRA_KINDS, SPLIT_CHOICES
 from avs3d_bench.exports.shards import ShardIndex
 from avs3d_bench.groups import PATH, WORKERS, Group, only_option
@@ -103,9 +105,15 @@ def card(root: Path, output: Path) -> None:
 @click.argument("public", type=PATH)
 @click.argument("private", type=PATH)
 @click.option("-o", "--output", type=PATH, metavar="FILE", required=True, help="The bundle, e.g. bundle.zip.")
-@click.option("--title", required=True, help="Title of the competition.")
-@click.option("--docker-image", required=True, metavar="NAME:TAG", help="The evaluator's image, for the workers.")
-@click.option("--start", type=_DATE, required=True, metavar="DATE", help="Start, UTC: YYYY-MM-DD[ HH:MM:SS].")
+@click.option("--title", default=None, help="Title of the competition [the dataset's name].")
+@click.option(
+    "--docker-image",
+    default=f"avs3d-evaluator:{__version__}",
+    show_default=True,
+    metavar="NAME:TAG",
+    help="The evaluator's image, as the platform's workers pull it.",
+)
+@click.option("--start", type=_DATE, default=None, metavar="DATE", help="Start, UTC: YYYY-MM-DD[ HH:MM:SS] [today].")
 @click.option("--end", type=_DATE, default=None, metavar="DATE", help="End, UTC [never].")
 @click.option("--development", multiple=True, metavar="KEY_GLOB", help="Observations of a first phase. Repeatable.")
 @click.option("--final-start", type=_DATE, default=None, metavar="DATE", help="Start of the final phase, UTC.")
@@ -115,16 +123,22 @@ def card(root: Path, output: Path) -> None:
 @click.option("--max-submissions", type=click.IntRange(1), default=100, show_default=True, help="In the last phase.")
 @click.option("--image", type=PATH, default=None, metavar="FILE", help="Picture of the competition [one is drawn].")
 @click.option("--terms", type=PATH, default=None, metavar="FILE", help="Terms, Markdown [a general text].")
-def codabench(public: Path, private: Path, output: Path, **options: Any) -> None:
+def codabench(
+    public: Path, private: Path, output: Path, title: str | None, start: datetime | None, **options: Any
+) -> None:
     """Write a competition for Codabench: participants get PUBLIC, the platform scores with the truth in PRIVATE.
 
     Both are trees of one dataset, such as `avs3d seal` writes. The bundle is checked against the platform's rules
     (docs/competition.md).
     """
+    from avs3d_bench.dataset import Dataset
     from avs3d_bench.exports.codabench import Settings, write_codabench
 
-    written = write_codabench(public, private, output, Settings(**options))
+    today = datetime.now(UTC).replace(hour=0, minute=0, second=0, microsecond=0, tzinfo=None)
+    settings = Settings(title=title or Dataset(public).name, start=start or today, **options)
+    written = write_codabench(public, private, output, settings)
     for phase in written.phases:
         click.echo(f"{phase.name}: {len(phase.observations)} observations, {phase.masks:,} masks")
     click.echo(f"ranked by {written.columns[0].title}; {written.size / 1e6:,.1f} MB")
+    click.echo(f"image: {settings.docker_image}, which the platform's workers must be able to pull")
     click.echo(str(output))
