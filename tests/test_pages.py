@@ -37,6 +37,8 @@ DRAWN = ("masks", "scenes", "figures", "voxels", "values", "methods")
 BLOCKS = [block for page in PAGES for block in blocks(page)]
 #: Blocks that are run here.
 CODE = [block for block in BLOCKS if block.language in RUN and block.page.name != "extending.md"]
+#: Page → its blocks that are run.
+RUNNING = {page: own for page in PAGES if (own := [block for block in CODE if block.page == page and not block.reason])}
 YAML = [block for block in BLOCKS if block.language == "yaml"]
 #: Blocks on job queues and on Dask's configuration; all other YAML is a manifest, or a part of one.
 CLUSTER = [block for block in YAML if block.page.name == "cluster.md"]
@@ -49,8 +51,18 @@ def name_of(block: Block) -> str:
     return block.name
 
 
+def path_of(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def homes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Baked homes, which several pages use."""
+    return tmp_path_factory.mktemp("homes")
+
+
+@pytest.fixture
+def folder(tmp_path_factory: pytest.TempPathFactory, homes: Path) -> Iterator[Path]:
     """A folder with what `make demo` writes into data/, small, and the files that pages take for granted."""
     folder = tmp_path_factory.mktemp("pages")
     tiny.write_dataset(folder / "data/demo", frames=11, keys=tiny.DEMO)
@@ -64,20 +76,27 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     (folder / "models").mkdir()
     soundfile.write(folder / "models/ring.wav", np.random.default_rng(0).normal(0, 0.1, 44_100), 44_100)
     with pytest.MonkeyPatch.context() as patch:
-        for variable in ("HOME", "AVS3D_CACHE", "AVS3D_ASSETS"):
+        patch.setenv("AVS3D_CACHE", str(homes))
+        for variable in ("HOME", "AVS3D_ASSETS"):
             (folder / variable).mkdir()
             patch.setenv(variable, str(folder / variable))
         yield folder
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("block", CODE, ids=name_of)
-def test_code_runs(block: Block, folder: Path) -> None:
-    if block.reason:
-        pytest.skip(f"not run: {block.reason}")
-    output = run(block, folder)
-    if "SubmissionWriter" in block.code and "evaluate(" in block.code:
-        assert float(output.split()[0]) > 0, "the method of the example finds nothing"
+@pytest.mark.parametrize("page", RUNNING, ids=path_of)
+def test_code_runs(page: Path, folder: Path) -> None:
+    """The blocks of a page in its order: a reader runs them one after another."""
+    for block in RUNNING[page]:
+        output = run(block, folder)
+        if "SubmissionWriter" in block.code and "evaluate(" in block.code:
+            assert float(output.split()[0]) > 0, "the method of the example finds nothing"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("block", [block for block in CODE if block.reason], ids=name_of)
+def test_code_that_is_not_run_says_why(block: Block) -> None:
+    pytest.skip(f"not run: {block.reason}")
 
 
 @pytest.mark.parametrize("block", [b for b in BLOCKS if b.language == "usage"], ids=name_of)
@@ -103,7 +122,7 @@ def test_a_reason_stands_only_before_a_block_that_would_run() -> None:
     assert all(block.language in RUN for block in BLOCKS if block.reason)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+@pytest.mark.parametrize("page", PAGES, ids=path_of)
 def test_every_block_says_what_it_is(page: Path) -> None:
     assert not indented(page), "indented blocks: fence them, so that a test knows what they are"
     drawn = DRAWN if page.name == "metrics.md" else ()
