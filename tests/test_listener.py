@@ -28,14 +28,12 @@ pytest.importorskip("lightning_fabric", reason="lightning-fabric is not installe
 from baselines.listener import augment, losses, shards, steps, training, validation, weights  # noqa: E402
 from baselines.listener.batches import COUNTERFACTUAL, SOUNDS, Kind, Sampler, split_homes  # noqa: E402
 from baselines.listener.checkpoint import CHECKPOINT, Settings, new_state  # noqa: E402
-from baselines.listener.model import CLASSES, Listener, Widths, hear, match_map, parameter_count  # noqa: E402
+from baselines.listener.model import CLASSES, Listener, hear, match_map, parameter_count  # noqa: E402
 from baselines.listener.steps import Schedule  # noqa: E402
 from tests import tiny_scenes  # noqa: E402
+from tests.tiny_listener import SMALL  # noqa: E402
 
 torch.set_num_threads(1)
-SMALL = Widths(
-    image=(8, 8, 16, 16, 16), blocks=(0, 1, 1, 1, 1), decoder=(16, 16, 8, 8), audio=(8, 8, 16, 16), attention=1
-)
 RARELY = Schedule(validate_every=1_000_000)
 CAMERA = torch.tensor([[0.5, 0.5, 0.5, 0.5]])
 

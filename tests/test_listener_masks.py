@@ -29,10 +29,9 @@ from baselines.echosegnet.train import TrainingSettings  # noqa: E402
 from baselines.listener import marks, weights  # noqa: E402
 from baselines.listener.marks import ListenerMarker, load_marker, of_category, shared_category  # noqa: E402
 from baselines.listener.masks import Answer  # noqa: E402
-from baselines.listener.model import Listener, match_map  # noqa: E402
+from baselines.listener.model import match_map  # noqa: E402
 from baselines.listener.predict import ListenerMethod  # noqa: E402
-from tests import tiny, tiny_scenes  # noqa: E402
-from tests.test_listener_predict import SMALL  # noqa: E402
+from tests import tiny, tiny_listener, tiny_scenes  # noqa: E402
 
 torch.set_num_threads(1)
 CPU = torch.device("cpu")
@@ -43,10 +42,7 @@ SETTINGS = Settings(training=TrainingSettings(iterations=200, density=DensityCon
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Weights of an untrained network."""
-    path = tmp_path_factory.mktemp("weights") / "listener.safetensors"
-    torch.manual_seed(0)
-    weights.save_weights(Listener(SMALL), path)
-    return path
+    return tiny_listener.write_weights(tmp_path_factory.mktemp("weights"))
 
 
 @pytest.fixture(scope="module")

@@ -19,24 +19,18 @@ torch = pytest.importorskip("torch", reason="torch is not installed: the listene
 from baselines.cli import baseline  # noqa: E402
 from baselines.listener import masks, predict, weights  # noqa: E402
 from baselines.listener.masks import Answer  # noqa: E402
-from baselines.listener.model import Listener, Widths  # noqa: E402
+from baselines.listener.model import Listener  # noqa: E402
 from baselines.listener.predict import ListenerMethod  # noqa: E402
-from tests import tiny, tiny_scenes  # noqa: E402
+from tests import tiny, tiny_listener, tiny_scenes  # noqa: E402
 
 torch.set_num_threads(1)
-SMALL = Widths(
-    image=(8, 8, 16, 16, 16), blocks=(0, 1, 1, 1, 1), decoder=(16, 16, 8, 8), audio=(8, 8, 16, 16), attention=1
-)
 MICROWAVE, CLOCK = (CATEGORIES.index(name) for name in ("microwave", "clock"))
 
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Weights of an untrained network."""
-    path = tmp_path_factory.mktemp("weights") / "listener.safetensors"
-    torch.manual_seed(0)
-    weights.save_weights(Listener(SMALL), path)
-    return path
+    return tiny_listener.write_weights(tmp_path_factory.mktemp("weights"))
 
 
 @pytest.fixture(scope="module")

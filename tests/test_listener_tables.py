@@ -18,7 +18,7 @@ from baselines.listener.model import Listener  # noqa: E402
 from benchmarks import listener_failures, listener_page, listener_tables  # noqa: E402
 from benchmarks.listener_tables import ROWS, RUN_JSON, labelled, rows_of  # noqa: E402
 from tests import score_examples, tiny_scenes  # noqa: E402
-from tests.test_listener_predict import SMALL  # noqa: E402
+from tests.tiny_listener import SMALL  # noqa: E402
 
 PAGE = f"# Listener\n\nbefore\n\n{listener_page.BEGIN}\nold\n{listener_page.END}\n\nafter\n"
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from avs3d_bench.errors import UsageError
-from avs3d_bench.files import write_bytes
 from evaluators.reporting.sweep_curve import csv_text, markdown_text, read_sweep
-from evaluators.reporting.tables import need_matplotlib
+from evaluators.reporting.tables import need_matplotlib, write_beside
 
 
 def write_sweep(
@@ -40,10 +38,4 @@ def write_sweep(
         from evaluators.reporting.sweep_plot import draw
 
         files[folder / "curve.png"] = draw(found)
-    inputs = {Path(file).resolve() for file in score_files}
-    for path in files:
-        if path.resolve() in inputs:
-            raise UsageError(f"{path}: would overwrite a file of scores; choose another folder")
-    for path, data in files.items():
-        write_bytes(path, data)
-    return list(files)
+    return write_beside(files, score_files)

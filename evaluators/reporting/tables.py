@@ -13,7 +13,7 @@ differ in ``runtime.voting_threshold`` of submission.json. Of a series, Table 2 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -70,6 +70,23 @@ def write_tables(folder: Path, score_files: Sequence[Path], *, which: Which = "a
             for section in table.sections:
                 for suffix, data in draw(table, section).items():
                     files[folder / f"{table.picture(section)}.{suffix}"] = data
+    return write_beside(files, score_files)
+
+
+def write_beside(files: Mapping[Path, bytes], score_files: Sequence[Path]) -> list[Path]:
+    """Write files that were made from files of scores.
+
+    Args:
+        files: path → contents.
+        score_files: what they were made from; none of them may be among ``files``.
+
+    Returns:
+        The paths that were written.
+
+    Raises:
+        UsageError: if a file of scores would be overwritten; then nothing is written.
+        Avs3dError: if a file cannot be written.
+    """
     inputs = {Path(file).resolve() for file in score_files}
     for path in files:
         if path.resolve() in inputs:
