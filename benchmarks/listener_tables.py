@@ -86,7 +86,7 @@ class Plan:
         output: folder of the scores.
         work: folder of submissions and intermediate results.
         weights: file of the listener's weights; None: those of the package.
-        digest: sha256 of the weights.
+        digest: sha256 of the weights; empty where no row needs them.
         answer: which of the network's answers marks train frames.
         devices: of this machine.
         workers: processes of the rows in 2D, and of the scoring.
@@ -227,7 +227,8 @@ def run_row(label: str, dataset: Dataset, row: Row, plan: Plan) -> dict[str, Any
 def run_all(roots: dict[str, Path], rows: Iterable[Row], plan: Plan) -> list[str]:
     """Run the rows that are not there yet; messages of those that failed."""
     document: dict[str, Any] = read_json(plan.output / RUN_JSON) if (plan.output / RUN_JSON).exists() else {}
-    document = {"weights": plan.digest, "datasets": document.get("datasets", {}), "rows": document.get("rows", {})}
+    weights = plan.digest or document.get("weights", "")
+    document = {"weights": weights, "datasets": document.get("datasets", {}), "rows": document.get("rows", {})}
     failed = []
     for row in rows:
         for label, root in roots.items():
@@ -306,9 +307,10 @@ def main(
     devices = devices or all_devices()
     workers = workers or min(MOST_WORKERS, available_cores())
     try:
-        weights = None if weights is None else weights.absolute()
-        plan = Plan(output, work, weights, load_marker(weights).digest, devices=devices, workers=workers, **chosen)
-        failed = run_all(roots, rows_of(rows), plan)
+        weights, wanted = None if weights is None else weights.absolute(), rows_of(rows)
+        digest = load_marker(weights).digest if any(row.kind != "truth" for row in wanted) else ""
+        plan = Plan(output, work, weights, digest, devices=devices, workers=workers, **chosen)
+        failed = run_all(roots, wanted, plan)
     except Avs3dError as error:
         raise click.ClickException(str(error)) from None
     if failed:

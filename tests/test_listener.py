@@ -283,6 +283,25 @@ def test_several_sounds_of_a_picture_are_answered_as_one_by_one() -> None:
     torch.testing.assert_close(together.mask[2], alone.mask[0], atol=1e-4, rtol=1e-4)
 
 
+def test_the_network_compiles_as_one_graph_with_the_same_answers() -> None:
+    """`--compile` would gain little if Python ran between the pieces."""
+    network = Listener(SMALL).eval()
+    picture, sound = torch.rand(2, 3, 64, 64), hear(0.1 * torch.randn(4, 2, 44_100), CAMERA.expand(4, -1), (64, 64))
+    graphs: list[Any] = []
+
+    def note(graph: Any, _: Any) -> Any:
+        graphs.append(graph)
+        return graph.forward
+
+    with torch.no_grad():
+        plain = network(picture, sound)
+        network.compile(backend=note, fullgraph=True)
+        compiled = network(picture, sound)
+    assert len(graphs) == 1
+    for one, other in zip(plain, compiled, strict=True):
+        torch.testing.assert_close(one, other)
+
+
 def test_the_match_map_is_the_probability_that_a_pixels_category_is_heard_and_passes_no_gradient() -> None:
     classes = torch.full((1, CLASSES, 1, 2), -30.0, requires_grad=True)
     audible = torch.full((1, len(CATEGORIES)), -30.0, requires_grad=True)

@@ -41,7 +41,7 @@ class Schedule:
         minutes: time after which the run stops and keeps its checkpoint; None: none.
         checkpoint_minutes: time between two checkpoints.
         validate_every: steps between two validations; None: ten in a run.
-        compile: whether `torch.compile` is used.
+        compile: whether the network is compiled (`torch.compile`).
     """
 
     minutes: float | None = None
@@ -106,9 +106,10 @@ class Run:
         self.store, self.state, self.fabric = store, state, fabric
         self.bank = Bank(store, fabric.device)
         self.sampler = Sampler(store, settings.batch // SOUNDS, settings.seed, fabric.world_size, settings.homes)
-        model: Any = SoundingModel(state.network)
         if schedule.compile:
-            model = torch.compile(model)
+            # In place; the features of the sound stay outside: complex numbers are not compiled.
+            state.network.compile()
+        model: Any = SoundingModel(state.network)
         self.model, self.optimiser = fabric.setup(model, state.optimiser)
         self.validation: dict[str, float | None] = {}
         self.began, self.before = time.monotonic(), state.seconds
