@@ -2,7 +2,8 @@
 
     python -m benchmarks.listener_thresholds runs/listener
 
-The constant `baselines.listener.predict.THRESHOLD` is chosen from this table.
+The constants `baselines.listener.predict.THRESHOLD` (of what sounds: iou, fp_rate, pair_accuracy) and
+`baselines.listener.marks.CATEGORY_THRESHOLD` (category_iou) are chosen from this table.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from baselines.listener.validation import validate
 from baselines.listener.weights import load_listener
 
 THRESHOLDS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
-COLUMNS = ("iou", "fp_rate", "pair_accuracy")
+COLUMNS = ("iou", "fp_rate", "pair_accuracy", "category_iou")
 
 
 def table(folder: Path, weights: Path | None = None) -> list[dict[str, Any]]:

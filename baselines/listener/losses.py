@@ -12,12 +12,10 @@ from torch.nn import functional
 
 from baselines.listener.augment import Batch
 from baselines.listener.masks import LEAST_AREA
-from baselines.listener.model import CLASSES, Output
+from baselines.listener.model import CLASSES, OBJECT_WEIGHT, Output, class_probabilities
 
 #: Weights of the terms.
 MASK_WEIGHT, DICE_WEIGHT, CLASS_WEIGHT, AUDIBLE_WEIGHT = 5.0, 1.0, 2.0, 0.5
-#: Weight of pixels of the seven categories over those of nothing, in the cross-entropy.
-OBJECT_WEIGHT = 3.0
 #: As in the benchmark's protocol `listen`: a prediction is right above this IoU; truths differ below it.
 RIGHT_IOU = 0.5
 
@@ -91,6 +89,7 @@ def dice_loss(mask: Tensor, truth: Tensor) -> Tensor:
 #: Names of the sums that validation adds up over pictures and devices.
 SUMS = (
     "iou", "seen", "false", "unseen", "right_pairs", "pairs", "class_both", "class_either", "audible_right", "sounds",
+    "category_iou", "category_seen",
 )  # fmt: skip
 
 
@@ -103,16 +102,20 @@ def measure(output: Output, batch: Batch, threshold: float = 0.5) -> dict[str, f
         threshold: probability above which a pixel is marked.
     """
     size = (batch.masks.shape[-2], batch.masks.shape[-1])
-    marked = full_size(output.mask[:, None], size)[:, 0].sigmoid() > threshold
-    # As prediction drops specks.
-    marked &= (marked.flatten(1).sum(dim=1) >= LEAST_AREA * size[0] * size[1])[:, None, None]
+    marked = _without_small(full_size(output.mask[:, None], size)[:, 0].sigmoid() > threshold)
     truth = batch.masks
     ious = _iou(marked, truth)
     seen = truth.flatten(1).any(dim=1)
     wrong = marked.flatten(1).any(dim=1)
     right = torch.where(seen, ious > RIGHT_IOU, ~wrong)
     pairs = list(_pairs(truth))
-    what = full_size(output.classes, size).argmax(dim=1)
+    classes = class_probabilities(full_size(output.classes, size))
+    what = classes.argmax(dim=1)
+    # The mask of the category, where one alone is heard: what `marks` hands to a method that lifts masks.
+    named = 1 + batch.audible.argmax(dim=1)
+    category = batch.classes == named[:, None, None]
+    shown = (batch.audible.sum(dim=1) == 1) & category.flatten(1).any(dim=1)
+    of_category = _iou(_without_small(classes[0, named] > threshold), category)
     objects, found = batch.classes > 0, what > 0
     heard = (output.audible > 0) == (batch.audible > 0.5)
     return {
@@ -126,7 +129,15 @@ def measure(output: Output, batch: Batch, threshold: float = 0.5) -> dict[str, f
         "class_either": float((objects | found).sum()),
         "audible_right": float(heard.all(dim=1).sum()),
         "sounds": float(len(heard)),
+        "category_iou": float(of_category[shown].sum()),
+        "category_seen": float(shown.sum()),
     }
+
+
+def _without_small(marked: Tensor) -> Tensor:
+    """(B, H, W) bool without masks that are too small as a whole; prediction drops each component that is."""
+    height, width = marked.shape[-2:]
+    return marked & (marked.flatten(1).sum(dim=1) >= LEAST_AREA * height * width)[:, None, None]
 
 
 def _iou(one: Tensor, other: Tensor) -> Tensor:
@@ -154,4 +165,5 @@ def figures(sums: dict[str, float]) -> dict[str, float | None]:
         "pair_accuracy": share("right_pairs", "pairs"),
         "class_iou": share("class_both", "class_either"),
         "audible": share("audible_right", "sounds"),
+        "category_iou": share("category_iou", "category_seen"),
     }

@@ -33,6 +33,8 @@ from baselines.networks.device import inference
 
 #: Which of the network's answers is the mask.
 Which = Literal["sounding", "category"]
+#: Probability above which a pixel is marked as the category; chosen on validation homes, as `THRESHOLD`.
+CATEGORY_THRESHOLD = 0.5
 #: Probabilities are cut here on both sides before they become log-odds.
 _LEAST = 1e-6
 
@@ -45,13 +47,16 @@ class ListenerMarker:
         weights: file of weights; None: those of the package.
         digest: sha256 of the weights.
         which: see the module.
-        threshold: probability above which a pixel is marked.
     """
 
     weights: Path | None
     digest: str
     which: Which = "category"
-    threshold: float = THRESHOLD
+
+    @property
+    def threshold(self) -> float:
+        """Probability above which a pixel is marked."""
+        return CATEGORY_THRESHOLD if self.which == "category" else THRESHOLD
 
     @property
     def entry(self) -> str:
