@@ -262,8 +262,8 @@ def class_probabilities(classes: Tensor) -> Tensor:
     The loss counts pixels of the categories `OBJECT_WEIGHT` times, so that the odds that the network learns are as many
     times too high.
     """
-    nothing, others = classes.float().split([1, CLASSES - 1], dim=1)
-    return torch.cat([nothing + math.log(OBJECT_WEIGHT), others], dim=1).softmax(dim=1)
+    logits = classes.float()
+    return torch.cat([logits[:, :1] + math.log(OBJECT_WEIGHT), logits[:, 1:]], dim=1).softmax(dim=1)
 
 
 def match_map(classes: Tensor, audible: Tensor) -> Tensor:
