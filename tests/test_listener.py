@@ -28,15 +28,7 @@ pytest.importorskip("lightning_fabric", reason="lightning-fabric is not installe
 from baselines.listener import augment, losses, shards, steps, training, validation, weights  # noqa: E402
 from baselines.listener.batches import COUNTERFACTUAL, SOUNDS, Kind, Sampler, split_homes  # noqa: E402
 from baselines.listener.checkpoint import CHECKPOINT, Settings, new_state  # noqa: E402
-from baselines.listener.model import (  # noqa: E402
-    CLASSES,
-    OBJECT_WEIGHT,
-    Listener,
-    class_probabilities,
-    hear,
-    match_map,
-    parameter_count,
-)
+from baselines.listener.model import CLASSES, Listener, hear, match_map, parameter_count  # noqa: E402
 from baselines.listener.steps import Schedule  # noqa: E402
 from tests import tiny_scenes  # noqa: E402
 from tests.tiny_listener import SMALL  # noqa: E402
@@ -322,20 +314,19 @@ def test_the_match_map_is_the_probability_that_a_pixels_category_is_heard_and_pa
 
 
 def test_the_probability_of_a_class_is_that_without_the_losss_weight() -> None:
-    """The minimum of the weighted cross-entropy over pixels of which three in ten show a clock."""
+    """The minimum of the loss over pixels of which three in ten show a clock."""
     truth = torch.tensor([[[0] * 7 + [5] * 3]])
-    weights = torch.tensor([1.0] + [OBJECT_WEIGHT] * (CLASSES - 1))
     logits = torch.zeros(1, CLASSES, 1, 1, requires_grad=True)
     optimiser = torch.optim.LBFGS([logits], max_iter=200, line_search_fn="strong_wolfe")
 
     def loss() -> torch.Tensor:
         optimiser.zero_grad()
-        value = torch.nn.functional.cross_entropy(logits.expand(-1, -1, 1, 10), truth, weights)
+        value = losses.class_loss(logits.expand(-1, -1, 1, 10), truth)
         value.backward()
         return value
 
     optimiser.step(loss)
-    found = class_probabilities(logits)[0, :, 0, 0].tolist()
+    found = logits.softmax(dim=1)[0, :, 0, 0].tolist()
     assert (found[0], found[5]) == pytest.approx((0.7, 0.3), abs=1e-3)
 
 

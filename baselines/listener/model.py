@@ -20,7 +20,6 @@ One picture serves several sounds: the picture's encoder and first decoder run o
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
@@ -36,8 +35,6 @@ from baselines.listener.blocks import Block, ChannelNorm, Listen, Up, down
 MULTIPLE = 32
 #: Classes of a pixel: 0 nothing of these, then the categories in the taxonomy's order.
 CLASSES = 1 + len(CATEGORIES)
-#: Weight of pixels of the categories over those of nothing, in the loss of the classes.
-OBJECT_WEIGHT = 3.0
 #: Mean and standard deviation of a channel of pictures (of 0 to 1), roughly.
 PICTURE_MEAN, PICTURE_STD = 0.45, 0.25
 #: Stride of the finest level that gets the direction map (pixels).
@@ -254,16 +251,6 @@ def hear(sound: Tensor, camera: Tensor, size: tuple[int, int]) -> Sound:
         angles = direction.pixel_angles(camera, (size[0] // FINEST, size[1] // FINEST))
         where = direction.direction_map(direction.steered_response(both), angles)
         return Sound(features.band_features(both), features.broadband_levels(sound), where)
-
-
-def class_probabilities(classes: Tensor) -> Tensor:
-    """(B, CLASSES, h, w) probabilities of the classes, from logits.
-
-    The loss counts pixels of the categories `OBJECT_WEIGHT` times, so that the odds that the network learns are as many
-    times too high.
-    """
-    logits = classes.float()
-    return torch.cat([logits[:, :1] + math.log(OBJECT_WEIGHT), logits[:, 1:]], dim=1).softmax(dim=1)
 
 
 def match_map(classes: Tensor, audible: Tensor) -> Tensor:

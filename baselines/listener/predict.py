@@ -76,12 +76,12 @@ class ListenerMethod:
         """Of pictures (SIDE, SIDE, 3), sounds (B, 2, n) and cameras (B, 4) (see `direction.pixel_angles`)."""
         import torch
 
-        from baselines.listener.model import class_probabilities, hear
+        from baselines.listener.model import hear
 
         stack = torch.from_numpy(np.stack(pictures)).to(self.device).permute(0, 3, 1, 2).float() / 255
         heard = hear(torch.as_tensor(sounds).to(self.device), torch.as_tensor(cameras).to(self.device), (SIDE, SIDE))
         found = self.network(stack, heard)
-        classes = class_probabilities(found.classes)[..., :CELLS, :CELLS].cpu().numpy()
+        classes = found.classes.softmax(dim=1)[..., :CELLS, :CELLS].float().cpu().numpy()
         masks = found.mask[..., :CELLS, :CELLS].float().cpu().numpy()
         audible = found.audible.sigmoid().float().cpu().numpy()
         return [Answer(*each) for each in zip(masks, classes, audible, strict=True)]
