@@ -141,6 +141,18 @@ def test_votes_follow_the_onset_and_not_the_reflection() -> None:
     assert torch.rad2deg(direction.angle_grid())[votes.argmax()].item() == pytest.approx(-40, abs=4)
 
 
+def test_votes_by_series_are_those_of_the_density() -> None:
+    generator = torch.Generator().manual_seed(0)
+    cross = torch.polar(torch.rand(2, 5, 7, generator=generator), 6.3 * torch.rand(2, 5, 7, generator=generator))
+    cross[0, 0, 0] = 0
+    weight = torch.rand(2, 5, 7, generator=generator)
+    turn = 20 * torch.rand(5, direction.ANGLES, generator=generator)
+    left = cross.angle()[..., None] + turn[:, None]
+    density = torch.exp(direction.CONCENTRATION * (torch.cos(left) - 1))
+    expected = (weight[..., None] * density).sum(dim=(1, 2))
+    torch.testing.assert_close(direction._votes(cross, weight, turn), expected, atol=1e-4, rtol=1e-5)
+
+
 def test_the_beginning_of_a_steady_sound_is_no_onset() -> None:
     steady = torch.ones(1, 3, 40)
     assert (direction.onset_weights(steady) == direction.STEADY).all()

@@ -58,7 +58,7 @@ COUNTERFACTUAL = (Kind.SWAPPED, Kind.SILENT, Kind.OFF_SCREEN, Kind.FOREIGN, Kind
 
 @dataclass
 class Plan:
-    """The contents of a batch of B pictures.
+    """The contents of a batch of B pictures; one without sounds is of parts of pictures.
 
     Attributes:
         views: (B,) pictures.
@@ -75,9 +75,9 @@ class Plan:
     kinds: NDArray[np.int64]
 
     @property
-    def counterfactual(self) -> float:
-        """Share of sounds that are silent, off-screen, swapped, foreign or from elsewhere."""
-        return float(np.isin(self.kinds, COUNTERFACTUAL).mean())
+    def counterfactual(self) -> float | None:
+        """Share of sounds that are silent, off-screen, swapped, foreign or from elsewhere; None without sounds."""
+        return round(float(np.isin(self.kinds, COUNTERFACTUAL).mean()), 3) if len(self.kinds) else None
 
     def shares(self) -> Counter[str]:
         """How many sounds there are of each kind."""
@@ -145,7 +145,7 @@ class Sampler:
                     self._of_category[_NUMBER[table.audible[sound][0]]].append(sound)
         self._present = [{_NUMBER[name] for name in names} for names in table.present]
         self._audible = [{_NUMBER[name] for name in names} for names in table.audible]
-        self._order: tuple[int, NDArray[np.int64]] = (-1, np.zeros(0, np.int64))
+        self._order: tuple[tuple[int, int], NDArray[np.int64]] = ((-1, 0), np.zeros(0, np.int64))
 
     @property
     def epoch(self) -> int:
@@ -159,11 +159,7 @@ class Sampler:
 
     def plan(self, step: int, rank: int = 0) -> Plan:
         """The batch of a step on one of the devices."""
-        epoch, within = divmod(step, self.steps)
-        if self._order[0] != epoch:
-            self._order = (epoch, self._shuffled(epoch))
-        start = (within * self.ranks + rank) * self.batch
-        views = self._order[1][start : start + self.batch]
+        views = self._views(step, rank, self.batch)
         rng = np.random.default_rng((self.seed, 1, step, rank))
         slots = [slot for view in views for slot in self._set(int(view), rng)]
         audible = np.zeros((len(slots), len(CATEGORIES)), np.bool_)
@@ -177,11 +173,25 @@ class Sampler:
             kinds=np.asarray([slot.kind for slot in slots], np.int64),
         )
 
-    def _shuffled(self, epoch: int) -> NDArray[np.int64]:
+    def picture_plan(self, step: int, rank: int = 0) -> Plan:
+        """Pictures without sound: `SOUNDS` times as many as in a batch with sound, of each of which a part is seen."""
+        views = self._views(step, rank, SOUNDS * self.batch)
+        pairs = np.zeros((0, 2), np.int64)
+        return Plan(views, pairs, pairs, np.zeros((0, len(CATEGORIES)), np.bool_), np.zeros(0, np.int64))
+
+    def _views(self, step: int, rank: int, count: int) -> NDArray[np.int64]:
+        """The pictures of a batch: the next ones of an order that changes from epoch to epoch."""
+        epoch, within = divmod(step, max(1, self.epoch // (count * self.ranks)))
+        if self._order[0] != (epoch, count):
+            self._order = ((epoch, count), self._shuffled(epoch, count))
+        start = (within * self.ranks + rank) * count
+        return self._order[1][start : start + count]
+
+    def _shuffled(self, epoch: int, count: int) -> NDArray[np.int64]:
         rng = np.random.default_rng((self.seed, 0, epoch))
         few = rng.permutation(self.empty)[: len(self.empty) // EMPTY_PICTURES]
         order = rng.permutation(np.concatenate([self.visible, few]))
-        return np.resize(order, max(len(order), self.batch * self.ranks))
+        return np.resize(order, max(len(order), count * self.ranks))
 
     def _set(self, view: int, rng: np.random.Generator) -> list[Slot]:
         """The sounds of a picture: two or three siblings where there are some, the rest made."""

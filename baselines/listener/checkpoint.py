@@ -27,6 +27,7 @@ class Settings:
 
     Attributes:
         steps: of the whole schedule.
+        picture_steps: how many of them, the first ones, learn what is seen, from parts of pictures and without sound.
         batch: sounds of a batch on each device; a picture has `SOUNDS` of them.
         rate: highest learning rate.
         decay: weight decay.
@@ -38,6 +39,7 @@ class Settings:
     """
 
     steps: int
+    picture_steps: int = 0
     batch: int = 256
     rate: float = 1.5e-3
     decay: float = 0.05
@@ -50,15 +52,21 @@ class Settings:
     def __post_init__(self) -> None:
         if self.steps < 1:
             raise UsageError(f"--steps {self.steps}: expected at least 1")
+        if not 0 <= self.picture_steps < self.steps:
+            raise UsageError(f"--picture-steps {self.picture_steps}: expected fewer than the {self.steps} steps of all")
         if self.batch < SOUNDS or self.batch % SOUNDS:
             raise UsageError(f"--batch-size {self.batch}: expected a multiple of {SOUNDS}, the sounds of a picture")
 
     def rate_at(self, step: int) -> float:
-        """Learning rate of a step: rises linearly, then falls as half a cosine, to 1 % of the highest."""
+        """Learning rate of a step: rises linearly, stays, then falls as half a cosine, to 1 % of the highest.
+
+        It stays while pictures alone are learnt.
+        """
         warm = max(1, round(self.warm_up * self.steps))
         if step < warm:
             return self.rate * (step + 1) / warm
-        share = (step - warm) / max(1, self.steps - warm)
+        begin = max(warm, self.picture_steps)
+        share = max(0, step - begin) / max(1, self.steps - begin)
         return self.rate * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * min(1.0, share))))
 
 

@@ -26,6 +26,20 @@ def train() -> None:
 @click.option("-o", "--output", "folder", type=PATH, required=True, metavar="DIR", help="Folder of the run.")
 @click.option("--epochs", type=click.FloatRange(0, min_open=True), help=f"Passes over the pictures [{_EPOCHS}].")
 @click.option("--steps", type=click.IntRange(1), help="Steps of the whole schedule, instead of --epochs.")
+@click.option(
+    "--picture-steps",
+    type=click.IntRange(0),
+    default=0,
+    show_default=True,
+    help="How many steps, before those of --epochs, learn what is seen, without sound.",
+)
+@click.option(
+    "--size",
+    type=click.Choice(["full", "small"]),
+    default="full",
+    show_default=True,
+    help="Of the network; two CPU cores train the small one within hours.",
+)
 @click.option("--minutes", type=click.FloatRange(0, min_open=True), help="Stop after this time; run again to go on.")
 @click.option(
     "--batch-size", "batch", type=click.IntRange(1), default=256, show_default=True, help="Sounds per device."

@@ -23,6 +23,7 @@ from itertools import pairwise
 from typing import Any
 
 import torch
+from scipy.special import ive
 from torch import Tensor
 from torch.nn.functional import conv1d
 
@@ -48,6 +49,8 @@ STEADY = 0.02
 #: Channels of the map: phase groups and their mean, vote groups, their mean and that relative to its spread over the
 #: angles, level groups.
 CHANNELS = len(PHASE_GROUPS) + len(VOTE_GROUPS) + 1 + len(LEVEL_GROUPS) - 1
+#: Coefficients of the Fourier series of a vote; what is left out is below 1e-5.
+_HARMONICS = [(1 if n == 0 else 2) * float(ive(n, CONCENTRATION)) for n in range(13)]
 #: Least incidence of Brown & Duda's α, and the angle at which it is reached.
 _LEAST_ALPHA, _LEAST_AT = 0.1, math.radians(150.0)
 
@@ -116,9 +119,30 @@ def _vote_groups(both: Spectra) -> list[Tensor]:
         # The fourth root: loud bins count more, but no tone outvotes all others.
         weight = (onset_weights(power) * power.sqrt().sqrt()).flatten(1)
         weight = weight / (weight.sum(dim=1, keepdim=True) + 10 ** (FLOOR_DB / 20))
-        phase = cross.angle()[..., None] + 2 * math.pi * at[chosen, None, None] * woodworth_delay(angles)
-        vote = torch.exp(CONCENTRATION * (torch.cos(phase) - 1))
-        out.append(torch.einsum("bn,bna->ba", weight, vote.flatten(1, 2)))
+        turn = 2 * math.pi * at[chosen, None] * woodworth_delay(angles)
+        out.append(_votes(cross, weight.view_as(power), turn))
+    return out
+
+
+def _votes(cross: Tensor, weight: Tensor, turn: Tensor) -> Tensor:
+    """(B, ANGLES): Σ weight · exp(κ (cos(phase of cross + turn) − 1)) over bins and windows, κ = `CONCENTRATION`.
+
+    The density is taken as its Fourier series, Σ aₙ cos(n x) with aₙ = (2 − δ₀ₙ) e^−κ Iₙ(κ) (Mardia & Jupp,
+    *Directional Statistics*, Wiley 2000, eq. 3.5.17): windows are added up before angles are looked at.
+
+    Args:
+        cross: (B, F, T) complex.
+        weight: (B, F, T).
+        turn: (F, ANGLES) phase of each angle, by which each bin is turned back.
+    """
+    magnitude = cross.abs()
+    unit = torch.where(magnitude > 0, cross / magnitude.clamp(min=1e-30), torch.ones_like(cross))
+    power: Tensor = weight.to(cross.dtype)
+    out = _HARMONICS[0] * weight.sum(dim=(1, 2))[:, None].expand(-1, turn.shape[1])
+    for number, share in enumerate(_HARMONICS[1:], start=1):
+        power = power * unit
+        turned = torch.polar(torch.full_like(turn, share), number * turn)
+        out = out + torch.real(power.sum(dim=-1) @ turned)
     return out
 
 

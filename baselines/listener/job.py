@@ -15,6 +15,7 @@ from avs3d_bench.errors import UsageError
 from baselines.listener.batches import SOUNDS, Sampler
 from baselines.listener.card import Machine, write_result
 from baselines.listener.checkpoint import Settings
+from baselines.listener.model import SIZES
 from baselines.listener.steps import Schedule
 from baselines.listener.training import prepare, train
 
@@ -27,6 +28,8 @@ class Job:
     folder: Path
     epochs: float
     steps: int | None = None
+    picture_steps: int = 0
+    size: str = "full"
     manifest: Path | None = None
     minutes: float | None = None
     batch: int = 256
@@ -73,11 +76,14 @@ def run_job(job: Job, precision: str, *, progress: bool = False) -> tuple[bool |
     fabric = make_fabric(job, precision)
     fabric.launch()
     # The settings are checked before minutes are spent on reading.
-    settings = Settings(steps=job.steps or 1, batch=job.batch, rate=job.rate, homes=job.homes, seed=job.seed)
+    settings = Settings(
+        steps=job.steps or job.picture_steps + 1, picture_steps=job.picture_steps, batch=job.batch, rate=job.rate,
+        homes=job.homes, seed=job.seed, widths=SIZES[job.size],
+    )  # fmt: skip
     store = prepare(job.data, job.folder, fabric, workers=job.workers, progress=progress)
     if not job.steps:
         sampler = Sampler(store, job.batch // SOUNDS, job.seed, fabric.world_size, job.homes)
-        settings = replace(settings, steps=max(1, round(job.epochs * sampler.steps)))
+        settings = replace(settings, steps=job.picture_steps + max(1, round(job.epochs * sampler.steps)))
     # The time that reading took belongs to --minutes.
     left = None if job.minutes is None else job.minutes - (time.monotonic() - began) / 60
     schedule = Schedule(minutes=left, validate_every=job.validate_every, compile=job.compile)

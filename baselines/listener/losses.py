@@ -15,9 +15,9 @@ from baselines.listener.masks import LEAST_AREA
 from baselines.listener.model import CLASSES, Output
 
 #: Weights of the terms.
-MASK_WEIGHT, DICE_WEIGHT, CLASS_WEIGHT, AUDIBLE_WEIGHT = 5.0, 1.0, 2.0, 0.5
+MASK_WEIGHT, DICE_WEIGHT, CLASS_WEIGHT, AUDIBLE_WEIGHT = 5.0, 1.0, 1.0, 0.5
 #: Weight of pixels of the seven categories over those of nothing, in the cross-entropy.
-OBJECT_WEIGHT = 3.0
+OBJECT_WEIGHT = 5.0
 #: As in the benchmark's protocol `listen`: a prediction is right above this IoU; truths differ below it.
 RIGHT_IOU = 0.5
 
@@ -29,7 +29,7 @@ class Losses:
     Attributes:
         mask: binary cross-entropy of the mask.
         dice: soft Dice loss of the masks that are not empty.
-        classes: cross-entropy of the classes of pixels.
+        classes: cross-entropy and soft Dice loss of the classes of pixels.
         audible: binary cross-entropy of the audible categories.
     """
 
@@ -60,16 +60,28 @@ def full_size(logits: Tensor, size: tuple[int, int]) -> Tensor:
 
 
 def losses(output: Output, batch: Batch) -> Losses:
-    """Of a batch."""
-    size = (batch.masks.shape[-2], batch.masks.shape[-1])
-    mask = full_size(output.mask[:, None], size)[:, 0]
-    truth = batch.masks.float()
-    return Losses(
-        mask=functional.binary_cross_entropy_with_logits(mask, truth),
-        dice=dice_loss(mask, truth),
-        classes=class_loss(full_size(output.classes, size), batch.classes),
-        audible=functional.binary_cross_entropy_with_logits(output.audible.float(), batch.audible),
-    )
+    """Of a batch. Truths are averaged to the network's stride of 2: a cell may belong to an object in part.
+
+    Without sound (no masks) the terms of sound are 0.
+    """
+    truth = class_shares(batch.classes)
+    size = (truth.shape[-2], truth.shape[-1])
+    classes = output.classes.float()[..., : size[0], : size[1]]
+    nothing = classes.new_zeros(())
+    mask = dice = audible = nothing
+    if len(batch.masks):
+        logits = output.mask.float()[..., : size[0], : size[1]]
+        shares = functional.avg_pool2d(batch.masks.float(), 2)
+        mask = functional.binary_cross_entropy_with_logits(logits, shares)
+        dice = dice_loss(logits, shares)
+        audible = functional.binary_cross_entropy_with_logits(output.audible.float(), batch.audible)
+    return Losses(mask, dice, class_loss(classes, truth) + class_dice(classes, truth), audible)
+
+
+def class_shares(classes: Tensor) -> Tensor:
+    """(B, CLASSES, H/2, W/2) float: shares of each class in cells of 2 × 2 pixels of (B, H, W) classes."""
+    hot = functional.one_hot(classes, CLASSES).permute(0, 3, 1, 2)
+    return functional.avg_pool2d(hot.float(), 2)
 
 
 def class_loss(classes: Tensor, truth: Tensor) -> Tensor:
@@ -79,12 +91,34 @@ def class_loss(classes: Tensor, truth: Tensor) -> Tensor:
     those of the logits with the weights' logarithm added, so that the logits themselves give the true probabilities.
 
     Args:
-        classes: (B, CLASSES, H, W) logits.
-        truth: (B, H, W) class of each pixel.
+        classes: (B, CLASSES, h, w) logits.
+        truth: (B, CLASSES, h, w) share of each class.
     """
-    weights = torch.full((CLASSES,), OBJECT_WEIGHT, device=classes.device)
+    weights = _class_weights(classes)
+    weighted = truth * weights
+    return -(weighted * (classes + weights.log()).log_softmax(dim=1)).sum() / weighted.sum()
+
+
+def class_dice(classes: Tensor, truth: Tensor) -> Tensor:
+    """1 − soft Dice of each category over the whole batch, the mean over categories.
+
+    Small objects count as much as large ones, which keeps the network from answering "nothing" everywhere. As in
+    `class_loss` the weights' logarithm is added.
+
+    Args:
+        classes: (B, CLASSES, h, w) logits.
+        truth: (B, CLASSES, h, w) share of each class.
+    """
+    share = (classes + _class_weights(classes).log()).softmax(dim=1)[:, 1:]
+    truth = truth[:, 1:]
+    both, sums = (share * truth).sum(dim=(0, 2, 3)), (share + truth).sum(dim=(0, 2, 3))
+    return (1 - (2 * both + 1) / (sums + 1)).mean()
+
+
+def _class_weights(classes: Tensor) -> Tensor:
+    weights = classes.new_full((CLASSES, 1, 1), OBJECT_WEIGHT)
     weights[0] = 1.0
-    return functional.cross_entropy(classes + weights.log()[:, None, None], truth, weights)
+    return weights
 
 
 def dice_loss(mask: Tensor, truth: Tensor) -> Tensor:
@@ -92,7 +126,7 @@ def dice_loss(mask: Tensor, truth: Tensor) -> Tensor:
 
     Args:
         mask: (B, H, W) logits.
-        truth: (B, H, W) 0 or 1.
+        truth: (B, H, W) 0 to 1.
     """
     share = mask.sigmoid()
     both, sums = (share * truth).sum(dim=(1, 2)), (share + truth).sum(dim=(1, 2))

@@ -21,6 +21,7 @@ One picture serves several sounds: the picture's encoder and first decoder run o
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import torch
@@ -29,7 +30,7 @@ from torch.nn import functional
 
 from avs3d_bench.taxonomy import CATEGORIES
 from baselines.listener import direction, features
-from baselines.listener.blocks import Block, ChannelNorm, Listen, Up, down
+from baselines.listener.blocks import Block, Listen, Mix, Up, down
 
 #: Pictures are padded to a multiple of this at the right and at the bottom (pixels).
 MULTIPLE = 32
@@ -37,8 +38,12 @@ MULTIPLE = 32
 CLASSES = 1 + len(CATEGORIES)
 #: Mean and standard deviation of a channel of pictures (of 0 to 1), roughly.
 PICTURE_MEAN, PICTURE_STD = 0.45, 0.25
-#: Stride of the finest level that gets the direction map (pixels).
+#: Stride of the direction map, and of the finest level that attends to it (pixels).
 FINEST = 4
+#: Log-odds of the match map are cut here on both sides.
+MOST_ODDS = 6.0
+#: Log-odds of "nothing" that the class of a pixel begins with.
+NOTHING_FIRST = 3.0
 
 
 @dataclass(frozen=True)
@@ -47,8 +52,8 @@ class Widths:
 
     Attributes:
         image: channels of the encoder at strides 2, 4, 8, 16, 32.
-        blocks: ConvNeXt blocks at each of these strides.
-        decoder: channels of both decoders at strides 16, 8, 4, 2.
+        blocks: blocks at each of these strides: `Mix` up to stride 8, ConvNeXt beyond.
+        decoder: channels of both decoders at strides 16, 8, 4, 2; that of the mask ends at stride 4.
         audio: channels of the sound's encoder; the last is also that of the tokens, and of the attention.
         attention: layers of it.
     """
@@ -60,8 +65,18 @@ class Widths:
     attention: int = 2
 
 
+#: Sizes by name: of the release, and one that two cores of a CPU train within hours.
+SIZES = {
+    "full": Widths(),
+    "small": Widths(
+        image=(16, 32, 80, 160, 224), blocks=(0, 2, 2, 3, 2), decoder=(96, 64, 32, 16), audio=(32, 64, 96, 128),
+        attention=1,
+    ),
+}  # fmt: skip
+
+
 class Output(NamedTuple):
-    """The network's answer for B pictures with K sounds each; all numbers are logits.
+    """The network's answer for B pictures with K sounds each; all numbers are logits. Without sound K is 0.
 
     Attributes:
         classes: (B, CLASSES, h, w) at stride 2: what is at each pixel, from the picture alone.
@@ -89,20 +104,24 @@ class Sound(NamedTuple):
 
 
 class PictureEncoder(nn.Module):
-    """ConvNeXt-like: features at strides 2, 4, 8, 16 and 32."""
+    """Features at strides 2, 4, 8, 16 and 32; dense convolutions where pixels are many, ConvNeXt blocks where few."""
 
     def __init__(self, widths: Widths) -> None:
         super().__init__()
         first = widths.image[0]
         self.stem = nn.Sequential(
             nn.Conv2d(3, first, 3, stride=2, padding=1),
-            ChannelNorm(first),
+            nn.BatchNorm2d(first),
             nn.GELU(),
             nn.Conv2d(first, first, 3, padding=1),
         )
         stages: list[nn.Module] = []
-        for before, after, count in zip(widths.image[:-1], widths.image[1:], widths.blocks[1:], strict=True):
-            stages.append(nn.Sequential(down(before, after), *(Block(after) for _ in range(count))))
+        fine = partial(Mix, normed=True)
+        kinds = (fine, fine, Block, Block)
+        for before, after, count, block in zip(
+            widths.image[:-1], widths.image[1:], widths.blocks[1:], kinds, strict=True
+        ):
+            stages.append(nn.Sequential(down(before, after), *(block(after) for _ in range(count))))
         self.stages = nn.ModuleList(stages)
 
     def forward(self, picture: Tensor) -> list[Tensor]:
@@ -121,7 +140,7 @@ class SoundEncoder(nn.Module):
         layers: list[nn.Module] = []
         before = features.CHANNELS
         for after in widths.audio:
-            layers += [nn.Conv2d(before, after, 3, stride=2, padding=1), ChannelNorm(after), nn.GELU()]
+            layers += [nn.Conv2d(before, after, 3, stride=2, padding=1), nn.BatchNorm2d(after), nn.GELU()]
             before = after
         bands = features.BANDS >> len(widths.audio)
         self.layers = nn.Sequential(*layers)
@@ -148,6 +167,9 @@ class PictureDecoder(nn.Module):
             Up(before, skip, 0, after) for before, skip, after in zip(befores, image[-2::-1], wide, strict=True)
         )
         self.head = nn.Conv2d(wide[-1], CLASSES, 1)
+        with torch.no_grad():
+            assert self.head.bias is not None
+            self.head.bias[0] += NOTHING_FIRST
 
     def forward(self, encoded: list[Tensor]) -> Tensor:
         """(B, CLASSES, h, w) logits at stride 2."""
@@ -158,21 +180,23 @@ class PictureDecoder(nn.Module):
 
 
 class SoundingDecoder(nn.Module):
-    """The mask: attention to the sound at strides 32, then a decoder that gets what (match) and where (direction)."""
+    """The mask: attention to the sound at stride 32, then a decoder that gets what (match) and where (direction).
+
+    *Where* has no fine edges, but *what* has. So the decoder ends at stride 4 with two numbers, an offset a and a gain g,
+    and the log-odds of the mask at stride 2 are a + g · (log-odds of the match map).
+    """
 
     def __init__(self, widths: Widths) -> None:
         super().__init__()
         image, wide, width = widths.image, widths.decoder, widths.audio[-1]
         self.enter = nn.Conv2d(image[-1] + direction.CHANNELS + 1, width, 1)
         self.attention = nn.ModuleList(Listen(width) for _ in range(widths.attention))
-        befores = (width, *wide[:-1])
-        # The level of stride 2 has no direction map: the match map alone is that fine.
-        mores = [direction.CHANNELS + 1] * (len(wide) - 1) + [1]
+        befores = (width, *wide[:-2])
         self.levels = nn.ModuleList(
-            Up(before, skip, more, after)
-            for before, skip, more, after in zip(befores, image[-2::-1], mores, wide, strict=True)
+            Up(before, skip, direction.CHANNELS + 1, after)
+            for before, skip, after in zip(befores, image[-2:0:-1], wide[:-1], strict=True)
         )
-        self.head = nn.Conv2d(wide[-1], 1, 1)
+        self.head = nn.Conv2d(wide[-2], 2, 1)
 
     def forward(self, encoded: list[Tensor], tokens: Tensor, match: Tensor, where: Tensor) -> Tensor:
         """(B·K, h, w) logits at stride 2.
@@ -183,19 +207,20 @@ class SoundingDecoder(nn.Module):
             match: (B·K, 1, h, w) at stride 2.
             where: (B·K, D, h/2, w/2) at stride `FINEST`.
         """
-        count = tokens.shape[0]
-        cues = {2: match, FINEST: torch.cat([functional.avg_pool2d(match, FINEST // 2), where], dim=1)}
+        sounds = tokens.shape[0] // encoded[-1].shape[0]
+        cues = {FINEST: torch.cat([functional.avg_pool2d(match, FINEST // 2), where], dim=1)}
         for stride in (8, 16, 32):
             cues[stride] = functional.avg_pool2d(cues[stride // 2], 2)
-        last = encoded[-1].repeat_interleave(count // encoded[-1].shape[0], 0)
-        x = self.enter(torch.cat([last, cues[32]], dim=1))
+        x = self.enter(torch.cat([encoded[-1].repeat_interleave(sounds, 0), cues[32]], dim=1))
         cells = x.flatten(2).transpose(1, 2)
         for layer in self.attention:
             cells = layer(cells, tokens)
         x = cells.transpose(1, 2).unflatten(-1, x.shape[-2:])
-        for level, skip, stride in zip(self.levels, encoded[-2::-1], (16, 8, 4, 2), strict=True):
+        for level, skip, stride in zip(self.levels, encoded[-2:0:-1], (16, 8, FINEST), strict=True):
             x = level(x, skip, cues[stride])
-        return self.head(x)[:, 0]  # type: ignore[no-any-return]
+        fine = functional.interpolate(self.head(x), scale_factor=2.0, mode="bilinear", align_corners=False)
+        odds = torch.logit(match[:, 0].float(), eps=1e-4).clamp(-MOST_ODDS, MOST_ODDS).to(fine.dtype)
+        return fine[:, 0] + fine[:, 1] * odds
 
 
 class Listener(nn.Module):
@@ -219,18 +244,21 @@ class Listener(nn.Module):
         """What `Widths` was built with, as JSON types."""
         return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self.widths).items()}
 
-    def forward(self, picture: Tensor, sound: Sound) -> Output:
+    def forward(self, picture: Tensor, sound: Sound | None = None) -> Output:
         """The answers for B pictures with K sounds each.
 
         Args:
             picture: (B, 3, H, W) float, 0 to 1; padded to a multiple of `MULTIPLE` here.
-            sound: of `hear`, of B·K sounds: the K of the first picture, then those of the second, …
+            sound: of `hear`, of B·K sounds: the K of the first picture, then those of the second, …; None: the classes
+                of pixels alone are answered.
         """
         height, width = picture.shape[-2:]
         normalised = (picture - PICTURE_MEAN) / PICTURE_STD
         normalised = functional.pad(normalised, (0, -width % MULTIPLE, 0, -height % MULTIPLE))
         encoded = self.picture_encoder(normalised.contiguous(memory_format=torch.channels_last))
         classes = self.picture_decoder(encoded)
+        if sound is None:
+            return Output(classes, classes.new_zeros(0, len(CATEGORIES)), classes.new_zeros(0, *classes.shape[-2:]))
         tokens, audible = self.sound_encoder(sound.bands, sound.levels)
         match = match_map(classes, audible)
         where = functional.pad(sound.where, (0, -(-width % MULTIPLE) // -FINEST, 0, -(-height % MULTIPLE) // -FINEST))

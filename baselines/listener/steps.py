@@ -79,7 +79,11 @@ class SoundingModel(torch.nn.Module):
         self.network = network
 
     def forward(self, pictures: Tensor, sounds: Tensor, cameras: Tensor) -> Output:
-        """See `Listener.forward`; ``cameras`` are those of the B pictures."""
+        """See `Listener.forward`; ``cameras`` are those of the B pictures, and there may be no sounds."""
+        if not len(sounds):
+            output: Output = self.network(pictures)
+            # Several devices wait for the gradient of every parameter.
+            return output._replace(classes=output.classes + 0 * sum(p.sum() for p in self.network.parameters()))
         repeats = len(sounds) // len(pictures)
         heard = hear(sounds, cameras.repeat_interleave(repeats, 0), (pictures.shape[-2], pictures.shape[-1]))
         return self.network(pictures, heard)  # type: ignore[no-any-return]
@@ -146,7 +150,8 @@ class Run:
         return Result(state.step, state.step == settings.steps, self.validation, average, self.store, state)
 
     def _plan(self, step: int) -> Plan:
-        return self.sampler.plan(step, self.fabric.global_rank)
+        early = step < self.settings.picture_steps
+        return (self.sampler.picture_plan if early else self.sampler.plan)(step, self.fabric.global_rank)
 
     def _gather(self, step: int, plan: Plan) -> Batch:
         seed = np.random.SeedSequence((self.settings.seed, 2, step, self.fabric.global_rank)).generate_state(1)[0]
@@ -198,7 +203,7 @@ class Run:
         self._note(
             {"event": "step", "step": self.state.step, "loss": round(float(total), 5), **shown,
              "rate": round(self.settings.rate_at(self.state.step - 1), 7), "frames_per_second": round(throughput, 1),
-             "counterfactual": round(plan.counterfactual, 3), "seconds": round(self._seconds(), 1)}
+             "counterfactual": plan.counterfactual, "seconds": round(self._seconds(), 1)}
         )  # fmt: skip
 
     def _validate(self) -> None:

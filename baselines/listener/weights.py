@@ -16,7 +16,7 @@ from avs3d_bench.files import atomic_path
 from baselines.listener.model import Listener, Widths
 
 #: Changes when the network's layers, its features or its direction map do.
-NETWORK_VERSION = 1
+NETWORK_VERSION = 2
 #: The weights of this package, their sha256 beside them, and the card of the run that made them.
 PACKAGED = Path(__file__).parent / "weights" / "listener.safetensors"
 _FORMAT = "avs3d-listener"
@@ -30,7 +30,9 @@ def save_weights(network: Listener, path: str | Path) -> str:
         The sha256.
     """
     path = Path(path)
-    tensors = {name: tensor.detach().cpu().half().contiguous() for name, tensor in network.state_dict().items()}
+    # Counters of batches are whole numbers that no answer depends on.
+    state = {name: tensor for name, tensor in network.state_dict().items() if tensor.is_floating_point()}
+    tensors = {name: tensor.detach().cpu().half().contiguous() for name, tensor in state.items()}
     about = {"format": _FORMAT, "version": str(NETWORK_VERSION), "widths": json.dumps(network.settings)}
     with atomic_path(path) as temporary:
         temporary.write_bytes(save(tensors, metadata=about))
@@ -73,13 +75,12 @@ def load_listener(path: str | Path | None = None, *, device: Any = "cpu") -> tup
     except (SafetensorError, OSError) as error:
         raise Avs3dError(f"{path}: no whole safetensors file ({error}); copy or train it again") from None
     network = _network(path, about)
-    if {name: tensor.shape for name, tensor in network.state_dict().items()} != {
-        n: t.shape for n, t in tensors.items()
-    }:
+    expected_shapes = {name: t.shape for name, t in network.state_dict().items() if t.is_floating_point()}
+    if {name: tensor.shape for name, tensor in tensors.items()} != expected_shapes:
         raise Avs3dError(
             f"{path}: its tensors are not those of version {NETWORK_VERSION} of the listener; train it again"
         )
-    network.load_state_dict(tensors)
+    network.load_state_dict(network.state_dict() | tensors)
     return network.eval().requires_grad_(False).to(device), digest
 
 
