@@ -499,6 +499,18 @@ def test_pictures_alone_teach_what_is_seen_and_leave_the_rest_as_it_was(
     assert lines[-2]["counterfactual"] is not None
 
 
+def test_steps_to_come_may_change_while_pictures_alone_are_learnt(
+    store: shards.Store, fabric: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(steps, "REPORT_STEPS", 1)
+    stopped = run(store, tmp_path, fabric, settings(steps=9, picture_steps=3), replace(RARELY, minutes=1e-9))
+    assert stopped.step == 1
+    longer = run(store, tmp_path, fabric, settings(steps=5, picture_steps=4))
+    assert (longer.step, longer.finished) == (5, True)
+    with pytest.raises(UsageError, match=r"a run with steps 5, asked for 6"):
+        run(store, tmp_path, fabric, settings(steps=6, picture_steps=4))
+
+
 def test_another_run_is_not_gone_on_with(store: shards.Store, fabric: Any, tmp_path: Path) -> None:
     run(store, tmp_path, fabric, settings(steps=1))
     with pytest.raises(UsageError, match=r"a run with seed 0, asked for 1; use the same, or another folder"):

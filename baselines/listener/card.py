@@ -90,6 +90,7 @@ def write_result(
             "command": " ".join(["avs3d", *sys.argv[1:]]),
             "seed": settings.seed,
             "steps": settings.steps,
+            "picture_steps": settings.picture_steps,
             "batch_per_device": settings.batch,
             "highest_rate": settings.rate,
             "minutes": round(state.seconds / 60, 1),
@@ -149,7 +150,8 @@ Marks what sounds in a picture, given one second of binaural sound. Categories: 
   on, {len(data["validation_homes"])} kept for validation.
   Manifest: {manifest}. Shards: sha256 `{data["shards_sha256"]}`.
 - Command: `{training["command"]}`
-- Seed {training["seed"]}, {training["steps"]:,} steps of {training["batch_per_device"]} sounds a device.
+- Seed {training["seed"]}, {training["steps"]:,} steps of {training["batch_per_device"]} sounds a device, of which the first
+  {training["picture_steps"]:,} were of as many parts of pictures without sound.
 - Hardware: {", ".join(training["devices"])}; {training["precision"]}; torch {training["torch"]};
   {training["minutes"]} minutes.
 - Sounds in the batches: {shares}.

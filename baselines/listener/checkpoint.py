@@ -19,6 +19,8 @@ from baselines.listener.batches import SOUNDS
 from baselines.listener.model import Listener, Widths
 
 CHECKPOINT = "checkpoint.pt"
+#: Most steps in which the learning rate rises.
+MOST_WARM_UP = 500
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class Settings:
         batch: sounds of a batch on each device; a picture has `SOUNDS` of them.
         rate: highest learning rate.
         decay: weight decay.
-        warm_up: share of the steps in which the rate rises.
+        warm_up: share of the steps in which the rate rises; at most `MOST_WARM_UP` steps.
         average: decay of the exponential moving average of the weights.
         homes: number of training homes, for learning curves; None: all.
         seed: of weights, batches and augmentation.
@@ -62,7 +64,7 @@ class Settings:
 
         It stays while pictures alone are learnt.
         """
-        warm = max(1, round(self.warm_up * self.steps))
+        warm = min(max(1, round(self.warm_up * self.steps)), MOST_WARM_UP)
         if step < warm:
             return self.rate * (step + 1) / warm
         begin = max(warm, self.picture_steps)
@@ -121,6 +123,8 @@ def _moving_average(decay: float) -> Any:
 def resume(state: State, folder: Path, settings: Settings, digest: str) -> None:
     """Take over the folder's checkpoint, if there is one.
 
+    As long as pictures alone are learnt, the rate stays: the numbers of steps that are still to come may change.
+
     Raises:
         UsageError: if it was made with other settings or data.
         Avs3dError: if it is damaged.
@@ -131,8 +135,9 @@ def resume(state: State, folder: Path, settings: Settings, digest: str) -> None:
     try:
         saved = torch.load(path, map_location="cpu", weights_only=True)
         settled, trained = json.loads(saved["settings"]), saved["data"]
+        early = saved["step"] <= min(settled["picture_steps"], settings.picture_steps)
         for name, value in json.loads(_as_json(settings)).items():
-            if settled[name] != value:
+            if settled[name] != value and not (early and name in ("steps", "picture_steps")):
                 raise UsageError(
                     f"{path}: a run with {name} {settled[name]}, asked for {value}; use the same, or another folder"
                 )

@@ -20,6 +20,7 @@ One picture serves several sounds: the picture's encoder and first decoder run o
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -117,7 +118,7 @@ class PictureEncoder(nn.Module):
         )
         stages: list[nn.Module] = []
         fine = partial(Mix, normed=True)
-        kinds = (fine, fine, Block, Block)
+        kinds: tuple[Callable[[int], nn.Module], ...] = (fine, fine, Block, Block)
         for before, after, count, block in zip(
             widths.image[:-1], widths.image[1:], widths.blocks[1:], kinds, strict=True
         ):
@@ -182,8 +183,8 @@ class PictureDecoder(nn.Module):
 class SoundingDecoder(nn.Module):
     """The mask: attention to the sound at stride 32, then a decoder that gets what (match) and where (direction).
 
-    *Where* has no fine edges, but *what* has. So the decoder ends at stride 4 with two numbers, an offset a and a gain g,
-    and the log-odds of the mask at stride 2 are a + g · (log-odds of the match map).
+    *Where* has no fine edges, but *what* has. So the decoder ends at stride 4 with two numbers, an offset a and a gain
+    g, and the log-odds of the mask at stride 2 are a + g · (log-odds of the match map).
     """
 
     def __init__(self, widths: Widths) -> None:
