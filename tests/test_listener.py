@@ -347,6 +347,15 @@ def test_the_match_map_is_the_probability_that_a_pixels_category_is_heard_and_pa
     assert not found.requires_grad
 
 
+def test_the_mask_begins_as_that_of_the_category_that_is_heard() -> None:
+    network = Listener(SMALL).eval()
+    with torch.no_grad():
+        network.sounding_decoder.head.weight.zero_()
+        found = network(torch.rand(1, 3, 64, 64), hear(torch.zeros(2, 2, 44_100), CAMERA.expand(2, -1), (64, 64)))
+    expected = torch.logit(match_map(found.classes, found.audible)[:, 0])
+    torch.testing.assert_close(found.mask, expected, atol=1e-4, rtol=1e-4)
+
+
 def test_the_probability_of_a_class_is_that_without_the_losss_weight() -> None:
     """The minimum of the loss over pixels of which three in ten show a clock."""
     truth = torch.zeros(1, CLASSES, 1, 1)

@@ -198,6 +198,10 @@ class SoundingDecoder(nn.Module):
             for before, skip, after in zip(befores, image[-2:0:-1], wide[:-1], strict=True)
         )
         self.head = nn.Conv2d(wide[-2], 2, 1)
+        # The mask begins as that of the category that is heard.
+        with torch.no_grad():
+            assert self.head.bias is not None
+            self.head.bias.copy_(torch.tensor([0.0, 1.0]))
 
     def forward(self, encoded: list[Tensor], tokens: Tensor, match: Tensor, where: Tensor) -> Tensor:
         """(B·K, h, w) logits at stride 2.
