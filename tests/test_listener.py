@@ -639,6 +639,18 @@ def test_the_command_trains_and_writes_weights_and_card(
     assert "Apache-2.0" in text
 
 
+def test_tiny_numbers_are_0_while_it_trains_and_no_longer() -> None:
+    from baselines.listener.job import flushed
+
+    tiny = torch.full((64,), 1e-39)
+    with flushed():
+        assert not (tiny * 1).any()
+        with flushed():
+            assert not (tiny * 1).any()
+        assert not (tiny * 1).any()
+    assert (tiny * 1).all()
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

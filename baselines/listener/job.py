@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -63,6 +65,18 @@ def make_fabric(job: Job, precision: str) -> Any:
     return module.Fabric(accelerator=name, devices=job.devices, precision=precision, strategy=strategy)
 
 
+@contextmanager
+def flushed() -> Iterator[None]:
+    """A block in which a CPU takes numbers below 1e-38 as 0; with such gradients it is three times as slow."""
+    tiny = torch.tensor([1e-39])
+    before = not bool((tiny * 1).any())
+    torch.set_flush_denormal(True)
+    try:
+        yield
+    finally:
+        torch.set_flush_denormal(before)
+
+
 def run_job(job: Job, precision: str, *, progress: bool = False) -> tuple[bool | None, int, int]:
     """Train; (finished, steps that are done, all steps). ``finished`` is None on all devices but the first.
 
@@ -87,7 +101,8 @@ def run_job(job: Job, precision: str, *, progress: bool = False) -> tuple[bool |
     # The time that reading took belongs to --minutes.
     left = None if job.minutes is None else job.minutes - (time.monotonic() - began) / 60
     schedule = Schedule(minutes=left, validate_every=job.validate_every, compile=job.compile)
-    result = train(store, job.folder, settings, fabric=fabric, schedule=schedule)
+    with flushed():
+        result = train(store, job.folder, settings, fabric=fabric, schedule=schedule)
     if fabric.global_rank:
         return None, result.step, settings.steps
     if result.finished:
