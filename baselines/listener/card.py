@@ -150,8 +150,8 @@ Marks what sounds in a picture, given one second of binaural sound. Categories: 
   on, {len(data["validation_homes"])} kept for validation.
   Manifest: {manifest}. Shards: sha256 `{data["shards_sha256"]}`.
 - Command: `{training["command"]}`
-- Seed {training["seed"]}, {training["steps"]:,} steps of {training["batch_per_device"]} sounds a device, of which the first
-  {training["picture_steps"]:,} were of as many parts of pictures without sound.
+- Seed {training["seed"]}, {training["steps"]:,} steps of {training["batch_per_device"]} sounds a device; the first
+  {training["picture_steps"]:,} of them were of as many parts of pictures, without sound.
 - Hardware: {", ".join(training["devices"])}; {training["precision"]}; torch {training["torch"]};
   {training["minutes"]} minutes.
 - Sounds in the batches: {shares}.
