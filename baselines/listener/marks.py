@@ -34,7 +34,7 @@ from baselines.networks.device import inference
 #: Which of the network's answers is the mask.
 Which = Literal["sounding", "category"]
 #: Probability above which a pixel is marked as the category; chosen on validation homes, as `THRESHOLD`.
-CATEGORY_THRESHOLD = 0.5
+CATEGORY_THRESHOLD = 0.2
 #: Probabilities are cut here on both sides before they become log-odds.
 _LEAST = 1e-6
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
+from torch.optim.swa_utils import update_bn
 
 from avs3d_bench.errors import Avs3dError
 from baselines.listener.ahead import Ahead
@@ -28,6 +29,8 @@ PROGRESS = "progress.jsonl"
 GRADIENT_NORM = 1.0
 #: Steps between two lines of progress.
 REPORT_STEPS = 25
+#: Batches over which means and variances of the averaged network are measured.
+SETTLING_STEPS = 40
 #: Pictures of a batch that a message names.
 _NAMED = 3
 _TERMS = ("mask", "dice", "classes", "audible")
@@ -87,6 +90,17 @@ class SoundingModel(torch.nn.Module):
         repeats = len(sounds) // len(pictures)
         heard = hear(sounds, cameras.repeat_interleave(repeats, 0), (pictures.shape[-2], pictures.shape[-1]))
         return self.network(pictures, heard)  # type: ignore[no-any-return]
+
+
+class _OfBatch(torch.nn.Module):
+    """The same, called with a batch as `update_bn` does."""
+
+    def __init__(self, network: Listener) -> None:
+        super().__init__()
+        self.model = SoundingModel(network)
+
+    def forward(self, batch: Batch) -> Output:
+        return self.model(batch.pictures, batch.sounds, batch.cameras)  # type: ignore[no-any-return]
 
 
 @dataclass(frozen=True)
@@ -153,15 +167,15 @@ class Run:
         early = step < self.settings.picture_steps
         return (self.sampler.picture_plan if early else self.sampler.plan)(step, self.fabric.global_rank)
 
-    def _gather(self, step: int, plan: Plan) -> Batch:
-        seed = np.random.SeedSequence((self.settings.seed, 2, step, self.fabric.global_rank)).generate_state(1)[0]
+    def _gather(self, step: int, plan: Plan, rank: int) -> Batch:
+        seed = np.random.SeedSequence((self.settings.seed, 2, step, rank)).generate_state(1)[0]
         generator = torch.Generator(self.fabric.device).manual_seed(int(seed))
         return self.bank.gather(plan, generator)
 
     def _step(self, step: int, plan: Plan) -> None:
         for group in self.optimiser.param_groups:
             group["lr"] = self.settings.rate_at(step)
-        batch = self._gather(step, plan)
+        batch = self._gather(step, plan, self.fabric.global_rank)
         terms = losses(self.model(batch.pictures, batch.sounds, batch.cameras), batch)
         total = terms.total
         self.optimiser.zero_grad(set_to_none=True)
@@ -206,8 +220,23 @@ class Run:
              "counterfactual": plan.counterfactual, "seconds": round(self._seconds(), 1)}
         )  # fmt: skip
 
+    def _settle(self) -> None:
+        """Give the averaged network the means and variances that its own layers have; those of the other differ.
+
+        The batches are the same on all devices.
+        """
+        early = self.state.step <= self.settings.picture_steps
+        plan = self.sampler.picture_plan if early else self.sampler.plan
+        average: Any = self.state.average.module
+        training = average.training
+        numbers = range(self.settings.steps, self.settings.steps + SETTLING_STEPS)
+        with self.fabric.autocast():
+            update_bn((self._gather(number, plan(number), rank=0) for number in numbers), _OfBatch(average))
+        average.train(training)
+
     def _validate(self) -> None:
         self._check()
+        self._settle()
         (self.validation,) = validate(self.state.average.module, self.store, self.bank, self.fabric)
         self._note(
             {"event": "validation", "step": self.state.step, **self.validation, "seconds": round(self._seconds(), 1)}
