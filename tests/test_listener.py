@@ -724,6 +724,25 @@ def test_weights_come_back_as_float16_numbers_with_their_digest(saved: Path) -> 
     assert not network.training
 
 
+def test_the_same_weights_are_the_same_bytes(tmp_path: Path) -> None:
+    network = Listener(SMALL)
+    assert len({weights.save_weights(network, tmp_path / f"{number}.safetensors") for number in range(8)}) == 1
+
+
+def test_the_packages_weights_are_those_of_its_card() -> None:
+    network, digest = weights.load_listener()
+    card = json.loads((weights.PACKAGED.parent / "model_card.json").read_text())
+    assert card["weights"] == {
+        "file": "listener.safetensors", "sha256": digest, "parameters": parameter_count(network),
+    }  # fmt: skip
+    assert (card["network_version"], card["licence"]) == (weights.NETWORK_VERSION, "Apache-2.0")
+    assert weights.PACKAGED.stat().st_size <= 16e6
+    # No path of the machine that trained it.
+    assert "/" not in card["training"]["command"].replace("data/train", "").replace("runs/", "").replace(
+        "scenes_manifest/", ""
+    )
+
+
 def test_the_standard_network_fits_into_the_package() -> None:
     assert 2 * parameter_count(Listener()) < 16e6
 

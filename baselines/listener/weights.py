@@ -33,9 +33,10 @@ def save_weights(network: Listener, path: str | Path) -> str:
     # Counters of batches are whole numbers that no answer depends on.
     state = {name: tensor for name, tensor in network.state_dict().items() if tensor.is_floating_point()}
     tensors = {name: tensor.detach().cpu().half().contiguous() for name, tensor in state.items()}
-    about = {"format": _FORMAT, "version": str(NETWORK_VERSION), "widths": json.dumps(network.settings)}
+    about = json.dumps({"version": NETWORK_VERSION, "widths": network.settings}, sort_keys=True)
     with atomic_path(path) as temporary:
-        temporary.write_bytes(save(tensors, metadata=about))
+        # One entry: the order of several differs from call to call, and with it the sha256.
+        temporary.write_bytes(save(tensors, metadata={_FORMAT: about}))
     digest = media.sha256_file(path)
     with atomic_path(digest_path(path)) as temporary:
         temporary.write_text(f"{digest}  {path.name}\n")
@@ -97,16 +98,20 @@ def _expected(path: Path, *, required: bool) -> str | None:
 
 def _network(path: Path, about: dict[str, str]) -> Listener:
     """An untrained network of the size that the file names."""
-    if about.get("format") != _FORMAT:
-        raise Avs3dError(f"{path}: no weights of the listener (format {about.get('format')}), expected {_FORMAT}")
-    if about.get("version") != str(NETWORK_VERSION):
+    if _FORMAT not in about:
+        raise Avs3dError(f"{path}: no weights of the listener, expected metadata named {_FORMAT}; name another file")
+    try:
+        said: dict[str, Any] = json.loads(about[_FORMAT])
+        version, lists = said["version"], said["widths"].items()
+    except (KeyError, ValueError, TypeError, AttributeError) as error:
+        raise Avs3dError(f"{path}: its description of the network is damaged ({error}); copy it again") from None
+    if version != NETWORK_VERSION:
         raise Avs3dError(
-            f"{path}: weights of version {about.get('version')} of the listener, expected {NETWORK_VERSION}; "
+            f"{path}: weights of version {version} of the listener, expected {NETWORK_VERSION}; "
             "take those of this version of the package, or train again"
         )
     try:
-        lists: dict[str, Any] = json.loads(about["widths"])
-        widths: Any = {name: tuple(value) if isinstance(value, list) else value for name, value in lists.items()}
+        widths: Any = {name: tuple(value) if isinstance(value, list) else value for name, value in lists}
         return Listener(Widths(**widths))
-    except (KeyError, ValueError, TypeError) as error:
+    except (ValueError, TypeError) as error:
         raise Avs3dError(f"{path}: its description of the network is damaged ({error}); copy it again") from None
