@@ -69,7 +69,7 @@ class Scripted(ListenerMethod):
 
 
 def scripted(monkeypatch: pytest.MonkeyPatch, **changed: Any) -> ListenerMarker:
-    monkeypatch.setattr(marks, "_method", lambda *_: Scripted(None, CPU, "a" * 64, refine="none"))
+    monkeypatch.setattr(marks, "_method", lambda *_: Scripted(None, CPU, "a" * 64, threshold=0.5, refine="none"))
     return replace(ListenerMarker(None, "a" * 64), **changed)
 
 
