@@ -156,21 +156,26 @@ def uniform(generator: torch.Generator, count: int, low: float = 0.0, high: floa
 
 def augmented(batch: Batch, generator: torch.Generator) -> Batch:
     """The batch with random changes that keep its truth."""
-    count, per = len(batch.pictures), len(batch.sounds) // len(batch.pictures)
-    mirrored = uniform(generator, count) < MIRRORED
-    heard = mirrored.repeat_interleave(per)
-    cameras = batch.cameras.clone()
-    cameras[mirrored, 2] = 1 - cameras[mirrored, 2]
-    turned = Batch(
-        pictures=_where(mirrored, batch.pictures.flip(-1), batch.pictures),
-        classes=_where(mirrored, batch.classes.flip(-1), batch.classes),
-        cameras=cameras,
-        sounds=louder(_where(heard, batch.sounds.flip(1), batch.sounds), generator),
-        masks=_where(heard, batch.masks.flip(-1), batch.masks),
-        audible=batch.audible,
-    )
+    count = len(batch.pictures)
+    turned = mirrored(batch, uniform(generator, count) < MIRRORED)
+    turned = replace(turned, sounds=louder(turned.sounds, generator))
     shown = enlarged(turned, generator)
     return replace(shown, pictures=coloured(shown.pictures, generator))
+
+
+def mirrored(batch: Batch, chosen: Tensor) -> Batch:
+    """The batch with some pictures (B,) mirrored and the ears of their sounds, if there are any, swapped."""
+    heard = chosen.repeat_interleave(len(batch.sounds) // len(batch.pictures))
+    cameras = batch.cameras.clone()
+    cameras[chosen, 2] = 1 - cameras[chosen, 2]
+    return replace(
+        batch,
+        pictures=_where(chosen, batch.pictures.flip(-1), batch.pictures),
+        classes=_where(chosen, batch.classes.flip(-1), batch.classes),
+        cameras=cameras,
+        sounds=_where(heard, batch.sounds.flip(1), batch.sounds),
+        masks=_where(heard, batch.masks.flip(-1), batch.masks),
+    )
 
 
 def parts(batch: Batch, generator: torch.Generator) -> Batch:
@@ -178,12 +183,7 @@ def parts(batch: Batch, generator: torch.Generator) -> Batch:
 
     Objects are in view more often, and a step takes a quarter of the time: what is seen is learnt sooner.
     """
-    mirrored = uniform(generator, len(batch.pictures)) < MIRRORED
-    turned = replace(
-        batch,
-        pictures=_where(mirrored, batch.pictures.flip(-1), batch.pictures),
-        classes=_where(mirrored, batch.classes.flip(-1), batch.classes),
-    )
+    turned = mirrored(batch, uniform(generator, len(batch.pictures)) < MIRRORED)
     count, classes = len(batch.pictures), turned.classes.flatten(1)
     smallest, largest = PART_SHARES
     part = smallest * (largest / smallest) ** uniform(generator, count)

@@ -155,7 +155,10 @@ class Sampler:
     @property
     def steps(self) -> int:
         """Steps of an epoch."""
-        return max(1, self.epoch // (self.batch * self.ranks))
+        return self._steps(self.batch)
+
+    def _steps(self, count: int) -> int:
+        return max(1, self.epoch // (count * self.ranks))
 
     def plan(self, step: int, rank: int = 0) -> Plan:
         """The batch of a step on one of the devices."""
@@ -181,7 +184,7 @@ class Sampler:
 
     def _views(self, step: int, rank: int, count: int) -> NDArray[np.int64]:
         """The pictures of a batch: the next ones of an order that changes from epoch to epoch."""
-        epoch, within = divmod(step, max(1, self.epoch // (count * self.ranks)))
+        epoch, within = divmod(step, self._steps(count))
         if self._order[0] != (epoch, count):
             self._order = ((epoch, count), self._shuffled(epoch, count))
         start = (within * self.ranks + rank) * count

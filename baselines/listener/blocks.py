@@ -1,7 +1,7 @@
 """The parts that the network is built of: convolutional blocks for pictures, attention from pixels to moments of sound.
 
 Layers of many pixels are normalised over the batch (Ioffe & Szegedy, ICML 2015): with few steps and few channels the
-network learns sooner than with a normalisation of each pixel, and a step takes less time.
+network learns sooner than with a normalisation of each pixel.
 
 Sources: ConvNeXt blocks (Liu et al., "A ConvNet for the 2020s", CVPR 2022), U-Net (Ronneberger et al., MICCAI 2015),
 attention (Vaswani et al., "Attention is all you need", NeurIPS 2017).
@@ -43,7 +43,7 @@ class Block(nn.Module):
 class Mix(nn.Module):
     """Residual block of fine strides: a 3 × 3 convolution of all channels with all, then one at every pixel.
 
-    Where channels are few, a depthwise convolution takes longer than this one, which does far more.
+    Where channels are few, a depthwise convolution takes a CPU about as long as this one, which does far more.
 
     Args:
         channels: of input and output.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -164,8 +165,11 @@ class Run:
         return Result(state.step, state.step == settings.steps, self.validation, average, self.store, state)
 
     def _plan(self, step: int) -> Plan:
-        early = step < self.settings.picture_steps
-        return (self.sampler.picture_plan if early else self.sampler.plan)(step, self.fabric.global_rank)
+        return self._planner(step)(step, self.fabric.global_rank)
+
+    def _planner(self, step: int) -> Callable[..., Plan]:
+        """What plans the batches of the stage that a step belongs to."""
+        return self.sampler.picture_plan if step < self.settings.picture_steps else self.sampler.plan
 
     def _gather(self, step: int, plan: Plan, rank: int) -> Batch:
         seed = np.random.SeedSequence((self.settings.seed, 2, step, rank)).generate_state(1)[0]
@@ -225,8 +229,7 @@ class Run:
 
         The batches are the same on all devices.
         """
-        early = self.state.step <= self.settings.picture_steps
-        plan = self.sampler.picture_plan if early else self.sampler.plan
+        plan = self._planner(self.state.step - 1)
         average: Any = self.state.average.module
         training = average.training
         numbers = range(self.settings.steps, self.settings.steps + SETTLING_STEPS)

@@ -9,6 +9,7 @@ from typing import Any
 
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
+from torch import Tensor
 
 from avs3d_bench import media
 from avs3d_bench.errors import Avs3dError
@@ -30,9 +31,7 @@ def save_weights(network: Listener, path: str | Path) -> str:
         The sha256.
     """
     path = Path(path)
-    # Counters of batches are whole numbers that no answer depends on.
-    state = {name: tensor for name, tensor in network.state_dict().items() if tensor.is_floating_point()}
-    tensors = {name: tensor.detach().cpu().half().contiguous() for name, tensor in state.items()}
+    tensors = {name: tensor.detach().cpu().half().contiguous() for name, tensor in _kept(network).items()}
     about = json.dumps({"version": NETWORK_VERSION, "widths": network.settings}, sort_keys=True)
     with atomic_path(path) as temporary:
         # One entry: the order of several differs from call to call, and with it the sha256.
@@ -76,13 +75,17 @@ def load_listener(path: str | Path | None = None, *, device: Any = "cpu") -> tup
     except (SafetensorError, OSError) as error:
         raise Avs3dError(f"{path}: no whole safetensors file ({error}); copy or train it again") from None
     network = _network(path, about)
-    expected_shapes = {name: t.shape for name, t in network.state_dict().items() if t.is_floating_point()}
-    if {name: tensor.shape for name, tensor in tensors.items()} != expected_shapes:
+    if {name: t.shape for name, t in tensors.items()} != {name: t.shape for name, t in _kept(network).items()}:
         raise Avs3dError(
             f"{path}: its tensors are not those of version {NETWORK_VERSION} of the listener; train it again"
         )
     network.load_state_dict(network.state_dict() | tensors)
     return network.eval().requires_grad_(False).to(device), digest
+
+
+def _kept(network: Listener) -> dict[str, Tensor]:
+    """The tensors of a file of weights: counters of batches are whole numbers that no answer depends on."""
+    return {name: tensor for name, tensor in network.state_dict().items() if tensor.is_floating_point()}
 
 
 def _expected(path: Path, *, required: bool) -> str | None:
@@ -102,16 +105,13 @@ def _network(path: Path, about: dict[str, str]) -> Listener:
         raise Avs3dError(f"{path}: no weights of the listener, expected metadata named {_FORMAT}; name another file")
     try:
         said: dict[str, Any] = json.loads(about[_FORMAT])
-        version, lists = said["version"], said["widths"].items()
-    except (KeyError, ValueError, TypeError, AttributeError) as error:
-        raise Avs3dError(f"{path}: its description of the network is damaged ({error}); copy it again") from None
-    if version != NETWORK_VERSION:
-        raise Avs3dError(
-            f"{path}: weights of version {version} of the listener, expected {NETWORK_VERSION}; "
-            "take those of this version of the package, or train again"
-        )
-    try:
+        if said["version"] != NETWORK_VERSION:
+            raise Avs3dError(
+                f"{path}: weights of version {said['version']} of the listener, expected {NETWORK_VERSION}; "
+                "take those of this version of the package, or train again"
+            )
+        lists = said["widths"].items()
         widths: Any = {name: tuple(value) if isinstance(value, list) else value for name, value in lists}
         return Listener(Widths(**widths))
-    except (ValueError, TypeError) as error:
+    except (KeyError, ValueError, TypeError, AttributeError) as error:
         raise Avs3dError(f"{path}: its description of the network is damaged ({error}); copy it again") from None
