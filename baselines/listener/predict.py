@@ -43,7 +43,7 @@ from baselines.listener.shards import SIDE, fit
 from baselines.networks.device import inference, pick_device
 
 #: Probability above which a pixel is marked; chosen on validation homes (`benchmarks.listener_thresholds`).
-THRESHOLD = 0.8
+THRESHOLD = 0.2
 #: What the network hears: the frame's own sound, or nothing, or that of another observation, to see whether it listens.
 Hearing = Literal["own", "none", "other"]
 #: Frames that go through the network at a time.

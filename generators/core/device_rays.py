@@ -320,7 +320,7 @@ class DeviceTracer:
 
     #: See `Tracer.calls_together`: a call costs about 0.5 ms, whatever the number of its rays; but a job in few large
     #: pieces leaves threads idle that wait for the last ones.
-    calls_together = 4
+    calls_together = 8
 
     def __init__(self, triangles: F32) -> None:
         require_device()
