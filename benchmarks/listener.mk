@@ -16,6 +16,8 @@ TRAIN ?= scenes_manifest/train.yaml
 # Which part of it, and other options of `avs3d generate` for it.
 TRAIN_OPTIONS ?=
 EPOCHS ?= 30
+# Of the training, before these: they learn what is seen, without sound.
+PICTURE_STEPS ?= 1300
 # After this time the training stops; the same command goes on.
 MINUTES ?= 20
 TRAIN_LISTENER_OPTIONS ?=
@@ -49,7 +51,7 @@ $(LISTENER)/train-data.done:
 	@touch $@
 
 $(WEIGHTS): $(LISTENER)/train-data.done
-	$(call timed,train,$(PYTHON) -m benchmarks.listener_training --data $(SHARDS) -o $(RUN) --epochs $(EPOCHS) \
+	$(call timed,train,$(PYTHON) -m benchmarks.listener_training --data $(SHARDS) -o $(RUN) --epochs $(EPOCHS) --picture-steps $(PICTURE_STEPS) \
 	  --minutes $(MINUTES) --manifest $(TRAIN) $(if $(filter 0,$(GPUS)),--accelerator cpu,--devices $(GPUS)) \
 	  $(TRAIN_LISTENER_OPTIONS) && [ -f $@ ])
 
