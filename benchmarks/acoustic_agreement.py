@@ -123,6 +123,11 @@ class Rows:
         tracer, other = self._both(ratio, what, "free")
         return np.asarray(tracer - other)
 
+    def part(self, name: str) -> F64:
+        """(poses, 6) difference of the level of ``direct`` or ``late`` sound in each octave, dB; poses with a free path."""
+        tracer, other = decibels(self._both(lambda found: np.mean(found[name], axis=0), "omni", "free"))
+        return np.asarray(tracer - other)
+
     def decay(self, what: str) -> F64:
         """(2, 6) mean T30 in each octave, s."""
         return np.asarray(np.nanmean(self._both(lambda found: np.array(found["t30"], dtype=float), what), axis=(1, 2)))
@@ -171,6 +176,8 @@ def summarise(observations: Sequence[dict[str, Any]], heads: dict[str, Any]) -> 
             "DRR at the ears (dB)": float(rows.ratios("head").mean()),
             "DRR (dB)": float(rows.ratios("omni").mean()),
             "DRR per octave (dB)": rows.ratios("omni").mean(axis=0).tolist(),
+            "up to 2 ms per octave (dB)": rows.part("direct").mean(axis=0).tolist(),
+            "after 2 ms (dB)": float(rows.part("late").mean()),
             "T30 of the tracer (s)": decay[0].tolist(),
             "T30 of SoundSpaces (s)": decay[1].tolist(),
             "T30 (%)": (100 * (decay[0] / decay[1] - 1)).tolist(),
@@ -195,7 +202,9 @@ def summarise(observations: Sequence[dict[str, Any]], heads: dict[str, Any]) -> 
             ),
             "DRR (dB)": _spread([row["DRR (dB)"] for row in values]),
             "DRR at the ears (dB)": _spread([row["DRR at the ears (dB)"] for row in values]),
-            "T30 (%)": {str(band): _spread([row["T30 (%)"][k] for row in values]) for k, band in enumerate(OCTAVES)},
+            "up to 2 ms (dB)": _per_octave([row["up to 2 ms per octave (dB)"] for row in values]),
+            "after 2 ms (dB)": _spread([row["after 2 ms (dB)"] for row in values]),
+            "T30 (%)": _per_octave([row["T30 (%)"] for row in values]),
             "in line of sight, same sign of ILD": every.signs(),
             "of these, audible": every.signs(AUDIBLE_ILD),
             "signs that differ; the source's side in the tracer, in SoundSpaces": every.sides(),
@@ -214,6 +223,10 @@ def _spread(values: list[float]) -> dict[str, float]:
     return {"least": min(values), "median": float(np.median(values)), "most": max(values)}
 
 
+def _per_octave(rooms: list[list[float]]) -> dict[str, dict[str, float]]:
+    return {str(band): _spread([room[k] for room in rooms]) for k, band in enumerate(OCTAVES)}
+
+
 def markdown(summary: dict[str, Any]) -> str:
     """The summary as two tables: tracer minus SoundSpaces."""
     head = ["room", "poses", "level, dB", "DRR, dB", *(f"T30 {band} Hz, %" for band in OCTAVES), "ILD sign"]
@@ -225,7 +238,9 @@ def markdown(summary: dict[str, Any]) -> str:
         lines.append(f"| {' | '.join([*cells, f'{same} of {seen}'])} |")
     lines += ["", "| all rooms | least | median | most |", "|---|---|---|---|"]
     for name, value in summary["all"].items():
-        rows = value.items() if name == "T30 (%)" else [("", value)] if isinstance(value, dict) else []
+        if not isinstance(value, dict):
+            continue
+        rows = [("", value)] if "median" in value else value.items()
         for band, spread in rows:
             title = f"{name}{f', {band} Hz' if band else ''}"
             lines.append(f"| {title} | {spread['least']:+.1f} | {spread['median']:+.1f} | {spread['most']:+.1f} |")

@@ -45,6 +45,10 @@ PATH_VARIANCE = 0.36
 MIDDLE = (500, 1000, 2000)
 #: Boxes of mirrors: absorption of the floor, the ceiling and the walls.
 MIRRORS = {"all 0.2": (0.2, 0.2, 0.2), "carpet": (0.6, 0.3, 0.2), "hard floor": (0.1, 0.1, 0.4)}
+#: A source beside a hard floor, and listeners so far from the other, soft surfaces that within 2 ms of the direct sound only
+#: the floor's reflection arrives.
+LOW_SOURCE, FLOOR, SOFT = (2.4, 0.3, 1.5), 0.05, 0.9
+LOW_LISTENERS = ((4.2, 1.2, 1.5), (4.0, 1.5, 1.2), (4.6, 1.0, 1.8))
 #: Decay that is shown (s), and the step of the curves (s).
 SHOWN, STEP = 0.8, 0.004
 #: Rays and draws of the noise.
@@ -269,6 +273,32 @@ def direct_levels() -> dict[str, Any]:
     return table
 
 
+def low_source() -> dict[str, list[float]]:
+    """Energy up to 2 ms after the direct sound beside a hard floor relative to 1/r², dB, in each of `OCTAVES`.
+
+    The floor's image source is 1/r + R·δ/r' with R = √(1 − α): pressures add, and the octaves have dips and peaks.
+    Adding energies instead would give the same level in all octaves.
+    """
+    scene = box(even(FLOOR), even(SOFT), even(SOFT), 0.0)
+    found = {"closed form": [], "closed form, energies added": []} | {engine: [] for engine in ENGINES}  # type: ignore[var-annotated]
+    for listener in LOW_LISTENERS:
+        direct = math.dist(LOW_SOURCE, listener)
+        image = math.dist((LOW_SOURCE[0], -LOW_SOURCE[1], LOW_SOURCE[2]), listener)
+        gain, delay = math.sqrt(1 - FLOOR) * direct / image, (image - direct) / SPEED_OF_SOUND
+        bands = [np.linspace(band / math.sqrt(2), band * math.sqrt(2), 400) for band in OCTAVES]
+        crossed = np.array([np.cos(2 * np.pi * band * delay).mean() for band in bands])
+        found["closed form"].append(1 + gain**2 + 2 * gain * crossed)
+        found["closed form, energies added"].append(np.full(len(OCTAVES), 1 + gain**2))
+    poses = [Pose.from_yaw(listener, 0.0) for listener in LOW_LISTENERS]
+    for engine in ENGINES:
+        for listener, (_, omni) in zip(
+            LOW_LISTENERS, responses(engine, scene, LOW_SOURCE, "box", poses, head=False), strict=True
+        ):
+            distance = math.dist(LOW_SOURCE, listener)
+            found[engine].append(np.array(measure(omni, distance).direct[0]) * distance**2)
+    return {name: decibels(np.mean(values, axis=0)).tolist() for name, values in found.items()}
+
+
 def noise() -> dict[str, Any]:
     """Standard deviation over seeds of the energy at 1 kHz against the number of rays, rain and images left out."""
     scene = box(even(0.2), even(0.1), even(0.1), 0.3)
@@ -354,6 +384,13 @@ def markdown(found: dict[str, Any]) -> str:
     ]
     for engine in ENGINES:
         lines.append(f"| {engine} | " + " | ".join(f"{row[engine]:+.2f}" for row in found["direct"].values()) + " |")
+    lines += [
+        "",
+        "| first 2 ms beside a hard floor re 1/r², dB | " + " | ".join(f"{band} Hz" for band in OCTAVES) + " |",
+        "|---" * 7 + "|",
+    ]
+    for name, values in found["low source"].items():
+        lines.append(f"| {name} | " + " | ".join(f"{value:+.1f}" for value in values) + " |")
     lines += ["", f"Source and listener exchanged, largest difference of an octave, dB: {found['exchanged']:.2f}"]
     lines += [f"Standard deviation over seeds, dB, by number of rays: {found['noise']}"]
     off = np.abs(np.subtract(found["coherence"]["measured"], found["coherence"]["closed form"]))
@@ -370,7 +407,7 @@ def main(output: Path) -> None:
     output.mkdir(parents=True, exist_ok=True)
     parts: dict[str, Callable[[], Any]] = {
         "diffuse": diffuse_boxes, "mirrors": mirror_boxes, "plaster": plaster_box, "direct": direct_levels,
-        "noise": noise, "coherence": lambda: coherence(output), "exchanged": exchanged,
+        "low source": low_source, "noise": noise, "coherence": lambda: coherence(output), "exchanged": exchanged,
     }  # fmt: skip
     found = {}
     for name, part in parts.items():

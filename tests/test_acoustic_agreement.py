@@ -5,7 +5,6 @@ import pytest
 
 from avs3d_bench.layout import SAMPLE_RATE
 
-pytest.importorskip("rlr_audio_propagation", reason="the acoustic engine (extra soundspaces) is not installed")
 from benchmarks.acoustic_agreement import Rows, even_surfaces
 from benchmarks.acoustic_closed_forms import filtered_t30
 from benchmarks.acoustic_measures import OCTAVES, measure, octave_energies, split
@@ -107,6 +106,8 @@ def test_differences_are_the_tracer_minus_the_other():
     assert rows.levels("omni") == pytest.approx(np.array([[2.0] * 6, [0.0] * 6, [0.0] * 6]))
     assert rows.levels("head")[0] == pytest.approx([1.0] * 3 + [4.0] * 3)
     assert rows.ratios("omni") == pytest.approx(np.array([[3.0] * 6, [0.0] * 6]))
+    assert rows.part("direct") == pytest.approx(np.array([[3.0] * 6, [0.0] * 6]))
+    assert rows.part("late") == pytest.approx(np.zeros((2, 6)))
     assert rows.decay("omni")[0] == pytest.approx([0.6] * 6)
     assert rows.signs() == (2, 1)
     assert rows.signs(1.0) == (1, 1)

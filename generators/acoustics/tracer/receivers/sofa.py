@@ -96,7 +96,7 @@ def read_hrirs(path: str | Path) -> HrirSet:
     rate = file.numbers("Data.SamplingRate", 0).ravel()
     if rate.size != 1 or not LEAST_RATE <= rate[0] <= MOST_RATE:
         raise Avs3dError(
-            f"{path}: Data.SamplingRate is {rate.tolist()}, expected one of {LEAST_RATE} to {MOST_RATE} Hz"
+            f"{path}: Data.SamplingRate is {rate.tolist()}, expected one rate from {LEAST_RATE} to {MOST_RATE} Hz"
         )
     if length < LEAST_SAMPLES:
         raise Avs3dError(f"{path}: Data.IR has {length} samples, expected at least {LEAST_SAMPLES}")
