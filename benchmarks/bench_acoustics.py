@@ -243,6 +243,9 @@ def main(arguments: list[str]) -> None:
         ("cuda",): lambda: tracer_on_cuda(build_apartment("bench", 1)),
         ("rooms",): spreads_of_rooms,
     }
+    if arguments in (["-h"], ["--help"]):
+        print(__doc__)
+        return
     if tuple(arguments) not in works:
         sys.exit(f"bench_acoustics: unknown argument {' '.join(arguments)!r}; expected none, cuda or rooms")
     print(json.dumps(works[tuple(arguments)](), indent=2))
