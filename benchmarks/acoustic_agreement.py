@@ -124,7 +124,7 @@ class Rows:
         return np.asarray(tracer - other)
 
     def part(self, name: str) -> F64:
-        """(poses, 6) difference of the level of ``direct`` or ``late`` sound in each octave, dB; poses with a free path."""
+        """(poses, 6) difference of the level of ``direct`` or ``late`` sound per octave, dB; poses with a free path."""
         tracer, other = decibels(self._both(lambda found: np.mean(found[name], axis=0), "omni", "free"))
         return np.asarray(tracer - other)
 

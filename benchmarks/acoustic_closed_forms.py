@@ -45,8 +45,8 @@ PATH_VARIANCE = 0.36
 MIDDLE = (500, 1000, 2000)
 #: Boxes of mirrors: absorption of the floor, the ceiling and the walls.
 MIRRORS = {"all 0.2": (0.2, 0.2, 0.2), "carpet": (0.6, 0.3, 0.2), "hard floor": (0.1, 0.1, 0.4)}
-#: A source beside a hard floor, and listeners so far from the other, soft surfaces that within 2 ms of the direct sound only
-#: the floor's reflection arrives.
+#: A source beside a hard floor, and listeners that are far from the other, soft surfaces: within 2 ms of the direct
+#: sound, only the floor's reflection arrives.
 LOW_SOURCE, FLOOR, SOFT = (2.4, 0.3, 1.5), 0.05, 0.9
 LOW_LISTENERS = ((4.2, 1.2, 1.5), (4.0, 1.5, 1.2), (4.6, 1.0, 1.8))
 #: Decay that is shown (s), and the step of the curves (s).

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from avs3d_bench.layout import SAMPLE_RATE
-
 from benchmarks.acoustic_agreement import Rows, even_surfaces
 from benchmarks.acoustic_closed_forms import filtered_t30
 from benchmarks.acoustic_measures import OCTAVES, measure, octave_energies, split
