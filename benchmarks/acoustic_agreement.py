@@ -100,10 +100,14 @@ class Rows:
         chosen = [pose for pose in self._poses if keep is None or pose[keep]]
         return np.array([[value(pose[engine][what]) for pose in chosen] for engine in ENGINES], dtype=np.float64)
 
+    def _difference(self, name: str, what: str, keep: str | None = None) -> F64:
+        """(poses, 6) difference of the level of ``energy``, ``direct`` or ``late`` sound in each octave, dB."""
+        tracer, other = decibels(self._both(lambda found: np.mean(found[name], axis=0), what, keep))
+        return np.asarray(tracer - other)
+
     def levels(self, what: str) -> F64:
         """(poses, 6) difference of the level in each octave, dB; ``head``: without the levels of the two heads."""
-        tracer, other = decibels(self._both(lambda found: np.mean(found["energy"], axis=0), what))
-        difference = np.asarray(tracer - other)
+        difference = self._difference("energy", what)
         if what == "head":
             own = [np.array(self._heads[engine]["octaves"]) for engine in ENGINES]
             difference -= own[0] - own[1]
@@ -116,17 +120,11 @@ class Rows:
 
     def ratios(self, what: str) -> F64:
         """(poses, 6) difference of the direct-to-reverberant ratio in each octave, dB; poses with a free path."""
-
-        def ratio(found: dict[str, Any]) -> F64:
-            return decibels(np.mean(found["direct"], axis=0) / np.mean(found["late"], axis=0))
-
-        tracer, other = self._both(ratio, what, "free")
-        return np.asarray(tracer - other)
+        return self._difference("direct", what, "free") - self._difference("late", what, "free")
 
     def part(self, name: str) -> F64:
         """(poses, 6) difference of the level of ``direct`` or ``late`` sound per octave, dB; poses with a free path."""
-        tracer, other = decibels(self._both(lambda found: np.mean(found[name], axis=0), "omni", "free"))
-        return np.asarray(tracer - other)
+        return self._difference(name, "omni", "free")
 
     def decay(self, what: str) -> F64:
         """(2, 6) mean T30 in each octave, s."""

@@ -9,7 +9,7 @@ closed_forms.md, from which `benchmarks.acoustic_pictures` draws. Takes about a 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -352,43 +352,33 @@ def exchanged() -> float:
     return worst
 
 
+def _head(title: str, columns: Iterable[str]) -> list[str]:
+    """A blank line, and the first two lines of a table."""
+    names = [title, *columns]
+    return ["", f"| {' | '.join(names)} |", "|---" * len(names) + "|"]
+
+
 def markdown(found: dict[str, Any]) -> str:
     """The figures as tables."""
     lines = [
         "| absorption | T30, s: closed form | tracer | SoundSpaces | level, dB: closed form | tracer | SoundSpaces |"
     ]
     lines.append("|---" * 7 + "|")
-    columns = ("closed form", *ENGINES)
+    columns, octaves = ("closed form", *ENGINES), [f"{band} Hz" for band in OCTAVES]
     for absorption, row in found["diffuse"].items():
         cells = [f"{row['T30 (s)'][c]:.3f}" for c in columns] + [f"{row['level (dB)'][c]:+.1f}" for c in columns]
         lines.append(f"| {absorption} | {' | '.join(cells)} |")
-    lines += [
-        "",
-        "| box of mirrors, 1 kHz | " + " | ".join(found["mirrors"]["all 0.2"]["T30 (s)"]) + " |",
-        "|---" * 6 + "|",
-    ]
+    lines += _head("box of mirrors, 1 kHz", found["mirrors"]["all 0.2"]["T30 (s)"])
     for name, row in found["mirrors"].items():
         for what, form in (("T30 (s)", "{:.3f}"), ("level (dB)", "{:+.1f}")):
             lines.append(f"| {name}, {what} | " + " | ".join(form.format(value) for value in row[what].values()) + " |")
-    lines += [
-        "",
-        "| diffuse box of plaster, T30, s | " + " | ".join(f"{band} Hz" for band in OCTAVES) + " |",
-        "|---" * 7 + "|",
-    ]
+    lines += _head("diffuse box of plaster, T30, s", octaves)
     for name, values in found["plaster"].items():
         lines.append(f"| {name} | " + " | ".join(f"{value:.2f}" for value in values) + " |")
-    lines += [
-        "",
-        "| direct sound re 1/r, dB | " + " | ".join(f"{d} m" for d in found["direct"]) + " |",
-        "|---" * 6 + "|",
-    ]
+    lines += _head("direct sound re 1/r, dB", [f"{distance} m" for distance in found["direct"]])
     for engine in ENGINES:
         lines.append(f"| {engine} | " + " | ".join(f"{row[engine]:+.2f}" for row in found["direct"].values()) + " |")
-    lines += [
-        "",
-        "| first 2 ms beside a hard floor re 1/r², dB | " + " | ".join(f"{band} Hz" for band in OCTAVES) + " |",
-        "|---" * 7 + "|",
-    ]
+    lines += _head("first 2 ms beside a hard floor re 1/r², dB", octaves)
     for name, values in found["low source"].items():
         lines.append(f"| {name} | " + " | ".join(f"{value:+.1f}" for value in values) + " |")
     lines += ["", f"Source and listener exchanged, largest difference of an octave, dB: {found['exchanged']:.2f}"]

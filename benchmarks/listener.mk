@@ -51,8 +51,8 @@ $(LISTENER)/train-data.done:
 	@touch $@
 
 $(WEIGHTS): $(LISTENER)/train-data.done
-	$(call timed,train,$(PYTHON) -m benchmarks.listener_training --data $(SHARDS) -o $(RUN) --epochs $(EPOCHS) --picture-steps $(PICTURE_STEPS) \
-	  --minutes $(MINUTES) --manifest $(TRAIN) $(if $(filter 0,$(GPUS)),--accelerator cpu,--devices $(GPUS)) \
+	$(call timed,train,$(PYTHON) -m benchmarks.listener_training --data $(SHARDS) -o $(RUN) --epochs $(EPOCHS) \
+	  --picture-steps $(PICTURE_STEPS) --minutes $(MINUTES) --manifest $(TRAIN) $(if $(filter 0,$(GPUS)),--accelerator cpu,--devices $(GPUS)) \
 	  $(TRAIN_LISTENER_OPTIONS) && [ -f $@ ])
 
 # After the training data: both use all cores.

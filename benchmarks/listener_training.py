@@ -15,9 +15,10 @@ from baselines.listener.cli import listener
 
 def main() -> None:
     try:
+        options = sys.argv[1:]
         # The model card names the command by `sys.argv`.
-        sys.argv = ["avs3d", "train", "listener", *sys.argv[1:]]
-        listener.main(sys.argv[3:], standalone_mode=False, prog_name="listener_training")
+        sys.argv = ["avs3d", "train", "listener", *options]
+        listener.main(options, standalone_mode=False, prog_name="listener_training")
     except Avs3dError as error:
         print(f"listener_training: error: {error}", file=sys.stderr)
         sys.exit(error.exit_code)
