@@ -18,7 +18,7 @@ def main() -> None:
         options = sys.argv[1:]
         # The model card names the command by `sys.argv`.
         sys.argv = ["avs3d", "train", "listener", *options]
-        listener.main(options, standalone_mode=False, prog_name="listener_training")
+        listener.main(options, prog_name="listener_training")
     except Avs3dError as error:
         print(f"listener_training: error: {error}", file=sys.stderr)
         sys.exit(error.exit_code)
