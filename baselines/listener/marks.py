@@ -26,17 +26,14 @@ from numpy.typing import NDArray
 
 from avs3d_bench.dataset import Frame
 from avs3d_bench.errors import Avs3dError
-from baselines.listener.masks import LEAST_AREA, MOST_LOGIT, Answer, class_map, guided, logit, without_specks
+from baselines.listener.masks import LEAST_AREA, MOST_LOGIT, Answer, class_map, guided, log_odds, logit, without_specks
 from baselines.listener.predict import BATCH, THRESHOLD, ListenerMethod, camera_of, clip_of, load_method
-from baselines.listener.shards import fit
 from baselines.networks.device import inference
 
 #: Which of the network's answers is the mask.
 Which = Literal["sounding", "category"]
 #: Probability above which a pixel is marked as the category; chosen on validation homes, as `THRESHOLD`.
 CATEGORY_THRESHOLD = 0.2
-#: Probabilities are cut here on both sides before they become log-odds.
-_LEAST = 1e-6
 
 
 @dataclass(frozen=True)
@@ -104,11 +101,11 @@ class ListenerMarker:
 
 
 def _answers(method: ListenerMethod, frames: Sequence[Frame]) -> list[Answer]:
-    """What the network says of frames, at its own size."""
+    """What the network says of frames."""
     found: list[Answer] = []
     for start in range(0, len(frames), BATCH):
         part = frames[start : start + BATCH]
-        pictures = [fit(frame.rgb(), cv2.INTER_AREA) for frame in part]
+        pictures = [frame.rgb() for frame in part]
         sounds = np.stack([clip_of(frame) for frame in part])
         cameras = np.asarray([camera_of(frame) for frame in part], np.float32)
         with inference(method.device, f"{part[0].observation.path}/{part[0].name}"):
@@ -126,7 +123,7 @@ def _mask(method: ListenerMethod, cells: NDArray[np.float32], picture: NDArray[n
 
 def shared_category(answers: Sequence[Answer]) -> int:
     """The category (0-based) that is most probably heard in all of these answers: the largest sum of log-odds."""
-    odds = np.sum([_log_odds(answer.audible) for answer in answers], axis=0)
+    odds = np.sum([log_odds(answer.audible) for answer in answers], axis=0)
     return int(np.argmax(odds))
 
 
@@ -138,15 +135,10 @@ def of_category(answer: Answer, category: int | None) -> Answer:
         category: 0-based, the only one that is heard; None: as the answer says, P(heard) = Σ P(class) · P(audible).
     """
     if category is None:
-        return replace(answer, mask=_log_odds(np.einsum("chw,c->hw", answer.classes[1:], answer.audible)))
+        return replace(answer, mask=log_odds(np.einsum("chw,c->hw", answer.classes[1:], answer.audible)))
     audible = np.zeros_like(answer.audible)
     audible[category] = 1
-    return replace(answer, mask=_log_odds(answer.classes[1 + category]), audible=audible)
-
-
-def _log_odds(share: NDArray[np.float32]) -> NDArray[np.float32]:
-    cut = np.clip(share, _LEAST, 1 - _LEAST)
-    return np.asarray(np.log(cut / (1 - cut)), np.float32)
+    return replace(answer, mask=log_odds(answer.classes[1 + category]), audible=audible)
 
 
 @lru_cache(maxsize=1)

@@ -10,16 +10,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.listener.shards import SIDE
-
 #: Smallest component that stays marked, as a share of the picture.
 LEAST_AREA = 2e-4
 #: Radius of the guided filter as a share of the picture's width, and its smoothness (of pictures of 0 to 1).
 RADIUS, SMOOTHNESS = 0.006, 1e-3
 #: Logits are cut here before the filter: beyond, they are certain.
 MOST_LOGIT = 6.0
-#: Cells of the network's output: stride 2.
-CELLS = SIDE // 2
 #: Closer looks: probability above which a component gets one; its window over its size; smallest and largest side of a
 #: window as a share of the picture (training enlarges up to three times); the most windows of a picture.
 LOOKED_AT, MARGIN, SMALLEST, LARGEST, MOST_WINDOWS = 0.25, 3.0, 1 / 3, 0.7, 3
@@ -29,11 +25,11 @@ CLOSER_WEIGHT, FADE = 0.7, 0.1
 
 @dataclass(frozen=True)
 class Answer:
-    """What the network says of a frame, at its own size.
+    """What the network says of a frame, in n × n cells: 126 of one look at 252², 252 with one at 504².
 
     Attributes:
-        mask: (126, 126) float32 logits: what sounds.
-        classes: (8, 126, 126) float32: probability of each class at each pixel, from the picture alone.
+        mask: (n, n) float32 logits: what sounds.
+        classes: (8, n, n) float32: probability of each class at each pixel, from the picture alone.
         audible: (7,) float32: probability of each category, from the sound alone.
     """
 
@@ -81,7 +77,7 @@ def class_map(mask: NDArray[np.bool_], answer: Answer) -> NDArray[np.uint8]:
     ids = np.zeros(count, np.uint8)
     for label in range(1, count):
         rows, columns = np.nonzero(labels == label)
-        cells = rows * CELLS // mask.shape[0], columns * CELLS // mask.shape[1]
+        cells = rows * likely.shape[1] // mask.shape[0], columns * likely.shape[2] // mask.shape[1]
         ids[label] = 1 + int(likely[:, cells[0], cells[1]].sum(axis=-1).argmax())
     return np.asarray(ids[labels])
 
@@ -89,6 +85,25 @@ def class_map(mask: NDArray[np.bool_], answer: Answer) -> NDArray[np.uint8]:
 def logit(share: float) -> float:
     """Of a probability."""
     return float(np.log(share / (1 - share)))
+
+
+def log_odds(shares: NDArray[np.float32], least: float = 1e-6) -> NDArray[np.float32]:
+    """Of probabilities, which are cut at ``least`` on both sides."""
+    cut = np.clip(shares, least, 1 - least)
+    return np.asarray(np.log(cut / (1 - cut)), np.float32)
+
+
+def agreed(answers: Sequence[Answer]) -> Answer:
+    """The mean of the probabilities of several looks at a frame, in the cells of the finest."""
+    size = max(answer.mask.shape for answer in answers)[::-1]
+
+    def cells(values: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_LINEAR), np.float32)
+
+    masks = [cells(np.asarray(1 / (1 + np.exp(-answer.mask)), np.float32)) for answer in answers]
+    classes = [np.stack([cells(each) for each in answer.classes]) for answer in answers]
+    audible = [answer.audible for answer in answers]
+    return Answer(log_odds(np.mean(masks, axis=0)), np.mean(classes, axis=0), np.mean(audible, axis=0))
 
 
 @dataclass(frozen=True)
@@ -121,13 +136,13 @@ def windows(mask: NDArray[np.float32]) -> list[Window]:
     """Windows around what may be marked and is small, the largest first.
 
     Args:
-        mask: (126, 126) logits.
+        mask: (n, n) logits.
     """
     marked = (mask > logit(LOOKED_AT)).astype(np.uint8)
     count, _, stats, _ = cv2.connectedComponentsWithStats(marked, connectivity=8)
     found: list[Window] = []
     for label in sorted(range(1, count), key=lambda number: -stats[number, cv2.CC_STAT_AREA]):
-        left, top, width, height = (stats[label, : cv2.CC_STAT_AREA] / CELLS).tolist()
+        left, top, width, height = (stats[label, : cv2.CC_STAT_AREA] / len(mask)).tolist()
         side = max(SMALLEST, MARGIN * max(width, height))
         middle = left + width / 2, top + height / 2
         inside = any(w.left < middle[0] < w.left + w.side and w.top < middle[1] < w.top + w.side for w in found)
@@ -142,7 +157,7 @@ def pasted(large: NDArray[np.float32], closer: NDArray[np.float32], window: Wind
 
     Args:
         large: (H, W) logits of the picture.
-        closer: (126, 126) logits of the window.
+        closer: (n, n) logits of the window.
         window: where it is.
     """
     rows, columns = window.pixels(large.shape)

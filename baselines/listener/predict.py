@@ -1,9 +1,10 @@
 """The listener as a method: masks of frames of any size, and class ids in part_3.
 
-1. The picture is reduced to 252² by area, the field of view stays; the sound goes in as it is.
-2. The network gives logits at 126²; they are resized to the frame bilinearly and follow the picture's edges after a
-   guided filter (He, Sun, Tang, "Guided image filtering", ECCV 2010).
-3. Small objects get a closer look: a window of the picture at full resolution, with the camera of the window.
+1. The network looks at the picture several times (`LOOKS`): reduced by area to 252² and to 504², the field of view
+   stays, and mirrored with the ears swapped. The sound goes in as it is. Its probabilities are averaged.
+2. They have cells of two pixels; their log-odds are resized to the frame bilinearly and follow the picture's edges
+   after a guided filter (He, Sun, Tang, "Guided image filtering", ECCV 2010).
+3. With ``closer``, small objects get another look: a window of the picture at full resolution, with its camera.
 4. Marked is what is above `THRESHOLD`. Components smaller than `LEAST_AREA` of the picture are dropped.
 5. The class of a component is the category that the picture shows there, weighted by how audible it is.
 
@@ -16,7 +17,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -28,10 +29,10 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.method import Method, write_submission
 from avs3d_bench.submission import Prediction, SubmissionWriter
 from baselines.listener.masks import (
-    CELLS,
     LEAST_AREA,
     MOST_LOGIT,
     Answer,
+    agreed,
     class_map,
     guided,
     logit,
@@ -39,11 +40,31 @@ from baselines.listener.masks import (
     windows,
     without_specks,
 )
-from baselines.listener.shards import SIDE, fit
+from baselines.listener.shards import SIDE
 from baselines.networks.device import inference, pick_device
 
 #: Probability above which a pixel is marked; chosen on validation homes (`benchmarks.listener_thresholds`).
 THRESHOLD = 0.2
+
+
+class Look(NamedTuple):
+    """One look at a picture.
+
+    Attributes:
+        side: to which the picture is reduced (pixels); a multiple of 4.
+        mirrored: left and right swapped, and the ears.
+    """
+
+    side: int
+    mirrored: bool
+
+
+#: The looks by name; one that is larger than the picture is left out, if it is not the network's own size.
+LOOKS = {
+    "one": (Look(SIDE, False),),
+    "several": (Look(SIDE, False), Look(SIDE, True), Look(2 * SIDE, False), Look(2 * SIDE, True)),
+}
+Looks = Literal["one", "several"]
 #: What the network hears: the frame's own sound, or nothing, or that of another observation, to see whether it listens.
 Hearing = Literal["own", "none", "other"]
 #: Frames that go through the network at a time.
@@ -63,6 +84,7 @@ class ListenerMethod:
         threshold: see `THRESHOLD`.
         refine: see `Refine`.
         hearing: what it hears.
+        looks: name of `LOOKS`.
     """
 
     network: Any
@@ -71,20 +93,43 @@ class ListenerMethod:
     threshold: float = THRESHOLD
     refine: Refine = "edges"
     hearing: Hearing = "own"
+    looks: Looks = "several"
 
-    def answers(self, pictures: Sequence[NDArray[np.uint8]], sounds: Any, cameras: Any) -> list[Answer]:
-        """Of pictures (SIDE, SIDE, 3), sounds (B, 2, n) and cameras (B, 4) (see `direction.pixel_angles`)."""
+    def answers(
+        self, pictures: Sequence[NDArray[np.uint8]], sounds: Any, cameras: Any, *, looks: Looks | None = None
+    ) -> list[Answer]:
+        """The mean of several looks.
+
+        Args:
+            pictures: B of the same size (H, W, 3).
+            sounds: (B, 2, n) float32.
+            cameras: (B, 4), see `direction.pixel_angles`.
+            looks: others than the method's.
+        """
+        width = pictures[0].shape[1]
+        taken = [look for look in LOOKS[looks or self.looks] if look.side <= max(width, SIDE)]
+        found = [self._answers(look, pictures, sounds, cameras) for look in taken]
+        return [each[0] if len(each) == 1 else agreed(each) for each in zip(*found, strict=True)]
+
+    def _answers(self, look: Look, pictures: Sequence[NDArray[np.uint8]], sounds: Any, cameras: Any) -> list[Answer]:
         import torch
 
         from baselines.listener.model import hear
 
-        stack = torch.from_numpy(np.stack(pictures)).to(self.device).permute(0, 3, 1, 2).float() / 255
-        heard = hear(torch.as_tensor(sounds).to(self.device), torch.as_tensor(cameras).to(self.device), (SIDE, SIDE))
-        found = self.network(stack, heard)
-        classes = found.classes.softmax(dim=1)[..., :CELLS, :CELLS].float().cpu().numpy()
-        masks = found.mask[..., :CELLS, :CELLS].float().cpu().numpy()
+        stack = torch.from_numpy(np.stack([_reduced(picture, look.side) for picture in pictures])).to(self.device)
+        stack = stack.permute(0, 3, 1, 2).float() / 255
+        clips, views = torch.as_tensor(sounds).to(self.device), torch.as_tensor(cameras).to(self.device)
+        if look.mirrored:
+            stack, clips, views = stack.flip(-1), clips.flip(1), views.clone()
+            views[:, 2] = 1 - views[:, 2]
+        found = self.network(stack, hear(clips, views, (look.side, look.side)))
+        cells = look.side // 2
+        masks, classes = found.mask[..., :cells, :cells].float(), found.classes[..., :cells, :cells].float()
+        if look.mirrored:
+            masks, classes = masks.flip(-1), classes.flip(-1)
         audible = found.audible.sigmoid().float().cpu().numpy()
-        return [Answer(*each) for each in zip(masks, classes, audible, strict=True)]
+        numbers = (masks.cpu().numpy(), classes.softmax(dim=1).cpu().numpy(), audible)
+        return [Answer(*each) for each in zip(*numbers, strict=True)]
 
     def predictions(self, frames: Sequence[Frame]) -> list[Prediction]:
         """Masks of frames, with class ids in part_3.
@@ -99,7 +144,7 @@ class ListenerMethod:
             sounds = np.stack([self._heard(frame) for frame in part])
             cameras = np.asarray([camera_of(frame) for frame in part], np.float32)
             with inference(self.device, _where(part[0])):
-                answers = self.answers([fit(picture, cv2.INTER_AREA) for picture in pictures], sounds, cameras)
+                answers = self.answers(pictures, sounds, cameras)
                 logits = [
                     self.logits(answer, picture, sound, camera)
                     for answer, picture, sound, camera in zip(answers, pictures, sounds, cameras, strict=True)
@@ -121,13 +166,11 @@ class ListenerMethod:
         """(H, W) of a picture (H, W, 3), rules 2 and 3."""
         resized = cv2.resize(answer.mask, picture.shape[1::-1], interpolation=cv2.INTER_LINEAR)
         large: NDArray[np.float32] = np.clip(resized, -MOST_LOGIT, MOST_LOGIT).astype(np.float32)
-        looks = windows(answer.mask) if self.refine in ("closer", "all") else []
-        if looks:
-            parts = [fit(picture[window.pixels(picture.shape)], cv2.INTER_AREA) for window in looks]
-            cameras = np.asarray([window.camera(camera.tolist()) for window in looks], np.float32)
-            found = self.answers(parts, np.stack([sound] * len(looks)), cameras)
-            for window, closer in zip(looks, found, strict=True):
-                pasted(large, closer.mask, window)
+        for window in windows(answer.mask) if self.refine in ("closer", "all") else []:
+            part = picture[window.pixels(picture.shape)]
+            view = np.asarray([window.camera(camera.tolist())], np.float32)
+            (closer,) = self.answers([part], sound[None], view, looks="one")
+            pasted(large, closer.mask, window)
         # Nothing that is far below the threshold rises above it by a filter that averages.
         edges = self.refine in ("edges", "all") and large.max() > logit(self.threshold)
         return guided(large, picture) if edges else large
@@ -138,11 +181,19 @@ class ListenerMethod:
         sound = {"own": "", "none": "; heard nothing", "other": "; heard the sound of another observation"}
         edges = {"none": "no refinement", "edges": "guided filter at edges", "closer": "closer looks at small objects"}
         edges["all"] = f"{edges['edges']}, {edges['closer']}"
+        looks = {"one": "one look", "several": "several looks"}[self.looks]
         return (
             f"2D, from the picture and the binaural second of test frames; weights {self.digest[:12]}; "
-            f"marked where > {self.threshold:g}; {edges[self.refine]}; "
+            f"{looks}; marked where > {self.threshold:g}; {edges[self.refine]}; "
             f"components below {LEAST_AREA:g} of the picture dropped{sound[self.hearing]}"
         )
+
+
+def _reduced(picture: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
+    """A picture as a square of some side; its field of view stays."""
+    if picture.shape[:2] == (side, side):
+        return picture
+    return np.asarray(cv2.resize(picture, (side, side), interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def _where(frame: Frame) -> str:
@@ -209,6 +260,7 @@ def load_method(
     threshold: float = THRESHOLD,
     refine: Refine = "edges",
     hearing: Hearing = "own",
+    looks: Looks = "several",
 ) -> ListenerMethod:
     """The listener, ready to predict.
 
@@ -218,6 +270,7 @@ def load_method(
         threshold: see `THRESHOLD`.
         refine: see `Refine`.
         hearing: what it hears.
+        looks: name of `LOOKS`.
 
     Raises:
         UsageError: if there is no such device.
@@ -227,7 +280,7 @@ def load_method(
 
     where = pick_device(device)
     network, digest = load_listener(weights, device=where)
-    return ListenerMethod(network, where, digest, threshold=threshold, refine=refine, hearing=hearing)
+    return ListenerMethod(network, where, digest, threshold=threshold, refine=refine, hearing=hearing, looks=looks)
 
 
 def write_listener(
