@@ -25,8 +25,7 @@ torch = pytest.importorskip("torch", reason="torch is not installed: the listene
 pytest.importorskip("lightning_fabric", reason="lightning-fabric is not installed: the listener cannot be trained")
 
 from baselines.listener import augment, losses, shards, steps, training, validation, weights  # noqa: E402
-from baselines.listener.augment import Bank  # noqa: E402
-from baselines.listener.batches import COUNTERFACTUAL, NARROW, SOUNDS, Kind, Plan, Sampler, split_homes  # noqa: E402
+from baselines.listener.batches import COUNTERFACTUAL, SOUNDS, Kind, Sampler, split_homes  # noqa: E402
 from baselines.listener.checkpoint import CHECKPOINT, Settings, new_state  # noqa: E402
 from baselines.listener.model import CLASSES, Listener, hear, match_map, parameter_count  # noqa: E402
 from baselines.listener.steps import Schedule  # noqa: E402
@@ -162,7 +161,6 @@ def test_the_mask_must_follow_the_sound_in_every_batch(store: shards.Store) -> N
         for row, kind in enumerate(plan.kinds):
             if kind in COUNTERFACTUAL and kind != Kind.SWAPPED:
                 assert not any(store.marked[sound] for sound in plan.truths[row] if sound >= 0)
-            assert (plan.whole[row] >= 0) == (kind == Kind.MATCHED)
             if kind in (Kind.OWN, Kind.SWAPPED):
                 assert store.table.view[plan.sounds[row, 0]] == plan.views[row // SOUNDS]
                 assert plan.truths[row].tolist() == plan.sounds[row].tolist()
@@ -180,29 +178,6 @@ def test_a_sound_from_elsewhere_comes_from_no_visible_instance(store: shards.Sto
             lateral = store.table.lateral[slot.sounds[0]]
             assert lateral is not None
             assert not low - 0.5 < lateral < high + 0.5
-
-
-def test_a_matched_sound_comes_from_where_its_category_is_seen_and_marks_all_of_it(store: shards.Store) -> None:
-    sampler = Sampler(store, batch=2, seed=0)
-    rng = np.random.default_rng(0)
-    found = {int(view): slot for view in sampler.visible if (slot := sampler._matched(int(view), rng))}
-    assert found
-    for view, slot in found.items():
-        low, high = store.extents[view][slot.whole]
-        lateral = store.table.lateral[slot.sounds[0]]
-        assert lateral is not None
-        assert low <= lateral <= high < low + NARROW
-        assert slot.audible == {slot.whole}
-    view, slot = next(iter(found.items()))
-    silent, audible = [-1, -1], np.zeros((2, len(CATEGORIES)), np.bool_)
-    plan = Plan(
-        np.array([view]), np.array([[*slot.sounds, -1], silent]), np.array([silent, silent]),
-        np.array([slot.whole, -1]), audible, np.array([Kind.MATCHED, Kind.SILENT]),
-    )  # fmt: skip
-    batch = Bank(store, "cpu").gather(plan, None)
-    np.testing.assert_array_equal(batch.masks[0], store.classes[view] == 1 + slot.whole)
-    assert batch.masks[0].any()
-    assert not batch.masks[1].any()
 
 
 def test_plans_depend_on_seed_step_and_rank_alone(store: shards.Store) -> None:

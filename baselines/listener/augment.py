@@ -100,13 +100,12 @@ class Bank:
         """
         views = torch.from_numpy(plan.views)
         pictures = self.rows("pictures", views).permute(0, 3, 1, 2).float() / 255
-        classes = self.rows("classes", views).long()
         batch = Batch(
             pictures=pictures,
-            classes=classes,
+            classes=self.rows("classes", views).long(),
             cameras=self.cameras(views),
             sounds=self._mixed(plan, generator),
-            masks=self._united(plan, classes),
+            masks=self._united(plan),
             audible=torch.from_numpy(plan.audible).to(self.device, torch.float32),
         )
         if generator is None:
@@ -129,18 +128,13 @@ class Bank:
         chosen = self.rows("sounds", numbers.clamp(min=0)).float()
         return chosen * (numbers >= 0).to(self.device)[:, None, None]
 
-    def _united(self, plan: Plan, classes: Tensor) -> Tensor:
+    def _united(self, plan: Plan) -> Tensor:
         out = torch.zeros(len(plan.truths), SIDE, SIDE, dtype=torch.bool, device=self.device)
         for column in range(plan.truths.shape[1]):
             rows = np.flatnonzero(plan.truths[:, column] >= 0)
             if len(rows):
                 packed = self.rows("masks", torch.from_numpy(plan.truths[rows, column]))
                 out[torch.from_numpy(rows).to(self.device)] |= unpack(packed)
-        rows = np.flatnonzero(plan.whole >= 0)
-        if len(rows):
-            where = torch.from_numpy(rows).to(self.device)
-            named = 1 + torch.from_numpy(plan.whole[rows]).to(self.device)
-            out[where] |= classes[where // (len(out) // len(classes))] == named[:, None, None]
         return out
 
 

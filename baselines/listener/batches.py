@@ -6,8 +6,6 @@ sounds. Where a picture has too few siblings, sounds are made for it:
 - *silence*: nothing, or noise of no source; nothing is marked;
 - *foreign*: the sound of a category that is not in the room, from another observation; nothing is marked;
 - *elsewhere*: the sound of a category that is in view, from a lateral angle at which none of it is; nothing is marked;
-- *matched*: the same from a lateral angle at which it is; marked is all of that category, which must be narrow enough
-  not to be several objects that the ears tell apart;
 - *mixed*: two sounds at once; what is marked is marked in either.
 
 A plan depends on (seed, step, rank) alone: a run that goes on after an interruption gets the same batches.
@@ -37,8 +35,6 @@ EMPTY_PICTURES = 3
 VALIDATION_SHARE = 0.08
 #: How far a made sound's lateral angle is from what is in view (rad): more than the blur of the cues.
 CLEARANCE = math.radians(30.0)
-#: Widest range of lateral angles of a category in view that may be marked as one object (rad).
-NARROW = math.radians(25.0)
 #: Draws before a kind of sound that needs luck is given up for this picture.
 _DRAWS = 8
 _NUMBER = {name: number for number, name in enumerate(CATEGORIES)}
@@ -54,11 +50,10 @@ class Kind(IntEnum):
     FOREIGN = 4
     ELSEWHERE = 5
     MIXED = 6
-    MATCHED = 7
 
 
 #: The kinds that answer the question "does the mask follow the sound?"; at least a third of each batch.
-COUNTERFACTUAL = (Kind.SWAPPED, Kind.SILENT, Kind.OFF_SCREEN, Kind.FOREIGN, Kind.ELSEWHERE, Kind.MATCHED)
+COUNTERFACTUAL = (Kind.SWAPPED, Kind.SILENT, Kind.OFF_SCREEN, Kind.FOREIGN, Kind.ELSEWHERE)
 
 
 @dataclass
@@ -69,7 +64,6 @@ class Plan:
         views: (B,) pictures.
         sounds: (B·SOUNDS, 2) sounds that are added; −1: none.
         truths: (B·SOUNDS, 2) sounds whose masks are united; −1: none.
-        whole: (B·SOUNDS,) category of which all that is in view is marked; −1: none.
         audible: (B·SOUNDS, categories) bool.
         kinds: (B·SOUNDS,) of `Kind`.
     """
@@ -77,13 +71,12 @@ class Plan:
     views: NDArray[np.int64]
     sounds: NDArray[np.int64]
     truths: NDArray[np.int64]
-    whole: NDArray[np.int64]
     audible: NDArray[np.bool_]
     kinds: NDArray[np.int64]
 
     @property
     def counterfactual(self) -> float | None:
-        """Share of sounds of the kinds in `COUNTERFACTUAL`; None without sounds."""
+        """Share of sounds that are silent, off-screen, swapped, foreign or from elsewhere; None without sounds."""
         return round(float(np.isin(self.kinds, COUNTERFACTUAL).mean()), 3) if len(self.kinds) else None
 
     def shares(self) -> Counter[str]:
@@ -99,7 +92,6 @@ class Slot:
     truths: list[int]
     audible: set[int]
     kind: Kind
-    whole: int = -1
 
 
 def split_homes(homes: Sequence[str], most: int | None = None) -> tuple[set[str], set[str]]:
@@ -140,8 +132,8 @@ class Sampler:
         table = self.store.table
         training, _ = split_homes(table.homes, self.homes)
         views = np.asarray([number for number, home in enumerate(table.homes) if home in training], np.int64)
-        in_view: NDArray[np.bool_] = np.asarray(np.isfinite(self.store.extents[:, :, 0]).any(axis=1), np.bool_)
-        self.visible, self.empty = views[in_view[views]], views[~in_view[views]]
+        seen: NDArray[np.bool_] = np.asarray(np.isfinite(self.store.extents[:, :, 0]).any(axis=1), np.bool_)
+        self.visible, self.empty = views[seen[views]], views[~seen[views]]
         if not len(self.visible):
             raise UsageError("no category is visible in any picture of the training homes; there is nothing to learn")
         self._of_view: dict[int, list[int]] = {}
@@ -151,10 +143,6 @@ class Sampler:
                 self._of_view.setdefault(view, []).append(sound)
                 if len(table.audible[sound]) == 1:
                     self._of_category[_NUMBER[table.audible[sound][0]]].append(sound)
-        # Of each category, the sounds of what is in view: what is behind a listener sounds much the same.
-        angles = np.asarray([np.nan if angle is None else angle for angle in table.lateral])
-        seen = [np.asarray([one for one in sounds if self.store.marked[one]], np.int64) for sounds in self._of_category]
-        self._seen = [(sounds, angles[sounds]) for sounds in seen]
         self._present = [{_NUMBER[name] for name in names} for names in table.present]
         self._audible = [{_NUMBER[name] for name in names} for names in table.audible]
         self._order: tuple[tuple[int, int], NDArray[np.int64]] = ((-1, 0), np.zeros(0, np.int64))
@@ -184,7 +172,6 @@ class Sampler:
             views=views,
             sounds=np.asarray([(*slot.sounds, -1, -1)[:2] for slot in slots], np.int64),
             truths=np.asarray([(*slot.truths, -1, -1)[:2] for slot in slots], np.int64),
-            whole=np.asarray([slot.whole for slot in slots], np.int64),
             audible=audible,
             kinds=np.asarray([slot.kind for slot in slots], np.int64),
         )
@@ -192,8 +179,8 @@ class Sampler:
     def picture_plan(self, step: int, rank: int = 0) -> Plan:
         """Pictures without sound: `SOUNDS` times as many as in a batch with sound, of each of which a part is seen."""
         views = self._views(step, rank, SOUNDS * self.batch)
-        pairs, none = np.zeros((0, 2), np.int64), np.zeros(0, np.int64)
-        return Plan(views, pairs, pairs, none, np.zeros((0, len(CATEGORIES)), np.bool_), none)
+        pairs = np.zeros((0, 2), np.int64)
+        return Plan(views, pairs, pairs, np.zeros((0, len(CATEGORIES)), np.bool_), np.zeros(0, np.int64))
 
     def _views(self, step: int, rank: int, count: int) -> NDArray[np.int64]:
         """The pictures of a batch: the next ones of an order that changes from epoch to epoch."""
@@ -221,7 +208,7 @@ class Sampler:
         if len(slots) == 1:
             slots.append(self._mixed(view, siblings, rng))
         while len(slots) < SOUNDS - 1:
-            slots.append(self._matched(view, rng) or self._negative(view, rng))
+            slots.append(self._negative(view, rng))
         several = len(siblings) > 1 and rng.random() < 0.25
         slots.append(self._mixed(view, siblings, rng) if several else self._negative(view, rng))
         return slots
@@ -252,16 +239,6 @@ class Sampler:
         if foreign is None:
             return self._real(first, first)
         return Slot([first, *foreign.sounds], [first], self._audible[first] | foreign.audible, Kind.MIXED)
-
-    def _matched(self, view: int, rng: np.random.Generator) -> Slot | None:
-        low, high = np.asarray(self.store.extents[view]).T
-        narrow = [c for c in range(len(CATEGORIES)) if high[c] - low[c] < NARROW]
-        for category in rng.permutation(narrow).tolist():
-            seen, angles = self._seen[category]
-            there = seen[(angles >= low[category]) & (angles <= high[category])]
-            if len(there):
-                return Slot([int(rng.choice(there))], [], {category}, Kind.MATCHED, whole=category)
-        return None
 
     def _negative(self, view: int, rng: np.random.Generator) -> Slot:
         """A made sound with which nothing is marked."""

@@ -33,8 +33,7 @@ def view_plan(table: Table, view: int, sounds: list[int]) -> Plan:
     column = np.asarray(sounds, np.int64)[:, None]
     pair = np.concatenate([column, np.full_like(column, -1)], axis=1)
     audible = np.asarray([[name in table.audible[sound] for name in CATEGORIES] for sound in sounds], np.bool_)
-    whole, kinds = np.full(len(sounds), -1, np.int64), np.full(len(sounds), Kind.OWN, np.int64)
-    return Plan(np.asarray([view], np.int64), pair, pair, whole, audible, kinds)
+    return Plan(np.asarray([view], np.int64), pair, pair, audible, np.full(len(sounds), Kind.OWN, np.int64))
 
 
 @contextmanager
