@@ -243,6 +243,10 @@ def denseav(
     help="Masks follow the picture's edges; small objects get a closer look.",
 )  # fmt: skip
 @click.option(
+    "--looks", type=click.Choice(["one", "several"]), default="several", show_default=True,
+    help="Whether the mean of looks at two sizes, also mirrored, decides, or one look, ten times as fast.",
+)  # fmt: skip
+@click.option(
     "--sound", type=click.Choice(["own", "none", "other"]), default="own", show_default=True,
     help="What it hears; none and other (that of another observation) show whether it listens.",
 )  # fmt: skip
@@ -254,6 +258,7 @@ def listener(
     weights: Path | None,
     device: str | None,
     refine: Any,
+    looks: Any,
     sound: Any,
 ) -> None:
     """Run the listener, frame by frame: the picture and one second of binaural sound give the mask of what sounds.
@@ -265,7 +270,7 @@ def listener(
     from baselines.listener.predict import load_method, write_listener
 
     require("baselines")
-    model = load_method(weights, device=device, refine=refine, hearing=sound)
+    model = load_method(weights, device=device, refine=refine, hearing=sound, looks=looks)
     _done(write_listener(Dataset(root), path, model, only=only, overwrite=overwrite, progress=sys.stderr.isatty()))
 
 

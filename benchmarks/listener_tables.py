@@ -34,6 +34,7 @@ from avs3d_bench.method import Method, write_submission
 from avs3d_bench.parallel import available_cores
 from avs3d_bench.scores import Scores
 from avs3d_bench.submission import Prediction
+from baselines.listener.marks import MARKING_LOOKS
 
 Kind = Literal["truth", "listener", "echosegnet"]
 #: File with what was run, beside the scores.
@@ -94,6 +95,7 @@ class Plan:
         max_gaussians: cap on their number.
         only: shell patterns of observation keys.
         refine: how masks of the rows in 2D are refined.
+        looks: how often the network looks at a picture in the rows in 2D.
     """
 
     output: Path
@@ -107,6 +109,7 @@ class Plan:
     max_gaussians: int | None
     only: tuple[str, ...]
     refine: Any = "edges"
+    looks: Any = "several"
 
     def scores(self, label: str, row: Row) -> Path:
         """File of a row's scores."""
@@ -122,27 +125,29 @@ class Plan:
         if row.kind != "truth":
             found["weights"] = self.digest
         if row.kind == "listener":
-            found["refine"] = self.refine
+            found |= {"refine": self.refine, "looks": self.looks}
         if row.kind == "echosegnet":
             found |= {"answer": self.answer, "iterations": self.iterations, "max_gaussians": self.max_gaussians}
+            found["looks"] = MARKING_LOOKS
         return found
 
 
 @lru_cache(maxsize=1)
-def _network(weights: Path | None, device: str, hearing: Any, refine: Any) -> Any:
+def _network(weights: Path | None, device: str, hearing: Any, refine: Any, looks: Any) -> Any:
     import torch
 
     from baselines.listener.predict import load_method
 
     if device != "cpu":
         torch.set_num_threads(1)  # many processes share the cores
-    return load_method(weights, device=device, hearing=hearing, refine=refine)
+    return load_method(weights, device=device, hearing=hearing, refine=refine, looks=looks)
 
 
 def _predict(plan: Plan, hearing: str, frames: tuple[Frame, ...]) -> list[Prediction]:
     """Masks of test frames, in a worker process on one of the devices."""
     device = plan.devices[os.getpid() % len(plan.devices)]
-    found: list[Prediction] = _network(plan.weights, device, hearing, plan.refine).predictions(frames)
+    network = _network(plan.weights, device, hearing, plan.refine, plan.looks)
+    found: list[Prediction] = network.predictions(frames)
     return found
 
 
@@ -161,7 +166,7 @@ def write_row(dataset: Dataset, path: Path, row: Row, plan: Plan) -> None:
         from baselines.listener.predict import ListenerMethod
 
         hearing: Any = row.setting
-        notes = ListenerMethod(None, None, plan.digest, hearing=hearing, refine=plan.refine).notes
+        notes = ListenerMethod(None, None, plan.digest, hearing=hearing, refine=plan.refine, looks=plan.looks).notes
         method = Method(
             row.title,
             partial(_predict, plan, row.setting),
@@ -284,6 +289,7 @@ def labelled(texts: Sequence[str]) -> dict[str, Path]:
 )  # fmt: skip
 @click.option("--answer", type=click.Choice(["category", "sounding"]), default="category", show_default=True)
 @click.option("--refine", type=click.Choice(["none", "edges", "closer", "all"]), default="edges", show_default=True)
+@click.option("--looks", type=click.Choice(["one", "several"]), default="several", show_default=True)
 @click.option("--device", "devices", multiple=True, help="cpu, cuda:0, …; repeatable [all GPUs, else cpu].")
 @click.option("--workers", type=click.IntRange(1), default=None, help="Processes of the rows in 2D and of scoring.")
 @click.option("--iterations", default=30_000, show_default=True, help="Of the training of Gaussians.")

@@ -27,11 +27,13 @@ from numpy.typing import NDArray
 from avs3d_bench.dataset import Frame
 from avs3d_bench.errors import Avs3dError
 from baselines.listener.masks import LEAST_AREA, MOST_LOGIT, Answer, class_map, guided, log_odds, logit, without_specks
-from baselines.listener.predict import BATCH, THRESHOLD, ListenerMethod, camera_of, clip_of, load_method
+from baselines.listener.predict import BATCH, THRESHOLD, ListenerMethod, Looks, camera_of, clip_of, load_method
 from baselines.networks.device import inference
 
 #: Which of the network's answers is the mask.
 Which = Literal["sounding", "category"]
+#: How often the network looks at a train frame.
+MARKING_LOOKS: Looks = "several"
 #: Probability above which a pixel is marked as the category; chosen on validation homes, as `THRESHOLD`.
 CATEGORY_THRESHOLD = 0.2
 
@@ -68,7 +70,7 @@ class ListenerMarker:
     @property
     def settings(self) -> dict[str, str | float]:
         """Everything besides the software and the frames that decides the masks."""
-        return {"weights": self.digest, "answer": self.which, "threshold": self.threshold}
+        return {"weights": self.digest, "answer": self.which, "threshold": self.threshold, "looks": MARKING_LOOKS}
 
     @property
     def notes(self) -> str:
@@ -144,7 +146,7 @@ def of_category(answer: Answer, category: int | None) -> Answer:
 @lru_cache(maxsize=1)
 def _method(weights: Path | None, device: str, threshold: float) -> ListenerMethod:
     """The network; a process keeps it for its next observation."""
-    return load_method(weights, device=device, threshold=threshold)
+    return load_method(weights, device=device, threshold=threshold, looks=MARKING_LOOKS)
 
 
 def load_marker(weights: Path | None = None, *, which: Which = "category") -> ListenerMarker:
