@@ -206,6 +206,8 @@ def test_a_licence_that_forbids_the_use_is_refused_unless_allowed_by_name() -> N
         check_licence("x/1", "CC-BY-NC-4.0", ("CC-BY-NC-3.0",))
     assert "allowed by name" in check_licence("x/1", "CC-BY-NC-4.0", ("cc by-nc 4.0",))
     assert check_licence("x/1", "CC-BY-4.0") == ""
+    assert check_licence("x/1", "CC0") == ""
+    assert conditions([("x/1", "CC0"), ("x/2", "CC BY 4.0")]) == ()
     assert "same terms" in check_licence("x/1", "CC-BY-SA-4.0")
     assets = [("d", "CC-BY-SA-4.0"), ("a", "CC0-1.0"), ("c", "CC-BY-NC-4.0"), ("b", "CC-BY-SA-4.0"), ("x", "unknown")]
     assert conditions([*assets, *assets]) == (

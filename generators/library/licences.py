@@ -121,7 +121,7 @@ def check_licence(asset: str, name: str, allowed: Collection[str] = ()) -> str:
     Raises:
         Avs3dError: naming the asset, its licence, what is wrong with it and how to allow it.
     """
-    found = terms(name)
+    found = terms(spdx(name))
     if found.verdict == "free":
         return ""
     if found.verdict == "share-alike":
@@ -149,7 +149,7 @@ def conditions(assets: Iterable[tuple[str, str]]) -> tuple[str, ...]:
         under.setdefault(name, []).append(asset)
     notes = []
     for name, (first, *others) in sorted(under.items()):
-        found = terms(name)
+        found = terms(spdx(name))
         if found.verdict != "free":
             more = f" and {len(others)} more" if others else ""
             notes.append(f"{first}{more}: licence {name} {found.reason}")
