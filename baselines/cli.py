@@ -239,8 +239,8 @@ def denseav(
 @click.option("--weights", type=PATH, metavar="FILE", help="Weights of `avs3d train listener` [the package's].")
 @click.option("--device", default=None, help="cpu, cuda:0, … [CUDA where there is one].")
 @click.option(
-    "--refine", type=click.Choice(["none", "edges", "closer", "all"]), default="edges", show_default=True,
-    help="Masks follow the picture's edges; small objects get a closer look.",
+    "--refine", type=click.Choice(["none", "edges"]), default="edges", show_default=True,
+    help="Whether masks follow the picture's edges.",
 )  # fmt: skip
 @click.option(
     "--looks", type=click.Choice(["one", "several"]), default="several", show_default=True,

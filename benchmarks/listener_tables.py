@@ -288,7 +288,7 @@ def labelled(texts: Sequence[str]) -> dict[str, Path]:
     help="Kinds of rows, or single rows; repeatable.",
 )  # fmt: skip
 @click.option("--answer", type=click.Choice(["category", "sounding"]), default="category", show_default=True)
-@click.option("--refine", type=click.Choice(["none", "edges", "closer", "all"]), default="edges", show_default=True)
+@click.option("--refine", type=click.Choice(["none", "edges"]), default="edges", show_default=True)
 @click.option("--looks", type=click.Choice(["one", "several"]), default="several", show_default=True)
 @click.option("--device", "devices", multiple=True, help="cpu, cuda:0, …; repeatable [all GPUs, else cpu].")
 @click.option("--workers", type=click.IntRange(1), default=None, help="Processes of the rows in 2D and of scoring.")

@@ -53,9 +53,7 @@ def answer(box: tuple[int, int, int, int], logit: float = 5.0) -> Answer:
 
 def marked(answer: Answer, picture: Any, refine: Any = "none") -> Any:
     """The mask of a frame."""
-    method = ListenerMethod(None, torch.device("cpu"), "0" * 64, refine=refine)
-    large = method.logits(answer, picture, np.zeros((2, 44_100), np.float32), np.full(4, 0.5, np.float32))
-    return masks.without_specks(large > 0, masks.LEAST_AREA)
+    return ListenerMethod(None, torch.device("cpu"), "0" * 64, threshold=0.5, refine=refine).mask(answer, picture)
 
 
 @pytest.mark.parametrize("size", [(252, 252), (1008, 1008), (480, 640)])
@@ -114,40 +112,9 @@ def test_nothing_is_marked_where_the_network_marks_nothing() -> None:
     assert not found.any()
 
 
-def test_small_objects_get_a_window_and_large_ones_none() -> None:
-    small, large = answer((20, 30, 100, 112)), answer((20, 100, 20, 100))
-    (window,) = masks.windows(small.mask)
-    assert window.side == pytest.approx(1 / 3)
-    assert window.top == pytest.approx(25 / 126 - 1 / 6)
-    assert window.left == pytest.approx(1 - 1 / 3)  # at the border
-    assert not masks.windows(large.mask)
-    assert not masks.windows(np.full((126, 126), -5, np.float32))
-
-
-def test_the_camera_of_a_window_keeps_the_direction_of_its_pixels() -> None:
-    from baselines.listener.direction import pixel_angles
-
-    window = masks.Window(0.25, 0.5, 0.5)
-    whole = pixel_angles(torch.tensor([[0.5, 0.6, 0.45, 0.5]]), (64, 64))[0]
-    part = pixel_angles(torch.tensor([window.camera((0.5, 0.6, 0.45, 0.5))]), (32, 32))[0]
-    torch.testing.assert_close(part, whole[window.pixels((64, 64))])
-
-
-def test_a_closer_look_changes_its_window_alone() -> None:
-    large = np.full((252, 252), -5.0, np.float32)
-    window = masks.Window(0.5, 0.25, 0.5)
-    masks.pasted(large, np.full((126, 126), 4.0, np.float32), window)
-    rows, columns = window.pixels(large.shape)
-    outside = np.ones(large.shape, bool)
-    outside[rows, columns] = False
-    assert (large[outside] == -5).all()
-    assert large[126, 190] == pytest.approx(-5 + masks.CLOSER_WEIGHT * 9)
-    assert (np.diff(large[126, 126:150]) >= 0).all()
-
-
 def test_the_command_writes_a_submission_with_class_ids(scenes: Path, saved: Path, tmp_path: Path) -> None:
     arguments = ["listener", "--dataset", str(scenes), "-o", str(tmp_path / "out"), "--weights", str(saved),
-                 "--device", "cpu", "--refine", "all"]  # fmt: skip
+                 "--device", "cpu", "--refine", "none", "--looks", "one"]  # fmt: skip
     found = CliRunner().invoke(baseline, arguments, catch_exceptions=False)
     assert found.exit_code == 0, found.output
     for observation in Dataset(scenes):
@@ -226,6 +193,25 @@ def test_several_looks_are_the_mean_of_their_probabilities_in_the_finest_cells(s
     np.testing.assert_allclose(mean.audible, 0.4, atol=1e-6)
 
 
+def test_the_benchmark_of_looks_has_a_row_for_each_combination(scenes: Path, saved: Path) -> None:
+    from benchmarks import listener_looks
+
+    model = predict.load_method(saved, device="cpu")
+    found = listener_looks.table(model, Dataset(scenes), every=5)
+    assert next(iter(found)) == ("252²",)
+    assert list(found)[-1] == ("252²", "252², mirrored", "504²", "504², mirrored")
+    for figures in found.values():
+        assert set(figures) == {"IoU", "right", "false"}
+        assert all(0 <= value <= 1 for value in figures.values())
+    # The first row is what the method does with one look.
+    frame = Dataset(scenes)[tiny_scenes.FIRST].frames[0]
+    single = listener_looks.answers(model, frame)
+    sound, camera = predict.clip_of(frame)[None], np.asarray([predict.camera_of(frame)], np.float32)
+    with torch.inference_mode():
+        (one,) = model.answers([frame.rgb()], sound, camera, looks="one")
+    np.testing.assert_allclose(single["252²"].mask, one.mask, atol=1e-4)
+
+
 def test_without_sound_or_with_a_wrong_one_its_own_is_not_read(
     saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -275,7 +261,7 @@ def test_other_weights_are_refused_on_the_command_line(scenes: Path, tmp_path: P
 def test_a_frame_of_the_benchmarks_size_takes_less_than_a_second_on_two_cores() -> None:
     import time
 
-    model = ListenerMethod(Listener().eval(), torch.device("cpu"), "", refine="all")
+    model = ListenerMethod(Listener().eval(), torch.device("cpu"), "", refine="edges")
     picture = np.random.default_rng(0).integers(0, 255, (1008, 1008, 3), dtype=np.uint8)
     sound = np.random.default_rng(0).normal(0, 0.1, (1, 2, 44_100)).astype(np.float32)
     camera = np.full((1, 4), 0.5, np.float32)
@@ -284,11 +270,8 @@ def test_a_frame_of_the_benchmarks_size_takes_less_than_a_second_on_two_cores() 
         start = time.process_time()
         with torch.inference_mode():
             (found,) = model.answers([picture], sound, camera)
-            # Three small objects: as many closer looks as there may be.
-            found.mask[:] = -5
-            for place in (20, 120, 220):
-                found.mask[place : place + 20, place : place + 20] = 5
-            mask = model.logits(found, picture, sound[0], camera[0]) > 0
+            found.mask[100:150, 100:150] = 5
+            mask = model.mask(found, picture)
         masks.class_map(mask, found)
         return (time.process_time() - start) / 2
 

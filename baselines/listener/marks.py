@@ -20,13 +20,12 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.dataset import Frame
 from avs3d_bench.errors import Avs3dError
-from baselines.listener.masks import LEAST_AREA, MOST_LOGIT, Answer, class_map, guided, log_odds, logit, without_specks
+from baselines.listener.masks import Answer, class_map, log_odds
 from baselines.listener.predict import BATCH, THRESHOLD, ListenerMethod, Looks, camera_of, clip_of, load_method
 from baselines.networks.device import inference
 
@@ -99,7 +98,7 @@ class ListenerMarker:
         shared = shared_category(answers) if together else None
         for frame, answer in zip(frames, answers, strict=True):
             changed = of_category(answer, shared)
-            yield class_map(_mask(method, changed.mask, frame.rgb()), changed)
+            yield class_map(method.mask(changed, frame.rgb()), changed)
 
 
 def _answers(method: ListenerMethod, frames: Sequence[Frame]) -> list[Answer]:
@@ -113,14 +112,6 @@ def _answers(method: ListenerMethod, frames: Sequence[Frame]) -> list[Answer]:
         with inference(method.device, f"{part[0].observation.path}/{part[0].name}"):
             found += method.answers(pictures, sounds, cameras)
     return found
-
-
-def _mask(method: ListenerMethod, cells: NDArray[np.float32], picture: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """(H, W) bool of a picture (H, W, 3), from log-odds at the network's own size."""
-    large = cv2.resize(np.clip(cells, -MOST_LOGIT, MOST_LOGIT), picture.shape[1::-1], interpolation=cv2.INTER_LINEAR)
-    if method.refine != "none" and large.max() > logit(method.threshold):
-        large = guided(np.asarray(large, np.float32), picture)
-    return without_specks(np.asarray(large > logit(method.threshold)), LEAST_AREA)
 
 
 def shared_category(answers: Sequence[Answer]) -> int:

@@ -4,9 +4,8 @@
    stays, and mirrored with the ears swapped. The sound goes in as it is. Its probabilities are averaged.
 2. They have cells of two pixels; their log-odds are resized to the frame bilinearly and follow the picture's edges
    after a guided filter (He, Sun, Tang, "Guided image filtering", ECCV 2010).
-3. With ``closer``, small objects get another look: a window of the picture at full resolution, with its camera.
-4. Marked is what is above `THRESHOLD`. Components smaller than `LEAST_AREA` of the picture are dropped.
-5. The class of a component is the category that the picture shows there, weighted by how audible it is.
+3. Marked is what is above `THRESHOLD`. Components smaller than `LEAST_AREA` of the picture are dropped.
+4. The class of a component is the category that the picture shows there, weighted by how audible it is.
 
 Nothing of the truth is read: pictures, binaural sound and the camera's intrinsics alone.
 """
@@ -36,8 +35,6 @@ from baselines.listener.masks import (
     class_map,
     guided,
     logit,
-    pasted,
-    windows,
     without_specks,
 )
 from baselines.listener.shards import SIDE
@@ -69,8 +66,8 @@ Looks = Literal["one", "several"]
 Hearing = Literal["own", "none", "other"]
 #: Frames that go through the network at a time.
 BATCH = 8
-#: How masks are refined: not, along the picture's edges, by closer looks at small objects, or both.
-Refine = Literal["none", "edges", "closer", "all"]
+#: How masks are refined: not, or along the picture's edges.
+Refine = Literal["none", "edges"]
 
 
 @dataclass(frozen=True)
@@ -108,10 +105,11 @@ class ListenerMethod:
         """
         width = pictures[0].shape[1]
         taken = [look for look in LOOKS[looks or self.looks] if look.side <= max(width, SIDE)]
-        found = [self._answers(look, pictures, sounds, cameras) for look in taken]
+        found = [self.look(look, pictures, sounds, cameras) for look in taken]
         return [each[0] if len(each) == 1 else agreed(each) for each in zip(*found, strict=True)]
 
-    def _answers(self, look: Look, pictures: Sequence[NDArray[np.uint8]], sounds: Any, cameras: Any) -> list[Answer]:
+    def look(self, look: Look, pictures: Sequence[NDArray[np.uint8]], sounds: Any, cameras: Any) -> list[Answer]:
+        """One look, see `answers`."""
         import torch
 
         from baselines.listener.model import hear
@@ -145,12 +143,8 @@ class ListenerMethod:
             cameras = np.asarray([camera_of(frame) for frame in part], np.float32)
             with inference(self.device, _where(part[0])):
                 answers = self.answers(pictures, sounds, cameras)
-                logits = [
-                    self.logits(answer, picture, sound, camera)
-                    for answer, picture, sound, camera in zip(answers, pictures, sounds, cameras, strict=True)
-                ]
-            for frame, large, answer in zip(part, logits, answers, strict=True):
-                mask = without_specks(large > logit(self.threshold), LEAST_AREA)
+            for frame, picture, answer in zip(part, pictures, answers, strict=True):
+                mask = self.mask(answer, picture)
                 classes = class_map(mask, answer) if frame.observation.is_sound_scene else None
                 out.append(Prediction(mask, classes))
         return out
@@ -160,28 +154,21 @@ class ListenerMethod:
             return np.zeros((2, layout.SAMPLE_RATE), np.float32)
         return clip_of(frame if self.hearing == "own" else foreign_frame(frame))
 
-    def logits(
-        self, answer: Answer, picture: NDArray[np.uint8], sound: NDArray[np.float32], camera: NDArray[np.float32]
-    ) -> NDArray[np.float32]:
+    def mask(self, answer: Answer, picture: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """(H, W) of a picture (H, W, 3), rules 2 and 3."""
-        resized = cv2.resize(answer.mask, picture.shape[1::-1], interpolation=cv2.INTER_LINEAR)
-        large: NDArray[np.float32] = np.clip(resized, -MOST_LOGIT, MOST_LOGIT).astype(np.float32)
-        for window in windows(answer.mask) if self.refine in ("closer", "all") else []:
-            part = picture[window.pixels(picture.shape)]
-            view = np.asarray([window.camera(camera.tolist())], np.float32)
-            (closer,) = self.answers([part], sound[None], view, looks="one")
-            pasted(large, closer.mask, window)
+        cells = np.clip(answer.mask, -MOST_LOGIT, MOST_LOGIT)
+        large = np.asarray(cv2.resize(cells, picture.shape[1::-1], interpolation=cv2.INTER_LINEAR), np.float32)
         # Nothing that is far below the threshold rises above it by a filter that averages.
-        edges = self.refine in ("edges", "all") and large.max() > logit(self.threshold)
-        return guided(large, picture) if edges else large
+        if self.refine == "edges" and large.max() > logit(self.threshold):
+            large = guided(large, picture)
+        return without_specks(np.asarray(large > logit(self.threshold)), LEAST_AREA)
 
     @property
     def notes(self) -> str:
         """The settings, for submission.json."""
         sound = {"own": "", "none": "; heard nothing", "other": "; heard the sound of another observation"}
-        edges = {"none": "no refinement", "edges": "guided filter at edges", "closer": "closer looks at small objects"}
-        edges["all"] = f"{edges['edges']}, {edges['closer']}"
-        looks = {"one": "one look", "several": "several looks"}[self.looks]
+        edges = {"none": "no refinement", "edges": "guided filter at edges"}
+        looks = {"one": "one look at 252²", "several": "looks at 252² and 504², also mirrored"}[self.looks]
         return (
             f"2D, from the picture and the binaural second of test frames; weights {self.digest[:12]}; "
             f"{looks}; marked where > {self.threshold:g}; {edges[self.refine]}; "
