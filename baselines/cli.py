@@ -247,7 +247,7 @@ def denseav(
     help="Whether the mean of looks at two sizes, also mirrored, decides, or one look, ten times as fast.",
 )  # fmt: skip
 @click.option(
-    "--sound", type=click.Choice(["own", "none", "other"]), default="own", show_default=True,
+    "--sound", "hearing", type=click.Choice(["own", "none", "other"]), default="own", show_default=True,
     help="What it hears; none and other (that of another observation) show whether it listens.",
 )  # fmt: skip
 def listener(
@@ -257,9 +257,7 @@ def listener(
     overwrite: bool,
     weights: Path | None,
     device: str | None,
-    refine: Any,
-    looks: Any,
-    sound: Any,
+    **how: Any,
 ) -> None:
     """Run the listener, frame by frame: the picture and one second of binaural sound give the mask of what sounds.
 
@@ -270,7 +268,7 @@ def listener(
     from baselines.listener.predict import load_method, write_listener
 
     require("baselines")
-    model = load_method(weights, device=device, refine=refine, hearing=sound, looks=looks)
+    model = load_method(weights, device=device, **how)
     _done(write_listener(Dataset(root), path, model, only=only, overwrite=overwrite, progress=sys.stderr.isatty()))
 
 
