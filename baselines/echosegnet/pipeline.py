@@ -43,7 +43,7 @@ from baselines.echosegnet import aisrm, clusters, spatial
 from baselines.echosegnet.cache import Stages, digest
 from baselines.echosegnet.decompose import decompose
 from baselines.echosegnet.gaussians import Gaussians, write_ply
-from baselines.echosegnet.network_masks import AnySource, NetworkMasks
+from baselines.echosegnet.network_masks import AnySource, KeptMasks, NetworkMasks
 from baselines.echosegnet.rasteriser.default import Rasteriser
 from baselines.echosegnet.render import amodal_mask, visible_mask
 from baselines.echosegnet.sound_scenes import Categories, class_votes, cluster_activity
@@ -135,7 +135,7 @@ def predict(
         run = MASK_RUN if by_frame else None
         share = vote_share(gaussians, seen, masks, rasteriser, settings.variant, stages, key, run=run)
         labelled = share > settings.voting_threshold
-    lifted = _Lifted(gaussians, np.flatnonzero(labelled), views, seen, masks, source)
+    lifted = _Lifted(gaussians, np.flatnonzero(labelled), np.clip(share[labelled], 0, 1), views, seen, masks, source)
     if by_frame:
         answer = _by_frame(lifted, rasteriser, clock)
     elif settings.variant == "official":
@@ -165,6 +165,7 @@ class _Lifted:
     Attributes:
         gaussians: of the whole scene.
         index: (n,) the labelled ones among them.
+        share: (n,) share of the votes of each that are for it.
         views: all views, in the order of time.
         seen: the train views among them.
         masks: of the train views.
@@ -173,6 +174,7 @@ class _Lifted:
 
     gaussians: Gaussians
     index: NDArray[np.intp]
+    share: NDArray[np.float64]
     views: Sequence[View]
     seen: Sequence[View]
     masks: list[Mask]
@@ -215,7 +217,8 @@ def _official(
 
 def _one_cluster(lifted: _Lifted, rasteriser: Rasteriser, settings: Settings, clock: _Clock) -> _Answer:
     with clock("refine"):
-        chosen, count = _refine_spatial(lifted.part, lifted.seen, settings.refine)
+        uncertain = lifted.share if isinstance(lifted.source, KeptMasks) else None
+        chosen, count = _refine_spatial(lifted.part, lifted.seen, settings.refine, uncertain)
     with clock("render"):
         which = lifted.selection(lifted.index[chosen])
         drawn = {
@@ -358,12 +361,15 @@ def _refine_official(
     return found.staying, found.kept
 
 
-def _refine_spatial(part: Gaussians, views: Sequence[View], refine: bool) -> tuple[NDArray[np.bool_], int]:
+def _refine_spatial(
+    part: Gaussians, views: Sequence[View], refine: bool, share: NDArray[np.float64] | None
+) -> tuple[NDArray[np.bool_], int]:
+    """(n,) which of the labelled Gaussians stay, and the number of clusters; ``share`` of their votes, if uncertain."""
     if not refine or not len(part):
         return np.ones(len(part), np.bool_), 0
     points = _numpy(part.means)
     labels = clusters.candidates(points, eps=_reach(points))
-    choice = spatial.choose(points, labels, views, clips_of(views))
+    choice = spatial.choose(points, labels, views, clips_of(views), share=share)
     return (choice.chosen if choice.best >= 0 else np.ones(len(part), np.bool_)), len(choice.scores)
 
 
