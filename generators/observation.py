@@ -43,7 +43,7 @@ from generators.paths.watcher import line_of_sight
 from generators.placement.placement import Placement
 from generators.plan import ObservationPlan, resolve_file
 from generators.receivers import Receivers
-from generators.recording.hearing import PRE_ROLL, Heard, Listening, heard
+from generators.recording.hearing import PRE_ROLL, Heard, Listening, hear, heard_ahead
 from generators.recording.output import FolderOutput, Output
 from generators.recording.surface_points import SurfaceSampler
 from generators.recording.writer import ObservationWriter
@@ -105,7 +105,7 @@ def generate_observation(
     lent = Lent(cores)
     with (
         ObservationWriter(output(root / plan.key), **plan.optional_files) as writer,
-        heard(ready.listening, lambda: lent.ask() > 1) as sounds,
+        heard_ahead(hear(ready.listening), ready.listening.device, lambda: lent.ask() > 1) as sounds,
         closing(_share(ready, writer, pictures) if pictures else _render(ready, writer, points, lent)) as masks,
     ):
         # The sound first: its process must start before there are threads.

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench import layout
-from avs3d_bench.ahead import moved_beside
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics, Pose, direction_to
 from avs3d_bench.schema import (
@@ -60,7 +59,7 @@ from generators.paths.watcher import line_of_sight, point_in_sight
 from generators.placement.placement import Placement
 from generators.plan import ObservationPlan, derive_rng
 from generators.programme import Interval, gated, intervals_of
-from generators.recording.hearing import PRE_ROLL, Listening
+from generators.recording.hearing import PRE_ROLL, Listening, heard_ahead
 from generators.recording.output import FolderOutput, Output
 from generators.recording.scene_writer import SceneWriter
 from generators.recording.stems import Clip, HeardSource, audible_sources, decibels, hear_sources, mixture, power
@@ -207,7 +206,7 @@ def generate_sound_scene(
     """
     ready = prepare_scene(plan, cache)
     lent = Lent(cores)
-    sounds = moved_beside(hear_sources(ready.listenings(plan)), lambda: lent.ask() > 1)
+    sounds = heard_ahead(hear_sources(ready.listenings(plan)), plan.device, lambda: lent.ask() > 1)
     with SceneWriter(output(root / plan.key), contents_of(plan, ready), **plan.optional_files) as writer:
         with sounds as seconds:
             if pictures is None:

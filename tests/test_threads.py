@@ -275,6 +275,15 @@ def test_results_stay_where_they_are_unless_they_are_wanted_elsewhere() -> None:
 
 
 @forked
+def test_what_cuda_hears_stays_in_the_process_that_has_the_device() -> None:
+    for device, here in (("cpu", False), ("cuda", True)):
+        with hearing.heard_ahead(_pids(), device, lambda: True) as results:
+            assert (next(results) == os.getpid()) is here
+    users = [path for path in Path(hearing.__file__).parents[1].rglob("*.py") if "moved_beside(" in path.read_text()]
+    assert [path.name for path in users] == ["hearing.py"]  # the one that knows the device
+
+
+@forked
 @pytest.mark.slow
 @pytest.mark.parametrize("what", ["sound", "picture", "interrupt", "killed"])
 def test_an_observation_that_fails_on_several_cores_leaves_nothing(

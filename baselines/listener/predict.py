@@ -41,7 +41,7 @@ from baselines.listener.shards import SIDE
 from baselines.networks.device import inference, pick_device
 
 #: Probability above which a pixel is marked; chosen on validation homes (`benchmarks.listener_thresholds`).
-THRESHOLD = 0.2
+THRESHOLD = 0.5
 
 
 class Look(NamedTuple):

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,8 @@ from generators.acoustics.clips import moving_clip, receiver_clip
 from generators.backends import acoustic_backend
 from generators.core.scene import Scene
 from generators.receivers import OWN_HEAD, Receivers
+
+Sound = TypeVar("Sound")
 
 #: Seconds of the source before the first frame, so that the first clip holds reverberation too.
 PRE_ROLL = 2
@@ -105,14 +108,21 @@ def hear(listening: Listening) -> Generator[Heard]:
         session.close()
 
 
-def heard(listening: Listening, beside: Callable[[], bool] = lambda: False) -> AbstractContextManager[Iterator[Heard]]:
-    """`hear`, in a process of its own from the second on for which ``beside`` says yes (see `moved_beside`).
+def heard_ahead(
+    sounds: Generator[Sound], device: str, beside: Callable[[], bool] = lambda: False
+) -> AbstractContextManager[Iterator[Sound]]:
+    """What is heard, in a process of its own from the second on for which ``beside`` says yes (see `moved_beside`).
 
     The SoundSpaces engine holds Python's global lock while it works: in this process no other thread would get on. Its
     responses depend on all that came before them, so that no second process could share the work. What CUDA does stays
     here: a forked process cannot use the device.
+
+    Args:
+        sounds: of each second, as `hear` makes them.
+        device: that traces them.
+        beside: asked before each second.
     """
-    return moved_beside(hear(listening), beside if listening.device == "cpu" else lambda: False)
+    return moved_beside(sounds, beside if device == "cpu" else lambda: False)
 
 
 def responses_at(session: AcousticSession, pose: Pose) -> dict[str, NDArray[np.float32]]:
