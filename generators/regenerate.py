@@ -30,7 +30,7 @@ from generators.observation import describe_frame, licence_record, prepare_obser
 from generators.paths.stage import Camera, Stage
 from generators.plan import ObservationPlan, make_plans
 from generators.receivers import Receivers, choose_receivers
-from generators.recording.hearing import heard
+from generators.recording.hearing import hear, heard_ahead
 from generators.recording.output import FolderOutput
 from generators.recording.scene_writer import SceneWriter
 from generators.recording.stems import hear_sources
@@ -197,7 +197,7 @@ def _compare(
     with (
         ObservationWriter(made, **plan.optional_files) as writer,
         closing(Camera(ready.sight, stage, ready.intrinsics)) as view,
-        heard(ready.listening) as sounds,
+        heard_ahead(hear(ready.listening), ready.listening.device) as sounds,
     ):
         for index, sound in zip(range(max(needed) + 1), sounds, strict=False):
             clip = clips[index] = sound.head.clip
