@@ -292,7 +292,10 @@ def listener(
     help="As released, or with occlusion-aware votes and the likelihood of what both ears heard; the training is one.",
 )  # fmt: skip
 @click.option("--no-aisrm", is_flag=True, help="Keep every labelled Gaussian, ignoring the sound.")
-@click.option("--voting-threshold", type=click.FloatRange(0.0, 1.0, max_open=True), default=0.3, show_default=True)
+@click.option(
+    "--voting-threshold", type=click.FloatRange(0.0, 1.0, max_open=True), default=None, metavar="SHARE",
+    help="Of a Gaussian's votes [0.3; with --variant spatial and --masks listener 0.5].",
+)  # fmt: skip
 @click.option("--iterations", type=click.IntRange(1), default=30_000, show_default=True, help="Of the training.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the training.")
 @click.option(
@@ -331,7 +334,6 @@ def echosegnet(
     from baselines.echosegnet.run import all_devices, write_echosegnet, write_sweep
 
     options = _EchosegnetOptions(**chosen)
-    settings = options.settings()
     shared: dict[str, Any] = {
         "work": options.work or path.with_name(path.name + ".work"),
         "devices": options.devices or all_devices(),
@@ -348,6 +350,7 @@ def echosegnet(
         write_mask_folder(Dataset(root), folder, model, only=only, progress=shared["progress"])
         options = replace(options, masks=str(folder))
     source = options.source()
+    settings = options.settings(source)
     if options.sweep:
         for writer in write_sweep(Dataset(root), path, source, settings, **shared):
             _done(writer)
@@ -365,7 +368,7 @@ class _EchosegnetOptions:
     listener_answer: Any
     variant: Any
     no_aisrm: bool
-    voting_threshold: float
+    voting_threshold: float | None
     iterations: int
     seed: int
     max_gaussians: int | None
@@ -394,16 +397,17 @@ class _EchosegnetOptions:
 
         return NetworkMasks(load_marker(self.listener_weights, which=self.listener_answer or "category"))
 
-    def settings(self) -> Settings:
-        """Of the pipeline."""
+    def settings(self, source: AnySource) -> Settings:
+        """Of the pipeline, for these masks."""
         from baselines.echosegnet.densify import DensityControl
-        from baselines.echosegnet.pipeline import Settings
+        from baselines.echosegnet.pipeline import Settings, default_threshold
         from baselines.echosegnet.train import TrainingSettings
 
+        threshold = self.voting_threshold
         density = DensityControl(max_gaussians=self.max_gaussians)
         return Settings(
             variant=self.variant,
             refine=not self.no_aisrm,
-            voting_threshold=self.voting_threshold,
+            voting_threshold=default_threshold(self.variant, source) if threshold is None else threshold,
             training=TrainingSettings(iterations=self.iterations, seed=self.seed, density=density),
         )

@@ -181,15 +181,17 @@ def write_row(dataset: Dataset, path: Path, row: Row, plan: Plan) -> None:
 def _write_lifted(dataset: Dataset, path: Path, row: Row, plan: Plan, common: dict[str, Any]) -> None:
     from baselines.echosegnet.densify import DensityControl
     from baselines.echosegnet.network_masks import NetworkMasks
-    from baselines.echosegnet.pipeline import Settings
+    from baselines.echosegnet.pipeline import Settings, default_threshold
     from baselines.echosegnet.run import write_echosegnet
     from baselines.echosegnet.train import TrainingSettings
     from baselines.listener.marks import ListenerMarker
 
     source = NetworkMasks(ListenerMarker(plan.weights, plan.digest, plan.answer))
     density = DensityControl(max_gaussians=plan.max_gaussians)
+    variant: Any = "spatial" if row.setting == "spatial" else "official"
     settings = Settings(
-        variant="spatial" if row.setting == "spatial" else "official",
+        variant=variant,
+        voting_threshold=default_threshold(variant, source),
         refine=row.setting != "no-aisrm",
         training=TrainingSettings(iterations=plan.iterations, density=density),
     )

@@ -111,36 +111,6 @@ def test_front_and_back_are_undecided_from_one_pose_and_settled_by_turning():
         assert not choice.undecided
 
 
-def test_votes_decide_where_sound_cannot_and_only_there():
-    """An oven below the microwave: from one pose they sound alike, and the oven has more points."""
-    microwave, oven = np.array([1.0, -1.0, 1.0]), np.array([1.0, 1.0, 1.0])
-    small, large = blobs(microwave, count=40)[0], blobs(oven, count=120)[0]
-    points, labels = np.concatenate([small, large]), np.repeat([0, 1], [40, 120])
-    here = [Listener("frame_000", looking(0.0), np.zeros(3))]
-    heard = free_field(microwave, here)
-    share = np.repeat([0.9, 0.45], [40, 120])
-    plain, told = choose(points, labels, here, heard), choose(points, labels, here, heard, share=share)
-    assert (plain.best, told.best) == (1, 0)
-    odds = told.posterior[0] / told.posterior[1] * plain.posterior[1] / plain.posterior[0]
-    assert odds == pytest.approx((9.0 / (0.45 / 0.55)) ** spatial.VOTES)
-    assert (told.scores == plain.scores).all()
-    # Elsewhere sound tells them apart, whatever the votes say; what all masks say alike changes nothing.
-    away, listeners = blobs(*SPOTS[:2])[0], walk(0, 16)
-    either = np.repeat([0, 1], 40)
-    for votes in ([0.4, 0.9], [0.9, 0.4], [0.97, 1.0]):
-        choice = choose(away, either, listeners, free_field(SPOTS[0], listeners), share=np.repeat(votes, 40))
-        assert choice.best == 0
-    same = choose(away, either, listeners, free_field(SPOTS[0], listeners), share=np.repeat([0.97, 1.0], 40))
-    trusted = choose(away, either, listeners, free_field(SPOTS[0], listeners))
-    assert same.posterior == pytest.approx(trusted.posterior, rel=1e-9)
-
-
-@pytest.mark.parametrize("share", [[0.5, np.nan], [0.5, 1.2], [0.5]], ids=["nan", "above 1", "too few"])
-def test_shares_of_votes_that_are_none(share):
-    with pytest.raises(Avs3dError, match="a number from 0 to 1 for each of 2 points"):
-        spatial.certainty(np.array([0, 1]), np.array(share))
-
-
 def test_a_mirrored_world_gives_the_mirrored_answer():
     listeners = walk(3)
     points, labels = blobs(*SPOTS)

@@ -105,6 +105,12 @@ class KeptMasks:
         """The class ids of what is marked."""
         return self._ids(frame)
 
+    def category(self, frames: Iterable[Frame]) -> int:
+        """The class id that most of what is marked in these frames has; 0 if nothing is marked."""
+        count = np.sum([np.bincount(self._ids(frame).reshape(-1), minlength=256) for frame in frames], axis=0)
+        count[0] = 0
+        return int(count.argmax())
+
     def _ids(self, frame: Frame) -> NDArray[np.uint8]:
         if frame.observation.key != self.key or frame.name not in self.files:
             raise UsageError(f"{frame.observation.key}/{frame.name}: only train frames of {self.key} were marked")

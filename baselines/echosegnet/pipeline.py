@@ -57,6 +57,12 @@ from baselines.echosegnet.voting_stage import Variant, vote_share
 MASK_RUN = 8
 
 
+#: A Gaussian is labelled if more than this share of its votes is for it: the paper's value.
+VOTING_THRESHOLD = 0.3
+#: The same for ``spatial`` where a network made the masks: most of its votes.
+MARKED_THRESHOLD = 0.5
+
+
 @dataclass(frozen=True)
 class Settings:
     """The settings of the pipeline.
@@ -64,20 +70,25 @@ class Settings:
     Attributes:
         variant: ``official`` or ``spatial``.
         refine: choose among clusters by sound (AISRM); without it every labelled Gaussian stays.
-        voting_threshold: a Gaussian is labelled if more than this share of its votes is for it.
+        voting_threshold: a Gaussian is labelled if more than this share of its votes is for it (`default_threshold`).
         decompose_every: decomposition looks at every so many train views.
         training: of the Gaussians.
     """
 
     variant: Variant = "official"
     refine: bool = True
-    voting_threshold: float = 0.3
+    voting_threshold: float = VOTING_THRESHOLD
     decompose_every: int = 4
     training: TrainingSettings = field(default_factory=TrainingSettings)
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.voting_threshold < 1.0:
             raise Avs3dError(f"voting threshold {self.voting_threshold}: expected 0 to below 1")
+
+
+def default_threshold(variant: Variant, source: AnySource) -> float:
+    """The voting threshold where none is asked for."""
+    return MARKED_THRESHOLD if variant == "spatial" and isinstance(source, NetworkMasks) else VOTING_THRESHOLD
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +146,7 @@ def predict(
         run = MASK_RUN if by_frame else None
         share = vote_share(gaussians, seen, masks, rasteriser, settings.variant, stages, key, run=run)
         labelled = share > settings.voting_threshold
-    lifted = _Lifted(gaussians, np.flatnonzero(labelled), np.clip(share[labelled], 0, 1), views, seen, masks, source)
+    lifted = _Lifted(gaussians, np.flatnonzero(labelled), views, seen, masks, source)
     if by_frame:
         answer = _by_frame(lifted, rasteriser, clock)
     elif settings.variant == "official":
@@ -165,7 +176,6 @@ class _Lifted:
     Attributes:
         gaussians: of the whole scene.
         index: (n,) the labelled ones among them.
-        share: (n,) share of the votes of each that are for it.
         views: all views, in the order of time.
         seen: the train views among them.
         masks: of the train views.
@@ -174,7 +184,6 @@ class _Lifted:
 
     gaussians: Gaussians
     index: NDArray[np.intp]
-    share: NDArray[np.float64]
     views: Sequence[View]
     seen: Sequence[View]
     masks: list[Mask]
@@ -217,8 +226,7 @@ def _official(
 
 def _one_cluster(lifted: _Lifted, rasteriser: Rasteriser, settings: Settings, clock: _Clock) -> _Answer:
     with clock("refine"):
-        uncertain = lifted.share if isinstance(lifted.source, KeptMasks) else None
-        chosen, count = _refine_spatial(lifted.part, lifted.seen, settings.refine, uncertain)
+        chosen, count = _refine_spatial(lifted, settings.refine)
     with clock("render"):
         which = lifted.selection(lifted.index[chosen])
         drawn = {
@@ -263,7 +271,7 @@ class _Sounding:
 
 def _sounding(lifted: _Lifted) -> _Sounding:
     points = _numpy(lifted.part.means)
-    labels = clusters.candidates(points, eps=_reach(points)) if len(points) else np.zeros(0, np.int64)
+    labels = _candidates(lifted)
     classes = class_votes(points, labels, lifted.seen, lifted.source)
     if not len(labels) or labels.max() < 0:
         return _Sounding(labels, np.zeros((len(lifted.views), 0), np.bool_), classes)
@@ -361,19 +369,31 @@ def _refine_official(
     return found.staying, found.kept
 
 
-def _refine_spatial(
-    part: Gaussians, views: Sequence[View], refine: bool, share: NDArray[np.float64] | None
-) -> tuple[NDArray[np.bool_], int]:
-    """(n,) which of the labelled Gaussians stay, and the number of clusters; ``share`` of their votes, if uncertain."""
-    if not refine or not len(part):
-        return np.ones(len(part), np.bool_), 0
-    points = _numpy(part.means)
-    labels = clusters.candidates(points, eps=_reach(points))
-    choice = spatial.choose(points, labels, views, clips_of(views), share=share)
-    return (choice.chosen if choice.best >= 0 else np.ones(len(part), np.bool_)), len(choice.scores)
+def _refine_spatial(lifted: _Lifted, refine: bool) -> tuple[NDArray[np.bool_], int]:
+    """(n,) which of the labelled Gaussians stay, and the number of clusters."""
+    points = _numpy(lifted.part.means)
+    if not refine or not len(points):
+        return np.ones(len(points), np.bool_), 0
+    choice = spatial.choose(points, _candidates(lifted), lifted.seen, clips_of(lifted.seen))
+    return (choice.chosen if choice.best >= 0 else np.ones(len(points), np.bool_)), len(choice.scores)
 
 
-def _reach(points: NDArray[np.float64]) -> float:
+def _candidates(lifted: _Lifted) -> NDArray[np.int64]:
+    """(n,) the candidate objects among the labelled Gaussians."""
+    points, marks = _numpy(lifted.part.means), lifted.source
+    if not len(points):
+        return np.zeros(0, np.int64)
+    if not isinstance(marks, KeptMasks):
+        return clusters.candidates(points, eps=reach(points))
+    if lifted.seen[0].frame.observation.is_sound_scene:
+        classes = class_votes(points, np.arange(len(points)), lifted.seen, marks)
+        assert classes is not None, "a network names the class of what it marks"
+    else:
+        classes = np.full(len(points), marks.category(view.frame for view in lifted.seen))
+    return clusters.marked_candidates(points, classes, eps=reach(points))
+
+
+def reach(points: NDArray[np.float64]) -> float:
     """DBSCAN's radius, metres: the published 4 cm, or more where the splats are farther apart."""
     if len(points) <= aisrm.MIN_POINTS:
         return aisrm.EPS

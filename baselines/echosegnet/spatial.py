@@ -21,11 +21,9 @@ cues are tempered to an effective number of independent observations, `CueWeight
 
 A sound may come from anywhere on an object: a cluster's likelihood is the mean over points spread over it (not their
 maximum, which would favour large ones). Its prior is its share of the points, which settles what sound cannot tell
-apart: an object from the crumbs beside it. Masks that a network made may be wrong about what an object is (an oven
-taken for a microwave): then the odds of a cluster's votes count as well (`certainty`). Front and back, above and below
-sound alike from one pose (Blauert's cone of confusion); the agent's turning tells them apart. If no cluster reaches the
-posterior `DECIDED`, the choice is ``undecided`` and a caller may keep every candidate; ``chosen`` names the best one
-all the same.
+apart: an object from the crumbs beside it. Front and back, above and below sound alike from one pose (Blauert's cone of
+confusion); the agent's turning tells them apart. If no cluster reaches the posterior `DECIDED`, the choice is
+``undecided`` and a caller may keep every candidate; ``chosen`` names the best one all the same.
 
 Nothing is learned, and only train views are let in. `benchmarks/instance_selection.py` measures it.
 """
@@ -53,9 +51,6 @@ Array = NDArray[np.float64]
 HEAD_SCALES = (0.7, 0.8, 0.9, 1.0, 1.1)
 #: From this posterior on a choice is decided.
 DECIDED = 0.9
-#: How many independent statements on an object the votes for it are worth; shares beyond these say no more.
-VOTES = 2.0
-_SHARES = (0.05, 0.95)
 #: Degrees of freedom of Student's t.
 _FREEDOM = 4.0
 _ITERATIONS = 8
@@ -145,7 +140,6 @@ def choose(
     views: Sequence[Pose],
     clips: NDArray[np.floating],
     *,
-    share: NDArray[np.floating] | None = None,
     weights: CueWeights | None = None,
 ) -> SpatialChoice:
     """Choose the cluster that sounds.
@@ -155,8 +149,6 @@ def choose(
         labels: (N,) clusters; negative ones are no candidates.
         views: T train views.
         clips: (T, 2, n) their sound at 44.1 kHz, channel 0 left.
-        share: (N,) share of the votes of each point that say that it is an object of the category, if they may be
-            wrong; None: the masks are trusted.
         weights: of the cues.
 
     Returns:
@@ -166,7 +158,7 @@ def choose(
         Avs3dError: if shapes do not fit, a number is NaN or infinite, or a view is no train view.
     """
     rotation, position, clips = _listeners(views, clips)
-    return judge(points, labels, rotation, position, binaural.observe(clips), share=share, weights=weights)
+    return judge(points, labels, rotation, position, binaural.observe(clips), weights=weights)
 
 
 def judge(
@@ -176,7 +168,6 @@ def judge(
     position: Array,
     cues: binaural.Cues,
     *,
-    share: NDArray[np.floating] | None = None,
     weights: CueWeights | None = None,
 ) -> SpatialChoice:
     """`choose` with the cues already read: camera-to-world rotations (V, 3, 3) and positions (V, 3) of their views."""
@@ -186,7 +177,7 @@ def judge(
         empty = np.zeros(0)
         chosen = np.zeros(len(points), np.bool_)
         return SpatialChoice(chosen, evidence.labels, empty, empty, -1, np.nan, np.nan, 0.0, 0)
-    joint, posterior = evidence.weigh(weights or CueWeights(), certainty(labels, share))
+    joint, posterior = evidence.weigh(weights or CueWeights())
     best = int(posterior.argmax())
     scale_weight = np.exp(joint[:, best] - logsumexp(joint[:, best]))
     gain = evidence.gain[evidence.start[best] : evidence.start[best + 1]]
@@ -227,37 +218,13 @@ class Evidence:
     level: Array
     gain: Array
 
-    def weigh(self, weights: CueWeights, certainty: Array | float = 0.0) -> tuple[Array, Array]:
-        """Joint log-likelihood of every head scale and cluster (S, K), and the clusters' posterior (K,).
-
-        Args:
-            weights: of the cues.
-            certainty: (K,) logarithms that are added to those of the prior.
-        """
+    def weigh(self, weights: CueWeights) -> tuple[Array, Array]:
+        """Joint log-likelihood of every head scale and cluster (S, K), and the clusters' posterior (K,)."""
         phase = weights.phase * self.concentration * self.resultant
         rest = weights.ild_beside(self.concentration) * self.ild + weights.level * self.level
         joint = np.stack([_log_mean(phase[:, a:b] + rest[a:b]) for a, b in pairwise(self.start)], axis=1)
-        log_posterior = _log_mean(joint.T) + np.log(self.count) + certainty
+        log_posterior = _log_mean(joint.T) + np.log(self.count)
         return joint, np.exp(log_posterior - logsumexp(log_posterior))
-
-
-def certainty(labels: NDArray[np.integer], share: NDArray[np.floating] | None) -> Array | float:
-    """(K,) what the votes for each cluster add to the logarithm of its prior: `VOTES` times their log-odds.
-
-    Args:
-        labels: (N,) clusters; negative ones are none.
-        share: (N,) share of each point's votes that are for it; None: they say nothing, 0.
-
-    Raises:
-        Avs3dError: if a share is not a number from 0 to 1.
-    """
-    if share is None:
-        return 0.0
-    share = np.asarray(share, np.float64)
-    if share.shape != np.shape(labels) or not ((share >= 0) & (share <= 1)).all():
-        raise Avs3dError(f"shares of votes: expected a number from 0 to 1 for each of {len(labels)} points")
-    mean = np.clip([share[labels == label].mean() for label in np.unique(labels[labels >= 0])], *_SHARES)
-    return np.asarray(VOTES * np.log(mean / (1 - mean)))
 
 
 def gather(
