@@ -8,10 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.taxonomy import CATEGORIES
 from baselines.echosegnet import clusters, spatial
 from baselines.echosegnet.binaural import HEAD_RADIUS, SPEED_OF_SOUND, lateral_angle, shadow_power, woodworth_itd
 from baselines.echosegnet.clusters import dbscan, merge_fragments, representatives
 from baselines.echosegnet.spatial import CueWeights, candidates, choose, student_fit
+from generators.assets.catalogue import build_model, training_variants
 
 SR = 44_100
 PHASE, ILD, LEVEL = CueWeights(3.0, 0.0, 0.0), CueWeights(0.0, 0.03, 0.0), CueWeights(0.0, 0.0, 0.05)
@@ -294,6 +296,59 @@ def test_a_chain_of_fragments_is_one_object_up_to_the_largest_size():
     merged = merge_fragments(points, labels, gap=0.11, largest=1.0)
     assert all(np.ptp(points[merged == k, 0]) <= 1.0 for k in np.unique(merged))
     assert len(np.unique(merged)) >= 2
+
+
+def box(low, size):
+    """Points 2.5 cm apart in a box: (N, 3)."""
+    axes = [np.arange(0, length + 1e-9, 0.025) for length in size]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3) + low
+
+
+MICROWAVE, COFFEE_MACHINE, VACUUM_CLEANER = (
+    1 + CATEGORIES.index(name) for name in ("microwave", "coffee_machine", "vacuum_cleaner")
+)
+
+
+def test_what_a_network_marks_is_no_larger_than_its_category():
+    """An oven 8 cm beside a microwave, marked as one: all together 1.2 m."""
+    one = box((0, 0, 0), (0.5, 0.3, 0.35))
+    points = np.concatenate([one, one + (0.58, 0, 0)])
+    assert set(candidates(points)) == {0}
+    found = clusters.marked_candidates(points, np.full(len(points), MICROWAVE))
+    assert found.tolist() == np.repeat([0, 1], len(one)).tolist()
+    # A vacuum cleaner may be so large.
+    assert set(clusters.marked_candidates(points, np.full(len(points), VACUUM_CLEANER))) == {0}
+
+
+def test_fragments_that_a_network_marks_may_lie_farther_apart():
+    points = np.concatenate([box((0, 0, 0), (0.3, 0.2, 0.3)), box((0, 0.45, 0), (0.2, 0.2, 0.2))])
+    assert set(candidates(points)) == {0, 1}
+    assert set(clusters.marked_candidates(points, np.full(len(points), VACUUM_CLEANER))) == {0}
+
+
+def test_each_category_has_its_own_candidates():
+    large, small = box((0, 0, 0), (0.5, 0.3, 0.35)), box((0.53, 0, 0), (0.2, 0.3, 0.2))
+    points, sizes = np.concatenate([large, small]), [len(large), len(small)]
+    assert set(candidates(points)) == {0}
+    found = clusters.marked_candidates(points, np.repeat([MICROWAVE, COFFEE_MACHINE], sizes))
+    assert found.tolist() == np.repeat([0, 1], sizes).tolist()
+    # Points of no class are no candidates; an object of a category of the manifest's own may be as large as any.
+    assert clusters.marked_candidates(points, np.repeat([0, 200], sizes)).tolist() == np.repeat([-1, 0], sizes).tolist()
+    assert clusters.largest_of(200) == clusters.LARGEST
+    assert clusters.marked_candidates(np.zeros((0, 3)), np.zeros(0, np.int64)).shape == (0,)
+
+
+@pytest.mark.parametrize("category", CATEGORIES)
+def test_no_model_for_training_is_larger_than_its_category(category):
+    """At any turn about the vertical axis, as boxes of candidates lie along the axes."""
+    largest = clusters.largest_of(1 + CATEGORIES.index(category))
+    sizes = [
+        build_model(category, name, np.random.default_rng(seed)).size
+        for name in training_variants(category)
+        for seed in range(3)
+    ]
+    assert max(np.hypot(np.sqrt(2) * np.hypot(x, z), y) for x, y, z in sizes) <= largest
+    assert max(np.linalg.norm(size) for size in sizes) >= largest / 2
 
 
 def test_noise_joins_the_only_cluster_in_reach():
