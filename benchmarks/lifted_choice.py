@@ -51,7 +51,8 @@ Array = NDArray[np.float64]
 
 #: Gaussians with a larger share of votes than this, of the network's or of the truth's, are kept in a file.
 KEPT_SHARE = 0.1
-THRESHOLDS = (0.3, 0.4, 0.5, 0.6)
+#: Least share of the votes; None: half of that of the best-marked Gaussians (`Cloud.best_share`).
+THRESHOLDS = (0.3, 0.4, 0.5, 0.6, None)
 GAPS = (0.12, 0.2, 0.25, 0.3, 0.4)
 SIZES = ("any", "of the category")
 
@@ -105,6 +106,12 @@ class Cloud:
             rotation=found["rotation"], position=found["position"], cues=cues,
         )  # fmt: skip
 
+    @property
+    def best_share(self) -> float:
+        """The share of the votes that one of a hundred Gaussians has: how often what is marked best is marked."""
+        marked = self.share[self.share > KEPT_SHARE]
+        return float(np.quantile(marked, 0.99)) if len(marked) else 0.0
+
     def iou(self, chosen: NDArray[np.bool_]) -> float:
         """Of the chosen points (N,) with the true ones."""
         true = self.truth > 0.5
@@ -116,13 +123,14 @@ class Cloud:
 class Setting:
     """What is compared: share of the votes, largest candidate, and gap between fragments of one (m)."""
 
-    threshold: float
+    threshold: float | None
     size: str
     gap: float
 
     def chosen(self, cloud: Cloud) -> NDArray[np.bool_]:
         """(N,) the points of a cloud that are said to sound."""
-        index = np.flatnonzero(cloud.share > self.threshold)
+        threshold = cloud.best_share / 2 if self.threshold is None else self.threshold
+        index = np.flatnonzero(cloud.share > threshold)
         out = np.zeros(len(cloud.points), np.bool_)
         if len(index):
             points = cloud.points[index]
@@ -193,7 +201,8 @@ def table(clouds: Sequence[Cloud]) -> list[str]:
         of_part = [[value for key, value in found.items() if key.startswith(f"{part}/")] for part in parts]
         shown = [f"{np.mean(values):.3f} | {np.mean(np.array(values) > RIGHT_IOU):.2f}" for values in of_part]
         mean = np.mean(list(found.values()))
-        lines.append(f"| {setting.threshold} | {setting.size} | {setting.gap:g} | {' | '.join(shown)} | {mean:.3f} |")
+        threshold = "half of the best" if setting.threshold is None else setting.threshold
+        lines.append(f"| {threshold} | {setting.size} | {setting.gap:g} | {' | '.join(shown)} | {mean:.3f} |")
     return lines
 
 

@@ -66,6 +66,11 @@ def test_settings_choose_what_they_say() -> None:
     assert one.iou(Setting(0.3, "of the category", 0.12).chosen(one)) == 1.0
     assert one.iou(Setting(0.5, "any", 0.12).chosen(one)) == 1.0  # too few votes for the oven
     assert not Setting(0.95, "any", 0.12).chosen(one).any()
+    weak = cloud(share=one.share / 3)  # a model that the network hardly recognises
+    assert not Setting(0.5, "any", 0.12).chosen(weak).any()
+    assert weak.iou(Setting(None, "of the category", 0.12).chosen(weak)) == 1.0
+    nothing = cloud(share=0 * one.share)
+    assert not Setting(None, "any", 0.12).chosen(nothing).any()
 
 
 def test_a_file_keeps_an_observation_and_the_table_has_a_row_for_each_setting(tmp_path: Path) -> None:
