@@ -294,7 +294,7 @@ def listener(
 @click.option("--no-aisrm", is_flag=True, help="Keep every labelled Gaussian, ignoring the sound.")
 @click.option(
     "--voting-threshold", type=click.FloatRange(0.0, 1.0, max_open=True), default=None, metavar="SHARE",
-    help="Of a Gaussian's votes [0.3; with --variant spatial and --masks listener 0.5].",
+    help="A Gaussian is labelled above this share of its votes [0.3; with --variant spatial --masks listener 0.5].",
 )  # fmt: skip
 @click.option("--iterations", type=click.IntRange(1), default=30_000, show_default=True, help="Of the training.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the training.")
@@ -334,6 +334,10 @@ def echosegnet(
     from baselines.echosegnet.run import all_devices, write_echosegnet, write_sweep
 
     options = _EchosegnetOptions(**chosen)
+    if options.sweep and options.voting_threshold is not None:
+        raise UsageError(
+            "--sweep voting-threshold runs every threshold of the paper's Table 3: leave out --voting-threshold"
+        )
     shared: dict[str, Any] = {
         "work": options.work or path.with_name(path.name + ".work"),
         "devices": options.devices or all_devices(),

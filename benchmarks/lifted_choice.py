@@ -108,7 +108,7 @@ class Cloud:
 
     @property
     def best_share(self) -> float:
-        """The share of the votes that one of a hundred Gaussians has: how often what is marked best is marked."""
+        """99 % quantile of the shares of the marked Gaussians."""
         marked = self.share[self.share > KEPT_SHARE]
         return float(np.quantile(marked, 0.99)) if len(marked) else 0.0
 
@@ -230,7 +230,11 @@ def lift_command(
 ) -> None:
     """Lift the marks of every observation of ROOT, and keep what `table` needs."""
     try:
-        keys = [observation.key for observation in Dataset(root).select(*only)]
+        observations = Dataset(root).select(*only)
+        scenes = next((one.key for one in observations if one.is_sound_scene), None)
+        if scenes is not None:
+            raise Avs3dError(f"{scenes}: a sound scene, which is lifted otherwise; leave it out (--only 'part_[12]/*')")
+        keys = [observation.key for observation in observations]
         training = TrainingSettings(iterations=iterations, density=DensityControl(max_gaussians=max_gaussians))
         workers = spread(devices or all_devices(), len(keys))
         source = NetworkMasks(load_marker())

@@ -21,7 +21,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
@@ -35,6 +35,11 @@ from avs3d_bench.parallel import available_cores
 from avs3d_bench.scores import Scores
 from avs3d_bench.submission import Prediction
 from baselines.listener.marks import MARKING_LOOKS
+
+if TYPE_CHECKING:
+    from baselines.echosegnet.network_masks import NetworkMasks
+    from baselines.echosegnet.pipeline import Settings
+    from baselines.echosegnet.voting_stage import Variant
 
 Kind = Literal["truth", "listener", "echosegnet"]
 #: File with what was run, beside the scores.
@@ -128,7 +133,7 @@ class Plan:
             found |= {"refine": self.refine, "looks": self.looks}
         if row.kind == "echosegnet":
             found |= {"answer": self.answer, "iterations": self.iterations, "max_gaussians": self.max_gaussians}
-            found["looks"] = MARKING_LOOKS
+            found |= {"looks": MARKING_LOOKS, "voting_threshold": lifting(row, self)[1].voting_threshold}
         return found
 
 
@@ -178,23 +183,30 @@ def write_row(dataset: Dataset, path: Path, row: Row, plan: Plan) -> None:
         _write_lifted(dataset, path, row, plan, common)
 
 
-def _write_lifted(dataset: Dataset, path: Path, row: Row, plan: Plan, common: dict[str, Any]) -> None:
+def lifting(row: Row, plan: Plan) -> tuple[NetworkMasks, Settings]:
+    """The source of the masks and the settings of a row of EchoSegnet."""
     from baselines.echosegnet.densify import DensityControl
     from baselines.echosegnet.network_masks import NetworkMasks
     from baselines.echosegnet.pipeline import Settings, default_threshold
-    from baselines.echosegnet.run import write_echosegnet
     from baselines.echosegnet.train import TrainingSettings
     from baselines.listener.marks import ListenerMarker
 
     source = NetworkMasks(ListenerMarker(plan.weights, plan.digest, plan.answer))
+    variant: Variant = "spatial" if row.setting == "spatial" else "official"
     density = DensityControl(max_gaussians=plan.max_gaussians)
-    variant: Any = "spatial" if row.setting == "spatial" else "official"
     settings = Settings(
         variant=variant,
         voting_threshold=default_threshold(variant, source),
         refine=row.setting != "no-aisrm",
         training=TrainingSettings(iterations=plan.iterations, density=density),
     )
+    return source, settings
+
+
+def _write_lifted(dataset: Dataset, path: Path, row: Row, plan: Plan, common: dict[str, Any]) -> None:
+    from baselines.echosegnet.run import write_echosegnet
+
+    source, settings = lifting(row, plan)
     write_echosegnet(dataset, path, source, settings, work=plan.work / "stages", devices=plan.devices, **common)
 
 

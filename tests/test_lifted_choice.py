@@ -24,7 +24,7 @@ from baselines.echosegnet.sources import OracleMasks  # noqa: E402
 from baselines.echosegnet.train import TrainingSettings  # noqa: E402
 from benchmarks import lifted_choice  # noqa: E402
 from benchmarks.lifted_choice import Cloud, Job, Setting  # noqa: E402
-from tests import tiny  # noqa: E402
+from tests import tiny, tiny_scenes  # noqa: E402
 
 torch.set_num_threads(1)
 MICROWAVE = 1 + CATEGORIES.index("microwave")
@@ -41,7 +41,7 @@ def cloud(**changed: Any) -> Cloud:
     microwave, oven = grid((0, 0, 0), (0.5, 0.3, 0.35)), grid((0.58, 0, 0), (0.5, 0.3, 0.3))
     sizes, points = [len(microwave), len(oven)], np.concatenate([microwave, oven])
     silence = Cues(np.zeros(2), np.zeros((2, 2), complex), np.zeros((2, 0)), np.full(2, -np.inf), np.zeros(0, np.intp))
-    share, truth = np.repeat([0.9, 0.45], sizes), np.repeat([1.0, 0.0], sizes)
+    share, truth = np.repeat([0.9, 0.4], sizes), np.repeat([1.0, 0.0], sizes)
     found = Cloud(
         "part_1/home/kitchen/1", MICROWAVE, points, share, truth, np.ones(len(points)), np.tile(np.eye(3), (2, 1, 1)),
         np.zeros((2, 3)), silence,
@@ -68,7 +68,7 @@ def test_settings_choose_what_they_say() -> None:
     assert not Setting(0.95, "any", 0.12).chosen(one).any()
     weak = cloud(share=one.share / 3)  # a model that the network hardly recognises
     assert not Setting(0.5, "any", 0.12).chosen(weak).any()
-    assert weak.iou(Setting(None, "of the category", 0.12).chosen(weak)) == 1.0
+    assert weak.iou(Setting(None, "any", 0.12).chosen(weak)) == 1.0
     nothing = cloud(share=0 * one.share)
     assert not Setting(None, "any", 0.12).chosen(nothing).any()
 
@@ -93,6 +93,14 @@ def test_a_folder_without_files_is_one_line(tmp_path: Path) -> None:
     found = CliRunner().invoke(lifted_choice.main, ["table", str(tmp_path)])
     assert found.exit_code == 1
     assert "no file .npz; make them with" in found.output
+
+
+def test_sound_scenes_are_refused(tmp_path: Path) -> None:
+    root = tiny_scenes.write_sound_scenes(tmp_path / "scenes", keys=(tiny_scenes.FIRST,))
+    arguments = ["lift", str(root), "-o", str(tmp_path / "out"), "--work", str(tmp_path / "work"), "--device", "cpu"]
+    found = CliRunner().invoke(lifted_choice.main, arguments)
+    assert found.exit_code == 1
+    assert f"{tiny_scenes.FIRST}: a sound scene, which is lifted otherwise" in found.output
 
 
 @dataclass(frozen=True)

@@ -332,6 +332,10 @@ def test_each_category_has_its_own_candidates():
     assert set(candidates(points)) == {0}
     found = clusters.marked_candidates(points, np.repeat([MICROWAVE, COFFEE_MACHINE], sizes))
     assert found.tolist() == np.repeat([0, 1], sizes).tolist()
+    # Twelve stray points of another class are no candidate beside many more.
+    stray = np.concatenate([box((0, 0, 0), (1.0, 0.3, 0.4)), box((3, 0, 0), (0.05, 0.05, 0.025))])
+    few = np.arange(len(stray)) >= len(stray) - 18
+    assert set(clusters.marked_candidates(stray, np.where(few, COFFEE_MACHINE, MICROWAVE))[few]) == {-1}
     # Points of no class are no candidates; an object of a category of the manifest's own may be as large as any.
     assert clusters.marked_candidates(points, np.repeat([0, 200], sizes)).tolist() == np.repeat([-1, 0], sizes).tolist()
     assert clusters.largest_of(200) == clusters.LARGEST

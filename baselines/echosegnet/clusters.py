@@ -21,13 +21,13 @@ NOISE = -1
 GAP = 0.12
 #: No sounding object is larger than this (diagonal of its box, m): what would be stays apart.
 LARGEST = 1.6
-#: The same two for what a network marks. Its marks are uneven, which leaves wider gaps between the fragments of an
-#: object; and an oven beside a microwave, marked as well, must not become one object with it. So no candidate is larger
-#: than an object of its category: the diagonal of the largest model that the listener learns from, times √2, since
-#: boxes lie along the axes and the object may be turned by 45°.
+#: The same two for what the listener marks. Its marks are uneven, which leaves wider gaps between the fragments of an
+#: object; and an oven beside a microwave, marked as well, must not be joined with it. So clusters are joined only up to
+#: the size of an object of the category: the diagonal of the largest of many models that the listener learns from,
+#: times √2, since boxes lie along the axes and the object may be turned by 45°.
 MARKED_GAP = 0.3
 LARGEST_OF = {
-    "washing_machine": 1.95,
+    "washing_machine": 1.96,
     "toilet": 2.09,
     "vacuum_cleaner": 1.98,
     "microwave": 1.10,
@@ -49,13 +49,18 @@ def candidates(
     """
     place, _ = checked(points)
     labels = merge_fragments(place, dbscan(place, eps=eps, min_points=min_points), gap=gap, largest=largest)
+    return without_crumbs(labels)
+
+
+def without_crumbs(labels: Labels) -> Labels:
+    """The labels (N,) with those clusters as noise that are much smaller than the largest."""
     count = np.bincount(labels[labels >= 0])
     crumbs = np.flatnonzero(count < _CRUMB * count.max(initial=0))
     return np.where(np.isin(labels, crumbs), NOISE, labels)
 
 
 def marked_candidates(points: ArrayLike, classes: ArrayLike, *, eps: float = 0.04) -> Labels:
-    """(N,) the same for points that a network marked, of each category by itself.
+    """(N,) the same for points that the listener marked: of each category by itself, but for the crumbs.
 
     Args:
         points: (N, 3) metres.
@@ -69,14 +74,15 @@ def marked_candidates(points: ArrayLike, classes: ArrayLike, *, eps: float = 0.0
     out = np.full(len(place), NOISE, np.int64)
     for value in np.unique(number[number > 0]):
         mine = np.flatnonzero(number == value)
-        found = candidates(place[mine], eps=eps, gap=MARKED_GAP, largest=largest_of(int(value)))
+        fragments = dbscan(place[mine], eps=eps)
+        found = merge_fragments(place[mine], fragments, gap=MARKED_GAP, largest=largest_of(int(value)))
         out[mine] = np.where(found >= 0, found + out.max(initial=NOISE) + 1, NOISE)
-    return ranked(place, out)
+    return ranked(place, without_crumbs(out))
 
 
 def largest_of(class_id: int) -> float:
-    """Diagonal of the largest candidate of a class, metres; of a category of a manifest's own, `LARGEST`."""
-    return LARGEST_OF[CATEGORIES[class_id - 1]] if 0 < class_id <= len(CATEGORIES) else LARGEST
+    """Up to which diagonal clusters of a class are joined, metres; `LARGEST` for a category of a manifest's own."""
+    return LARGEST_OF.get(CATEGORIES[class_id - 1], LARGEST) if 0 < class_id <= len(CATEGORIES) else LARGEST
 
 
 def dbscan(points: Points, *, eps: float = 0.04, min_points: int = 6) -> Labels:

@@ -8,7 +8,8 @@
 
 ``official`` is what the released code does, in its order: the choice is made on the undecomposed centres, and only the
 chosen Gaussians are decomposed. ``spatial`` is what we think it should do, and differs in four stages: votes weighted
-by the splats' own transmittance, so that hidden points do not vote; fragments merged and the cluster chosen by the
+by the splats' own transmittance, so that hidden points do not vote; fragments merged (those of the listener's marks
+by other rules: `clusters.marked_candidates`) and the cluster chosen by the
 likelihood of what both ears heard; no decomposition; masks visible-only. Both share the training.
 
 On sound scenes (part_3, `sound_scenes`) ``official`` runs as it is. ``spatial`` infers which clusters sound in which
@@ -59,7 +60,7 @@ MASK_RUN = 8
 
 #: A Gaussian is labelled if more than this share of its votes is for it: the paper's value.
 VOTING_THRESHOLD = 0.3
-#: The same for ``spatial`` where a network made the masks: most of its votes.
+#: The same for ``spatial`` where the listener made the masks: most of its votes.
 MARKED_THRESHOLD = 0.5
 
 
