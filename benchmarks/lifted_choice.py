@@ -1,10 +1,13 @@
 """How marks of a network become one object in 3D: what the choices of EchoSegnet's ``spatial`` are worth.
 
     python -m benchmarks.lifted_choice lift data/marks-tune -o work/clouds --work work/lifted   # trains Gaussians
+    python -m benchmarks.lifted_choice lift data/marks-tune -o work/clouds --work work/lifted --points depth  # on a CPU
     python -m benchmarks.lifted_choice table work/clouds                                        # seconds, no GPU
 
 ``lift`` marks the train frames of every observation with the listener, trains the Gaussians, and keeps a file for each
-observation: the Gaussians that are marked or belong to the object that sounds, and what was heard. ``table`` makes
+observation: the Gaussians that are marked or belong to the object that sounds, and what was heard. ``--points depth``
+takes points of the depth pictures in place of Gaussians (a dataset made `--with depth`), ``--weights`` another network:
+one that recognises less shows what a choice is worth where models are strange to the network. ``table`` makes
 candidates of them and chooses one by sound, with several settings. A figure is the mean over observations of the IoU of
 two sets of Gaussians: the chosen ones, and those for which most votes of the true masks are. A Gaussian counts as much
 as it shows in the train frames. ``right`` is the share of the observations with an IoU above .5.
@@ -35,7 +38,7 @@ from baselines.echosegnet.binaural import Cues
 from baselines.echosegnet.cache import Stages
 from baselines.echosegnet.densify import DensityControl
 from baselines.echosegnet.jobs import all_devices, device_of, run_each, spread
-from baselines.echosegnet.network_masks import NetworkMasks
+from baselines.echosegnet.network_masks import KeptMasks, NetworkMasks
 from baselines.echosegnet.pipeline import clips_of, reach
 from baselines.echosegnet.rasteriser.contributions import contributions
 from baselines.echosegnet.rasteriser.default import Rasteriser
@@ -43,16 +46,19 @@ from baselines.echosegnet.sound_scenes import work_folder
 from baselines.echosegnet.sources import OracleMasks
 from baselines.echosegnet.train import TrainingSettings
 from baselines.echosegnet.training_stage import trained
-from baselines.echosegnet.views import input_views, load_views, train_views
+from baselines.echosegnet.views import View, input_views, load_views, train_views
 from baselines.listener.losses import RIGHT_IOU
 from baselines.listener.marks import load_marker
+from benchmarks.depth_points import surface_points, visible_votes
 
 Array = NDArray[np.float64]
 
 #: Gaussians with a larger share of votes than this, of the network's or of the truth's, are kept in a file.
-KEPT_SHARE = 0.1
-#: Least share of the votes; None: half of that of the best-marked Gaussians (`Cloud.best_share`).
-THRESHOLDS = (0.3, 0.4, 0.5, 0.6, None)
+KEPT_SHARE = lift.MARKED
+#: Least share of the votes.
+THRESHOLDS = (0.3, 0.4, 0.5, 0.6)
+#: Of all votes for a Gaussian, or of those that the best-marked Gaussians have (`lift.best_share`).
+SHARES_OF = ("all votes", "the best")
 GAPS = (0.12, 0.2, 0.25, 0.3, 0.4)
 SIZES = ("any", "of the category")
 
@@ -106,12 +112,6 @@ class Cloud:
             rotation=found["rotation"], position=found["position"], cues=cues,
         )  # fmt: skip
 
-    @property
-    def best_share(self) -> float:
-        """99 % quantile of the shares of the marked Gaussians."""
-        marked = self.share[self.share > KEPT_SHARE]
-        return float(np.quantile(marked, 0.99)) if len(marked) else 0.0
-
     def iou(self, chosen: NDArray[np.bool_]) -> float:
         """Of the chosen points (N,) with the true ones."""
         true = self.truth > 0.5
@@ -121,16 +121,17 @@ class Cloud:
 
 @dataclass(frozen=True)
 class Setting:
-    """What is compared: share of the votes, largest candidate, and gap between fragments of one (m)."""
+    """What is compared: share of the votes, of which votes, largest candidate, and gap between fragments of one (m)."""
 
-    threshold: float | None
+    threshold: float
+    of: str
     size: str
     gap: float
 
     def chosen(self, cloud: Cloud) -> NDArray[np.bool_]:
         """(N,) the points of a cloud that are said to sound."""
-        threshold = cloud.best_share / 2 if self.threshold is None else self.threshold
-        index = np.flatnonzero(cloud.share > threshold)
+        unit = lift.best_share(cloud.share) if self.of == "the best" else 1.0
+        index = np.flatnonzero(cloud.share > self.threshold * unit)
         out = np.zeros(len(cloud.points), np.bool_)
         if len(index):
             points = cloud.points[index]
@@ -141,17 +142,17 @@ class Setting:
         return out
 
 
-SETTINGS = tuple(Setting(*values) for values in product(THRESHOLDS, SIZES, GAPS))
+SETTINGS = tuple(Setting(*values) for values in product(THRESHOLDS, SHARES_OF, SIZES, GAPS))
 
 
 @dataclass(frozen=True)
 class Job:
-    """One observation to be lifted; see `baselines.echosegnet.run.Job`."""
+    """One observation to be lifted; see `baselines.echosegnet.run.Job`. Without training: points of depth pictures."""
 
     root: Path
     key: str
     source: NetworkMasks
-    training: TrainingSettings
+    training: TrainingSettings | None
     work: Path
     output: Path
     devices: tuple[str, ...]
@@ -166,22 +167,25 @@ def lift_one(context: Context, job: Job) -> str:
 
 
 def lifted(observation: Observation, job: Job, rasteriser: Rasteriser) -> Cloud:
-    """The Gaussians of an observation with the votes of the network and of the truth."""
+    """The Gaussians of an observation, or points of its depth pictures, with the votes of network and truth."""
     stages = Stages(work_folder(job.work, observation))
     views = load_views(observation)
     seen = train_views(input_views(views))
     marks = job.source.found(observation, rasteriser.device, stages)
-    gaussians = trained(observation, views, rasteriser, job.training, stages)[0]
-    truth = OracleMasks("sounding")
-    sums = torch.zeros(len(gaussians), 3, device=gaussians.device)
-    for view in seen:
-        own, true = marks.mask(view.frame), truth.mask(view.frame)
-        masks = np.stack([own, true, np.ones_like(own)], axis=-1)
-        sums += contributions(rasteriser, gaussians, view, torch.as_tensor(masks).to(gaussians.means))
-    inside, inside_truth, total = sums.cpu().numpy().astype(np.float64).T
+    masks = ((view, _ballot(view, marks)) for view in seen)
+    if job.training is None:
+        points = surface_points(seen)
+        sums = visible_votes(points, masks)
+    else:
+        gaussians = trained(observation, views, rasteriser, job.training, stages)[0]
+        points = gaussians.means.cpu().numpy().astype(np.float64)
+        counted = torch.zeros(len(gaussians), 3, device=gaussians.device)
+        for view, ballot in masks:
+            counted += contributions(rasteriser, gaussians, view, torch.as_tensor(ballot).to(gaussians.means))
+        sums = counted.cpu().numpy().astype(np.float64)
+    inside, inside_truth, total = sums.T
     share, right = lift.vote_share(inside, total), lift.vote_share(inside_truth, total)
     kept = np.maximum(share, right) > KEPT_SHARE
-    points = gaussians.means.cpu().numpy().astype(np.float64)
     rotation, position = (np.stack([getattr(view, name) for view in seen]) for name in ("rotation", "position"))
     return Cloud(
         observation.key, marks.category(view.frame for view in seen), points[kept], share[kept], right[kept],
@@ -189,20 +193,27 @@ def lifted(observation: Observation, job: Job, rasteriser: Rasteriser) -> Cloud:
     )  # fmt: skip
 
 
+def _ballot(view: View, marks: KeptMasks) -> NDArray[np.float32]:
+    """(H, W, 3) what the network marks in a train frame, what sounds there, and 1."""
+    own, true = marks.mask(view.frame), OracleMasks("sounding").mask(view.frame)
+    return np.stack([own, true, np.ones_like(own)], axis=-1).astype(np.float32)
+
+
 def table(clouds: Sequence[Cloud]) -> list[str]:
     """Lines of a Markdown table: a row for each setting."""
     parts = sorted({cloud.key.partition("/")[0] for cloud in clouds})
+    heads = " | ".join(f"{part}: IoU | right" for part in parts)
     lines = [
-        f"| threshold | largest candidate | gap (m) | {' | '.join(f'{part}: IoU | right' for part in parts)} | IoU |",
-        f"|{'---|' * (4 + 2 * len(parts))}",
+        f"| share above | of | largest candidate | gap (m) | {heads} | IoU |",
+        f"|{'---|' * (5 + 2 * len(parts))}",
     ]
     for setting in SETTINGS:
         found = {cloud.key: cloud.iou(setting.chosen(cloud)) for cloud in clouds}
         of_part = [[value for key, value in found.items() if key.startswith(f"{part}/")] for part in parts]
         shown = [f"{np.mean(values):.3f} | {np.mean(np.array(values) > RIGHT_IOU):.2f}" for values in of_part]
         mean = np.mean(list(found.values()))
-        threshold = "half of the best" if setting.threshold is None else setting.threshold
-        lines.append(f"| {threshold} | {setting.size} | {setting.gap:g} | {' | '.join(shown)} | {mean:.3f} |")
+        said = f"{setting.threshold:g} | {setting.of} | {setting.size} | {setting.gap:g}"
+        lines.append(f"| {said} | {' | '.join(shown)} | {mean:.3f} |")
     return lines
 
 
@@ -216,6 +227,8 @@ def main() -> None:
 @click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder of the files.")
 @click.option("--work", type=click.Path(path_type=Path), required=True, help="Folder of intermediate results.")
 @click.option("--device", "devices", multiple=True, help="cpu, cuda:0, …; repeatable [all GPUs, else cpu].")
+@click.option("--points", type=click.Choice(["gaussians", "depth"]), default="gaussians", show_default=True)
+@click.option("--weights", type=click.Path(path_type=Path), default=None, help="Of the listener [the package's].")
 @click.option("--iterations", default=800, show_default=True, help="Of the training of Gaussians.")
 @click.option("--max-gaussians", default=300_000, show_default=True, help="Cap on the number of Gaussians.")
 @click.option("--only", multiple=True, help="Shell pattern of observation keys; repeatable [all].")
@@ -224,6 +237,8 @@ def lift_command(
     output: Path,
     work: Path,
     devices: tuple[str, ...],
+    points: str,
+    weights: Path | None,
     iterations: int,
     max_gaussians: int,
     only: tuple[str, ...],
@@ -235,9 +250,10 @@ def lift_command(
         if scenes is not None:
             raise Avs3dError(f"{scenes}: a sound scene, which is lifted otherwise; leave it out (--only 'part_[12]/*')")
         keys = [observation.key for observation in observations]
-        training = TrainingSettings(iterations=iterations, density=DensityControl(max_gaussians=max_gaussians))
+        density = DensityControl(max_gaussians=max_gaussians)
+        training = TrainingSettings(iterations=iterations, density=density) if points == "gaussians" else None
         workers = spread(devices or all_devices(), len(keys))
-        source = NetworkMasks(load_marker())
+        source = NetworkMasks(load_marker(weights))
         jobs = [
             Job(root.absolute(), key, source, training, work.absolute(), output.absolute(), workers) for key in keys
         ]

@@ -132,8 +132,13 @@ class Plan:
         if row.kind == "listener":
             found |= {"refine": self.refine, "looks": self.looks}
         if row.kind == "echosegnet":
+            from baselines.echosegnet.pipeline import is_relative
+
             found |= {"answer": self.answer, "iterations": self.iterations, "max_gaussians": self.max_gaussians}
-            found |= {"looks": MARKING_LOOKS, "voting_threshold": lifting(row, self)[1].voting_threshold}
+            source, settings = lifting(row, self)
+            found |= {"looks": MARKING_LOOKS, "voting_threshold": settings.voting_threshold}
+            if is_relative(settings.variant, source):
+                found["voting_threshold_of"] = "the best-marked Gaussians; in sound scenes all votes"
         return found
 
 

@@ -19,11 +19,12 @@ from avs3d_bench.taxonomy import CATEGORIES
 torch = pytest.importorskip("torch", reason="torch is not installed: the listener cannot run")
 
 from baselines.cli import baseline  # noqa: E402
+from baselines.echosegnet import pipeline  # noqa: E402
 from baselines.echosegnet.cache import Stages  # noqa: E402
 from baselines.echosegnet.densify import DensityControl  # noqa: E402
 from baselines.echosegnet.network_masks import NetworkMasks  # noqa: E402
 from baselines.echosegnet.pipeline import Settings, default_threshold  # noqa: E402
-from baselines.echosegnet.run import write_echosegnet  # noqa: E402
+from baselines.echosegnet.run import RunOptions, write_echosegnet  # noqa: E402
 from baselines.echosegnet.sources import OracleMasks  # noqa: E402
 from baselines.echosegnet.train import TrainingSettings  # noqa: E402
 from baselines.listener import marks, weights  # noqa: E402
@@ -196,7 +197,9 @@ def test_missing_weights_are_one_line(data: Path, tmp_path: Path) -> None:
 
 @dataclass(frozen=True)
 class TrueMarker:
-    """A perfect network: the oracle's masks of the category."""
+    """A perfect network: the oracle's masks of the category; or one that recognises it in every third frame only."""
+
+    every: int = 1
 
     name = "perfect"
     notes = "a test"
@@ -204,12 +207,13 @@ class TrueMarker:
 
     @property
     def settings(self) -> dict[str, str | float]:
-        return {}
+        return {"every": self.every}
 
     def mark(self, frames: Sequence[Frame], device: Any) -> Iterator[np.ndarray]:
-        for frame in frames:
+        for number, frame in enumerate(frames):
             named = OracleMasks().categories(frame) if frame.observation.is_sound_scene else None
-            yield OracleMasks().mask(frame).astype(np.uint8) if named is None else named
+            ids = OracleMasks().mask(frame).astype(np.uint8) if named is None else named
+            yield ids if number % self.every == 0 else np.zeros_like(ids)
 
 
 def lift_both(data: Path, out: Path, variant: Any, keys: Sequence[str]) -> list[tuple[Path, Path]]:
@@ -228,6 +232,30 @@ def test_most_votes_of_a_gaussian_decide_for_the_listener_and_spatial_alone() ->
     network = NetworkMasks(TrueMarker())
     assert [default_threshold(variant, network) for variant in ("spatial", "official")] == [0.5, 0.3]
     assert [default_threshold(variant, OracleMasks()) for variant in ("spatial", "official")] == [0.3, 0.3]
+
+
+@pytest.mark.slow
+def test_an_object_that_is_recognised_in_some_frames_only_is_found(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def marked(every: int, name: str) -> tuple[int, int]:
+        """Pixels of the test frames: marked and true, marked."""
+        settings = replace(SETTINGS, variant="spatial", voting_threshold=0.5)
+        source, dataset = NetworkMasks(TrueMarker(every)), Dataset(data)
+        where: RunOptions = {"work": tmp_path / "work", "devices": ("cpu",), "only": [tiny.SINGLE]}
+        writer = write_echosegnet(dataset, tmp_path / name, source, settings, **where)
+        folder, frames = writer.path / tiny.SINGLE / layout.SUBMISSION_MASKS, dataset[tiny.SINGLE].test
+        found = np.stack([media.read_png_mask(folder / f"{frame.name}.png") for frame in frames])
+        return int((found & np.stack([frame.mask() for frame in frames])).sum()), int(found.sum())
+
+    always, sometimes = marked(1, "always"), marked(3, "sometimes")
+    assert sometimes[0] >= 0.9 * always[0] > 0
+    assert sometimes[1] <= 1.1 * always[1]
+    notes = media.read_json(tmp_path / "sometimes" / layout.SUBMISSION_JSON)["notes"]
+    assert "voting threshold 0.5 of the best-marked Gaussians' share (sound scenes: of all votes)" in notes
+    # A third of all votes is not enough.
+    monkeypatch.setattr(pipeline, "is_relative", lambda *_: False)
+    assert marked(3, "of all votes")[0] < 0.5 * always[0]
 
 
 def test_a_sweep_takes_no_threshold(data: Path, tmp_path: Path) -> None:

@@ -18,6 +18,8 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Intrinsics
 
 Mask = NDArray[np.bool_]
+#: Points with at most this share of their votes are not marked: crumbs at the edges of masks.
+MARKED = 0.1
 #: A point that a view does not see has this in place of a vote.
 NO_VOTE = -1
 
@@ -108,6 +110,24 @@ def vote_share(inside: NDArray[Any], total: NDArray[Any]) -> NDArray[np.float64]
     """(N,) share of each point's votes that are for it; 0 for points without votes."""
     inside, total = inside.astype(np.float64), total.astype(np.float64)
     return np.asarray(np.divide(inside, total, out=np.zeros_like(inside), where=total > 0))
+
+
+def best_share(share: NDArray[np.float64]) -> float:
+    """The share of the votes that the best-marked points have, outliers aside; 1 if no point is marked.
+
+    Where masks hardly recognise an object, no point of it has most of its votes, but some have more than all others.
+
+    Args:
+        share: (N,) of each point's votes, as of `vote_share`.
+
+    Examples:
+        >>> best_share(np.array([0.0, 0.2, 0.4]))
+        0.398
+        >>> best_share(np.array([0.0, 0.05]))
+        1.0
+    """
+    marked = share[share > MARKED]
+    return float(np.quantile(marked, 0.99)) if len(marked) else 1.0
 
 
 def label(ballots: NDArray[np.int8], threshold: float = 0.3) -> NDArray[np.bool_]:

@@ -44,6 +44,7 @@ from baselines.echosegnet import aisrm, clusters, spatial
 from baselines.echosegnet.cache import Stages, digest
 from baselines.echosegnet.decompose import decompose
 from baselines.echosegnet.gaussians import Gaussians, write_ply
+from baselines.echosegnet.lift import best_share
 from baselines.echosegnet.network_masks import AnySource, KeptMasks, NetworkMasks
 from baselines.echosegnet.rasteriser.default import Rasteriser
 from baselines.echosegnet.render import amodal_mask, visible_mask
@@ -60,7 +61,7 @@ MASK_RUN = 8
 
 #: A Gaussian is labelled if more than this share of its votes is for it: the paper's value.
 VOTING_THRESHOLD = 0.3
-#: The same for ``spatial`` where the listener made the masks: most of its votes.
+#: The same for ``spatial`` where the listener made the masks (`is_relative`).
 MARKED_THRESHOLD = 0.5
 
 
@@ -89,7 +90,16 @@ class Settings:
 
 def default_threshold(variant: Variant, source: AnySource) -> float:
     """The voting threshold where none is asked for."""
-    return MARKED_THRESHOLD if variant == "spatial" and isinstance(source, NetworkMasks) else VOTING_THRESHOLD
+    return MARKED_THRESHOLD if is_relative(variant, source) else VOTING_THRESHOLD
+
+
+def is_relative(variant: Variant, source: AnySource) -> bool:
+    """Whether the voting threshold is a share of the votes that the best-marked Gaussians have (`lift.best_share`).
+
+    A network may recognise an object in a few frames only, so that no Gaussian of it has most of its votes. This holds
+    where one object sounds all the time; in sound scenes none may sound, and the threshold is a share of all votes.
+    """
+    return variant == "spatial" and isinstance(source, NetworkMasks)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +138,7 @@ def predict(
     scene = observation.is_sound_scene
     # In sound scenes, and in what a network says, it may be that nothing is marked: then there is nothing to lift.
     may_be_empty = scene or isinstance(source, NetworkMasks)
+    relative = is_relative(settings.variant, source) and not scene
     if isinstance(source, NetworkMasks):
         with clock("network"):
             source = source.found(observation, rasteriser.device, stages)
@@ -146,7 +157,7 @@ def predict(
     with clock("lift"):
         run = MASK_RUN if by_frame else None
         share = vote_share(gaussians, seen, masks, rasteriser, settings.variant, stages, key, run=run)
-        labelled = share > settings.voting_threshold
+        labelled = share > settings.voting_threshold * (best_share(share) if relative else 1.0)
     lifted = _Lifted(gaussians, np.flatnonzero(labelled), views, seen, masks, source)
     if by_frame:
         answer = _by_frame(lifted, rasteriser, clock)

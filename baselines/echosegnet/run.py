@@ -20,7 +20,7 @@ from avs3d_bench.schema import ProvenanceRecord, Scalar
 from avs3d_bench.submission import SubmissionFolder, SubmissionWriter
 from baselines.echosegnet.jobs import all_devices, device_of, run_each, spread
 from baselines.echosegnet.network_masks import AnySource, NetworkMasks
-from baselines.echosegnet.pipeline import Settings, predict
+from baselines.echosegnet.pipeline import Settings, is_relative, predict
 from baselines.echosegnet.rasteriser.default import default_rasteriser
 from baselines.echosegnet.sound_scenes import work_folder
 from baselines.echosegnet.train import Report
@@ -170,9 +170,11 @@ def _writer(
     dataset: Dataset, path: str | Path, source: AnySource, settings: Settings, only: Iterable[str], overwrite: bool
 ) -> SubmissionWriter:
     training = settings.training
+    relative = is_relative(settings.variant, source)
+    of = " of the best-marked Gaussians' share (sound scenes: of all votes)" if relative else ""
     notes = (
         f"{settings.variant} variant; AISRM {'on' if settings.refine else 'off'}; voting threshold "
-        f"{settings.voting_threshold:g}; {training.iterations} iterations, seed {training.seed}; "
+        f"{settings.voting_threshold:g}{of}; {training.iterations} iterations, seed {training.seed}; "
         f"masks of train frames: {source.name}"
     )
     oracle = source.name.startswith("oracle")
