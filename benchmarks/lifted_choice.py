@@ -57,8 +57,8 @@ Array = NDArray[np.float64]
 KEPT_SHARE = lift.MARKED
 #: Least share of the votes.
 THRESHOLDS = (0.3, 0.4, 0.5, 0.6)
-#: Of all votes for a Gaussian, or of those that the best-marked Gaussians have (`lift.best_share`).
-SHARES_OF = ("all votes", "the best")
+#: Of all votes for a Gaussian, or of the share that well-marked Gaussians have (`lift.marked_share`).
+SHARES_OF = ("all votes", "well-marked")
 GAPS = (0.12, 0.2, 0.25, 0.3, 0.4)
 SIZES = ("any", "of the category")
 
@@ -130,7 +130,7 @@ class Setting:
 
     def chosen(self, cloud: Cloud) -> NDArray[np.bool_]:
         """(N,) the points of a cloud that are said to sound."""
-        unit = lift.best_share(cloud.share) if self.of == "the best" else 1.0
+        unit = lift.marked_share(cloud.share, cloud.seen) if self.of == "well-marked" else 1.0
         index = np.flatnonzero(cloud.share > self.threshold * unit)
         out = np.zeros(len(cloud.points), np.bool_)
         if len(index):

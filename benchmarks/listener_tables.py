@@ -138,7 +138,7 @@ class Plan:
             source, settings = lifting(row, self)
             found |= {"looks": MARKING_LOOKS, "voting_threshold": settings.voting_threshold}
             if is_relative(settings.variant, source):
-                found["voting_threshold_of"] = "the best-marked Gaussians; in sound scenes all votes"
+                found["voting_threshold_of"] = "well-marked Gaussians; in sound scenes all votes"
         return found
 
 

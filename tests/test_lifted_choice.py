@@ -62,16 +62,16 @@ def test_the_figure_weighs_gaussians_by_how_much_they_show() -> None:
 def test_settings_choose_what_they_say() -> None:
     one = cloud()
     together = one.iou(np.ones(len(one.points), np.bool_))
-    everything, best = "all votes", "the best"
+    everything, relative = "all votes", "well-marked"
     assert one.iou(Setting(0.3, everything, "any", 0.12).chosen(one)) == together < 0.6
     assert one.iou(Setting(0.3, everything, "of the category", 0.12).chosen(one)) == 1.0
     assert one.iou(Setting(0.5, everything, "any", 0.12).chosen(one)) == 1.0  # too few votes for the oven
     assert not Setting(0.95, everything, "any", 0.12).chosen(one).any()
     weak = cloud(share=one.share / 3)  # a model that the network hardly recognises
     assert not Setting(0.5, everything, "any", 0.12).chosen(weak).any()
-    assert weak.iou(Setting(0.5, best, "any", 0.12).chosen(weak)) == 1.0
+    assert weak.iou(Setting(0.5, relative, "any", 0.12).chosen(weak)) == 1.0
     nothing = cloud(share=0 * one.share)
-    assert not Setting(0.5, best, "any", 0.12).chosen(nothing).any()
+    assert not Setting(0.5, relative, "any", 0.12).chosen(nothing).any()
 
 
 def test_a_file_keeps_an_observation_and_the_table_has_a_row_for_each_setting(tmp_path: Path) -> None:
@@ -87,7 +87,7 @@ def test_a_file_keeps_an_observation_and_the_table_has_a_row_for_each_setting(tm
     assert len(rows) == len(lifted_choice.SETTINGS)
     together = f"{cloud().iou(np.ones(len(cloud().points), np.bool_)):.3f}"
     assert f"| 0.3 | all votes | any | 0.12 | {together} | 1.00 | {together} |" in rows
-    assert "| 0.5 | the best | of the category | 0.3 | 1.000 | 1.00 | 1.000 |" in rows
+    assert "| 0.5 | well-marked | of the category | 0.3 | 1.000 | 1.00 | 1.000 |" in rows
 
 
 def test_a_folder_without_files_is_one_line(tmp_path: Path) -> None:

@@ -252,7 +252,7 @@ def test_an_object_that_is_recognised_in_some_frames_only_is_found(
     assert sometimes[0] >= 0.9 * always[0] > 0
     assert sometimes[1] <= 1.1 * always[1]
     notes = media.read_json(tmp_path / "sometimes" / layout.SUBMISSION_JSON)["notes"]
-    assert "voting threshold 0.5 of the best-marked Gaussians' share (sound scenes: of all votes)" in notes
+    assert "voting threshold 0.5 of what well-marked Gaussians have (sound scenes: of all votes)" in notes
     # A third of all votes is not enough.
     monkeypatch.setattr(pipeline, "is_relative", lambda *_: False)
     assert marked(3, "of all votes")[0] < 0.5 * always[0]

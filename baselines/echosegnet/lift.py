@@ -20,6 +20,8 @@ from avs3d_bench.geometry import Intrinsics
 Mask = NDArray[np.bool_]
 #: Points with at most this share of their votes are not marked: crumbs at the edges of masks.
 MARKED = 0.1
+#: Quantile of the marked points' shares that says how well masks recognise an object (benchmarks/lifted_choice.py).
+_WELL_MARKED = 0.85
 #: A point that a view does not see has this in place of a vote.
 NO_VOTE = -1
 
@@ -112,22 +114,27 @@ def vote_share(inside: NDArray[Any], total: NDArray[Any]) -> NDArray[np.float64]
     return np.asarray(np.divide(inside, total, out=np.zeros_like(inside), where=total > 0))
 
 
-def best_share(share: NDArray[np.float64]) -> float:
-    """The share of the votes that the best-marked points have, outliers aside; 1 if no point is marked.
+def marked_share(share: NDArray[np.float64], weight: NDArray[np.float64]) -> float:
+    """The share of the votes of well-marked points: the 85 % quantile over all marked points; 1 if none is marked.
 
-    Where masks hardly recognise an object, no point of it has most of its votes, but some have more than all others.
+    It is near 1 where masks recognise an object in nearly all frames, and low where they do in a few.
 
     Args:
         share: (N,) of each point's votes, as of `vote_share`.
+        weight: (N,) how much each point counts: what hardly shows, such as a splat behind a surface, says little.
 
     Examples:
-        >>> best_share(np.array([0.0, 0.2, 0.4]))
-        0.398
-        >>> best_share(np.array([0.0, 0.05]))
+        >>> marked_share(np.array([0.0, 0.2, 0.3, 0.4]), np.array([9.0, 1.0, 8.0, 1.0]))
+        0.3
+        >>> marked_share(np.array([0.0, 0.05]), np.ones(2))
         1.0
     """
-    marked = share[share > MARKED]
-    return float(np.quantile(marked, 0.99)) if len(marked) else 1.0
+    marked = np.flatnonzero((share > MARKED) & (weight > 0))
+    if not len(marked):
+        return 1.0
+    order = marked[np.argsort(share[marked], kind="stable")]
+    below = np.cumsum(weight[order])
+    return float(share[order[np.searchsorted(below, _WELL_MARKED * below[-1])]])
 
 
 def label(ballots: NDArray[np.int8], threshold: float = 0.3) -> NDArray[np.bool_]:

@@ -44,7 +44,7 @@ from baselines.echosegnet import aisrm, clusters, spatial
 from baselines.echosegnet.cache import Stages, digest
 from baselines.echosegnet.decompose import decompose
 from baselines.echosegnet.gaussians import Gaussians, write_ply
-from baselines.echosegnet.lift import best_share
+from baselines.echosegnet.lift import marked_share
 from baselines.echosegnet.network_masks import AnySource, KeptMasks, NetworkMasks
 from baselines.echosegnet.rasteriser.default import Rasteriser
 from baselines.echosegnet.render import amodal_mask, visible_mask
@@ -53,7 +53,7 @@ from baselines.echosegnet.sources import Mask, MaskSource
 from baselines.echosegnet.train import Progress, TrainingSettings
 from baselines.echosegnet.training_stage import trained
 from baselines.echosegnet.views import View, input_views, load_views, test_views, train_views
-from baselines.echosegnet.voting_stage import Variant, vote_share
+from baselines.echosegnet.voting_stage import Variant, count_votes, vote_share
 
 #: Successive train views whose votes are counted together in sound scenes: programmes last for some seconds.
 MASK_RUN = 8
@@ -94,7 +94,7 @@ def default_threshold(variant: Variant, source: AnySource) -> float:
 
 
 def is_relative(variant: Variant, source: AnySource) -> bool:
-    """Whether the voting threshold is a share of the votes that the best-marked Gaussians have (`lift.best_share`).
+    """Whether the voting threshold is a share of what well-marked Gaussians have (`lift.marked_share`), not of 1.
 
     A network may recognise an object in a few frames only, so that no Gaussian of it has most of its votes. This holds
     where one object sounds all the time; in sound scenes none may sound, and the threshold is a share of all votes.
@@ -157,7 +157,11 @@ def predict(
     with clock("lift"):
         run = MASK_RUN if by_frame else None
         share = vote_share(gaussians, seen, masks, rasteriser, settings.variant, stages, key, run=run)
-        labelled = share > settings.voting_threshold * (best_share(share) if relative else 1.0)
+        needed = settings.voting_threshold
+        if relative:
+            shown = count_votes(gaussians, seen, masks, rasteriser, settings.variant, stages, key)[1]
+            needed *= marked_share(share, shown.astype(np.float64))
+        labelled = share > needed
     lifted = _Lifted(gaussians, np.flatnonzero(labelled), views, seen, masks, source)
     if by_frame:
         answer = _by_frame(lifted, rasteriser, clock)

@@ -171,7 +171,7 @@ def _writer(
 ) -> SubmissionWriter:
     training = settings.training
     relative = is_relative(settings.variant, source)
-    of = " of the best-marked Gaussians' share (sound scenes: of all votes)" if relative else ""
+    of = " of what well-marked Gaussians have (sound scenes: of all votes)" if relative else ""
     notes = (
         f"{settings.variant} variant; AISRM {'on' if settings.refine else 'off'}; voting threshold "
         f"{settings.voting_threshold:g}{of}; {training.iterations} iterations, seed {training.seed}; "

@@ -50,11 +50,22 @@ def vote_share(
         run: where an object is marked in some frames only, the largest share over runs of so many successive views in
             which the Gaussian has votes enough, instead of that over all views. None: over all. Only ``spatial``.
     """
-    software = software_digest(LIFTING, rasteriser)
-    said = {"gaussians": key, "masks": arrays_digest(masks), "votes": variant, "software": software}
     if run is not None:
-        return _largest_share(gaussians, views, masks, rasteriser, stages, said, run)
-    name = digest(said)
+        return _largest_share(gaussians, views, masks, rasteriser, stages, _said(masks, rasteriser, variant, key), run)
+    return lift.vote_share(*count_votes(gaussians, views, masks, rasteriser, variant, stages, key))
+
+
+def count_votes(
+    gaussians: Gaussians,
+    views: Sequence[View],
+    masks: Sequence[Mask],
+    rasteriser: Rasteriser,
+    variant: Variant,
+    stages: Stages,
+    key: str,
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """(N,) votes for each Gaussian, and (N,) all its votes: of ``spatial`` how much it shows; as `vote_share`."""
+    name = digest(_said(masks, rasteriser, variant, key))
     kept = stages.load_arrays("votes", name)
     if kept is None:
         if variant == "official":
@@ -63,7 +74,13 @@ def vote_share(
             counts = _weighted_votes(gaussians, views, masks, rasteriser)
         kept = dict(zip(("inside", "total"), counts, strict=True))
         stages.save_arrays("votes", name, kept)
-    return lift.vote_share(kept["inside"], kept["total"])
+    return kept["inside"], kept["total"]
+
+
+def _said(masks: Sequence[Mask], rasteriser: Rasteriser, variant: Variant, key: str) -> dict[str, str]:
+    """What decides the votes."""
+    software = software_digest(LIFTING, rasteriser)
+    return {"gaussians": key, "masks": arrays_digest(masks), "votes": variant, "software": software}
 
 
 #: A run counts for a Gaussian if it has at least this share of the votes of the run in which it has most.
