@@ -294,7 +294,8 @@ def listener(
 @click.option("--no-aisrm", is_flag=True, help="Keep every labelled Gaussian, ignoring the sound.")
 @click.option(
     "--voting-threshold", type=click.FloatRange(0.0, 1.0, max_open=True), default=None, metavar="SHARE",
-    help="A Gaussian is labelled above this share of its votes [0.3; with --variant spatial --masks listener 0.5].",
+    help="A Gaussian is labelled above this share of its votes [0.3]; with --variant spatial --masks listener, above "
+    "this share of what well-marked Gaussians have [0.5].",
 )  # fmt: skip
 @click.option("--iterations", type=click.IntRange(1), default=30_000, show_default=True, help="Of the training.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the training.")
