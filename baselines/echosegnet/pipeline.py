@@ -53,7 +53,7 @@ from baselines.echosegnet.sources import Mask, MaskSource
 from baselines.echosegnet.train import Progress, TrainingSettings
 from baselines.echosegnet.training_stage import trained
 from baselines.echosegnet.views import View, input_views, load_views, test_views, train_views
-from baselines.echosegnet.voting_stage import Variant, count_votes, vote_share
+from baselines.echosegnet.voting_stage import Variant, count_votes
 
 #: Successive train views whose votes are counted together in sound scenes: programmes last for some seconds.
 MASK_RUN = 8
@@ -156,12 +156,9 @@ def predict(
     by_frame = scene and settings.variant == "spatial" and settings.refine
     with clock("lift"):
         run = MASK_RUN if by_frame else None
-        share = vote_share(gaussians, seen, masks, rasteriser, settings.variant, stages, key, run=run)
-        needed = settings.voting_threshold
-        if relative:
-            shown = count_votes(gaussians, seen, masks, rasteriser, settings.variant, stages, key)[1]
-            needed *= marked_share(share, shown.astype(np.float64))
-        labelled = share > needed
+        votes = count_votes(gaussians, seen, masks, rasteriser, settings.variant, stages, key, run=run)
+        full = marked_share(votes.share, votes.total) if relative else 1.0
+        labelled = votes.share > settings.voting_threshold * full
     lifted = _Lifted(gaussians, np.flatnonzero(labelled), views, seen, masks, source)
     if by_frame:
         answer = _by_frame(lifted, rasteriser, clock)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -20,10 +21,23 @@ from baselines.echosegnet.views import View
 
 Variant = Literal["official", "spatial"]
 #: What makes the stage's result, besides the rasteriser (see `avs3d_bench.provenance`).
-LIFTING = ("baselines.echosegnet.voting_stage:vote_share",)
+LIFTING = ("baselines.echosegnet.voting_stage:count_votes",)
 
 
-def vote_share(
+@dataclass(frozen=True, eq=False)
+class Votes:
+    """The votes of the masks.
+
+    Attributes:
+        share: (N,) share of each Gaussian's votes that are for it; 0 for Gaussians without votes.
+        total: (N,) all votes of each Gaussian; of ``spatial``, how much it shows in the views.
+    """
+
+    share: NDArray[np.float64]
+    total: NDArray[np.float64]
+
+
+def count_votes(
     gaussians: Gaussians,
     views: Sequence[View],
     masks: Sequence[Mask],
@@ -33,8 +47,8 @@ def vote_share(
     key: str,
     *,
     run: int | None = None,
-) -> NDArray[np.float64]:
-    """(N,) share of each Gaussian's votes that are for it; 0 for Gaussians without votes.
+) -> Votes:
+    """Count the votes for N Gaussians, or take them from where they are kept.
 
     ``official``: one vote per train view that has the centre in its picture. ``spatial``: a view's vote weighs as much
     as the Gaussian contributes to its pixels, so that hidden points do not vote.
@@ -50,22 +64,11 @@ def vote_share(
         run: where an object is marked in some frames only, the largest share over runs of so many successive views in
             which the Gaussian has votes enough, instead of that over all views. None: over all. Only ``spatial``.
     """
+    software = software_digest(LIFTING, rasteriser)
+    said = {"gaussians": key, "masks": arrays_digest(masks), "votes": variant, "software": software}
     if run is not None:
-        return _largest_share(gaussians, views, masks, rasteriser, stages, _said(masks, rasteriser, variant, key), run)
-    return lift.vote_share(*count_votes(gaussians, views, masks, rasteriser, variant, stages, key))
-
-
-def count_votes(
-    gaussians: Gaussians,
-    views: Sequence[View],
-    masks: Sequence[Mask],
-    rasteriser: Rasteriser,
-    variant: Variant,
-    stages: Stages,
-    key: str,
-) -> tuple[NDArray[Any], NDArray[Any]]:
-    """(N,) votes for each Gaussian, and (N,) all its votes: of ``spatial`` how much it shows; as `vote_share`."""
-    name = digest(_said(masks, rasteriser, variant, key))
+        return _largest_share(gaussians, views, masks, rasteriser, stages, said, run)
+    name = digest(said)
     kept = stages.load_arrays("votes", name)
     if kept is None:
         if variant == "official":
@@ -74,13 +77,7 @@ def count_votes(
             counts = _weighted_votes(gaussians, views, masks, rasteriser)
         kept = dict(zip(("inside", "total"), counts, strict=True))
         stages.save_arrays("votes", name, kept)
-    return kept["inside"], kept["total"]
-
-
-def _said(masks: Sequence[Mask], rasteriser: Rasteriser, variant: Variant, key: str) -> dict[str, str]:
-    """What decides the votes."""
-    software = software_digest(LIFTING, rasteriser)
-    return {"gaussians": key, "masks": arrays_digest(masks), "votes": variant, "software": software}
+    return Votes(lift.vote_share(kept["inside"], kept["total"]), kept["total"].astype(np.float64))
 
 
 #: A run counts for a Gaussian if it has at least this share of the votes of the run in which it has most.
@@ -95,7 +92,7 @@ def _largest_share(
     stages: Stages,
     said: dict[str, str],
     run: int,
-) -> NDArray[np.float64]:
+) -> Votes:
     name = digest(said | {"run": run})
     kept = stages.load_arrays("votes", name)
     if kept is None:
@@ -105,9 +102,9 @@ def _largest_share(
         ]
         inside, total = (np.stack(column) for column in zip(*counts, strict=True))
         share = np.where(total >= _ENOUGH_VOTES * total.max(axis=0), lift.vote_share(inside, total), 0.0)
-        kept = {"share": share.max(axis=0)}
+        kept = {"share": share.max(axis=0), "total": total.sum(axis=0)}
         stages.save_arrays("votes", name, kept)
-    return np.asarray(kept["share"], np.float64)
+    return Votes(kept["share"].astype(np.float64), kept["total"].astype(np.float64))
 
 
 def _weighted_votes(
