@@ -1,9 +1,15 @@
 # `make help` lists the targets; `make setup` builds ./.venv with everything for the rest.
 PYTHON ?= python3
-VENV := .venv
+VENV ?= .venv
 BIN := $(VENV)/bin
-STAMP := $(VENV)/.installed
-DEMO_STAMP := $(VENV)/.demo
+# LATEST=1 installs the newest versions that pyproject.toml allows, in place of the tested set (docs/install.md).
+LATEST ?=
+STAMP := $(VENV)/.installed$(if $(LATEST),-latest)
+DEMO_STAMP := $(VENV)/.demo$(if $(LATEST),-latest)
+# The tested set: with hashes for every extra, and without hashes.
+TESTED := constraints.txt
+TESTED_VERSIONS := avs3d_bench/tested_versions.txt
+EXTRAS := generate,baselines,train,cluster,inspect,exports,sofa,dev,docs
 MANIFEST ?= scenes_manifest/open-s34-o7.yaml
 NAME := $(basename $(notdir $(MANIFEST)))
 OUT ?= data/$(NAME)
@@ -15,6 +21,8 @@ PYTEST = $(BIN)/python -m pytest -n $(JOBS) --dist worksteal --durations 10
 TORCH ?= torch==2.13.0
 # What pip installs for the listener of `make demo`, if the package has its weights: PyTorch for the CPU. Empty: nothing.
 TORCH_CPU ?= --index-url https://download.pytorch.org/whl/cpu $(TORCH)
+# What PyTorch for the CPU needs; installed before it, since its index does not have every version.
+TORCH_NEEDS := safetensors filelock fsspec jinja2 networkx setuptools sympy typing-extensions
 LISTENER_WEIGHTS := baselines/listener/weights/listener.safetensors
 # The acoustic engine; empty: the manifest's, else the tracer. Without the SoundSpaces engine (it could not be compiled),
 # the tracer makes the sound of all manifests.
@@ -28,49 +36,69 @@ VISION ?=
 # What draws the pictures, bakes the light and, with AUDIO=tracer, traces the sound: cpu or cuda (docs/gpu.md).
 DEVICE ?= cpu
 
-.PHONY: help setup demo demo-validate demo-sheets demo-listener dataset listener test test-slow test-all lint docs bench schemas clean
+.PHONY: help setup demo demo-validate demo-sheets demo-listener dataset listener test test-slow test-all test-latest lock lint docs bench schemas clean
 
 help: ## print one line for each target
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
 
-setup: $(STAMP) ## build ./.venv with everything for the rest
+setup: $(STAMP) ## build ./.venv with everything for the rest, in the tested versions; LATEST=1: in the newest ones
+
+PIP_INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check
+PIP = @$(PIP_INSTALL)
+# The files of the tested set are for these; elsewhere the same versions are taken, with the files of the platform.
+HAS_HASHES = $(BIN)/python -c 'import platform, sys; sys.exit((sys.platform, platform.machine(), platform.python_implementation(), platform.libc_ver()[0]) != ("linux", "x86_64", "CPython", "glibc"))'
 
 define make_venv
-	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(v < (3, 11) and f"Python 3.11 or newer is needed, this is {v.major}.{v.minor}: make PYTHON=python3.11")'
+	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit((v < (3, 11) or (v >= (3, 14) and not "$(LATEST)")) and f"Python 3.11, 3.12 or 3.13 is needed, this is {v.major}.{v.minor}: make PYTHON=python3.12 (for a newer Python than that, untested: make LATEST=1)")'
 	$(PYTHON) -m venv $(VENV)
+	@rm -f $(VENV)/.installed* $(VENV)/.demo*
 endef
+# $(call install,EXTRAS,FILES OF HASHED REQUIREMENTS): this project and what it needs.
+ifdef LATEST
+install = $(PIP_INSTALL) --upgrade --upgrade-strategy eager $(if $(findstring baselines,$(1)),'$(TORCH)') -e '.[$(1)]'
+PINNED :=
+else
+install = if $(HAS_HASHES); then \
+    $(PIP_INSTALL) --no-deps --require-hashes $(addprefix -r ,$(2)) && $(PIP_INSTALL) --no-deps --no-build-isolation -e .; \
+  else $(PIP_INSTALL) --constraint $(TESTED_VERSIONS) -e '.[$(1)]'; fi
+PINNED := --constraint $(TESTED_VERSIONS)
+endif
+# Compiled with what is installed, so that the build needs no other versions.
 define install_engine
 	@echo "installing the SoundSpaces engine (a C++ compiler makes it) …"
-	@mkdir -p $(VENV)/wheels
-	$(PIP) --find-links $(VENV)/wheels -e '.[soundspaces]' || \
+	@{ $(PIP_INSTALL) $(PINNED) setuptools wheel==0.48.0 pybind11==3.1.0 && \
+	   $(PIP_INSTALL) --no-build-isolation --no-deps rlr-audio-propagation==0.0.1; } || \
 	  echo "The SoundSpaces engine did not compile (a C++ compiler is needed): make uses --audio tracer instead."
 endef
-PIP = @$(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-$(STAMP): pyproject.toml
+$(STAMP): pyproject.toml $(TESTED)
 	$(make_venv)
 	@echo "installing PyTorch …"
-	$(PIP) '$(TORCH)'
+	$(PIP) $(PINNED) '$(TORCH)'
 	@echo "installing the rest …"
-	$(PIP) -e '.[generate,baselines,train,cluster,inspect,exports,sofa,dev,docs]'
+	@$(call install,$(EXTRAS),$(TESTED))
 	$(install_engine)
 	@touch $@ $(DEMO_STAMP)
 
 define install_torch_cpu
-	@$(LISTENER_RUNS) || { echo "installing PyTorch for the CPU …" && \
-	  $(BIN)/python -m pip install --quiet --disable-pip-version-check safetensors && \
-	  $(BIN)/python -m pip install --quiet --disable-pip-version-check --retries 1 --timeout 20 $(TORCH_CPU); } || \
+	@$(LISTENER_RUNS) || { echo "installing PyTorch for the CPU …" && $(PIP_INSTALL) $(PINNED) $(TORCH_NEEDS) && \
+	  $(PIP_INSTALL) --no-deps --retries 1 --timeout 20 $(TORCH_CPU); } || \
 	  echo "PyTorch for the CPU could not be installed: the demo goes on without the listener."
 endef
 LISTENER_RUNS = $(BIN)/python -c 'import torch, safetensors' 2>/dev/null
 
 # Only the packages that the demo needs; `make setup` adds the rest.
-$(DEMO_STAMP): pyproject.toml $(wildcard $(LISTENER_WEIGHTS))
+$(DEMO_STAMP): pyproject.toml $(TESTED) $(wildcard $(LISTENER_WEIGHTS))
 	$(make_venv)
 	@echo "installing the generator …"
-	$(PIP) -e '.[generate]'
+	@$(call install,generate,docker/build.txt docker/generator.txt)
 	$(if $(TORCH_CPU),$(if $(wildcard $(LISTENER_WEIGHTS)),$(install_torch_cpu)))
 	@touch $@
+
+lock: setup ## resolve the tested set of versions again and print what changed; LOCK_OPTIONS='--upgrade-package NAME'
+	$(PIP) uv
+	$(BIN)/python docker/lock.py $(LOCK_OPTIONS)
+LOCK_OPTIONS ?= --upgrade
 
 # The submissions of the demo: `avs3d baseline` with these arguments.
 BASELINE_all-black := all-black
@@ -112,13 +140,13 @@ $(DEMO_SCORES) demo-score-listener: demo-score-%:
 	  --json data/demo-scores/$*.json --html data/demo-scores/$*.html
 
 dataset: setup ## generate and validate the benchmark: MANIFEST=… OUT=… WORKERS=… VISION=… AUDIO=… DEVICE=… OPTIONS=…
-	$(if $(filter cuda,$(DEVICE)),$(PIP) -e '.[cuda]')
+	$(if $(filter cuda,$(DEVICE)),$(PIP) $(PINNED) -e '.[cuda]')
 	$(BIN)/avs3d generate $(MANIFEST) -o $(OUT) $(WITH_AUDIO) --device $(DEVICE) \
 	  $(if $(filter cpu,$(DEVICE)),--workers $(WORKERS)) $(if $(VISION),--vision $(VISION)) $(OPTIONS)
 	$(BIN)/avs3d validate $(OUT) --deep
 
 listener: setup ## make the training data, train the listener, make the test sets and the tables: GPUS=… MINUTES=… (docs/listener.md)
-	$(if $(filter cuda,$(DEVICE)),$(PIP) -e '.[cuda]')
+	$(if $(filter cuda,$(DEVICE)),$(PIP) $(PINNED) -e '.[cuda]')
 	@$(MAKE) --no-print-directory -f benchmarks/listener.mk -j 2 AVS3D=$(BIN)/avs3d PYTHON=$(BIN)/python WORKERS=$(WORKERS) DEVICE=$(DEVICE)
 
 test: setup ## run the fast tests, before each commit
@@ -126,6 +154,9 @@ test: setup ## run the fast tests, before each commit
 
 test-slow: setup ## run the slow tests: engines, browser, cluster, faults, full-size data
 	$(PYTEST) -m slow
+
+test-latest: ## run the fast tests against the newest versions of all packages, in ./.venv-latest
+	$(MAKE) --no-print-directory test VENV=.venv-latest LATEST=1
 
 test-all: ## run all tests
 	$(MAKE) test
@@ -148,4 +179,4 @@ schemas: setup ## write the JSON Schemas in avs3d_bench/schemas again
 	$(BIN)/avs3d schema -o avs3d_bench/schemas
 
 clean: ## remove ./.venv, builds and caches
-	rm -rf $(VENV) build site *.egg-info .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) .venv-latest build site *.egg-info .pytest_cache .mypy_cache .ruff_cache

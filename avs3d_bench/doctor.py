@@ -8,8 +8,10 @@ are reported like everything else.
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -42,6 +44,10 @@ _MARK: dict[State, tuple[str, str]] = {
 _ORDER = ("core", "generate", "habitat", "scans", "assets", "baselines", "checkpoints")
 #: Disk that one observation of 120 frames of 1008² takes, and a baked home, GB.
 _OBSERVATION_GB, _LEAST_FREE_GB = 0.25, 5.0
+#: The versions that the tests run with, a line ``name==version`` each; `make lock` writes it.
+TESTED_VERSIONS = Path(__file__).parent / "tested_versions.txt"
+#: Number of packages with another version that are named.
+_MOST_VERSIONS = 5
 
 
 @dataclass(frozen=True)
@@ -195,6 +201,7 @@ def core_checks() -> tuple[Check, ...]:
     """Python, the core install, the machine."""
     return (
         Check("core", "avs3d-bench", _core),
+        Check("core", "versions", _versions),
         Check("core", "machine", _machine),
         Check("core", "disk", _disk),
     )
@@ -215,6 +222,30 @@ def _core() -> tuple[Finding, ...]:
         fix = "pip install --upgrade avs3d-bench"
         return (Finding("core", "avs3d-bench", "broken", f"{found}: lacks {', '.join(lacking)}", fix),)
     return (Finding("core", "avs3d-bench", "ok", found),)
+
+
+def _versions() -> tuple[Finding, ...]:
+    """Whether what is installed is the tested set; a package that is not installed does not count."""
+    tested = dict(re.findall(r"^([^#\s=]+)==(\S+)$", TESTED_VERSIONS.read_text(encoding="utf-8"), re.MULTILINE))
+    installed = {}
+    for name in tested:
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            installed[name] = metadata.version(name)
+    differ = {name: version for name, version in installed.items() if version != tested[name]}
+    others = [f"{name} {version} ({tested[name]})" for name, version in differ.items()]
+    if not others:
+        found = f"{len(installed)} packages as in the tested set"
+        return (Finding("core", "versions", "ok", found),)
+    more = f" and {len(others) - _MOST_VERSIONS} more" if len(others) > _MOST_VERSIONS else ""
+    found = (
+        f"{len(others)} of {len(installed)} packages differ from the tested set, whose version is in brackets: "
+        f"{', '.join(others[:_MOST_VERSIONS])}{more}"
+    )
+    if len(others) <= _MOST_VERSIONS:
+        fix = "pip install " + " ".join(f"{name}=={tested[name]}" for name in differ)
+    else:
+        fix = f"make setup, or in a new environment: pip install --constraint {TESTED_VERSIONS} avs3d-bench"
+    return (Finding("core", "versions", "note", found, fix),)
 
 
 def _machine() -> tuple[Finding, ...]:

@@ -99,10 +99,19 @@ def parse_yaml(data: bytes | str, where: str | Path, limits: Limits = LIMITS) ->
             builder.take(event)
     except (yaml.YAMLError, UnicodeError) as error:
         mark = getattr(error, "problem_mark", None)
+        if mark is not None and _ends_in_brackets(text[: mark.index], limits.depth):
+            # Newer parsers have a limit of their own, which they meet while they look ahead of the builder.
+            builder.refuse_depth(mark)
         line = f" at line {mark.line + 1}" if mark is not None else ""
         problem = getattr(error, "problem", None) or getattr(error, "reason", None) or error
         raise UsageError(f"{where}: not valid YAML{line}: {' '.join(str(problem).split())[:200]}") from None
     return builder.document
+
+
+def _ends_in_brackets(text: str, depth: int) -> bool:
+    """Whether more than ``depth`` opening brackets in a row end the text."""
+    ending = "".join(text[-2000 - 2 * depth :].split())
+    return len(ending) - len(ending.rstrip("[{")) > depth
 
 
 @lru_cache(maxsize=4096)
@@ -201,7 +210,7 @@ class _Builder:
         if event.tag not in (None, "!"):
             self._refuse(event, f"the tag {excerpt(event.tag)}", "a value without a tag")
         if len(self._stack) >= self._limits.depth:
-            self._refuse(event, f"more than {self._limits.depth} levels of mappings and lists", "fewer")
+            self.refuse_depth(event.start_mark)
         if event.anchor:
             self._anchors[event.anchor] = None
         content: dict[Any, Any] | list[Any] = {} if isinstance(event, yaml.MappingStartEvent) else []
@@ -263,9 +272,16 @@ class _Builder:
         if self._nodes > self._limits.nodes:
             self._refuse(event, f"more than {self._limits.nodes:,} values, aliases counted in full", "fewer")
 
+    def refuse_depth(self, mark: Any) -> NoReturn:
+        """Raise the error for too many levels at a place in the text."""
+        self._refuse_at(mark, f"more than {self._limits.depth} levels of mappings and lists", "fewer")
+
     def _refuse(self, event: Any, found: str, expected: str) -> NoReturn:
-        line = event.start_mark.line + 1
-        raise UsageError(f"{self._where}: {self._place()}, line {line}: found {found}; expected {expected}")
+        self._refuse_at(event.start_mark, found, expected)
+
+    def _refuse_at(self, mark: Any, found: str, expected: str) -> NoReturn:
+        line = f", line {mark.line + 1}" if mark is not None else ""
+        raise UsageError(f"{self._where}: {self._place()}{line}: found {found}; expected {expected}")
 
     def _place(self) -> str:
         """``observations.3.category``: the field that is being read."""

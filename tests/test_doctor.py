@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import time
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -68,6 +69,21 @@ def test_an_engine_that_crashes_raises_or_hangs_is_broken(program: str, expected
     assert expected in finding.found
     assert finding.fix == "pip install numpy --force-reinstall"
     assert time.monotonic() - started < 30
+
+
+def test_versions_that_differ_from_the_tested_set_are_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "TESTED_VERSIONS", tmp_path / "tested.txt")
+    check = next(check for check in doctor.core_checks() if check.name == "versions")
+    installed = {name: metadata.version(name) for name in ("numpy", "scipy", "click")}
+    lines = ["# a comment", "no-such-package==1.0", *(f"{name}=={version}" for name, version in installed.items())]
+    doctor.TESTED_VERSIONS.write_text("\n".join(lines))
+    assert check.run() == (Finding("core", "versions", "ok", "3 packages as in the tested set"),)
+    doctor.TESTED_VERSIONS.write_text("\n".join(lines).replace(f"numpy=={installed['numpy']}", "numpy==1.0.0"))
+    (finding,) = check.run()
+    assert finding.state == "note"
+    assert "1 of 3 packages" in finding.found
+    assert f"numpy {installed['numpy']} (1.0.0)" in finding.found
+    assert finding.fix == "pip install numpy==1.0.0"
 
 
 def test_a_check_that_raises_is_a_finding_and_the_others_go_on():

@@ -72,7 +72,7 @@ def levels(kind: str) -> str:
 HOSTILE = {
     "alias bomb": (levels("alias"), ["a7.", "line 8", "more than 2,000,000 values"]),
     "merge bomb": (levels("merge"), ["a6.<<", "more than 2,000,000 values"]),
-    "brackets": ("a: " + "[" * 100_000, ["a.0.0", "more than 20 levels"]),
+    "brackets": ("a: " + "[" * 100_000, ["a", "line 1", "more than 20 levels"]),
     "braces": ("{a: " * 5000, ["a.a.a", "more than 20 levels"]),
     "dashes": ("- " * 100_000, ["more than 20 levels"]),
     "question marks": ("? " * 100_000, ["as a key", "plain text"]),
@@ -99,6 +99,7 @@ HOSTILE = {
     "no bool": ("a: !!bool x", ["tag"]),
     "two documents": ("a: 1\n---\nb: 1", ["second document"]),
     "tabs": ("a:\n\t- b", ["not valid YAML at line 2"]),
+    "quoted brackets": ("a: '" + "[" * 100 + "'\nb: x: y", ["not valid YAML at line 2"]),
     "open quote": ("a: 'x", ["not valid YAML at line 1"]),
     "Latin-1": (b"name: caf\xe9", ["byte 9", "UTF-8"]),
     "UTF-16": ("a: 1".encode("utf-16"), ["UTF-8"]),
