@@ -73,8 +73,11 @@ class Pose:
 
     def to_camera(self, points: ArrayLike) -> Array:
         """World points (..., 3) in camera coordinates (+X right, +Y up, −Z ahead)."""
-        delta = np.asarray(points, dtype=np.float64) - np.asarray(self.position)
-        return np.asarray(delta @ self.rotation_matrix)
+        return times_matrix(np.asarray(points, dtype=np.float64) - np.asarray(self.position), self.rotation_matrix)
+
+    def to_world(self, points: ArrayLike) -> Array:
+        """Points (..., 3) in camera coordinates, in the world: the inverse of `to_camera`."""
+        return times_matrix(np.asarray(points, dtype=np.float64), self.rotation_matrix.T) + np.asarray(self.position)
 
 
 @dataclass(frozen=True)
@@ -118,7 +121,7 @@ class Intrinsics:
         """World points (N, 3) at continuous ``pixels`` (N, 2) (column, row) and ``depth`` (N,) along the axis."""
         uv, z = np.asarray(pixels, dtype=np.float64), np.asarray(depth, dtype=np.float64)
         camera = np.stack([(uv[:, 0] - self.cx) / self.fx * z, -(uv[:, 1] - self.cy) / self.fy * z, -z], axis=1)
-        return np.asarray(camera @ pose.rotation_matrix.T + np.asarray(pose.position))
+        return pose.to_world(camera)
 
 
 @dataclass(frozen=True)
@@ -141,6 +144,16 @@ def direction_to(pose: Pose, point: ArrayLike) -> Direction:
     )
 
 
+def times_matrix(vectors: Array, matrix: Array) -> Array:
+    """The product of row vectors (..., 3) and a matrix (3, 3), with the same bits on every processor.
+
+    BLAS fuses products and sums where the processor can, and orders them by the number of rows; files with such numbers
+    would differ between machines.
+    """
+    x, y, z = (vectors[..., axis, None] for axis in range(3))
+    return np.asarray(x * matrix[0] + y * matrix[1] + z * matrix[2])
+
+
 def flip_world(points: ArrayLike) -> Array:
     """Points (..., 3) from our world (Y up) to COLMAP's (Y down) or back: (x, y, z) → (x, −y, −z)."""
     # Adding 0 turns −0 into 0: files then hold the same bytes for the same points.
@@ -151,7 +164,8 @@ def canonical(quaternion: ArrayLike) -> Array:
     """The one of q and −q (the same rotation) whose first component that is not 0 is positive; norm 1."""
     q = np.asarray(quaternion, dtype=np.float64)
     first = q[np.flatnonzero(q)[0]]
-    return np.asarray(q / (np.linalg.norm(q) * np.sign(first)) + 0.0)
+    # Not numpy's norm, a product of BLAS (`times_matrix`).
+    return np.asarray(q / (math.sqrt(sum(c * c for c in q.tolist())) * np.sign(first)) + 0.0)
 
 
 def to_colmap(pose: Pose) -> tuple[Array, Array]:
@@ -166,7 +180,7 @@ def to_colmap(pose: Pose) -> tuple[Array, Array]:
     w, x, y, z = pose.rotation
     qvec = canonical([w, -x, y, z])
     rotation = Rotation.from_quat(qvec[[1, 2, 3, 0]]).as_matrix()
-    return qvec, np.asarray(-rotation @ flip_world(pose.position) + 0.0)
+    return qvec, times_matrix(flip_world(pose.position), -rotation.T) + 0.0
 
 
 def from_colmap(qvec: ArrayLike, tvec: ArrayLike) -> Pose:
@@ -182,7 +196,7 @@ def from_colmap(qvec: ArrayLike, tvec: ArrayLike) -> Pose:
         raise Avs3dError(f"COLMAP pose {q.tolist()} {t.tolist()}: expected a unit quaternion (w, x, y, z) and (3,)")
     w, x, y, z = (float(c) for c in canonical(q))
     rotation = Rotation.from_quat([x, y, z, w]).as_matrix()
-    px, py, pz = (float(c) for c in flip_world(-rotation.T @ t))
+    px, py, pz = (float(c) for c in flip_world(times_matrix(t, -rotation)))
     rw, rx, ry, rz = (float(c) for c in canonical([w, -x, y, z]))
     return Pose((px, py, pz), (rw, rx, ry, rz))
 

@@ -543,7 +543,7 @@ class ObservationRecord(Record):
         if now is None:
             return np.asarray(points, dtype=np.float64)
         local = first.to_camera(points)
-        return np.asarray(local @ now.rotation_matrix.T + np.asarray(now.position))
+        return now.to_world(local)
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -251,7 +251,7 @@ class AnalyticSession:
         reach = max((3 * box.volume * self._backend.images / (4 * math.pi)) ** (1 / 3), 1.5 * float(box.size.max()))
         images, bounces = image_sources(box, self._source, position, reach)
         distance = np.maximum(np.linalg.norm(images - position, axis=1), 1e-9)
-        directions = (images - position) @ pose.rotation_matrix / distance[:, None]
+        directions = pose.to_camera(images) / distance[:, None]
         gains = np.sqrt(1 - np.clip(box.absorption, 0.0, 1.0))[None, :] ** bounces[:, None]
         gains = gains / np.maximum(distance, NEAREST)[:, None]
         if blocked(self._triangles, position, self._source):

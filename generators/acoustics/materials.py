@@ -153,7 +153,8 @@ def mean_absorption(
     # Sorted: the sum must not depend on the order in which a set of strings is walked.
     known = {label: material_for(label).scaled(scale).in_situ for label in sorted(set(labels))}
     alpha = np.array([known[label] for label in labels])
-    return np.asarray(area @ alpha / area.sum())
+    # Not a product of BLAS, whose last bits depend on the processor.
+    return np.asarray((area[:, None] * alpha).sum(axis=0) / area.sum())
 
 
 def triangle_areas(triangles: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -66,7 +66,7 @@ class SurfaceSampler:
             [(columns + 0.5 - k.cx) / k.fx * depth, -(rows + 0.5 - k.cy) / k.fy * depth, -depth],
             axis=1,
         )
-        self._positions.append(camera @ pose.rotation_matrix.T + np.asarray(pose.position))
+        self._positions.append(pose.to_world(camera))
         self._colours.append(frame.rgb[rows, columns])
 
     def link(self, poses: Sequence[Pose], hidden_at: Hidden, longest: int = 16) -> SurfacePoints:
