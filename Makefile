@@ -111,7 +111,7 @@ DEMO_SCORES := $(patsubst BASELINE_%,demo-score-%,$(filter BASELINE_%,$(.VARIABL
 # Only where it can run: `demo-listener`.
 BASELINE_listener := listener --device cpu
 
-demo: $(DEMO_STAMP) ## generate two observations, score six submissions and the listener, write reports
+demo: $(DEMO_STAMP) ## generate a small dataset, score six submissions and the listener, write reports
 	@echo "generating data/demo …"
 	$(BIN)/avs3d generate scenes_manifest/demo.yaml -o data/demo --workers $(WORKERS) $(WITH_AUDIO)
 	@mkdir -p data/demo-scores

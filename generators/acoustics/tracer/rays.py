@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from avs3d_bench.geometry import times_matrix
 from generators.acoustics.geometry import fibonacci_directions
 from generators.acoustics.tracer.philox import words
 
@@ -30,4 +31,4 @@ def ray_directions(count: int, seed: int, purpose: int) -> NDArray[np.float64]:
     b, c = math.tau * b, math.tau * c
     low, high = math.sqrt(1 - a), math.sqrt(a)
     turn = Rotation.from_quat([low * math.sin(b), low * math.cos(b), high * math.sin(c), high * math.cos(c)])
-    return np.ascontiguousarray(fibonacci_directions(count) @ turn.as_matrix().T)
+    return times_matrix(fibonacci_directions(count), turn.as_matrix().T)

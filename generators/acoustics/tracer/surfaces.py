@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -124,10 +125,12 @@ def _mirror_planes(
     used = np.flatnonzero(plane >= 0)
     used = used[np.argsort(plane[used], kind="stable")]
     for p, members in enumerate(np.split(used, np.flatnonzero(np.diff(plane[used])) + 1) if len(used) else []):
-        normal = area[members] @ facing[members]
-        normal /= np.linalg.norm(normal)
-        at = area[members] @ triangles[members].mean(axis=1) / area[members].sum()
-        equation[p] = [*normal, float(normal @ at)]
+        # Not products of BLAS, whose last bits depend on the processor.
+        weight = area[members, None]
+        normal = (weight * facing[members]).sum(axis=0)
+        normal /= math.sqrt((normal**2).sum())
+        at = (weight * triangles[members].mean(axis=1)).sum(axis=0) / weight.sum()
+        equation[p] = [*normal, (normal * at).sum()]
         corners = triangles[members].reshape(-1, 3)
         bounds[p] = [*corners.min(axis=0), *corners.max(axis=0)]
     return plane, len(kept), equation, bounds

@@ -17,8 +17,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import eval_legendre, spherical_jn, spherical_yn
 
-from generators.core.blas import one_blas_thread
-
 C128 = NDArray[np.complex128]
 F64 = NDArray[np.float64]
 
@@ -46,14 +44,14 @@ def sphere_coefficients(ka: ArrayLike) -> C128:
     return np.asarray(np.where(x[None, :] > 0, found, (orders == 0).astype(np.complex128)))
 
 
-@one_blas_thread
 def sphere_response(theta: ArrayLike, ka: ArrayLike) -> C128:
     """(T, K) pressure on the sphere at incidence angles ``theta`` (T,) in radians for ``ka`` (K,)."""
     coefficients = sphere_coefficients(ka)
     orders = np.arange(len(coefficients))
     cosine = np.cos(np.asarray(theta, dtype=np.float64))
     legendre = eval_legendre(orders[None, :], cosine[:, None])
-    return np.asarray((legendre * (2 * orders + 1)) @ coefficients)
+    # Not the product of BLAS, whose last bits depend on the processor and on the number of threads.
+    return np.asarray(np.einsum("tm,mk->tk", legendre * (2 * orders + 1), coefficients))
 
 
 def diffuse_coherence(ka: ArrayLike, between: float = np.pi) -> F64:
@@ -68,4 +66,4 @@ def diffuse_coherence(ka: ArrayLike, between: float = np.pi) -> F64:
     power = np.abs(sphere_coefficients(ka)) ** 2
     orders = np.arange(len(power))
     weighted = (2 * orders + 1)[:, None] * power
-    return np.asarray(eval_legendre(orders, np.cos(between)) @ weighted / weighted.sum(axis=0))
+    return np.asarray((eval_legendre(orders, np.cos(between))[:, None] * weighted).sum(axis=0) / weighted.sum(axis=0))
