@@ -58,6 +58,8 @@ class Components:
 #: Start of the filters' taper to 0 at the Nyquist frequency, as a fraction of it: a real filter cannot have a phase
 #: there.
 _TAPER = 0.94
+#: Bits of the filters' and weights' largest value (`_on_grid`).
+_GRID_BITS = 26
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,10 +128,19 @@ def directional_basis(responses: C128, solid_angles: F64, sample_rate: int, comp
         first += directional.shape[1]
     place = frequencies / (sample_rate / 2)
     taper = 0.5 + 0.5 * np.cos(np.pi * np.clip((place - _TAPER) / (1 - _TAPER), 0.0, 1.0))
-    impulses = irfft(np.concatenate(spectra) * taper, axis=1)
+    impulses = _on_grid(irfft(np.concatenate(spectra) * taper, axis=1))
     assert len(columns) == len(BANDS)
-    table = np.ascontiguousarray(np.concatenate(rows, axis=1), dtype=np.float32)
+    table = np.ascontiguousarray(_on_grid(np.concatenate(rows, axis=1)), dtype=np.float32)
     return DirectionalBasis(sample_rate, table, tuple(columns), impulses, np.array(errors))
+
+
+def _on_grid(values: F64) -> F64:
+    """Values rounded to multiples of a power of two, 2⁻²⁶ of the largest (−156 dB): less than responses resolve.
+
+    The last bits of a decomposition depend on the processor's BLAS kernels; those of a response must not.
+    """
+    step = 2.0 ** (np.ceil(np.log2(np.abs(values).max())) - _GRID_BITS)
+    return np.asarray(np.round(values / step) * step)
 
 
 def _components(
