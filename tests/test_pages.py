@@ -1,7 +1,7 @@
 """README.md, CONTRIBUTING.md and docs/: blocks of Python and shell run, on a small dataset like that of `make demo`.
 
 The worked examples of docs/extending.md run in test_extending.py; test_metrics_doc.py computes the examples of
-docs/metrics.md.
+docs/metrics.md and of the pages of its topics.
 """
 
 from __future__ import annotations
@@ -32,8 +32,9 @@ from generators.manifest import Manifest, read_manifest
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 #: Info strings of blocks that are neither run nor calls of commands.
 SHOWN = ("text", "yaml", "diff")
-#: Those of docs/metrics.md: drawn examples, which test_metrics_doc.py reads.
+#: Those of docs/metrics.md and its topics: drawn examples, which test_metrics_doc.py reads.
 DRAWN = ("masks", "scenes", "figures", "voxels", "values", "methods")
+DRAWN_ON = ("metrics.md", "protocol-official.md", "protocol-strict.md", "protocol-listen.md", "comparing.md")
 BLOCKS = [block for page in PAGES for block in blocks(page)]
 #: Blocks that are run here.
 CODE = [block for block in BLOCKS if block.language in RUN and block.page.name != "extending.md"]
@@ -129,7 +130,7 @@ def test_a_reason_stands_only_before_a_block_that_would_run() -> None:
 @pytest.mark.parametrize("page", PAGES, ids=path_of)
 def test_every_block_says_what_it_is(page: Path) -> None:
     assert not indented(page), "indented blocks: fence them, so that a test knows what they are"
-    drawn = DRAWN if page.name == "metrics.md" else ()
+    drawn = DRAWN if page.name in DRAWN_ON else ()
     assert {block.language for block in blocks(page)} <= {*RUN, "usage", *SHOWN, *drawn}
 
 
