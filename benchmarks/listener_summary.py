@@ -19,9 +19,11 @@ from generators.manifest import read_manifest
 
 #: Manifests of the datasets, by their names.
 MANIFESTS = Path(__file__).parent.parent / "scenes_manifest"
-#: Datasets and their parts whose strict IoU is in the summary; sound scenes that are.
-SUMMARY = (("open-s34-o7", "part_1"), ("open-s34-o7", "part_2"),
-           ("open-s34-o7-sh3d", "part_1"), ("open-s34-o7-sh3d", "part_2"))  # fmt: skip
+#: Datasets and their parts whose strict IoU is in the summary, with short headings; sound scenes that are.
+SUMMARY = {
+    ("open-s34-o7", "part_1"): "open part_1", ("open-s34-o7", "part_2"): "open part_2",
+    ("open-s34-o7-sh3d", "part_1"): "sh3d part_1", ("open-s34-o7-sh3d", "part_2"): "sh3d part_2",
+}  # fmt: skip
 SCENES = "listen"
 SUMMARY_ROWS = ("category", "2d", "wrong-sound", "official", "spatial")
 
@@ -117,7 +119,7 @@ def summary(output: Path) -> str:
         scenes = _scores(output, SCENES, name)
         every = scenes.overall.listen.pair_accuracy if scenes.overall.listen else None
         rows.append([ROWS[name].title, *map(_short, [*values, every, pair_accuracy_of(scenes, twins)])])
-    head = ["method", *(f"{dataset} {part}" for dataset, part in SUMMARY), f"{SCENES}: all pairs", f"{SCENES}: twins"]
+    head = ["method", *SUMMARY.values(), f"{SCENES}, all pairs", f"{SCENES}, twins"]
     labels = [*dict.fromkeys(dataset for dataset, _ in SUMMARY), SCENES]
     made = {name: {label: document["rows"][f"{label}-{name}"]["settings"] for label in labels} for name in SUMMARY_ROWS}
     return "\n".join([*table(head, rows), *settings_lines(made)]).rstrip()
