@@ -219,7 +219,8 @@ def page(document: Mapping[str, Any], output: Path, pages: Mapping[str, str]) ->
     Raises:
         Avs3dError: if a file is missing or broken.
     """
-    lines = [f"- [{label}]({path})" for label, path in pages.items()]
+    lines = ["All figures of a dataset are on its page:", ""]
+    lines += [f"- [{label}]({path})" for label, path in pages.items()]
     if has_summary(document):
         lines += ["", summary(output)]
     return "\n".join([*lines, "", "### Time", "", *time_table(document)]).rstrip()

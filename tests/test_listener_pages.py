@@ -87,6 +87,26 @@ def test_figures_in_the_text_are_those_of_the_scores() -> None:
     assert f"p = {one.p:.2f}".replace("0.", ".") in text_of("docs/listener-results.md")
 
 
+def test_strict_iou_in_the_text_is_that_of_the_scores() -> None:
+    def of(label: str, row: str, digits: int) -> list[str]:
+        found = []
+        for part in ("part_1", "part_2"):
+            group = scores(f"{label}-{row}").parts[part]  # type: ignore[index]
+            assert group.strict is not None
+            found.append(f"{group.strict.IoU:.{digits}f}".removeprefix("0"))
+        return found
+
+    text = text_of("docs/listener.md")
+    own, other = of("open-s34-o7", "2d", 2), of("open-s34-o7-sh3d", "2d", 2)
+    assert f"strict IoU {own[0]} and {own[1]} (part_1 and part_2 of `open-s34-o7`), {other[0]} and {other[1]} (" in text
+    own, other = of("open-s34-o7", "spatial", 2), of("open-s34-o7-sh3d", "spatial", 2)
+    assert f"strict IoU {own[0]} and {own[1]}, {other[0]} and {other[1]} |" in text
+    text = text_of("docs/results.md")
+    own, other = of("open-s34-o7", "spatial", 3), of("open-s34-o7-sh3d", "spatial", 3)
+    assert f"| {own[0]} (`open-s34-o7`), {other[0]} (`open-s34-o7-sh3d`;" in text
+    assert f"| {own[1]}, {other[1]} | met" in text
+
+
 def test_pairs_of_twins_are_siblings_in_which_one_object_of_a_category_sounds_alone() -> None:
     pairs = twin_pairs("listen")
     assert pairs
