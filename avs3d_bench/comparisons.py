@@ -1,6 +1,6 @@
 """The record behind the file that `avs3d compare --json` writes: paired differences between methods.
 
-docs/metrics.md has the formulas.
+docs/comparing.md has the formulas.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ It draws scores of methods whose true difference is known, and counts:
 
     python -m benchmarks.comparison_power -o docs/results/comparison-power.json
 
-Minutes on one core. docs/metrics.md has the tables (`--markdown` prints them).
+Minutes on one core. docs/comparing.md has the tables (`--markdown` prints them).
 """
 
 from __future__ import annotations
@@ -129,7 +129,7 @@ def simulate(counts: Sequence[int], trials: int, seed: int) -> dict[str, Any]:
 
 
 def tables(found: Mapping[str, Any]) -> list[str]:
-    """The tables of docs/metrics.md: in per cent."""
+    """The tables of docs/comparing.md: in per cent."""
     counts = sorted(next(iter(found["power"].values())), key=int)
     worlds = [world for world in WORLDS if world in found["coverage"]]
     head = [f"| | {' | '.join(f'n = {count}' for count in counts)} |", f"|---|{'---|' * len(counts)}"]

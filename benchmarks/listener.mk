@@ -27,7 +27,7 @@ TEST_OPTIONS ?=
 # Of the Gaussians of EchoSegnet.
 ITERATIONS ?= 7000
 SCORES ?= docs/results
-PAGE ?= docs/listener.md
+PAGE ?= docs/listener-results.md
 TABLES_OPTIONS ?=
 
 SHARDS := $(LISTENER)/train
@@ -70,5 +70,5 @@ $(LISTENER)/echosegnet.done: $(LISTENER)/2d.done
 	@touch $@
 
 $(LISTENER)/page.done: $(LISTENER)/echosegnet.done
-	$(call timed,page,{ [ -f $(PAGE) ] || cp docs/listener.md $(PAGE); } && $(PYTHON) -m benchmarks.listener_page $(SCORES) $(ROOTS) --work $(LISTENER)/work --page $(PAGE))
+	$(call timed,page,{ [ -f $(PAGE) ] || cp docs/listener-results.md $(PAGE); } && $(PYTHON) -m benchmarks.listener_page $(SCORES) $(ROOTS) --work $(LISTENER)/work --page $(PAGE))
 	@touch $@

@@ -1,15 +1,18 @@
-"""The tables of docs/listener.md, from the scores that `benchmarks.listener_tables` wrote.
+"""The tables of docs/listener-results.md, from the scores that `benchmarks.listener_tables` wrote.
 
-    python -m benchmarks.listener_page docs/results --page docs/listener.md
+    python -m benchmarks.listener_page docs/results --page docs/listener-results.md \\
+        --summary README.md --summary docs/results.md
 
-Replaces what is between the lines ``<!-- tables -->`` and ``<!-- end of tables -->`` of the page. With the datasets and
-``--work`` it draws ``listener-<dataset>-failures.jpg`` as well (`benchmarks.listener_failures`).
+Writes a page for each dataset, ``results/listener-<dataset>.md`` beside PAGE, and replaces what is between the lines
+``<!-- tables -->`` and ``<!-- end of tables -->`` of PAGE: links to them, the summary, times. ``--summary`` puts the
+summary between ``<!-- results -->`` and ``<!-- end of results -->`` of other pages. With the datasets and ``--work`` it
+draws ``listener-<dataset>-failures.jpg`` as well (`benchmarks.listener_failures`).
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +24,25 @@ from avs3d_bench.files import read_json, write_bytes
 from avs3d_bench.media import read_record
 from avs3d_bench.scores import METRICS, GroupScores, Scores
 from benchmarks.listener_failures import draw_failures
+from benchmarks.listener_summary import (
+    SCENES,
+    SUMMARY,
+    SUMMARY_ROWS,
+    Pair,
+    looks_text,
+    pair_accuracy_of,
+    settings_lines,
+    summary,
+    table,
+    twin_pairs,
+)
 from benchmarks.listener_tables import ROWS, RUN_JSON, labelled
 from evaluators.comparison import compare_figure, metric_of
 from evaluators.reporting.compare import estimate_text, p_text
 from evaluators.reporting.paper import CITATION, DATASET, TABLE_2
 
 BEGIN, END = "<!-- tables -->", "<!-- end of tables -->"
+BEGIN_SUMMARY, END_SUMMARY = "<!-- results -->", "<!-- end of results -->"
 #: Figures of the tables of parts 1 and 2, and of part_3.
 FIGURES = {
     "part_1": ("official.mIoU", "official.F", "strict.IoU", "strict.boundary_F", "strict.FP_rate"),
@@ -59,21 +75,34 @@ def value_of(group: GroupScores | None, figure: str) -> str:
     return f"{value:.3f}" + (f" ({spread[0]:.3f}–{spread[1]:.3f})" if spread else "")
 
 
-def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
-    """Lines of a Markdown table."""
-    names = list(head)
-    return [f"| {' | '.join(names)} |", f"|{'---|' * len(names)}", *(f"| {' | '.join(row)} |" for row in rows), ""]
+def part_table(
+    part: str,
+    found: Mapping[str, Scores],
+    *,
+    looks: Mapping[str, str] | None = None,
+    twins: frozenset[Pair] = frozenset(),
+) -> list[str]:
+    """The methods of one part, the reference rows, and the paper's own figures.
 
-
-def part_table(part: str, found: Mapping[str, Scores]) -> list[str]:
-    """The methods of one part, the reference rows, and the paper's own figures."""
+    Args:
+        part: ``part_1``, ``part_2`` or ``part_3``.
+        found: row → its scores.
+        looks: row → how often the network looked at a picture, e.g. ``several looks``, where it did.
+        twins: pairs of twins, whose pair accuracy has a column of its own in part_3.
+    """
     figures = FIGURES[part]
+    apart = part == "part_3" and bool(twins)
     rows = []
     for name, scores in found.items():
         group = scores.parts.get(part)  # type: ignore[call-overload]
         if group is not None:
-            title = f"{ROWS[name].title} (n = {group.observations})"
-            rows.append([title, *(value_of(group, figure) for figure in figures)])
+            how = f"{looks[name]}, " if looks and name in looks else ""
+            title = f"{ROWS[name].title} ({how}n = {group.observations})"
+            values = [value_of(group, figure) for figure in figures]
+            if apart:
+                alone = pair_accuracy_of(scores, twins)
+                values.insert(1, "–" if alone is None else f"{alone:.3f}")
+            rows.append([title, *values])
     if not rows:
         return []
     # Reference rows are those of the observations that were scored: of the file with most of them.
@@ -81,13 +110,19 @@ def part_table(part: str, found: Mapping[str, Scores]) -> list[str]:
     for name, groups in widest.references.items():
         values = [value_of(groups.get(part), figure) for figure in figures]
         if any(value != "–" for value in values):
-            rows.append([f"*{name.replace('_', ' ')}*", *values])
+            rows.append([f"*{name.replace('_', ' ')}*", *_with_gap(values, apart)])
     if part in next(iter(TABLE_2.values())):
         for name, parts in TABLE_2.items():
             known = {f"official.{figure}": f"{value:.3f}" for figure, value in parts[part].items()}
             rows.append([f"paper: {name}", *(known.get(figure, "–") for figure in figures)])
-    head = ["method", *(_TITLES[figure] for figure in figures)]
+    titles = [_TITLES[figure] for figure in figures]
+    head = ["method", *_with_gap(titles, apart, "… of twins")]
     return [f"**{part}**, {PART_TITLES[part]}:", "", *table(head, rows)]
+
+
+def _with_gap(values: list[str], apart: bool, between: str = "–") -> list[str]:
+    """Leave a place behind the first value for the pair accuracy of twins."""
+    return [values[0], between, *values[1:]] if apart else values
 
 
 def difference_table(found: Mapping[str, Scores]) -> list[str]:
@@ -135,49 +170,80 @@ def time_table(document: Mapping[str, Any]) -> list[str]:
     return table(("row", "observations", "test frames", "minutes", "per test frame", "hardware"), rows)
 
 
-def page(output: Path, pictures: Mapping[str, str]) -> str:
-    """The tables as Markdown.
+def dataset_page(label: str, document: Mapping[str, Any], output: Path, picture: str | None, home: str) -> str | None:
+    """All tables of one dataset as a page; None if there are no scores of it.
 
     Args:
+        label: of the dataset.
+        document: the record of the run.
         output: folder of the scores.
-        pictures: label → path of the picture of failures, from the page.
+        picture: path of the picture of failures, from the page.
+        home: path of the overview, from the page.
 
     Raises:
         Avs3dError: if a file is missing or broken.
     """
-    document = read_json(output / RUN_JSON)
-    lines = [f"Weights with the sha256 `{document['weights'][:12]}…`.", ""]
-    for label, data in document["datasets"].items():
-        files = {name: output / f"listener-{label}-{name}.json" for name in ROWS}
-        found = {name: read_record(path, Scores) for name, path in files.items() if path.exists()}
-        if not found:
-            continue
-        lines += [f"### {label}", "", f"{data['name']} {data['version'] or '(official release)'}", ""]
-        for part in FIGURES:
-            lines += part_table(part, found)
-        lines += difference_table(found)
-        lines += category_table(found)
-        if label in pictures:
-            lines += [f"![Worst and median observations of {label}]({pictures[label]})", ""]
-    lines += ["### Time", "", *time_table(document)]
+    files = {name: output / f"listener-{label}-{name}.json" for name in ROWS}
+    found = {name: read_record(path, Scores) for name, path in files.items() if path.exists()}
+    if not found:
+        return None
+    data = document["datasets"][label]
+    settings = {name: document["rows"].get(f"{label}-{name}", {}).get("settings", {}) for name in found}
+    looks = {name: looks_text(made) for name, made in settings.items() if "looks" in made}
+    twins = twin_pairs(data["name"])
+    lines = [f"# The listener on {label}", "",
+             f"{data['name']} {data['version'] or '(official release)'}, weights with the sha256 "
+             f"`{document['weights'][:12]}…`. Written by `python -m benchmarks.listener_page`; "
+             f"[the listener's results]({home}) says what the rows are.", ""]  # fmt: skip
+    lines += settings_lines({name: {label: made} for name, made in settings.items()})
+    for part in FIGURES:
+        lines += part_table(part, found, looks=looks, twins=twins)
+    lines += difference_table(found)
+    lines += category_table(found)
+    if picture is not None:
+        lines += [f"![Worst and median observations of {label}]({picture})", ""]
     lines += [f"paper: {CITATION}; measured on {DATASET}. *Slanted*: reference rows. In brackets: 95 % intervals,",
               "bootstrap over observations, in sound scenes over groups of siblings. p: sign-flip permutation test,",
               "corrected for the compared pairs of a part and figure (Holm)."]  # fmt: skip
-    return "\n".join(lines)
+    return "\n".join(lines) + "\n"
 
 
-def insert(path: Path, text: str) -> None:
+def page(document: Mapping[str, Any], output: Path, pages: Mapping[str, str]) -> str:
+    """The overview as Markdown: the pages of the datasets, the summary if its scores are there, times.
+
+    Args:
+        document: the record of the run.
+        output: folder of the scores.
+        pages: label → path of the dataset's page, from this one.
+
+    Raises:
+        Avs3dError: if a file is missing or broken.
+    """
+    lines = ["All figures of a dataset are on its page:", ""]
+    lines += [f"- [{label}]({path})" for label, path in pages.items()]
+    if has_summary(document):
+        lines += ["", summary(output)]
+    return "\n".join([*lines, "", "### Time", "", *time_table(document)]).rstrip()
+
+
+def has_summary(document: Mapping[str, Any]) -> bool:
+    """Whether a run has all rows of the summary."""
+    labels = [*dict.fromkeys(dataset for dataset, _ in SUMMARY), SCENES]
+    return all(f"{label}-{name}" in document["rows"] for label in labels for name in SUMMARY_ROWS)
+
+
+def insert(path: Path, text: str, begin_mark: str = BEGIN, end_mark: str = END) -> None:
     """Put a text between the marks of a page.
 
     Raises:
         Avs3dError: if the marks are not there.
     """
     old = path.read_text(encoding="utf-8")
-    before, begin, rest = old.partition(BEGIN)
-    _, end, after = rest.partition(END)
+    before, begin, rest = old.partition(begin_mark)
+    _, end, after = rest.partition(end_mark)
     if not begin or not end:
-        raise Avs3dError(f"{path}: expected the lines {BEGIN} and {END}")
-    write_bytes(path, f"{before}{BEGIN}\n\n{text}\n\n{END}{after}".encode())
+        raise Avs3dError(f"{path}: expected the lines {begin_mark} and {end_mark}")
+    write_bytes(path, f"{before}{begin_mark}\n\n{text}\n\n{end_mark}{after}".encode())
 
 
 @click.command()
@@ -186,20 +252,33 @@ def insert(path: Path, text: str) -> None:
 @click.option("--page", "target", type=click.Path(path_type=Path, dir_okay=False), required=True)
 @click.option("--work", type=click.Path(path_type=Path), help="Folder of the run, for the pictures.")
 @click.option("--images", type=click.Path(path_type=Path), help="Where the pictures go [images/ beside the page].")
-def main(output: Path, datasets: tuple[str, ...], target: Path, work: Path | None, images: Path | None) -> None:
+@click.option("--summary", "summaries", multiple=True, type=click.Path(path_type=Path, dir_okay=False, exists=True),
+              help="Another page that shows the summary; repeatable.")  # fmt: skip
+def main(
+    output: Path, datasets: tuple[str, ...], target: Path, work: Path | None, images: Path | None,
+    summaries: tuple[Path, ...],
+) -> None:  # fmt: skip
     """Write the tables of the scores in OUTPUT into a page, and draw what fails on the datasets."""
     images = images or target.parent / "images"
+    folder = target.parent / "results"
     try:
         for label, root in labelled(datasets).items():
             if work is None:
                 raise click.UsageError("pictures need --work, the folder of the run of benchmarks.listener_tables")
             for path in draw_failures(label, root, output, work / "submissions" / label, images):
                 click.echo(path)
-        where = {
-            path.stem.removeprefix("listener-").removesuffix("-failures"): os.path.relpath(path, target.parent)
-            for path in sorted(images.glob("listener-*-failures.jpg"))
-        }
-        insert(target, page(output, where))
+        folder.mkdir(parents=True, exist_ok=True)
+        document, pages = read_json(output / RUN_JSON), {}
+        for label in document["datasets"]:
+            picture = images / f"listener-{label}-failures.jpg"
+            shown = os.path.relpath(picture, folder) if picture.exists() else None
+            text = dataset_page(label, document, output, shown, os.path.relpath(target, folder))
+            if text is not None:
+                write_bytes(folder / f"listener-{label}.md", text.encode())
+                pages[label] = f"results/listener-{label}.md"
+        insert(target, page(document, output, pages))
+        for path in summaries:
+            insert(path, summary(output), BEGIN_SUMMARY, END_SUMMARY)
     except Avs3dError as error:
         raise click.ClickException(str(error)) from None
     click.echo(target)

@@ -2,9 +2,9 @@
 
     python -m benchmarks.receivers [--hrtf FILE.sofa]
 
-prints four tables: CPU time of a response; errors of the spherical head against the closed form; ringing of the octave
-filters before an arrival; and, with a SOFA file, errors of its head beside those of ambisonics of order 3 decoded with
-a magnitude-least-squares decoder.
+prints five tables: CPU time of a response; errors of the spherical head against the closed form of a plane wave; its
+level differences beside those of a near source; ringing of the octave filters before an arrival; and, with a SOFA file,
+errors of its head beside those of ambisonics of order 3 decoded with a magnitude-least-squares decoder.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from statistics import median
 
 import click
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import eval_legendre, spherical_jn, spherical_yn
 
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.hrtf import HEAD_RADIUS
@@ -43,6 +44,10 @@ CASES = {
     "behind an edge, −3 dB per octave": 2.0 ** (-np.arange(8) / 2),
     "through a wall, −6 dB per octave": 2.0 ** -np.arange(8.0),
 }
+#: Sources whose level differences are shown: azimuths (degrees), distances (m), octaves (Hz).
+NEAR_AZIMUTHS, NEAR_DISTANCES, NEAR_BANDS = (30, 60, 90), (3.0, 2.0, 1.0, 0.5, 0.3), (250, 500, 1000, 2000, 4000, 8000)
+#: Terms of the series beyond ka; those of a source at 0.2 m fall by 2.3 each.
+NEAR_TERMS = 50
 #: Samples of the transforms by which responses are compared.
 RESOLUTION = 4096
 #: Frequency above which the magnitude-least-squares decoder gives up the phase (Hz).
@@ -92,7 +97,7 @@ def print_sphere() -> None:
         n = np.arange(response.shape[1]) / RATE - 0.05
         rows = []
         for middle in BANDS:
-            frequencies = np.linspace(middle / np.sqrt(2), min(middle * np.sqrt(2), 16_000), 24)
+            frequencies = octave(middle)
             found = response @ np.exp(-2j * np.pi * np.outer(n, frequencies))
             ka = 2 * np.pi * frequencies * HEAD_RADIUS / SPEED_OF_SOUND
             exact = sphere_response(np.arccos([-direction[0], direction[0]]), ka)
@@ -109,6 +114,65 @@ def print_sphere() -> None:
         table = np.array(values) * scale
         cells = (f"{worst:.2f} ({mean:.2f})" for worst, mean in zip(table.max(0), table.mean(0), strict=True))
         print(f"  {name:10}" + "".join(f"{cell:>15}" for cell in cells))
+
+
+def near_pressure(distance: float, azimuth: float, frequency: ArrayLike) -> C128:
+    """(2, K) pressure at the ears of a rigid sphere, left first, for a point source at any distance.
+
+    Duda and Martens (1998), eq. (3), with μ = ka and the distance ρ in radii, but for the factor that both ears share:
+    p ∝ Σ (2m + 1)·Pₘ(cos θ)·hₘ(μρ)/h′ₘ(μ).
+
+    Args:
+        distance: from the centre of the sphere (m), larger than its radius.
+        azimuth: of the source, in the plane of the ears, positive to the right (degrees).
+        frequency: (K,) Hz.
+    """
+    mu = 2 * np.pi * np.asarray(frequency, dtype=np.float64) * HEAD_RADIUS / SPEED_OF_SOUND
+    orders = np.arange(int(np.ceil(1.1 * mu.max())) + NEAR_TERMS)[:, None]
+    far = mu * distance / HEAD_RADIUS
+    slope = spherical_jn(orders, mu, derivative=True) + 1j * spherical_yn(orders, mu, derivative=True)
+    terms = (2 * orders + 1) * (spherical_jn(orders, far) + 1j * spherical_yn(orders, far)) / slope
+    # The left ear is at −90°, the right one at +90°.
+    cosine = np.cos(np.radians([90 + azimuth, 90 - azimuth]))
+    return np.array([(eval_legendre(orders, ear) * terms).sum(axis=0) for ear in cosine])
+
+
+def head_pressure(azimuth: float, frequency: F64) -> C128:
+    """(2, K) pressure at the ears of the tracer's spherical head, left first; the same at any distance."""
+    direction = np.array([[np.sin(np.radians(azimuth)), 0, -np.cos(np.radians(azimuth))]], dtype=np.float32)
+    one = Arrivals(np.array([0.05]), direction, np.ones((1, 8), dtype=np.float32))
+    response = SphericalHead().response(one, UPRIGHT, RATE).astype(np.float64)
+    return np.asarray(response @ np.exp(-2j * np.pi * np.outer(np.arange(response.shape[1]) / RATE, frequency)))
+
+
+def level_difference(pressure: C128) -> float:
+    """dB, right minus left, of the energies of a band."""
+    left, right = np.mean(np.abs(pressure) ** 2, axis=1)
+    return float(10 * np.log10(right / left))
+
+
+def octave(middle: float) -> F64:
+    """(24,) frequencies of an octave, up to 16 kHz."""
+    return np.linspace(middle / np.sqrt(2), min(middle * np.sqrt(2), 16_000), 24)
+
+
+def near_field() -> list[list[str]]:
+    """Rows of the table of level differences: azimuth, the head, and the closed form at each distance; by octave."""
+    rows = []
+    for azimuth in NEAR_AZIMUTHS:
+        heard = [level_difference(head_pressure(azimuth, octave(band))) for band in NEAR_BANDS]
+        rows.append([f"{azimuth}°", "the head, any distance", *(f"{value:.1f}" for value in heard)])
+        for distance in NEAR_DISTANCES:
+            exact = [level_difference(near_pressure(distance, azimuth, octave(band))) for band in NEAR_BANDS]
+            rows.append([f"{azimuth}°", f"exact, {distance:g} m", *(f"{value:.1f}" for value in exact)])
+    return rows
+
+
+def print_near_field() -> None:
+    """What the spherical head lacks near a source."""
+    print("Level difference of the spherical head, dB: the head takes all sources for far ones")
+    for row in [["azimuth", "", *(f"{band} Hz" for band in NEAR_BANDS)], *near_field()]:
+        print(f"  {row[0]:8} {row[1]:24}" + "".join(f"{cell:>10}" for cell in row[2:]))
 
 
 def print_ringing() -> None:
@@ -183,6 +247,7 @@ def main(hrtf: Path | None) -> None:
     receivers.update({f"ambisonics of order {order}": Ambisonics(order) for order in (1, 2, 3)})
     print_cost(receivers)
     print_sphere()
+    print_near_field()
     print_ringing()
     if hrtf is not None:
         print_measured(hrtf)

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.volume_guidance ROOT`: 3D figures of point clouds of known quality, for docs/metrics.md.
+"""`python -m benchmarks.volume_guidance ROOT`: 3D figures of clouds of known quality, for docs/protocol-strict.md.
 
 Points are drawn uniformly on the true mesh, one per square centimetre, and then changed: by noise, by a shift, or by
 removing the points that no camera of a split sees. A point is seen if no other part of its own object hides it (tested

@@ -25,7 +25,7 @@ SEED = 0
 #: values all lie on one side of their distribution's median with probability 2 / 2ⁿ, and five do so in more than 5 %.
 FEWEST = 6
 #: Least number of values of a difference whose interval is corrected (BCa). The correction is estimated from them, and
-#: with fewer it does more harm than good (docs/metrics.md, benchmarks/comparison_power.py).
+#: with fewer it does more harm than good (docs/comparing.md, benchmarks/comparison_power.py).
 BCA_FEWEST = 20
 #: Resampled values at a time, so that memory does not grow with the number of observations.
 _BLOCK = 2_000_000

@@ -59,7 +59,7 @@ def evaluate(
 ) -> None:
     """Score SUBMISSION, a folder or a .zip, against a dataset.
 
-    SUBMISSION has the layout of docs/metrics.md, or that of the released pipeline's masks. Exit status: 0 scored,
+    SUBMISSION has the layout of docs/score.md, or that of the released pipeline's masks. Exit status: 0 scored,
     1 submission invalid (every bad file named), 2 usage.
     """
     from evaluators.reading.submission import open_submission
@@ -321,7 +321,7 @@ def compare(
 
     For every figure and part: the paired difference over the observations that both have, its 95 % bootstrap interval,
     the p-value of a permutation test, corrected for the number of pairs (Holm), and places, shared where nothing
-    separates. docs/metrics.md has the formulas.
+    separates. docs/comparing.md has the formulas.
     """
     from avs3d_bench.files import check_writable, write_json
     from evaluators.reporting.compare import compare as compare_files

@@ -1,7 +1,7 @@
 """Paired comparison of methods: differences over common observations, with intervals, p-values and shared places.
 
 The values of one figure are paired by observation (`pair_accuracy`: by group of siblings). Under ``listen`` whole
-groups are resampled and change sign, because siblings share their pictures. docs/metrics.md has formulas and examples.
+groups are resampled and change sign, as siblings share their pictures. docs/comparing.md has formulas and examples.
 """
 
 from __future__ import annotations

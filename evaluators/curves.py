@@ -2,7 +2,7 @@
 
 A bin's figure is computed as that of a whole dataset, from the frames of the bin alone: a mean over observations of
 means over frames, for the pair accuracy a mean over groups of shares of pairs. So a single bin with all frames has the
-figure of the file of scores. Intervals resample observations (under ``listen``, groups); docs/metrics.md has the
+figure of the file of scores. Intervals resample observations (under ``listen``, groups); docs/factors.md has the
 definition with a worked example.
 """
 

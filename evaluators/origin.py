@@ -1,7 +1,7 @@
 """Where scores come from: digests of the files that were scored and of the truth, and the machine.
 
 A digest is the sha256 of a list of files in the format of ``sha256sum``, so that it can be computed without this
-toolkit; docs/metrics.md has the commands.
+toolkit; docs/scores-file.md has the commands.
 """
 
 from __future__ import annotations

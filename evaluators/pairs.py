@@ -4,7 +4,7 @@ Two siblings of a group share the picture of a frame and differ in sound. Where 
 pair is right only if both predictions are right and each agrees better with its own truth than with the other's. A
 prediction that is the same for both cannot do that: IoU(P, A) > IoU(P, B) and IoU(P, B) > IoU(P, A) exclude each other.
 
-All comparisons are made with whole numbers. docs/metrics.md has the definition with worked examples.
+All comparisons are made with whole numbers. docs/protocol-listen.md has the definition with worked examples.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 If two methods are equally good, each observation's difference is as likely to be +d as −d, whatever its distribution
 (Fisher 1935). The test counts how often the mean of differences with random signs is at least as far from 0 as the
-observed one. Observations that share their pictures change sign together. docs/metrics.md has worked examples.
+observed one. Observations that share their pictures change sign together. docs/comparing.md has worked examples.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ arithmetic is on integers and exact.
     IoU_3D = |Q ∩ S| / |S ∪ (Q ∖ I)|
 
 A prediction of the surface and one of the filled solid can both reach 1; points inside are neither right nor wrong.
-docs/metrics.md has a worked example.
+docs/protocol-strict.md has a worked example.
 
 Triangle and voxel are tested with separating axes (Akenine-Möller, "Fast 3D triangle-box overlap testing", Journal of
 Graphics Tools, 2001), here for half-open boxes. On integers, a half-open box is a closed box as far as an axis can

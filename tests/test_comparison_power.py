@@ -1,4 +1,4 @@
-"""How often `avs3d compare` is wrong: the recorded simulation, its tables in docs/metrics.md, and a smaller one."""
+"""How often `avs3d compare` is wrong: the recorded simulation, its tables in docs/comparing.md, and a smaller one."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def limit(trials: int) -> float:
 
 
 def test_the_tables_of_the_document_are_those_of_the_recorded_simulation() -> None:
-    text = (DOCS / "metrics.md").read_text(encoding="utf-8")
+    text = (DOCS / "comparing.md").read_text(encoding="utf-8")
     shown = text.split("<!-- power -->")[1].split("<!-- end of power -->")[0].strip()
     assert shown == "\n".join(tables(RECORDED))
 

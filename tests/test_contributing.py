@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import yaml
 
-from avs3d_bench.exports.citation import ARXIV, AUTHORS, PAPER
+from avs3d_bench.exports.citation import ARXIV, AUTHORS, BIBTEX, PAPER
 
 ROOT = Path(__file__).parent.parent
 PAGES = ["CONTRIBUTING.md", ".github/PULL_REQUEST_TEMPLATE.md"]
@@ -32,6 +32,7 @@ def test_the_citation_is_of_this_version_and_of_the_paper() -> None:
     assert paper["title"] == PAPER
     assert tuple(f"{author['given-names']} {author['family-names']}" for author in paper["authors"]) == AUTHORS
     assert ARXIV in paper["url"]
+    assert BIBTEX in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("form", sorted((ROOT / ".github/ISSUE_TEMPLATE").glob("*.yml")), ids=lambda path: path.stem)

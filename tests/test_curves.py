@@ -29,7 +29,7 @@ from evaluators.score import evaluate
 
 BY_NAME = {factor.name: factor for factor in FACTORS}
 STRICT, PAIRS, LISTEN = FIGURES
-DOCUMENT = Path(__file__).parent.parent / "docs" / "metrics.md"
+DOCUMENT = Path(__file__).parent.parent / "docs" / "factors.md"
 ROOMS = ("bathroom", "kitchen", "living_room")
 CATEGORIES = ("clock", "microwave", "toilet")
 

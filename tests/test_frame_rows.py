@@ -362,7 +362,7 @@ def test_parquet_without_pyarrow_is_one_line(tmp_path: Path, monkeypatch: pytest
 
 # --- The document -----------------------------------------------------------------------------------------------------
 
-DOCUMENT = Path(__file__).parent.parent / "docs" / "metrics.md"
+DOCUMENT = Path(__file__).parent.parent / "docs" / "factors.md"
 
 
 def test_the_document_lists_every_column_and_every_reason():

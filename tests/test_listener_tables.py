@@ -100,11 +100,18 @@ def test_the_page_has_every_method_the_differences_and_the_pictures(ran: Path) -
     assert text.startswith("# Listener\n\nbefore\n")
     assert text.endswith("after\n")
     assert "old" not in text
-    for row in ("2d", "no-sound", "wrong-sound", "deaf-all", "deaf-single", "category"):
-        assert f"| {ROWS[row].title} (n = 2) |" in text
-    assert f"| part_3 | {ROWS['2d'].title} − {ROWS['wrong-sound'].title} | listen IoU |" in text
-    assert "| *deaf all* |" in text
-    assert "(images/listener-scenes-failures.jpg)" in text
+    assert "- [scenes](results/listener-scenes.md)" in text
+    tables = (ran / "docs/results/listener-scenes.md").read_text()
+    assert tables.startswith("# The listener on scenes\n")
+    assert "(../page.md)" in tables
+    for row in ("deaf-all", "deaf-single", "category"):
+        assert f"| {ROWS[row].title} (n = 2) |" in tables
+    for row in ("2d", "no-sound", "wrong-sound"):
+        assert f"- {ROWS[row].title}: several looks" in tables
+        assert f"| {ROWS[row].title} (several looks, n = 2) |" in tables
+    assert f"| part_3 | {ROWS['2d'].title} − {ROWS['wrong-sound'].title} | listen IoU |" in tables
+    assert "| *deaf all* |" in tables
+    assert "(../images/listener-scenes-failures.jpg)" in tables
     picture = cv2.imread(str(ran / "docs/images/listener-scenes-failures.jpg"))
     assert picture.shape[1] == 3 * listener_failures.SIDE + 4 * listener_failures.GAP
 

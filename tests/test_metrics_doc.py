@@ -1,4 +1,4 @@
-"""docs/metrics.md: every number of its worked examples, recomputed twice from the drawings.
+"""docs/metrics.md and the pages of its topics: every number of the worked examples, recomputed twice from the drawings.
 
 Blocks whose info string begins with `masks`, `scenes`, `voxels` or `values` draw an example; `figures NAME` blocks hold
 chains like ``strict.IoU = (6/9 + 0)/2 ≈ 0.3333``. Of each chain, what names something is looked up in the evaluator and
@@ -52,8 +52,15 @@ from evaluators.protocols import official_observation, strict_observation, summa
 from evaluators.volume import VolumeScore, score_points, true_volume
 from generators.manifest import read_manifest
 
-DOCUMENT = Path(__file__).parent.parent / "docs" / "metrics.md"
-TEXT = DOCUMENT.read_text(encoding="utf-8")
+DOCS = Path(__file__).parent.parent / "docs"
+#: What the figures mean, in the order in which a reader meets it.
+PAGES = tuple(
+    DOCS / f"{name}.md"
+    for name in (
+        "metrics", "protocol-official", "protocol-strict", "protocol-listen", "comparing", "scores-file", "factors",
+    )
+)  # fmt: skip
+TEXT = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
 
 Pixels = set[tuple[int, int]]
 Values = dict[str, float | None]
@@ -98,7 +105,7 @@ class Example:
 
 def drawings() -> Iterator[tuple[list[str], list[str]]]:
     """Info string in words, and lines, of every fenced block that is ours."""
-    for block in blocks(DOCUMENT):
+    for block in itertools.chain.from_iterable(map(blocks, PAGES)):
         if block.language in ("masks", "scenes", "voxels", "values", "methods", "figures"):
             yield block.info.split(), [line for line in block.code.splitlines() if line.strip()]
 
@@ -141,7 +148,10 @@ def read_examples() -> dict[str, Example]:
     for (kind, name, *rest), lines in drawings():
         example = out.setdefault(name, Example())
         if kind in ("masks", "scenes"):
-            example.frames |= pictures(lines)
+            drawn = pictures(lines)
+            for frame in drawn.keys() & example.frames.keys():
+                assert drawn[frame] == example.frames[frame], f"{name}: drawn again on another page, and differently"
+            example.frames |= drawn
             example.scenes = kind == "scenes"
         elif kind == "voxels":
             example.cube = (float(rest[0]), float(rest[1]))
@@ -708,7 +718,7 @@ def test_the_table_at_the_top_lists_every_figure():
 
 
 def test_every_key_of_the_file_of_scores_is_explained():
-    assert first_column("## A file of scores") == set(Scores.model_fields)
+    assert first_column("# A file of scores") == set(Scores.model_fields)
 
 
 def test_every_reason_for_a_null_is_listed():
@@ -744,10 +754,10 @@ def test_constants_in_the_text_are_those_of_the_code():
 
 
 def test_python_in_the_document_compiles():
-    snippets = [block.code for block in blocks(DOCUMENT) if block.language == "python"]
-    assert len(snippets) == 2
+    snippets = [block for page in PAGES for block in blocks(page) if block.language == "python"]
+    assert snippets
     for snippet in snippets:
-        compile(snippet, str(DOCUMENT), "exec")
+        compile(snippet.code, str(snippet.page), "exec")
 
 
 def test_the_snippet_reads_a_file_of_scores(
@@ -755,8 +765,9 @@ def test_the_snippet_reads_a_file_of_scores(
 ):
     (tmp_path / "scores.json").write_text(example_scores().model_dump_json())
     monkeypatch.chdir(tmp_path)
-    snippet = next(block.code for block in blocks(DOCUMENT) if block.code.startswith("import json"))
-    exec(compile(snippet, str(DOCUMENT), "exec"), {})
+    page = DOCS / "scores-file.md"
+    snippet = next(block.code for block in blocks(page) if block.code.startswith("import json"))
+    exec(compile(snippet, str(page), "exec"), {})
     assert re.match(
         r"IoU 0\.\d{3} over \d+ observations\n95 % interval 0\.\d{3} to 0\.\d{3}\n", capsys.readouterr().out
     )
@@ -766,7 +777,7 @@ def test_the_text_on_pairs_of_twins_is_that_of_the_recorded_scores():
     """What is said about `listen.yaml` and the category oracle, from the manifest and the oracle's file of scores."""
     assert "about a tenth of the pair-frames are of two twins that sound alone" in " ".join(TEXT.split())
     assert "a pair_accuracy of about two thirds there, and none of these pair-frames right" in " ".join(TEXT.split())
-    root = DOCUMENT.parent.parent
+    root = DOCS.parent
     manifest = read_manifest(root / "scenes_manifest" / "listen.yaml").manifest
     alone = {
         str(spec.key): spec.sources[0].category
@@ -783,7 +794,7 @@ def test_the_text_on_pairs_of_twins_is_that_of_the_recorded_scores():
 
 
 def test_the_table_of_guesses_is_that_of_the_recorded_figures():
-    found = json.loads((DOCUMENT.parent / "results" / "listen-chance.json").read_text(encoding="utf-8"))
+    found = json.loads((DOCS / "results" / "listen-chance.json").read_text(encoding="utf-8"))
     table = TEXT.split("| known from the sound |")[1].split("\n\n")[0]
     rows = [tuple(map(float, row)) for row in re.findall(r"\| (\d\.\d{3}) \| (\d\.\d{3}) \|$", table, re.M)]
     names = ("instance", "presence, instance", "category, one", "category, all")
@@ -795,5 +806,5 @@ def test_the_table_of_guesses_is_that_of_the_recorded_figures():
 
 def test_sources_of_other_rooms_are_of_categories_that_are_not_in_the_room():
     assert "are of categories that do not stand in the room" in " ".join(TEXT.split())
-    for spec in read_manifest(DOCUMENT.parent.parent / "scenes_manifest" / "listen.yaml").manifest.observations:
+    for spec in read_manifest(DOCS.parent / "scenes_manifest" / "listen.yaml").manifest.observations:
         assert {one.category for one in spec.sources or () if one.room is not None}.isdisjoint(spec.objects), spec.key

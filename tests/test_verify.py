@@ -243,7 +243,7 @@ def test_a_part_of_the_observations_is_scored_again_as_a_part(submission: Path, 
 
 
 def test_the_digest_is_that_of_sha256sum(scores: Scores, submission: Path) -> None:
-    """The commands of docs/metrics.md, on the folder of the submission."""
+    """The commands of docs/scores-file.md, on the folder of the submission."""
     script = (
         "export LC_ALL=C; for key in part_*/*/*/*; do "
         "echo \"$(find $key -type f | sort | xargs sha256sum | sha256sum | cut -d ' ' -f 1)  $key\"; done | sha256sum"
