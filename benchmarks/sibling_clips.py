@@ -8,9 +8,10 @@ with a common category, the share of frames with equal clips and the largest cor
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import combinations
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from rich.progress import track
 from scipy.fft import irfft, rfft
 
 from avs3d_bench import layout, media
-from benchmarks.sealed_attacks import Verdict, judge, table
+from benchmarks.sealed_attacks import judge, table
 from benchmarks.sealed_takes import Clips, Sibling, clips_of, take_cases
 from generators.apartments.apartment import build_apartment
 from generators.arrangement import Arrangement, arrange
@@ -51,16 +52,8 @@ class Pair:
     correlation: float
 
 
-def hear_siblings(
-    plans: Sequence[ObservationPlan], root: Path, each: Callable[[ObservationPlan], object] = lambda _: None
-) -> list[Sibling]:
-    """Write the binaural clips of observations of part_3 below ``root``, and nothing else.
-
-    Args:
-        plans: of the observations.
-        root: gets a folder for each key.
-        each: called with each plan that is done.
-    """
+def hear_siblings(plans: Sequence[ObservationPlan], root: Path) -> list[Sibling]:
+    """Write the binaural clips of observations of part_3 into a folder for each key below ``root``, and nothing else."""
     found = []
     for plan in plans:
         ready = prepare_sources(plan, *_arranged(plan), vision_backend(plan.vision))
@@ -72,7 +65,6 @@ def hear_siblings(
             )
         sources = tuple((source.category, source.instance) for source in ready.sources)
         found.append(Sibling(plan.key, plan.spec.like or plan.key, sources))
-        each(plan)
     return found
 
 
@@ -142,20 +134,29 @@ def report(pairs: Sequence[Pair]) -> Iterator[str]:
 @click.option("--audio", default=None, help="Acoustic engine; default: the manifest's.")
 @click.option("--frames", default=24, show_default=True, type=click.IntRange(1), help="Frames of each observation.")
 @click.option("--only", multiple=True, metavar="KEY_GLOB", help="Only these observations; repeatable.")
+@click.option("--workers", default=1, show_default=True, type=click.IntRange(1), help="Processes; each hears a group.")
 @click.option("-o", "--out", default=None, type=click.Path(path_type=Path), help="Keep the clips in this folder.")
-def main(manifest: Path, audio: str | None, frames: int, only: tuple[str, ...], out: Path | None) -> None:
+def main(
+    manifest: Path, audio: str | None, frames: int, only: tuple[str, ...], workers: int, out: Path | None
+) -> None:
     """Hear the siblings of part_3 of MANIFEST, compare their clips, and attack them."""
-    source = read_manifest(manifest)
-    plans = make_plans(source, only=only, audio=audio, frames=frames, size=64)
-    plans = tuple(sorted((plan for plan in plans if plan.spec.is_sound_scene), key=lambda plan: plan.key))
-    with tempfile.TemporaryDirectory(prefix="avs3d-siblings-") as folder:
+    groups: dict[str, list[ObservationPlan]] = {}
+    for plan in make_plans(read_manifest(manifest), only=only, audio=audio, frames=frames, size=64):
+        if plan.spec.is_sound_scene:
+            groups.setdefault(plan.spec.like or plan.key, []).append(plan)
+    with tempfile.TemporaryDirectory(prefix="avs3d-siblings-") as folder, ProcessPoolExecutor(workers) as pool:
         root = out or Path(folder)
-        bar = iter(track(plans, "hearing", console=Console(stderr=True)))
-        siblings = hear_siblings(plans, root, lambda _: next(bar, None))
-        for line in report(list(compare(root, siblings))):
+        found = pool.map(partial(_hear_group, root), groups.values())
+        siblings, pairs = zip(*track(found, "hearing", len(groups), console=Console(stderr=True)), strict=True)
+        for line in report([pair for some in pairs for pair in some]):
             print(line)
-        verdicts: list[Verdict] = judge(take_cases(root, siblings))
+        verdicts = judge(take_cases(root, [one for some in siblings for one in some]))
         Console(width=130).print(table(verdicts))
+
+
+def _hear_group(root: Path, plans: Sequence[ObservationPlan]) -> tuple[list[Sibling], list[Pair]]:
+    siblings = hear_siblings(plans, root)
+    return siblings, list(compare(root, siblings))
 
 
 if __name__ == "__main__":
