@@ -10,7 +10,7 @@ written does not depend on that, since all random draws behind a picture are tho
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench import layout
-from avs3d_bench.errors import Avs3dError
+from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.geometry import Intrinsics, Pose, direction_to
 from avs3d_bench.schema import (
     AudibleRecord,
@@ -38,7 +38,7 @@ from generators.acoustics.background import diffuse_noise, diffuse_seconds
 from generators.acoustics.base import AcousticBackend
 from generators.acoustics.clips import check_clip, mono_clip, rms
 from generators.arrangement import Arrangement
-from generators.assets.sounds import recorded_seconds, stretches
+from generators.assets.sounds import enough, recorded_seconds, stretches, stretches_in
 from generators.backends import acoustic_backend, vision_backend
 from generators.core.freespace import FreeSpace
 from generators.core.rays import RayCaster
@@ -47,6 +47,7 @@ from generators.observation import (
     T30_RESPONSES,
     Lent,
     Sound,
+    SoundFile,
     arranged,
     describe_acoustics,
     describe_instance,
@@ -350,14 +351,38 @@ def _sound(plan: ObservationPlan, category: str, nth: int) -> Sound:
     what sounds without listening, and two sources in step would be one coherent source with two places.
     """
     seconds = plan.camera.frames + PRE_ROLL
-    files = [sound_file(plan, category, spec) for spec in plan.sounds.get(category, ())]
+    files, lengths = _recordings(plan, category)
     if not files:
         return _synthesised(plan.seed, plan.own_key, f"sound/{category}/{nth}", category, seconds)
     takes = plan.takes[category]
-    files = list({file.path: file for file in files}.values())
-    lengths = [recorded_seconds(file.path) for file in files]
     number, start = stretches(lengths, seconds, takes.of, plan.rng(f"takes/{category}"))[takes.first + nth - 1]
     return files[number].sound(seconds, start)
+
+
+def _recordings(plan: ObservationPlan, category: str) -> tuple[list[SoundFile], list[float]]:
+    """The recordings of a category, each once, and their lengths (s)."""
+    files = [sound_file(plan, category, spec) for spec in plan.sounds.get(category, ())]
+    files = list({file.path: file for file in files}.values())
+    return files, [recorded_seconds(file.path) for file in files]
+
+
+def check_takes(plans: Iterable[ObservationPlan]) -> None:
+    """Refuse recordings that do not reach for a stretch for each take of a group.
+
+    Raises:
+        UsageError: one line: siblings would share samples, and a comparison of their clips would tell what sounds.
+        Avs3dError: if a recording is missing or broken.
+    """
+    for plan in plans:
+        seconds = plan.camera.frames + PRE_ROLL
+        for category, takes in plan.takes.items():
+            lengths = _recordings(plan, category)[1]
+            if not enough(lengths, seconds, takes.of):
+                raise UsageError(
+                    f"{plan.spec.like or plan.key}: {takes.of} sources of {category} in the siblings, but its "
+                    f"recordings have {stretches_in(lengths, seconds)} stretches of {seconds} s: comparing clips would "
+                    "tell what sounds; name more or longer recordings, or make shorter observations (--frames)"
+                )
 
 
 @lru_cache(maxsize=MOST_SIGNALS)

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 import soundfile
 import yaml
+from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import fftconvolve
 
 from avs3d_bench import layout, media
+from avs3d_bench.errors import UsageError
 from benchmarks.sealed_attacks import DIRECTIONS, Verdict, judge
 from benchmarks.sealed_cases import Case
 from benchmarks.sealed_plants import TAKE_PLANTS
@@ -22,6 +24,8 @@ from benchmarks.sealed_takes import TAKE_ATTACKS, Sibling, take_cases
 from benchmarks.sibling_clips import compare, hear_siblings
 from generators.assets.sounds import enough, stretches, synthesise
 from generators.plan import ObservationPlan, make_plans, read_manifest
+from generators.sealing.cli import seal
+from generators.sound_scene import check_takes
 from tests.homes import write_manifest
 
 FIRST = "part_3/box/kitchen/1"
@@ -185,6 +189,16 @@ def test_a_short_recording_begins_elsewhere_in_each_sibling(tmp_path: Path) -> N
     for one, other in combinations(every, 2):
         assert abs(np.corrcoef(one, other)[0, 1]) < 0.05
         assert alike(one, other) > 0.3
+
+
+def test_a_sealed_test_refuses_recordings_that_are_too_short(tmp_path: Path) -> None:
+    with_recordings(tmp_path, 21.0, 4.0)  # five takes of 5 s
+    arguments = [str(tmp_path / "tiny.yaml"), "-o", str(tmp_path / "test"), "--audio", "analytic"]
+    message = f"{FIRST}: 5 sources of microwave in the siblings, but its recordings have 4 stretches of 5 s"
+    with pytest.raises(UsageError, match=message):
+        CliRunner().invoke(seal, arguments, catch_exceptions=False)
+    assert not (tmp_path / "test").exists()
+    check_takes(make_plans(read_manifest(tmp_path / "tiny.yaml"), audio="analytic", frames=2))
 
 
 def test_another_sibling_with_the_recording_changes_the_plans(tmp_path: Path) -> None:

@@ -155,7 +155,12 @@ def stretches(lengths: Sequence[float], seconds: float, count: int, rng: Generat
 
 def enough(lengths: Sequence[float], seconds: float, count: int) -> bool:
     """Whether recordings of these lengths (s) have ``count`` stretches without a common sample."""
-    return sum(int(length / seconds) for length in lengths) >= count
+    return stretches_in(lengths, seconds) >= count
+
+
+def stretches_in(lengths: Sequence[float], seconds: float) -> int:
+    """Number of stretches without a common sample that recordings of these lengths (s) have."""
+    return sum(int(length / seconds) for length in lengths)
 
 
 def loop(signal: NDArray[np.float64], count: int, fade: int) -> NDArray[np.float64]:
