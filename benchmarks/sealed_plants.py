@@ -335,7 +335,7 @@ RENAMED: dict[str, Callable[[Sequence[Case]], list[Case]]] = {
     "order: same as the observation before": _sorted_truth,
 }
 
-#: Makes a candidate's clips (frames, 2, 44100) tell that it plays the take of the reference; gets both and random numbers.
+#: Of the clips (frames, 2, 44100) of reference and candidate, and random numbers: clips with the take of the reference.
 Leak = Callable[[Clips, Clips, np.random.Generator], Array]
 
 

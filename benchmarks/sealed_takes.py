@@ -1,9 +1,9 @@
 """Attacks that compare the clips of siblings: which of two plays the same take as a third?
 
 An attacker who finds one take in several siblings need not listen: equal samples tell which siblings share a source,
-and subtraction isolates the other ones. The question *take* has a reference and two candidates, siblings of one group in
-which the same category sounds. One of the candidates has the very object that sounds in the reference; the other has a
-twin, or a source in another room.
+and subtraction isolates the other ones. The question *take* has a reference and two candidates, siblings of one group
+in which the same category sounds. One of the candidates has the very object that sounds in the reference; the other has
+a twin, or a source in another room.
 
 All attacks look for what belongs to the take alone. They whiten what they compare (Knapp and Carter, "The generalized
 correlation method for estimation of time delay", IEEE TASSP 24 (1976) 320-327), since spectra, levels and reverberation
@@ -94,9 +94,7 @@ def take_cases(public: Path, siblings: Iterable[Sibling]) -> list[Case]:
             truth = int(rng.integers(2))
             keys = (other.key, same.key) if truth else (same.key, other.key)
             cases.append(
-                Case(
-                    "take", public, keys, ("", ""), (), np.zeros((0, 0, 0), np.uint16), truth, reference=reference.key
-                )
+                Case("take", public, keys, ("", ""), (), np.zeros((0, 0, 0), np.uint16), truth, reference=reference.key)
             )
     return cases
 
@@ -197,7 +195,7 @@ def envelope_correlation(one: Clips, other: Clips) -> float:
 
 
 def _envelope(clips: Clips) -> Array:
-    """(bands, times) log power in bands of equal width on a logarithmic axis, without its mean; 0 where it is silent."""
+    """(bands, times) log power in bands of equal width in octaves, without its mean; 0 where it is silent."""
     signal = clips.transpose(1, 0, 2).reshape(2, -1).astype(np.float64)
     frequency, _, spectrum = stft(signal, RATE, nperseg=2 * HOP, noverlap=HOP, boundary=None)
     power = (np.abs(spectrum) ** 2).sum(axis=0)

@@ -1,8 +1,8 @@
 """`python -m benchmarks.sibling_clips MANIFEST`: how alike are the clips of siblings of part_3?
 
-The observations are heard, not rendered, and their homes are not lit: neither changes what sounds. Of every two siblings
-with a common category, the share of frames with equal clips and the largest correlation are measured, and the attacks of
-`benchmarks.sealed_takes` answer their question.
+The observations are heard, not rendered, and their homes are not lit: neither changes what sounds. Of every two
+siblings with a common category, the share of frames with equal clips and the largest correlation are measured, and the
+attacks of `benchmarks.sealed_takes` answer their question.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Pair:
 
 
 def hear_siblings(plans: Sequence[ObservationPlan], root: Path) -> list[Sibling]:
-    """Write the binaural clips of observations of part_3 into a folder for each key below ``root``, and nothing else."""
+    """Write the binaural clips of observations of part_3 below ``root``, and nothing else."""
     found = []
     for plan in plans:
         ready = prepare_sources(plan, *_arranged(plan), vision_backend(plan.vision))
@@ -136,9 +136,7 @@ def report(pairs: Sequence[Pair]) -> Iterator[str]:
 @click.option("--only", multiple=True, metavar="KEY_GLOB", help="Only these observations; repeatable.")
 @click.option("--workers", default=1, show_default=True, type=click.IntRange(1), help="Processes; each hears a group.")
 @click.option("-o", "--out", default=None, type=click.Path(path_type=Path), help="Keep the clips in this folder.")
-def main(
-    manifest: Path, audio: str | None, frames: int, only: tuple[str, ...], workers: int, out: Path | None
-) -> None:
+def main(manifest: Path, audio: str | None, frames: int, only: tuple[str, ...], workers: int, out: Path | None) -> None:
     """Hear the siblings of part_3 of MANIFEST, compare their clips, and attack them."""
     groups: dict[str, list[ObservationPlan]] = {}
     for plan in make_plans(read_manifest(manifest), only=only, audio=audio, frames=frames, size=64):

@@ -314,12 +314,13 @@ def takes_of(manifest: Manifest) -> dict[str, dict[str, Takes]]:
         if spec.is_sound_scene and spec.variant_of is None:
             groups.setdefault(spec.like or spec.key, []).append(spec)
     for group in groups.values():
-        heard = {spec.key: [s.category for s in spec.sources or () if manifest.sounds.get(s.category)] for spec in group}
-        counts = Counter(name for names in heard.values() for name in names)
+        names = {spec.key: [source.category for source in spec.sources or ()] for spec in group}
+        heard = {key: [name for name in each if manifest.sounds.get(name)] for key, each in names.items()}
+        counts = Counter(name for each in heard.values() for name in each)
         given: Counter[str] = Counter()
-        for key, names in heard.items():
-            found[key] = {name: Takes(given[name], counts[name]) for name in dict.fromkeys(names)}
-            given.update(names)
+        for key, each in heard.items():
+            found[key] = {name: Takes(given[name], counts[name]) for name in dict.fromkeys(each)}
+            given.update(each)
     return found
 
 

@@ -135,7 +135,7 @@ def test_the_sum_of_the_stems_is_the_clip(group: Dataset) -> None:
 def test_no_source_of_a_sibling_plays_what_another_sibling_plays(
     group: Dataset, one: tuple[int, str], other: tuple[int, str]
 ) -> None:
-    """The same microwave alone and in turns, and its twin: other samples, hardly correlated, at about the same level."""
+    """The same microwave alone and in turns, and its twin: other samples, little correlated, at about one level."""
     second = slice(RATE, 2 * RATE)  # all of them sound
     a, b = (stem(sibling(group, index), name)[:, second].astype(np.float64) for index, name in (one, other))
     assert not np.any((a == b) & (a != 0))
