@@ -4,8 +4,8 @@ Each attack of `benchmarks.sealed_channels` answers each question of `benchmarks
 and those of `benchmarks.sealed_takes` answer the question *take*; the private folder tells who was right. Where nothing
 is told, every answer is right with probability 1 / (number of candidates), whatever the attack does: the number of
 right answers has a Poisson binomial distribution, whose tail is computed exactly. Each attack is tried in both
-directions (largest and smallest score), ties are broken at random. An attack succeeds if its p-value times the number of
-all attacks on the question is below `LEVEL` (Bonferroni).
+directions (largest and smallest score), ties are broken at random. An attack succeeds if its p-value times the number
+of all attacks on the question is below `LEVEL` (Bonferroni).
 """
 
 from __future__ import annotations

@@ -12,13 +12,14 @@ import json
 import os
 import shutil
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from scipy.fft import irfft, rfft
-from scipy.signal import butter, istft, lfilter, sosfilt, stft
+from scipy.signal import butter, istft, lfilter, sosfiltfilt, stft
 
 from avs3d_bench import layout, media
 from avs3d_bench.colmap import ColmapModel, write_model
@@ -363,7 +364,7 @@ def _whole(clips: Clips) -> Array:
 def _cut(signal: Array, like: Clips) -> Array:
     """The clips of a signal (2, n), as loud as others."""
     level = np.sqrt(np.mean(np.square(like, dtype=np.float64)) / max(float(np.mean(signal**2)), 1e-20))
-    return (level * signal).reshape(2, len(like), -1).transpose(1, 0, 2)
+    return np.asarray((level * signal).reshape(2, len(like), -1).transpose(1, 0, 2))
 
 
 def _elsewhere(clips: Clips, rng: np.random.Generator) -> Array:
@@ -377,20 +378,20 @@ def _another_waveform(signal: Array, rng: np.random.Generator, block: int) -> Ar
     """A signal (2, n) with the magnitudes of this one in blocks, and random phases."""
     _, _, spectrum = stft(signal, layout.SAMPLE_RATE, nperseg=block)
     turned = spectrum * np.exp(2j * np.pi * rng.random(spectrum.shape[1:]))
-    return np.asarray(istft(turned, layout.SAMPLE_RATE, nperseg=block)[1])[:, : signal.shape[1]]
+    return np.asarray(istft(turned, layout.SAMPLE_RATE, nperseg=block)[1][:, : signal.shape[1]])
 
 
 def _in_one_band(reference: Clips, mine: Clips, rng: np.random.Generator) -> Array:
     """The take in the middle band, another sound elsewhere."""
     low, high = BANDS[1]
-    own = sosfilt(butter(6, (low, high), "bandstop", fs=layout.SAMPLE_RATE, output="sos"), _whole(mine))
-    band = sosfilt(butter(6, (low, high), "bandpass", fs=layout.SAMPLE_RATE, output="sos"), _elsewhere(reference, rng))
+    own = sosfiltfilt(butter(6, (low, high), "bandstop", fs=layout.SAMPLE_RATE, output="sos"), _whole(mine))
+    band = sosfiltfilt(butter(6, (low, high), "bandpass", fs=layout.SAMPLE_RATE, output="sos"), _whole(reference))
     return _cut(own / own.std() + 0.5 * band / band.std(), mine)
 
 
-def _both(reference: Clips, mine: Clips, rng: np.random.Generator) -> Array:
+def _both(reference: Clips, mine: Clips, rng: np.random.Generator, *, elsewhere: bool = False) -> Array:
     """The take and another sound, equally loud."""
-    own, take = _whole(mine), _elsewhere(reference, rng)
+    own, take = _whole(mine), _elsewhere(reference, rng) if elsewhere else _whole(reference)
     return _cut(own / own.std() + take / take.std(), mine)
 
 
@@ -403,9 +404,10 @@ def _spun(reference: Clips, mine: Clips, rng: np.random.Generator) -> Array:
 
 #: Name of an attack on the question *take* → what to plant for it.
 TAKE_PLANTS: dict[str, Plant] = {
-    "clips: equal samples": _in_takes(lambda reference, _, __: reference),
-    "clips: correlation": _in_takes(_both),
-    "clips: correlation in bands": _in_takes(_in_one_band),
+    "clips: equal samples": _in_takes(lambda reference, _, __: reference.astype(np.float64)),
+    "clips: correlation in step": _in_takes(_both),
+    "clips: correlation in step, in bands": _in_takes(_in_one_band),
+    "clips: correlation": _in_takes(partial(_both, elsewhere=True)),
     "clips: correlation at any time": _in_takes(
         lambda reference, mine, rng: _cut(np.roll(_elsewhere(reference, rng), 33_333, axis=1), mine)
     ),

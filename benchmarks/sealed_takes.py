@@ -39,8 +39,10 @@ LOWEST, HIGHEST = 100.0, 16_000.0
 BANDS = ((100.0, 800.0), (800.0, 3200.0), (3200.0, 16_000.0))
 #: Largest lag within a clip (s): more than the paths through a home differ by.
 LONGEST_LAG = 0.1
-#: Coefficients of the filter of `explained`.
-TAPS = 64
+#: Largest lag of two clips that the same source makes at the same place (samples).
+NO_LAG = 1
+#: Coefficients of the filter of `explained`, from as many samples before the moment as after it.
+TAPS = 33
 #: Hop and number of bands of the spectral envelope (samples).
 HOP, ENVELOPE_BANDS = 441, 16
 #: What is this far below the loudest moment of a band is no sound (dB).
@@ -157,18 +159,23 @@ def equal_samples(one: Clips, other: Clips) -> float:
     return float(((one == other) & (one != 0)).mean())
 
 
-def clip_correlation(one: Clips, other: Clips) -> float:
-    """Correlation of the clips of the same frames."""
-    return _correlation_in(one, other, ((LOWEST, HIGHEST),))
+def correlation_in_step(one: Clips, other: Clips) -> float:
+    """Correlation of the clips of the same frames without a lag: the same take from the same place."""
+    return _correlation_in(one, other, ((LOWEST, HIGHEST),), NO_LAG)
 
 
-def band_correlation(one: Clips, other: Clips) -> float:
+def band_correlation_in_step(one: Clips, other: Clips) -> float:
     """The same in the band in which it is largest: another sound may hide the take in the others."""
-    return _correlation_in(one, other, BANDS)
+    return _correlation_in(one, other, BANDS, NO_LAG)
 
 
-def _correlation_in(one: Clips, other: Clips, bands: Sequence[tuple[float, float]]) -> float:
-    length, lags = 2 * one.shape[2], round(LONGEST_LAG * RATE)
+def clip_correlation(one: Clips, other: Clips) -> float:
+    """Correlation of the clips of the same frames at any lag: the same take, perhaps from another place."""
+    return _correlation_in(one, other, ((LOWEST, HIGHEST),), round(LONGEST_LAG * RATE))
+
+
+def _correlation_in(one: Clips, other: Clips, bands: Sequence[tuple[float, float]], lags: int) -> float:
+    length = 2 * one.shape[2]
     used = [_band(length, *band) for band in bands]
     found = [[_largest(correlation(a, b, u, length), lags) for u in used] for a, b in _both_sound(one, other)]
     return float(np.mean(found, axis=0).max()) if found else 0.0
@@ -209,16 +216,13 @@ def _envelope(clips: Clips) -> Array:
 
 def explained(one: Clips, other: Clips) -> float:
     """Share of one signal that is the other one through a short filter (least squares): what subtraction removes."""
-    length, lags = 2 * one.shape[2], round(LONGEST_LAG * RATE)
+    length = 2 * one.shape[2]
     used, shares = _band(length), []
+    delays = np.arange(TAPS) - TAPS // 2
     for a, b in _both_sound(one, other):
         for x, y in zip(a, b, strict=True):
             fx, fy = whitened(rfft(x, length), used), whitened(rfft(y, length), used)
-            crossed = irfft(fx * fy.conj(), length)
-            near = np.abs(np.concatenate([crossed[-lags:], crossed[: lags + 1]]))
-            start = int(near.argmax()) - lags - TAPS // 4
-            auto = irfft(np.abs(fy) ** 2, length)
-            against = crossed[(start + np.arange(TAPS)) % length]
+            auto, against = irfft(np.abs(fy) ** 2, length), irfft(fx * fy.conj(), length)[delays]
             filter_ = solve_toeplitz(auto[:TAPS] + 1e-6 * auto[0] * (np.arange(TAPS) == 0), against)
             shares.append(float(filter_ @ against / irfft(np.abs(fx) ** 2, length)[0]))
     return float(np.mean(shares)) if shares else 0.0
@@ -253,8 +257,9 @@ def _each(likeness: Likeness) -> Callable[[Sequence[Case]], list[Array | None]]:
 #: Name → attack on the question *take*.
 TAKE_ATTACKS: dict[str, Callable[[Sequence[Case]], list[Array | None]]] = {
     "clips: equal samples": _each(equal_samples),
+    "clips: correlation in step": _each(correlation_in_step),
+    "clips: correlation in step, in bands": _each(band_correlation_in_step),
     "clips: correlation": _each(clip_correlation),
-    "clips: correlation in bands": _each(band_correlation),
     "clips: correlation at any time": _each(correlation_at_any_time),
     "clips: spectral envelope at any time": _each(envelope_correlation),
     "clips: residual after subtraction": _each(explained),

@@ -229,7 +229,7 @@ def test_clips_of_siblings_have_nothing_in_common(tmp_path: Path) -> None:
     right, wrong = (sources[case.keys[place]] for place in (case.truth, 1 - case.truth))
     assert sources[case.reference] & right
     assert not sources[case.reference] & wrong
-    scores = TAKE_ATTACKS["clips: correlation"]([case])[0]
+    scores = TAKE_ATTACKS["clips: correlation in step"]([case])[0]
     assert scores is not None
     assert scores.max() < 0.05  # 1 for the same clips
 

@@ -114,7 +114,7 @@ def recorded_seconds(path: Path | str) -> float:
         found = soundfile.info(file)
     except (soundfile.SoundFileError, RuntimeError, OSError) as error:
         raise _unreadable(file, error) from error
-    return float(found.frames) / found.samplerate
+    return float(found.frames / found.samplerate)
 
 
 def stretches(lengths: Sequence[float], seconds: float, count: int, rng: Generator) -> list[tuple[int, float]]:
