@@ -56,7 +56,7 @@ def hear_siblings(plans: Sequence[ObservationPlan], root: Path) -> list[Sibling]
     """Write the binaural clips of observations of part_3 below ``root``, and nothing else."""
     found = []
     for plan in plans:
-        ready = prepare_sources(plan, *_arranged(plan), vision_backend(plan.vision))
+        ready = prepare_sources(plan, *arranged_unlit(plan), vision_backend(plan.vision))
         heard = list(hear_sources(ready.listenings(plan))) or [()] * plan.camera.frames
         _, noise = make_background(plan, [[one.stem for one in second] for second in heard])
         for index, second in enumerate(heard):
@@ -71,7 +71,7 @@ def hear_siblings(plans: Sequence[ObservationPlan], root: Path) -> list[Sibling]
 _LAST: dict[str, tuple[Scene, Arrangement]] = {}
 
 
-def _arranged(plan: ObservationPlan) -> tuple[Scene, Arrangement]:
+def arranged_unlit(plan: ObservationPlan) -> tuple[Scene, Arrangement]:
     """The unlit home of a plan and what is visible in it; the last one is kept for the siblings."""
     if plan.pictures_digest not in _LAST:
         _LAST.clear()
