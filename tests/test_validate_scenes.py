@@ -234,7 +234,7 @@ def with_the_clip_of_the_first(root: Path, frame: int, **changes: object) -> Non
 
 
 def shared_takes(root: Path) -> list[tuple[str, str]]:
-    return [(p.severity, p.path) for p in validate(root).problems if "same bytes as a clip of" in p.message]
+    return [(p.severity, p.path) for p in validate(root).problems if "same bytes as a clip of its sibling" in p.message]
 
 
 def test_siblings_that_share_a_clip_are_named(tmp_path: Path, root: Path):

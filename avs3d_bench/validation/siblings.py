@@ -94,10 +94,10 @@ def _shared_takes(records: Mapping[str, ObservationRecord]) -> Iterator[Problem]
             if _take_of(other) != _take_of(record):
                 found.setdefault(other.key, []).append(path)
         for other_key, paths in found.items():
-            more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
+            more = f" (so have {len(paths) - 1} more files)" if len(paths) > 1 else ""
             text = (
-                f"same bytes as a clip of {other_key}, a sibling{more}: comparing files tells what sounds; expected "
-                "a take of its own; generate the group again"
+                f"same bytes as a clip of its sibling {other_key}{more}: comparing files tells what sounds; expected a "
+                "take of its own; generate the group again"
             )
             yield Problem("warning", f"{key}/{paths[0]}", text)
 
