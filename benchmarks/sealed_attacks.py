@@ -1,10 +1,11 @@
 """`python -m benchmarks.sealed_attacks PUBLIC PRIVATE [--json FILE]`: does anything but the sound tell the truth?
 
-Each attack of `benchmarks.sealed_channels` answers each question of `benchmarks.sealed_cases` from the public folder;
-the private folder tells who was right. Where nothing is told, every answer is right with probability 1 / (number of
-candidates), whatever the attack does: the number of right answers has a Poisson binomial distribution, whose tail is
-computed exactly. Each attack is tried in both directions (largest and smallest score), ties are broken at random.
-An attack succeeds if its p-value times the number of all attacks is below `LEVEL` (Bonferroni).
+Each attack of `benchmarks.sealed_channels` answers each question of `benchmarks.sealed_cases` from the public folder,
+and those of `benchmarks.sealed_takes` answer the question *take*; the private folder tells who was right. Where nothing
+is told, every answer is right with probability 1 / (number of candidates), whatever the attack does: the number of
+right answers has a Poisson binomial distribution, whose tail is computed exactly. Each attack is tried in both
+directions (largest and smallest score), ties are broken at random. An attack succeeds if its p-value times the number
+of all attacks on the question is below `LEVEL` (Bonferroni).
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from avs3d_bench.files import write_json
 from benchmarks.sealed_cases import QUESTIONS, Array, Case, load_cases
 from benchmarks.sealed_channels import ATTACKS, Scores
 from benchmarks.sealed_seeds import SEEDS_TRIED, guess_seeds, public_homes, recognise
+from benchmarks.sealed_takes import TAKE_ATTACKS, load_takes
 
 #: Probability that any attack of a run is said to succeed where nothing is told.
 LEVEL = 0.01
@@ -86,14 +88,15 @@ def judge(cases: Sequence[Case], *, seeds: int = SEEDS_TRIED, names: Iterable[st
         seeds: number of seeds that are tried as that of the manifest.
         names: the attacks to try; None: all.
     """
-    attacks = ATTACKS | {"seed of the manifest, tried one by one": lambda found: guess_seeds(found, seeds)}
-    chosen = list(attacks) if names is None else list(names)
+    silent = ATTACKS | {"seed of the manifest, tried one by one": lambda found: guess_seeds(found, seeds)}
+    chosen = None if names is None else set(names)
     out = []
     for question in QUESTIONS:
+        attacks = TAKE_ATTACKS if question == "take" else silent
         mine = [case for case in cases if case.question == question]
-        for name in chosen if mine else ():
+        for name in (name for name in attacks if mine and (chosen is None or name in chosen)):
             scores = attacks[name](mine)
-            out += [_verdict(question, name, way, mine, scores, 2 * len(ATTACKS) + 2) for way in DIRECTIONS]
+            out += [_verdict(question, name, way, mine, scores, len(DIRECTIONS) * len(attacks)) for way in DIRECTIONS]
     return out
 
 
@@ -169,7 +172,7 @@ def main(public: Path, private: Path, seeds: int, homes: bool, output: Path | No
     recognised = recognise(public, public_homes()) if homes else {}
     for home, found in recognised.items():
         print(f"{home}: {f'is the home of seed {found[0]}' if found else 'is none of those tried'}")
-    verdicts = judge(load_cases(public, private), seeds=seeds)
+    verdicts = judge([*load_cases(public, private), *load_takes(public, private)], seeds=seeds)
     Console(width=130).print(table(verdicts))
     if output:
         write_json(output, summary(verdicts))

@@ -27,8 +27,8 @@ from avs3d_bench.taxonomy import DISTRACTORS
 from avs3d_bench.yamlfile import read_yaml
 
 Array = NDArray[np.float64]
-Question = Literal["twin", "object", "sibling"]
-QUESTIONS: tuple[Question, ...] = ("twin", "object", "sibling")
+Question = Literal["twin", "object", "sibling", "take"]
+QUESTIONS: tuple[Question, ...] = ("twin", "object", "sibling", "take")
 #: Seed of the order in which the siblings of a pair are shown to the attacks.
 PAIR_SEED = 16
 
@@ -47,6 +47,7 @@ class Case:
         truth: index of the right candidate.
         visible: categories of all objects in the pictures, sorted, those that cannot sound included.
         template: observations of the manifest from which the test was drawn; the attacker is granted them.
+        reference: key of the sibling with which the candidates are compared; empty but for the question *take*.
     """
 
     question: Question
@@ -58,6 +59,7 @@ class Case:
     truth: int
     visible: tuple[str, ...] = ()
     template: tuple[dict[str, Any], ...] | None = None
+    reference: str = ""
 
     @property
     def folders(self) -> tuple[Path, ...]:

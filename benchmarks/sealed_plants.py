@@ -1,6 +1,7 @@
 """Leaks to plant into a copy of a public folder, one for each attack: the controls of `benchmarks.sealed_attacks`.
 
-`PLANTS` maps the name of an attack to the function that makes the copy tell the truth in the way that the attack reads.
+`PLANTS` maps the name of an attack to the function that makes the copy tell the truth in the way that the attack reads;
+`TAKE_PLANTS` does so for the attacks that compare the clips of siblings.
 """
 
 from __future__ import annotations
@@ -11,15 +12,19 @@ import json
 import os
 import shutil
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+from scipy.fft import irfft, rfft
+from scipy.signal import butter, istft, lfilter, sosfiltfilt, stft
 
 from avs3d_bench import layout, media
 from avs3d_bench.colmap import ColmapModel, write_model
 from benchmarks.sealed_cases import Array, Case
+from benchmarks.sealed_takes import BANDS, Clips, clips_of
 
 Plant = Callable[[Sequence[Case]], None]
 
@@ -329,4 +334,86 @@ RENAMED: dict[str, Callable[[Sequence[Case]], list[Case]]] = {
     "names: index": _lower_index,
     "names: objects in view, in the template": _named_in_template,
     "order: same as the observation before": _sorted_truth,
+}
+
+#: Of the clips (frames, 2, 44100) of reference and candidate, and random numbers: clips with the take of the reference.
+Leak = Callable[[Clips, Clips, np.random.Generator], Array]
+
+
+def _in_takes(leak: Leak) -> Plant:
+    """Change the clips of the candidate that has the object of the reference."""
+
+    def plant(cases: Sequence[Case]) -> None:
+        rng = np.random.default_rng(_RNG_SEED)
+        for case in cases:
+            folder = case.folders[case.truth]
+            clips = leak(clips_of(case.root / case.reference), clips_of(folder), rng)
+            for index, clip in enumerate(clips):
+                path = folder / layout.audio_path(layout.BINAURAL, index)
+                _replace(path, media.encode_wav(path, clip.astype(np.float32)))
+        clips_of.cache_clear()
+
+    return plant
+
+
+def _whole(clips: Clips) -> Array:
+    """(2, n) the clips in a row."""
+    return clips.transpose(1, 0, 2).reshape(2, -1).astype(np.float64)
+
+
+def _cut(signal: Array, like: Clips) -> Array:
+    """The clips of a signal (2, n), as loud as others."""
+    level = np.sqrt(np.mean(np.square(like, dtype=np.float64)) / max(float(np.mean(signal**2)), 1e-20))
+    return np.asarray((level * signal).reshape(2, len(like), -1).transpose(1, 0, 2))
+
+
+def _elsewhere(clips: Clips, rng: np.random.Generator) -> Array:
+    """The sound of the clips at another place: other reflections at each ear."""
+    response = rng.normal(size=(2, 256)) * np.exp(-np.arange(256) / 40)
+    response[:, 0] = 4.0
+    return np.stack([lfilter(one, [1.0], ear) for one, ear in zip(response, _whole(clips), strict=True)])
+
+
+def _another_waveform(signal: Array, rng: np.random.Generator, block: int) -> Array:
+    """A signal (2, n) with the magnitudes of this one in blocks, and random phases."""
+    _, _, spectrum = stft(signal, layout.SAMPLE_RATE, nperseg=block)
+    turned = spectrum * np.exp(2j * np.pi * rng.random(spectrum.shape[1:]))
+    return np.asarray(istft(turned, layout.SAMPLE_RATE, nperseg=block)[1][:, : signal.shape[1]])
+
+
+def _in_one_band(reference: Clips, mine: Clips, rng: np.random.Generator) -> Array:
+    """The take in the middle band, another sound elsewhere."""
+    low, high = BANDS[1]
+    own = sosfiltfilt(butter(6, (low, high), "bandstop", fs=layout.SAMPLE_RATE, output="sos"), _whole(mine))
+    band = sosfiltfilt(butter(6, (low, high), "bandpass", fs=layout.SAMPLE_RATE, output="sos"), _whole(reference))
+    return _cut(own / own.std() + 0.5 * band / band.std(), mine)
+
+
+def _both(reference: Clips, mine: Clips, rng: np.random.Generator, *, elsewhere: bool = False) -> Array:
+    """The take and another sound, equally loud."""
+    own, take = _whole(mine), _elsewhere(reference, rng) if elsewhere else _whole(reference)
+    return _cut(own / own.std() + take / take.std(), mine)
+
+
+def _spun(reference: Clips, mine: Clips, rng: np.random.Generator) -> Array:
+    """The lines of the take with other phases."""
+    signal = _whole(reference)
+    spectrum = rfft(signal)
+    return _cut(irfft(spectrum * np.exp(2j * np.pi * rng.random(spectrum.shape[1])), signal.shape[1]), mine)
+
+
+#: Name of an attack on the question *take* → what to plant for it.
+TAKE_PLANTS: dict[str, Plant] = {
+    "clips: equal samples": _in_takes(lambda reference, _, __: reference.astype(np.float64)),
+    "clips: correlation in step": _in_takes(_both),
+    "clips: correlation in step, in bands": _in_takes(_in_one_band),
+    "clips: correlation": _in_takes(partial(_both, elsewhere=True)),
+    "clips: correlation at any time": _in_takes(
+        lambda reference, mine, rng: _cut(np.roll(_elsewhere(reference, rng), 33_333, axis=1), mine)
+    ),
+    "clips: spectral envelope at any time": _in_takes(
+        lambda reference, mine, rng: _cut(_another_waveform(_whole(reference), rng, 882), mine)
+    ),
+    "clips: residual after subtraction": _in_takes(_both),
+    "clips: spectral lines": _in_takes(_spun),
 }

@@ -30,6 +30,8 @@ ACOUSTIC = {
 }
 #: Acoustic engines that work on the device of ``--device``.
 ON_DEVICE = ("tracer",)
+#: Acoustic engines whose random numbers have a seed.
+SEEDED = ("tracer", "analytic")
 #: The renderer of each device, where none is named.
 RENDERERS = {"cpu": "embree", "cuda": "cuda"}
 
@@ -48,7 +50,12 @@ def vision_backend(name: str) -> VisionBackend:
 
 
 def acoustic_backend(
-    name: str, *, absorption_scale: float = 1.0, receivers: Receivers | None = None, device: str = "cpu"
+    name: str,
+    *,
+    absorption_scale: float = 1.0,
+    receivers: Receivers | None = None,
+    device: str = "cpu",
+    seed: int | None = None,
 ) -> AcousticBackend:
     """The acoustic engine called ``name``.
 
@@ -57,6 +64,7 @@ def acoustic_backend(
         absorption_scale: see `AcousticBackend`.
         receivers: what hears the sound beside, or instead of, the engine's own head.
         device: what traces the sound, of an engine that can choose; the others work on the CPU.
+        seed: of the random numbers, of an engine that has a seed; None: the engine's usual one.
 
     Raises:
         UsageError: if there is no engine of that name, or it has no such receivers.
@@ -70,6 +78,8 @@ def acoustic_backend(
         options |= {"receiver": receivers.head(), "others": receivers.others()}
     if device != "cpu" and name in ON_DEVICE:
         options["device"] = device
+    if seed is not None and name in SEEDED:
+        options["seed"] = seed
     backend: AcousticBackend = load(ACOUSTIC[name])(**options)
     return backend
 

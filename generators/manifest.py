@@ -474,8 +474,8 @@ class Manifest(_Model):
     manifest: it takes everything except index and acoustics from that entry, and all its random draws are those of
     KEY, so that both have the same pictures and the same source signal.
 
-    In part_3 such an entry is a sibling of KEY: it may have its own ``sources`` and ``background``, too. The n-th
-    source of a category plays the same signal in all siblings.
+    In part_3 such an entry is a sibling of KEY: it may have its own ``sources`` and ``background``, too. What its
+    sources play is its own.
 
     In part_3 an entry ``{variant_of: KEY, index: 3, acoustics: {…}, background: {…}}`` is a variant of KEY, which may
     be a sibling: the same sources play the same signals, and only acoustics and background differ.

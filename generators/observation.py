@@ -341,30 +341,45 @@ def describe_head(receivers: Receivers) -> HrtfRecord | None:
     )
 
 
-def choose_sound(plan: ObservationPlan, category: str, rng: np.random.Generator, *, shifted: bool = False) -> Sound:
-    """The signal of a source, as long as the observation and the pre-roll before its first frame.
+@dataclass(frozen=True)
+class SoundFile:
+    """A recording that the manifest names: its file, and its origin."""
+
+    path: Path
+    asset: str
+    licence: Licence
+
+    def sound(self, seconds: float, start: float = 0.0) -> Sound:
+        """The recording as a source of so many seconds; ``start``: see `load_sound`."""
+        return Sound(load_sound(self.path, seconds, start=start), self.asset, self.licence)
+
+
+def sound_file(plan: ObservationPlan, category: str, number: int) -> SoundFile:
+    """The file of an entry of the manifest's ``sounds``, from 0.
+
+    Raises:
+        Avs3dError: if it is missing.
+    """
+    spec = plan.sounds[category][number]
+    if spec.asset is not None:
+        path, entry = open_asset(plan.lock, spec.asset)
+        return SoundFile(path, entry.id, Licence(entry.licence, entry.author, entry.url or entry.ref))
+    path = resolve_file(plan.base, str(spec.file), f"sound for {category}")
+    return SoundFile(path, str(spec.file), file_licence(spec))
+
+
+def choose_sound(plan: ObservationPlan, category: str, rng: np.random.Generator) -> Sound:
+    """The signal of the one source, as long as the observation and the pre-roll before its first frame.
 
     Args:
         plan: of the observation.
         category: of the source.
         rng: the only source of randomness.
-        shifted: begin a recording at a random place. Two sources that play one recording in step would be one coherent
-            source with two places, which machines never are.
     """
     seconds = plan.camera.frames + PRE_ROLL
     files = plan.sounds.get(category, ())
     if files:
-        chosen = files[int(rng.integers(len(files)))]
-        start = float(rng.random()) if shifted else 0.0
-        if chosen.asset is not None:
-            path, entry = open_asset(plan.lock, chosen.asset)
-            return Sound(
-                load_sound(path, seconds, start=start),
-                entry.id,
-                Licence(entry.licence, entry.author, entry.url or entry.ref),
-            )
-        path = resolve_file(plan.base, str(chosen.file), f"sound for {category}")
-        return Sound(load_sound(path, seconds, start=start), str(chosen.file), file_licence(chosen))
+        return sound_file(plan, category, int(rng.integers(len(files)))).sound(seconds)
     return synthesised_sound(category, seconds, rng)
 
 

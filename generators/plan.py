@@ -9,11 +9,12 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 
@@ -39,6 +40,8 @@ from generators.scans.files import ScanFiles, digest, find_scan_files, scan_file
 
 #: Seeds from here on are secrets: no stream of theirs tells another.
 SECRET_SEEDS = 2**64
+#: Number of seeds of an acoustic engine: a word, which every reader of JSON keeps.
+ENGINE_SEEDS = 2**32
 
 
 class OptionalFiles(TypedDict):
@@ -47,6 +50,18 @@ class OptionalFiles(TypedDict):
     depth: bool
     rirs: bool
     receivers: dict[str, int]
+
+
+class Takes(NamedTuple):
+    """Which takes of a category's recordings an observation of part_3 plays.
+
+    Attributes:
+        first: number of its first take, from 0; its other sources of the category have the next ones.
+        of: number of takes of its group.
+    """
+
+    first: int
+    of: int
 
 
 @dataclass(frozen=True)
@@ -72,6 +87,7 @@ class ObservationPlan:
             depend on it: where the pictures are not there, they are rendered again.
         receivers: what hears the sound.
         device: what bakes the light and, if the engine can choose, traces the sound: ``cpu`` or ``cuda``.
+        takes: category that sounds from recordings → its takes; see `takes_of`.
     """
 
     spec: ObservationSpec
@@ -93,6 +109,7 @@ class ObservationPlan:
     models: dict[str, tuple[str, ...]] = field(default_factory=dict)
     receivers: Receivers = OWN_HEAD
     device: str = "cpu"
+    takes: dict[str, Takes] = field(default_factory=dict)
 
     @property
     def key(self) -> str:
@@ -117,8 +134,21 @@ class ObservationPlan:
         return derive_rng(self.seed, self.spec.like or self.key, purpose)
 
     def own_rng(self, purpose: str) -> np.random.Generator:
-        """As `rng`, but a sibling has generators of its own; a variant of a sound scene has those of its original."""
-        return derive_rng(self.seed, self.spec.variant_of or self.key, purpose)
+        """As `rng`, but a sibling has generators of its own; a variant of a sound scene has those of its original.
+
+        All that is heard is drawn from these, so that siblings never share a take.
+        """
+        return derive_rng(self.seed, self.own_key, purpose)
+
+    @property
+    def own_key(self) -> str:
+        """The key from which `own_rng` derives."""
+        return self.spec.variant_of or self.key
+
+    @property
+    def acoustic_seed(self) -> int | None:
+        """Seed of the acoustic engine: that of a sibling is its own; None, the engine's usual one, in other parts."""
+        return int(self.own_rng("acoustics").integers(ENGINE_SEEDS)) if self.spec.is_sound_scene else None
 
     @property
     def keeps_stems(self) -> bool:
@@ -178,6 +208,8 @@ class ObservationPlan:
             document["receivers"] = self.receivers.identity()
         if self.device != "cpu":
             document["device"] = self.device
+        if self.takes:
+            document["takes"] = self.takes
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
     @property
@@ -270,6 +302,28 @@ def derive_rng(seed: int, key: str, purpose: str) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, *(int(word) for word in words)])))
 
 
+def takes_of(manifest: Manifest) -> dict[str, dict[str, Takes]]:
+    """Key of an observation of part_3 → category that sounds from recordings → its takes.
+
+    The takes of a category are numbered over all siblings of a group, by their index; variants have those of their
+    original. So a sibling that is made alone plays what it plays among the others.
+    """
+    found: dict[str, dict[str, Takes]] = {}
+    groups: dict[str, list[ObservationSpec]] = {}
+    for spec in sorted(manifest.observations, key=lambda spec: spec.index):
+        if spec.is_sound_scene and spec.variant_of is None:
+            groups.setdefault(spec.like or spec.key, []).append(spec)
+    for group in groups.values():
+        names = {spec.key: [source.category for source in spec.sources or ()] for spec in group}
+        heard = {key: [name for name in each if manifest.sounds.get(name)] for key, each in names.items()}
+        counts = Counter(name for each in heard.values() for name in each)
+        given: Counter[str] = Counter()
+        for key, each in heard.items():
+            found[key] = {name: Takes(given[name], counts[name]) for name in dict.fromkeys(each)}
+            given.update(each)
+    return found
+
+
 def _check_variants(manifest: Manifest) -> None:
     """Check the names of procedural variants, in ``models`` and in observations.
 
@@ -340,6 +394,8 @@ def make_plans(
         {category for spec in selected for category in (*spec.heard, *spec.objects)},
     )
 
+    takes = takes_of(manifest)
+
     def planned(spec: ObservationSpec) -> ObservationPlan:
         return ObservationPlan(
             spec=spec,
@@ -360,6 +416,7 @@ def make_plans(
             models=manifest.models,
             receivers=receivers,
             device=device,
+            takes=takes.get(spec.variant_of or spec.key, {}),
         )
 
     named = {spec.like for spec in selected}

@@ -10,7 +10,7 @@ written does not depend on that, since all random draws behind a picture are tho
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench import layout
-from avs3d_bench.errors import Avs3dError
+from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.geometry import Intrinsics, Pose, direction_to
 from avs3d_bench.schema import (
     AudibleRecord,
@@ -38,6 +38,7 @@ from generators.acoustics.background import diffuse_noise, diffuse_seconds
 from generators.acoustics.base import AcousticBackend
 from generators.acoustics.clips import check_clip, mono_clip, rms
 from generators.arrangement import Arrangement
+from generators.assets.sounds import enough, recorded_seconds, stretches, stretches_in
 from generators.backends import acoustic_backend, vision_backend
 from generators.core.freespace import FreeSpace
 from generators.core.rays import RayCaster
@@ -46,12 +47,13 @@ from generators.observation import (
     T30_RESPONSES,
     Lent,
     Sound,
+    SoundFile,
     arranged,
-    choose_sound,
     describe_acoustics,
     describe_instance,
     device_record,
     licence_record,
+    sound_file,
     synthesised_sound,
 )
 from generators.paths.stage import Camera, Stage
@@ -73,7 +75,7 @@ OFF_SCREEN_HEIGHT = 1.2
 #: Without sources, a background's SNR refers to this level (dB re full scale): about the mean level of one source in a
 #: room of the open benchmark (docs/sound-scenes.md).
 REFERENCE_LEVEL_DB = -35.0
-#: Signals that are kept for siblings; one of 120 s takes 21 MB.
+#: Signals that are kept for variants; one of 120 s takes 21 MB.
 MOST_SIGNALS = 3
 
 
@@ -175,6 +177,7 @@ class PreparedScene:
                 sources=(source.position,),
                 receivers=plan.receivers,
                 device=plan.device,
+                seed=plan.acoustic_seed,
             )
             for source in self.sources
         )
@@ -267,7 +270,15 @@ def prepare_scene(plan: ObservationPlan, cache: Path) -> PreparedScene:
         Avs3dError: if a room does not exist, is too small for the objects or the walk, or a file is missing or broken.
     """
     sight = vision_backend(plan.vision)
-    home, seen = arranged(plan, cache, sight)
+    return prepare_sources(plan, *arranged(plan, cache, sight), sight)
+
+
+def prepare_sources(plan: ObservationPlan, home: Scene, seen: Arrangement, sight: VisionBackend) -> PreparedScene:
+    """Choose what sounds among objects that are placed already.
+
+    Raises:
+        Avs3dError: if a room does not exist, or a file is missing or broken.
+    """
     return PreparedScene(
         home=home,
         seen=seen,
@@ -279,6 +290,7 @@ def prepare_scene(plan: ObservationPlan, cache: Path) -> PreparedScene:
             absorption_scale=plan.spec.acoustics.absorption_scale,
             receivers=plan.receivers,
             device=plan.device,
+            seed=plan.acoustic_seed,
         ),
         scene=home.with_parts(tuple(p.part(number) for number, p in enumerate(seen.placements, start=1))),
     )
@@ -287,8 +299,8 @@ def prepare_scene(plan: ObservationPlan, cache: Path) -> PreparedScene:
 def choose_sources(plan: ObservationPlan, home: Scene, placements: Sequence[Placement]) -> tuple[SceneSource, ...]:
     """The sources of a plan.
 
-    In all siblings the n-th one of a category plays the same signal, and the n-th off-screen one of a room is at the
-    same place. Instances that the manifest does not name are drawn among those that no other source takes.
+    In all siblings the n-th off-screen source of a room is at the same place; what a source plays is its own in each of
+    them. Instances that the manifest does not name are drawn among those that no other source takes.
     """
     specs = plan.spec.sources or ()
     same: dict[str, list[int]] = {}
@@ -333,16 +345,49 @@ def choose_sources(plan: ObservationPlan, home: Scene, placements: Sequence[Plac
 
 
 def _sound(plan: ObservationPlan, category: str, nth: int) -> Sound:
-    """The signal of the ``nth`` source of a category."""
-    purpose = f"sound/{category}/{nth}"
-    if plan.sounds.get(category):
-        return choose_sound(plan, category, plan.rng(purpose), shifted=nth > 1)
-    return _synthesised(plan.seed, plan.spec.like or plan.key, purpose, category, plan.camera.frames + PRE_ROLL)
+    """The signal of the ``nth`` source of a category.
+
+    Siblings never share a take, and nor do twins in one observation: who finds the same samples in two clips knows
+    what sounds without listening, and two sources in step would be one coherent source with two places.
+    """
+    seconds = plan.camera.frames + PRE_ROLL
+    files, lengths = _recordings(plan, category)
+    if not files:
+        return _synthesised(plan.seed, plan.own_key, f"sound/{category}/{nth}", category, seconds)
+    takes = plan.takes[category]
+    number, start = stretches(lengths, seconds, takes.of, plan.rng(f"takes/{category}"))[takes.first + nth - 1]
+    return files[number].sound(seconds, start)
+
+
+def _recordings(plan: ObservationPlan, category: str) -> tuple[list[SoundFile], list[float]]:
+    """The recordings of a category, each once, and their lengths (s)."""
+    files = [sound_file(plan, category, number) for number in range(len(plan.sounds.get(category, ())))]
+    files = list({file.path: file for file in files}.values())
+    return files, [recorded_seconds(file.path) for file in files]
+
+
+def check_takes(plans: Iterable[ObservationPlan]) -> None:
+    """Refuse recordings that do not reach for a stretch for each take of a group.
+
+    Raises:
+        UsageError: one line: siblings would share samples, and a comparison of their clips would tell what sounds.
+        Avs3dError: if a recording is missing or broken.
+    """
+    for plan in plans:
+        seconds = plan.camera.frames + PRE_ROLL
+        for category, takes in plan.takes.items():
+            lengths = _recordings(plan, category)[1]
+            if not enough(lengths, seconds, takes.of):
+                raise UsageError(
+                    f"{plan.spec.like or plan.key}: {takes.of} sources of {category} in the siblings, but its "
+                    f"recordings have {stretches_in(lengths, seconds)} stretches of {seconds} s: comparing clips would "
+                    "tell what sounds; name more or longer recordings, or make shorter observations (--frames)"
+                )
 
 
 @lru_cache(maxsize=MOST_SIGNALS)
 def _synthesised(seed: int, key: str, purpose: str, category: str, seconds: int) -> Sound:
-    """A procedural signal: siblings play the same ones, and often follow one another in a process."""
+    """A procedural signal: variants play the same ones, and often follow one another in a process."""
     sound = synthesised_sound(category, seconds, derive_rng(seed, key, purpose))
     sound.samples.setflags(write=False)
     return sound

@@ -143,14 +143,14 @@ HOUSE = {
         "observation": "core assets vision acoustics receivers backends placement paths library plan homes recording "
         "arrangement",
         "programme": "manifest",
-        "sound_scene": "core vision acoustics backends placement paths plan recording arrangement programme "
+        "sound_scene": "core assets vision acoustics backends placement paths plan recording arrangement programme "
         "observation",
         "run": "core assets vision receivers backends scans manifest library plan homes recording observation "
         "sound_scene",
         "regenerate": "core acoustics receivers backends paths manifest plan recording observation sound_scene",
         "sampling": "core assets apartments placement library manifest plan arrangement",
         "cli": "core manifest run",
-        "sealing": "backends manifest plan run sampling cli",
+        "sealing": "backends manifest plan sound_scene run sampling cli",
     },
     "evaluators": {
         "bootstrap": "",

@@ -16,8 +16,9 @@ from avs3d_bench.geometry import Intrinsics, Pose
 from benchmarks.sealed_attacks import LEVEL, Verdict, judge, tail
 from benchmarks.sealed_cases import QUESTIONS, Case, load_cases
 from benchmarks.sealed_channels import ATTACKS, objects_of
-from benchmarks.sealed_plants import PLANTS, RENAMED
+from benchmarks.sealed_plants import PLANTS, RENAMED, TAKE_PLANTS
 from benchmarks.sealed_seeds import agreement, find_seed, home_of
+from benchmarks.sealed_takes import TAKE_ATTACKS, load_takes
 from generators.apartments.apartment import build_apartment
 from generators.core.rays import RayCaster
 from generators.manifest import Manifest
@@ -25,7 +26,7 @@ from generators.plan import SECRET_SEEDS, derive_rng
 from generators.sealing.cli import seal
 from generators.sealing.draw import draw_document
 
-#: Of the sealed test: observations with three clocks, with three objects, and groups of four siblings.
+#: Of the sealed test: observations with three clocks, with three objects, and groups of five siblings.
 TWINS, OBJECTS, GROUPS = 13, 4, 4
 #: Attacks that say nothing about a question have no plant for it: words and text are the same for all twins.
 SILENT = {
@@ -52,7 +53,8 @@ def template(folder: Path) -> Path:
     for number in range(GROUPS):
         first = {"part": "part_3", "index": 10 * number + 1, "sources": alone, "instances": {"clock": 2}}
         entries.append(where | first)
-        for step, sources in enumerate(([], [{"category": "clock", "instance": 2}], []), start=1):
+        again = [alone[0] | {"programme": [[0, 3], [4, 8]]}]
+        for step, sources in enumerate(([], [{"category": "clock", "instance": 2}], [], again), start=1):
             like = f"part_3/box/kitchen/{10 * number + 1}"
             entries.append({"index": 10 * number + 1 + step, "sources": sources, "like": like})
     return write_manifest(folder, camera={"size": 64, "frames": 8}, observations=entries, light="preview")
@@ -74,6 +76,11 @@ def cases(sealed: Path) -> list[Case]:
     return load_cases(sealed / "public", sealed / "private")
 
 
+@pytest.fixture(scope="module")
+def takes(sealed: Path) -> list[Case]:
+    return load_takes(sealed / "public", sealed / "private")
+
+
 def best(verdicts: list[Verdict]) -> dict[str, Verdict]:
     """Question → verdict with the smallest p-value, where there are any cases."""
     found = sorted((v for v in verdicts if v.cases), key=lambda v: v.p)
@@ -81,12 +88,14 @@ def best(verdicts: list[Verdict]) -> dict[str, Verdict]:
 
 
 @pytest.mark.slow
-def test_no_attack_on_a_sealed_test_is_better_than_chance(cases: list[Case]) -> None:
-    counts = {question: sum(case.question == question for case in cases) for question in QUESTIONS}
+def test_no_attack_on_a_sealed_test_is_better_than_chance(cases: list[Case], takes: list[Case]) -> None:
+    counts = {question: sum(case.question == question for case in [*cases, *takes]) for question in QUESTIONS}
+    assert counts["take"] == GROUPS
     # Of some groups, no clock may be in view.
     assert (counts["twin"], counts["object"]) == (TWINS, OBJECTS)
     assert counts["sibling"] > GROUPS
-    verdicts = judge(cases, seeds=2000)
+    verdicts = judge([*cases, *takes], seeds=2000)
+    assert {v.attack for v in verdicts if v.question == "take"} == set(TAKE_ATTACKS)
     assert [(v.question, v.attack, v.direction, v.right) for v in verdicts if v.succeeds] == []
     # What this number of cases can show: in part_2, a thing that tells the truth in all cases, or all but one.
     assert {v.bound for v in verdicts if v.question == "twin" and v.cases} <= {TWINS - 1, TWINS}
@@ -125,6 +134,7 @@ def test_a_truth_in_the_numbers_is_found(name: str, cases: list[Case]) -> None:
 
 def test_every_attack_has_a_control() -> None:
     assert set(PLANTS) | set(RENAMED) == set(ATTACKS)
+    assert set(TAKE_PLANTS) == set(TAKE_ATTACKS)  # tests/test_takes.py
 
 
 def test_tail_is_that_of_the_binomial_distribution() -> None:

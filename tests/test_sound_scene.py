@@ -13,6 +13,7 @@ import pytest
 import soundfile
 import yaml
 from click.testing import CliRunner
+from scipy.signal import fftconvolve
 
 from avs3d_bench import layout, media
 from avs3d_bench.dataset import Dataset, Observation
@@ -20,7 +21,6 @@ from avs3d_bench.errors import UsageError
 from avs3d_bench.schema import AUDIBLE_LEVEL_DB, AUDIBLE_SNR_DB
 from avs3d_bench.validate import validate
 from generators.apartments.apartment import build_apartment
-from generators.assets.sounds import load_sound
 from generators.cli import generate
 from generators.plan import make_plans, read_manifest
 from generators.regenerate import regenerate
@@ -129,20 +129,20 @@ def test_the_sum_of_the_stems_is_the_clip(group: Dataset) -> None:
             np.testing.assert_allclose(frame.audio(), total, atol=1e-6)
 
 
-def test_the_nth_source_of_a_category_plays_the_same_signal_in_all_siblings(group: Dataset) -> None:
-    """The same source in the same place gives the same stem, whatever else sounds: twin 1 alone and in turns."""
-    alone, turns = stem(sibling(group, 1), "source_1"), stem(sibling(group, 5), "source_1")
-    assert not np.array_equal(alone, turns)
-    # Its first turn starts at 0 and lasts 2 s; the reverberation of what sounded before the first frame differs.
-    second = slice(RATE + RATE // 2, 2 * RATE - RATE // 10)
-    np.testing.assert_allclose(alone[:, second], turns[:, second], atol=2e-4)
-
-
-def test_twins_play_the_same_waveform_from_different_places(group: Dataset) -> None:
-    one, two = (stem(sibling(group, index), "source_1") for index in (1, 2))
-    levels = [10 * np.log10(np.mean(s**2)) for s in (one, two)]
-    assert abs(levels[0] - levels[1]) < 6
-    assert not np.array_equal(one, two)
+@pytest.mark.parametrize(
+    ("one", "other"), [((1, "source_1"), (5, "source_1")), ((1, "source_1"), (2, "source_1"))], ids=["itself", "twin"]
+)
+def test_no_source_of_a_sibling_plays_what_another_sibling_plays(
+    group: Dataset, one: tuple[int, str], other: tuple[int, str]
+) -> None:
+    """The same microwave alone and in turns, and its twin: other samples, little correlated, at about one level."""
+    second = slice(RATE, 2 * RATE)  # all of them sound
+    a, b = (stem(sibling(group, index), name)[:, second].astype(np.float64) for index, name in (one, other))
+    assert not np.any((a == b) & (a != 0))
+    crossed = fftconvolve(a, b[:, ::-1], axes=1)
+    # Both hum at the mains frequency, so that their stems are somewhat alike; one take from one place gives 1.
+    assert np.abs(crossed).max() < 0.9 * np.sqrt((a**2).sum(axis=1) * (b**2).sum(axis=1)).max()
+    assert abs(10 * np.log10(np.mean(a**2) / np.mean(b**2))) < 6
 
 
 def test_a_programme_starts_at_its_sample_and_ends_with_its_reverberation(group: Dataset) -> None:
@@ -229,14 +229,13 @@ def test_the_background_has_its_snr(group: Dataset) -> None:
 
 
 def test_gain_is_a_level(manifest: Path, group: Dataset, tmp_path: Path) -> None:
-    """−12 dB of the clock in sibling 5 against a sibling in which it always sounds at 0 dB."""
-    loud = {"like": FIRST, "index": 7, "sources": [{"category": "clock"}]}
+    """−12 dB of the clock in sibling 5 against the same sibling with 0 dB."""
     path = manifest.parent / "loud.yaml"
     document = yaml.safe_load(manifest.read_text())
-    document["observations"].append(loud)
+    del document["observations"][4]["sources"][2]["gain_db"]
     path.write_text(yaml.safe_dump(document, sort_keys=False))
-    _run(path, tmp_path / "loud", "--only", "part_3/box/kitchen/7")
-    full = stem(Dataset(tmp_path / "loud")["part_3/box/kitchen/7"], "source_1").astype(np.float64)
+    _run(path, tmp_path / "loud", "--only", "part_3/box/kitchen/5")
+    full = stem(Dataset(tmp_path / "loud")["part_3/box/kitchen/5"], "source_3").astype(np.float64)
     soft = stem(sibling(group, 5), "source_3").astype(np.float64)
     np.testing.assert_allclose(soft, full * 10 ** (-12 / 20), atol=1e-7)
 
@@ -462,7 +461,6 @@ def test_twins_do_not_play_a_recording_in_step(tmp_path: Path) -> None:
     licence = {"name": "CC0-1.0", "author": "avs3d-bench"}
     sounds = {"microwave": [{"file": "hum.wav", "licence": licence}]}
     first, second = (source.sound.samples for source in away(tmp_path, "microwave", "microwave", sounds=sounds))
-    np.testing.assert_array_equal(first, load_sound(tmp_path / "hum.wav", FRAMES + 2))
     assert abs(np.corrcoef(first, second)[0, 1]) < 0.05
 
 

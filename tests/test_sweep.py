@@ -99,8 +99,8 @@ def test_variants_draw_what_their_original_draws(tmp_path: Path) -> None:
     def draws(purpose: str) -> list[int]:
         return [int(plan.own_rng(purpose).integers(1 << 60)) for plan in plans]
 
-    for purpose in ("sounding/1", "background"):
-        numbers = draws(purpose)
+    seeds = [plan.acoustic_seed for plan in plans]
+    for numbers in (*map(draws, ("sounding/1", "background", "sound/clock/1")), seeds):
         assert numbers[0] == numbers[1] != numbers[2] == numbers[3]
     assert len({plan.digest for plan in plans}) == 4
     assert siblings_variant.spec.sources == sibling.spec.sources

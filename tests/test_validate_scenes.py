@@ -13,9 +13,9 @@ import tiny
 import tiny_scenes
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from tiny_scenes import BOTH, FIRST, GROUP, SECOND, SILENT
+from tiny_scenes import AWAY, BOTH, FIRST, GROUP, SECOND, SILENT
 
-from avs3d_bench import media
+from avs3d_bench import layout, media
 from avs3d_bench.dataset import Observation
 from avs3d_bench.schema import AudibleRecord, FrameRecord, ObservationRecord
 from avs3d_bench.validate import check_observation, validate
@@ -218,6 +218,41 @@ def test_damage_to_a_file_that_siblings_share_is_named_once(tmp_path: Path, root
     changed = {p.path for p in validate(copy, deep=True).problems if "file changed" in p.message}
     assert changed == {f"{FIRST}/{path}"}
     assert f"{SECOND}/{path}" in {p.path for p in check_observation(copy, SECOND, deep=True)}
+
+
+def with_the_clip_of_the_first(root: Path, frame: int, **changes: object) -> None:
+    """Give the second sibling a clip of the first, in its records too."""
+    name = layout.audio_path(layout.BINAURAL, frame)
+    clip = (root / FIRST / name).read_bytes()
+    tiny.replace(root / SECOND / name, clip)
+    record = media.read_json(root / SECOND / "observation.json")
+    first = media.read_json(root / FIRST / "observation.json")
+    record["files"][name] = hashlib.sha256(clip).hexdigest()
+    for side in ("rms_left", "rms_right"):
+        record["frames"][frame][side] = first["frames"][frame][side]
+    media.write_json(root / SECOND / "observation.json", record | changes)
+
+
+def shared_takes(root: Path) -> list[tuple[str, str]]:
+    return [(p.severity, p.path) for p in validate(root).problems if "same bytes as a clip of its sibling" in p.message]
+
+
+def test_siblings_that_share_a_clip_are_named(tmp_path: Path, root: Path):
+    copy = tiny.clone(root, tmp_path / "data")
+    with_the_clip_of_the_first(copy, 3)
+    assert shared_takes(copy) == [("warning", f"{SECOND}/{layout.audio_path(layout.BINAURAL, 3)}")]
+
+
+def test_variants_may_share_a_clip_and_silent_clips_are_no_takes(tmp_path: Path, root: Path):
+    assert shared_takes(root) == []
+    copy = tiny.clone(root, tmp_path / "data")
+    with_the_clip_of_the_first(copy, 3, variant_of=FIRST)
+    assert shared_takes(copy) == []
+    silent = tiny_scenes.write_sound_scenes(tmp_path / "silent", frames=2, keys=(FIRST, SILENT))
+    shutil.copytree(silent / SILENT, silent / AWAY)
+    record = media.read_json(silent / AWAY / "observation.json") | {"key": AWAY, "index": 5}
+    media.write_json(silent / AWAY / "observation.json", record)
+    assert shared_takes(silent) == []
 
 
 def test_a_damaged_copy_in_a_sibling_is_named(tmp_path: Path, root: Path):

@@ -88,11 +88,14 @@ SCENES: dict[str, tuple[tuple[Playing, ...], float | None]] = {
 
 
 def stems_of(
-    poses: list[Pose], playing: Playing, number: int
+    poses: list[Pose], playing: Playing, seed: list[int]
 ) -> tuple[list[NDArray[np.float32]], tuple[float, float, float]]:
-    """The clips of one source, and its position: noise with 1/r and a level difference, gated by its programme."""
+    """The clips of one source, and its position: noise with 1/r and a level difference, gated by its programme.
+
+    Siblings differ in ``seed``: they never share a take.
+    """
     position = ELSEWHERE if playing.box is None else BOXES[playing.box - 1].source
-    signal = np.random.default_rng(number).uniform(-0.2, 0.2, len(poses) * RATE) * 10 ** (playing.gain_db / 20)
+    signal = np.random.default_rng(seed).uniform(-0.2, 0.2, len(poses) * RATE) * 10 ** (playing.gain_db / 20)
     if playing.programme is not None:
         gate = np.zeros(len(signal))
         for start, end in playing.programme:
@@ -133,7 +136,7 @@ def _sound_scene(
     sources: list[SourceRecord] = []
     for number, one in enumerate(playing, start=1):
         name = f"source_{number}"
-        parts[name], position = stems_of(poses, one, number)
+        parts[name], position = stems_of(poses, one, [place.index, number])
         box = None if one.box is None else BOXES[one.box - 1]
         sources.append(
             SourceRecord(

@@ -39,6 +39,7 @@ def check_groups(records: Mapping[str, ObservationRecord], keys: frozenset[str])
             continue
         for path, text in (*_records(record, first), *_files(record, first)):
             yield Problem("error", f"{key}/{path}", text)
+    yield from _shared_takes(records)
 
 
 def _records(record: ObservationRecord, first: ObservationRecord) -> Iterator[tuple[str, str]]:
@@ -76,6 +77,42 @@ def _files(record: ObservationRecord, first: ObservationRecord) -> Iterator[tupl
             yield path, f"is not in {first.key}, the first of its group"
         elif mine[path] != others[path]:
             yield path, f"differs from that of {first.key}, the first of its group; expected the same bytes"
+
+
+def _shared_takes(records: Mapping[str, ObservationRecord]) -> Iterator[Problem]:
+    """Siblings with the same sound: who compares their files knows what sounds without listening.
+
+    Variants share the takes of their original by design, and are not compared with it.
+    """
+    owners: dict[tuple[str, str], ObservationRecord] = {}
+    for key, record in sorted(records.items()):
+        if record.group is None:
+            continue
+        found: dict[str, list[str]] = {}
+        for path, digest in _sounding_files(record):
+            other = owners.setdefault((record.group, digest), record)
+            if _take_of(other) != _take_of(record):
+                found.setdefault(other.key, []).append(path)
+        for other_key, paths in found.items():
+            more = f" (so have {len(paths) - 1} more files)" if len(paths) > 1 else ""
+            text = (
+                f"same bytes as a clip of its sibling {other_key}{more}: comparing files tells what sounds; expected a "
+                "take of its own; generate the group again"
+            )
+            yield Problem("warning", f"{key}/{paths[0]}", text)
+
+
+def _take_of(record: ObservationRecord) -> str:
+    """Key of the observation whose takes it plays."""
+    return record.variant_of or record.key
+
+
+def _sounding_files(record: ObservationRecord) -> Iterator[tuple[str, str]]:
+    """Path and sha256 of the clips and stems in which something can be heard."""
+    for index, frame in enumerate(record.frames):
+        paths = [layout.audio_path(layout.BINAURAL, index)] if max(frame.rms_left, frame.rms_right) > 0 else []
+        paths += [layout.stem_path(entry.source, index) for entry in frame.audible or ()]
+        yield from ((path, record.files[path]) for path in paths if path in record.files)
 
 
 def same_files(observation: Observation, record: ObservationRecord) -> frozenset[str]:

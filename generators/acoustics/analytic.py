@@ -54,6 +54,7 @@ NEAREST = 0.1
 #: Detour round an obstacle, for Maekawa's screen.
 _DETOUR = 0.1
 _LONGEST = 3.0
+_TAIL_SEED = 0x7A11
 _BANDS = np.array(OCTAVE_BANDS)
 
 
@@ -146,6 +147,7 @@ class AnalyticBackend:
         images: image sources up to the mixing time (about).
         tail: whether the diffuse tail follows them.
         absorption_scale: factor of every surface's Eyring exponent, −ln(1 − α).
+        seed: of the noise of the tail; None: the same tail in all observations.
     """
 
     name = "analytic"
@@ -158,6 +160,7 @@ class AnalyticBackend:
         images: int = 2000,
         tail: bool = True,
         absorption_scale: float = 1.0,
+        seed: int | None = None,
     ) -> None:
         """Check the numbers.
 
@@ -168,7 +171,7 @@ class AnalyticBackend:
             raise Avs3dError(f"analytic acoustics: absorption is {absorption}, expected at least 0 and below 1")
         if not 1 <= images <= 1_000_000:
             raise Avs3dError(f"analytic acoustics: images is {images}, expected 1 to 1000000")
-        self.absorption, self.images, self.tail = absorption, images, tail
+        self.absorption, self.images, self.tail, self.seed = absorption, images, tail, seed
         self.absorption_scale = checked_scale(absorption_scale)
 
     def open(
@@ -195,6 +198,7 @@ class AnalyticBackend:
             "image_sources": self.images,
             "diffuse_tail": self.tail,
             **({} if self.absorption_scale == 1 else {"absorption_scale": self.absorption_scale}),
+            **({} if self.seed is None else {"seed": self.seed}),
         }
 
 
@@ -309,7 +313,8 @@ class AnalyticSession:
         t = np.arange(count) / self.sample_rate
         # Images arrive at 4πc³t²/V per second with energy 1/(ct)² each: their power does not depend on t.
         level = math.sqrt(4 * math.pi * SPEED_OF_SOUND / (box.volume * self.sample_rate))
-        rng = np.random.default_rng(np.random.SeedSequence(0x7A11))
+        seed = self._backend.seed
+        rng = np.random.default_rng(np.random.SeedSequence(_TAIL_SEED if seed is None else [_TAIL_SEED, seed]))
         out = np.zeros((2, count))
         for ear in (0, 1):
             noise = rfft(rng.standard_normal(length)) * head

@@ -6,6 +6,7 @@ than another and, with the clips' fixed gain, none clips.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +101,68 @@ def load_sound(
     return normalised(looped, sample_rate, TARGET_LUFS, CEILING_DB)
 
 
+def recorded_seconds(path: Path | str) -> float:
+    """Length of a recording (s), from its header.
+
+    Raises:
+        Avs3dError: if the file is missing or not a sound file.
+    """
+    file = Path(path)
+    if not file.is_file():
+        raise _missing(file)
+    try:
+        found = soundfile.info(file)
+    except (soundfile.SoundFileError, RuntimeError, OSError) as error:
+        raise _unreadable(file, error) from error
+    return float(found.frames / found.samplerate)
+
+
+def stretches(lengths: Sequence[float], seconds: float, count: int, rng: Generator) -> list[tuple[int, float]]:
+    """Where each of several takes begins, so that no two have a sample in common if the recordings reach for that.
+
+    Each recording is divided into stretches, which are dealt in random order. If they are too few, the takes are spread
+    over all recordings, as far apart in each as its length allows: takes of one recording overlap then.
+
+    Args:
+        lengths: of the recordings (s).
+        seconds: length of a take.
+        count: number of takes.
+        rng: the only source of randomness.
+
+    Returns:
+        For each take the number of its recording, and its begin as a share of that recording, in [0, 1).
+
+    Examples:
+        >>> found = stretches([31.0, 10.0], 10.0, 4, np.random.default_rng(0))
+        >>> sorted((number, int(start * [31, 10][number]) // 10) for number, start in found)
+        [(0, 0), (0, 1), (0, 2), (1, 0)]
+    """
+    offsets = rng.random(len(lengths))
+    order = rng.permutation(len(lengths))
+    if enough(lengths, seconds, count):
+        slots = []
+        for number, length in enumerate(lengths):
+            whole = int(length / seconds)
+            spare = float(offsets[number]) * (length - whole * seconds)
+            slots += [(number, (spare + place * seconds) / length) for place in range(whole)]
+        return [slots[int(chosen)] for chosen in rng.permutation(len(slots))[:count]]
+    owners = [int(order[take % len(lengths)]) for take in range(count)]
+    shares = [owners.count(number) for number in range(len(lengths))]
+    dealt = [(number, place) for number in range(len(lengths)) for place in range(shares[number])]
+    dealt = [dealt[int(chosen)] for chosen in rng.permutation(count)]
+    return [(number, float((offsets[number] + place / shares[number]) % 1.0)) for number, place in dealt]
+
+
+def enough(lengths: Sequence[float], seconds: float, count: int) -> bool:
+    """Whether recordings of these lengths (s) have ``count`` stretches without a common sample."""
+    return stretches_in(lengths, seconds) >= count
+
+
+def stretches_in(lengths: Sequence[float], seconds: float) -> int:
+    """Number of stretches without a common sample that recordings of these lengths (s) have."""
+    return sum(int(length / seconds) for length in lengths)
+
+
 def loop(signal: NDArray[np.float64], count: int, fade: int) -> NDArray[np.float64]:
     """Repeat ``signal`` to ``count`` samples; each repetition is cross-faded with the next over ``fade`` samples.
 
@@ -121,19 +184,27 @@ def loop(signal: NDArray[np.float64], count: int, fade: int) -> NDArray[np.float
 def _read(file: Path) -> tuple[NDArray[np.float64], int]:
     """Samples (n, channels) float64 and the sample rate; a file that is shorter than its header says is refused."""
     if not file.is_file():
-        raise Avs3dError(f"{file}: no such sound file; expected a WAV or FLAC")
+        raise _missing(file)
     try:
         with soundfile.SoundFile(file) as handle:
             promised, rate = handle.frames, handle.samplerate
             samples = handle.read(dtype="float64", always_2d=True)
     except (soundfile.SoundFileError, RuntimeError, OSError) as error:
-        raise Avs3dError(f"{file}: not a readable WAV or FLAC ({error}); replace the file") from error
+        raise _unreadable(file, error) from error
     missing = _missing_bytes(file)
     if missing:
         raise Avs3dError(f"{file}: truncated, {missing} bytes of its samples are missing; fetch it again")
     if len(samples) == 0 or len(samples) < promised:
         raise Avs3dError(f"{file}: truncated, {len(samples)} of {promised} samples can be read; fetch it again")
     return samples, rate
+
+
+def _missing(file: Path) -> Avs3dError:
+    return Avs3dError(f"{file}: no such sound file; expected a WAV or FLAC")
+
+
+def _unreadable(file: Path, error: Exception) -> Avs3dError:
+    return Avs3dError(f"{file}: not a readable WAV or FLAC ({error}); replace the file")
 
 
 def _missing_bytes(file: Path) -> int:

@@ -73,6 +73,7 @@ class Listening:
             one position of a source that stands still.
         receivers: what hears it.
         device: what traces the sound: ``cpu`` or ``cuda``.
+        seed: of the engine's random numbers; None: its usual one.
     """
 
     backend: str
@@ -84,11 +85,16 @@ class Listening:
     sources: tuple[Vector, ...]
     receivers: Receivers = OWN_HEAD
     device: str = "cpu"
+    seed: int | None = None
 
     def engine(self) -> AcousticBackend:
         """The acoustic engine with its receivers."""
         return acoustic_backend(
-            self.backend, absorption_scale=self.absorption_scale, receivers=self.receivers, device=self.device
+            self.backend,
+            absorption_scale=self.absorption_scale,
+            receivers=self.receivers,
+            device=self.device,
+            seed=self.seed,
         )
 
 

@@ -35,6 +35,7 @@ from generators.sealing.draw import Document, check_template, fit_homes
 from generators.sealing.fitting import HomeFitting
 from generators.sealing.publish import Sealing, write_private, write_public
 from generators.sealing.texts import sealed_text, template_text
+from generators.sound_scene import check_takes
 
 #: Where the whole dataset lies while it is generated; a second call goes on with it.
 WORK = ".generated"
@@ -91,6 +92,7 @@ def seal(
     """
     check_template(template)
     _refuse_seal(folder / PUBLIC)
+    check_takes(plans_of(template, options))
     taken = _taken_homes(template, exclude)
     secret_path, secret = _secret_of(folder, secret_file)
     document = settled(template, options)

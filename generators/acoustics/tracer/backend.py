@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -44,6 +44,7 @@ class TracerBackend:
         threads: of a trace on the CPU; the responses do not depend on it.
         others: name → receiver of `TracerSession.other_responses`.
         device: ``cpu`` or ``cuda``. Arrivals agree to rounding; a response has other bytes on another kind of device.
+        seed: of the rays; None: that of ``settings``.
     """
 
     name = "tracer"
@@ -58,6 +59,7 @@ class TracerBackend:
         threads: int = 1,
         others: Mapping[str, Receiver] | None = None,
         device: str = "cpu",
+        seed: int | None = None,
     ) -> None:
         """Check the arguments.
 
@@ -73,6 +75,8 @@ class TracerBackend:
         self.receiver: Receiver = receiver
         self.others = dict(others or {})
         self.settings = settings or TraceSettings()
+        if seed is not None:
+            self.settings = replace(self.settings, seed=seed)
         self.absorption_scale = checked_scale(absorption_scale)
         self.threads = threads
         if device not in DEVICES:
