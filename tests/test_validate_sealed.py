@@ -18,7 +18,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("deep", [False, True])
 def test_the_private_side_is_sent_to_unseal_in_one_line(made: Path, deep: bool):
-    with pytest.raises(UsageError, match="private side of a sealed test.*avs3d unseal") as error:
+    with pytest.raises(UsageError, match=r"private side of a sealed test.*avs3d unseal") as error:
         validate(made / "private", deep=deep)
     assert "\n" not in str(error.value)
 
