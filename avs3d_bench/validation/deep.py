@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+from numpy.typing import NDArray
+
 from avs3d_bench import layout, media
 from avs3d_bench.dataset import Frame, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.parallel import advance
 from avs3d_bench.schema import FrameRecord, ObservationRecord
+from avs3d_bench.validation.acoustics import check_gain, check_reverberation
 from avs3d_bench.validation.findings import Findings, read
-from avs3d_bench.validation.interaural import check_delays, check_directions, check_levels, hearings
+from avs3d_bench.validation.interaural import check_delays, check_sides, hearings
 from avs3d_bench.validation.masks import (
     Contents,
     check_masks,
@@ -114,17 +118,18 @@ def _check_sound(
     frames = observation.frames
     clips = [check_clip(frame, files, findings) for frame in frames]
     heard = hearings(record, frames, clips, visible)
-    check_levels(heard, findings)
-    check_directions(heard, findings)
+    check_sides(record, heard, findings)
     check_delays(heard, findings)
     if record:
         check_receivers(record, frames, clips, heard, files, findings)
+        check_gain(record, heard, findings)
     if record and record.is_sound_scene:
         _check_stems(record, frames, clips, files, findings)
     try:
         splits = observation.splits
     except Avs3dError:
         splits = {}  # already named
+    responses: dict[int, NDArray[np.float32]] = {}
     for position, frame in enumerate(frames):
         check_mono(frames, clips, splits, position, files, findings, ours=ours)
         clip, path = clips[position], layout.rir_path(frame.index)
@@ -132,6 +137,10 @@ def _check_sound(
         if record and not record.moves and response is not None and clip is not None:
             clip_path = layout.audio_path(layout.BINAURAL, frame.index)
             check_response(path, clip_path, clip.samples, response, findings)
+        if response is not None:
+            responses[frame.index] = response
+    if record:
+        check_reverberation(record, responses, observation, files, findings)
 
 
 def _check_stems(
