@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avs3d_bench import layout
 from avs3d_bench.dataset import Observation
@@ -34,28 +34,22 @@ _NEAREST = 0.3
 
 
 def check_reverberation(
-    record: ObservationRecord,
-    responses: Mapping[int, NDArray[np.floating]],
-    observation: Observation,
-    files: set[str],
-    findings: Findings,
+    observation: Observation, record: ObservationRecord, files: set[str], findings: Findings
 ) -> None:
-    """The recorded T30 is that of the responses, or at least plausible for a room of this size.
+    """The recorded T30 is that of the responses, or where there are none, plausible for a room of this size.
 
     Args:
-        record: the observation's.
-        responses: frame → impulse response (2, n), of the source from which T30 is measured; may be empty.
-        observation: for the sparse points, which tell the size of the room.
+        observation: its responses, and its sparse points, which tell the size of the room.
+        record: its observation.json.
         files: the files found.
         findings: where problems go.
     """
     said = record.acoustics.t30
     if said is None:
         return
-    if responses:
-        chosen = [responses[index] for index in sorted(responses)[:: max(1, len(responses) // _RESPONSES)]]
-        found = reverberation_time(chosen, layout.SAMPLE_RATE)
-        if found is not None and abs(said - found) > T30_TOLERANCE * found:
+    found = _measured(observation, record, files)
+    if found is not None:
+        if abs(said - found) > T30_TOLERANCE * found:
             text = f"acoustics.t30 is {said:.3g} s, the responses have {found:.3g} s"
             findings.add(layout.OBSERVATION_JSON, text)
         return
@@ -80,6 +74,18 @@ def check_reverberation(
         findings.add(layout.OBSERVATION_JSON, text)
 
 
+def _measured(observation: Observation, record: ObservationRecord, files: set[str]) -> float | None:
+    """T30 of the responses of the first source in the room; None without them."""
+    source = None if record.sources is None else next((one.id for one in record.sources if one.instance), None)
+    frames = observation.frames[:: max(1, len(observation.frames) // _RESPONSES)]
+    responses = []
+    for frame in frames:
+        if layout.rir_path(frame.index, source) in files:
+            with suppress(Avs3dError):  # damaged: already named
+                responses.append(frame.impulse_response(source))
+    return reverberation_time(responses, layout.SAMPLE_RATE) if responses else None
+
+
 def check_gain(record: ObservationRecord, heard: Sequence[Hearing], findings: Findings) -> None:
     """With the recorded gain, sources have the level at 1 m that all sources have."""
     if len(heard) < _LEAST_CLIPS:
@@ -94,7 +100,7 @@ def check_gain(record: ObservationRecord, heard: Sequence[Hearing], findings: Fi
     low, high = GAIN_RANGE_DB
     if not low <= above <= high:
         text = (
-            f"acoustics.gain is {record.acoustics.gain:g}: with it, the source is {above:+.1f} dB re that of all sources "
+            f"acoustics.gain is {record.acoustics.gain:g}: with it, the source is {above:+.1f} dB re all sources "
             f"({SOURCE_LUFS:g} LUFS or a peak of {SOURCE_PEAK_DB:g} dB at 1 m), expected {low:g} to {high:g} dB"
         )
         findings.add(layout.OBSERVATION_JSON, text)

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-from numpy.typing import NDArray
-
 from avs3d_bench import layout, media
 from avs3d_bench.dataset import Frame, Observation
 from avs3d_bench.errors import Avs3dError
@@ -123,13 +120,13 @@ def _check_sound(
     if record:
         check_receivers(record, frames, clips, heard, files, findings)
         check_gain(record, heard, findings)
+        check_reverberation(observation, record, files, findings)
     if record and record.is_sound_scene:
         _check_stems(record, frames, clips, files, findings)
     try:
         splits = observation.splits
     except Avs3dError:
         splits = {}  # already named
-    responses: dict[int, NDArray[np.float32]] = {}
     for position, frame in enumerate(frames):
         check_mono(frames, clips, splits, position, files, findings, ours=ours)
         clip, path = clips[position], layout.rir_path(frame.index)
@@ -137,10 +134,6 @@ def _check_sound(
         if record and not record.moves and response is not None and clip is not None:
             clip_path = layout.audio_path(layout.BINAURAL, frame.index)
             check_response(path, clip_path, clip.samples, response, findings)
-        if response is not None:
-            responses[frame.index] = response
-    if record:
-        check_reverberation(record, responses, observation, files, findings)
 
 
 def _check_stems(

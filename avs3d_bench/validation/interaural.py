@@ -54,7 +54,7 @@ _ONE_SURE = 10.0
 _COMMON, ORDER_FRAMES, _ORDER_BANDS, ORDER_LEAST = 0.8, 8, 6, 0.4
 #: A silent instance explains the levels better than the source if it leaves less than this share of their variance, by
 #: this log-likelihood ratio. Twins that did not sound: 0.68 and 6.1 at best; those that did: 0.1 to 0.4, 15 to 37.
-_ELSEWHERE_SHARE, _ELSEWHERE_SURE = 0.5, 10.0
+_ELSEWHERE_SHARE, _ELSEWHERE_SURE = 0.4, 6.0
 #: Least standard deviation of the sines: sources that stay in one direction have no order.
 _ORDER_SPREAD = 0.25
 #: Ears whose levels differ by less than this in the mean (dB) hear the same.
