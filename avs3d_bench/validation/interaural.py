@@ -321,6 +321,8 @@ DELAY_ERRORS, DELAY_LEAST = 4.0, 0.01
 _DELAY_SPREAD = 0.3
 #: Delay of a source at the side (s), and the band in which it is looked for (Hz).
 _SIDE_DELAY, _BAND = 550e-6, (100.0, 1200.0)
+#: Zeros that keep the end of a clip from its beginning (samples).
+_LONGEST_LAG = 32
 
 
 def delay_evidence(samples: NDArray[np.float32], azimuth: float) -> float:
@@ -333,13 +335,14 @@ def delay_evidence(samples: NDArray[np.float32], azimuth: float) -> float:
     Returns:
         −2 to 2; positive if the ear on the source's side leads.
     """
-    n = samples.shape[1]
-    size = 1 << (2 * n - 1).bit_length()
-    spectrum = np.fft.rfft(samples.astype(np.float64), size)
-    frequency = np.fft.rfftfreq(size, 1 / layout.SAMPLE_RATE)
-    spectrum[:, (frequency < _BAND[0]) | (frequency > _BAND[1])] = 0
+    from scipy.fft import next_fast_len, rfft
+
     lag = round(_SIDE_DELAY * layout.SAMPLE_RATE * float(np.sin(np.radians(azimuth))))
-    correlation = np.fft.irfft(spectrum[0] * np.conj(spectrum[1]), size)
-    power = np.sqrt(np.prod(np.sum(np.abs(spectrum) ** 2, axis=1))) * 2 / size
-    # To the right, the left ear hears it later: a positive lag of channel 0.
-    return float((correlation[lag] - correlation[-lag]) / max(power, 1e-30))
+    size = next_fast_len(samples.shape[1] + _LONGEST_LAG, real=True)
+    low, high = (round(edge * size / layout.SAMPLE_RATE) for edge in _BAND)
+    left, right = rfft(samples.astype(np.float64), size)[:, low : high + 1]
+    # To the right, the left ear hears it later. Correlations at lag and −lag differ by the sine of the cross spectrum.
+    phase = 2 * np.pi * lag / size * np.arange(low, high + 1)
+    difference = -2 * float(np.sum((left * np.conj(right)).imag * np.sin(phase)))
+    power = float(np.sqrt(np.sum(np.abs(left) ** 2) * np.sum(np.abs(right) ** 2)))
+    return difference / max(power, 1e-30)
