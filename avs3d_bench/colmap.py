@@ -300,15 +300,15 @@ def read_points(path: str | Path) -> ColmapPoints:
         Avs3dError: if it is missing or damaged.
     """
     cursor = _Cursor(Path(path))
-    rows: list[tuple[int, tuple[float, ...], tuple[int, ...], float, NDArray[np.void]]] = []
+    rows: list[tuple[int, tuple[float, ...], tuple[int, ...], float, bytes]] = []
     for _ in range(cursor.count()):
         number, x, y, z, r, g, b, error = cursor.unpack("<q3d3Bd")
-        track = cursor.table(_TRACK, cursor.count())
-        rows.append((int(number), (x, y, z), (int(r), int(g), int(b)), error, track))
+        start = cursor.take(cursor.count() * _TRACK.itemsize)
+        rows.append((int(number), (x, y, z), (int(r), int(g), int(b)), error, cursor.data[start : cursor.at]))
     cursor.done()
     rows.sort(key=lambda row: row[0])
-    tracks = np.concatenate([row[4] for row in rows]) if rows else np.empty(0, dtype=_TRACK)
-    lengths = [len(row[4]) for row in rows]
+    tracks = np.frombuffer(b"".join(row[4] for row in rows), dtype=_TRACK)
+    lengths = [len(row[4]) // _TRACK.itemsize for row in rows]
     return ColmapPoints(
         ids=np.array([row[0] for row in rows], dtype=np.int64),
         positions=flip_world(np.array([row[1] for row in rows], dtype=np.float64).reshape(-1, 3)),

@@ -17,11 +17,11 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from avs3d_bench.decay import decay_curve, octave_filtered
 from avs3d_bench.files import write_bytes, write_json
 from avs3d_bench.geometry import Pose
 from avs3d_bench.layout import SAMPLE_RATE
 from benchmarks.acoustic_measures import ENGINES, OCTAVES, decibels, measure, octave_energies, responses
-from generators.acoustics.decay import decay_curve, octave_filtered
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.materials import MATERIALS, spectral_label
 from generators.acoustics.tracer.air import energy_exponents

@@ -17,13 +17,13 @@ from statistics import median
 import numpy as np
 from numpy.typing import NDArray
 
+from avs3d_bench.decay import reverberation_time
 from avs3d_bench.geometry import Pose
 from avs3d_bench.layout import SAMPLE_RATE
 from benchmarks.unseen_homes import home_of
 from generators.acoustics.analytic import AnalyticBackend
 from generators.acoustics.base import AcousticBackend, AcousticSession
 from generators.acoustics.clips import binaural_clip
-from generators.acoustics.decay import reverberation_time
 from generators.acoustics.soundspaces import SoundSpacesBackend
 from generators.acoustics.tracer.backend import TracerBackend
 from generators.acoustics.tracer.settings import TraceSettings

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench import layout
+from avs3d_bench.decay import reverberation_time
 from avs3d_bench.geometry import Intrinsics, Pose, direction_to
 from avs3d_bench.schema import (
     SCHEMA_VERSION,
@@ -30,7 +31,6 @@ from avs3d_bench.schema import (
 from avs3d_bench.text import readable
 from generators.acoustics.base import AcousticBackend
 from generators.acoustics.clips import GAIN, check_clip, mono_clip, rms
-from generators.acoustics.decay import reverberation_time
 from generators.arrangement import Arrangement, arrange, draw_sounding, file_licence
 from generators.assets.sounds import load_sound, synthesise
 from generators.backends import vision_backend

@@ -10,6 +10,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from avs3d_bench import __version__, files, layout
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.provenance import SOFTWARE
 from avs3d_bench.report import Problem
 from avs3d_bench.schema import AcousticsRecord, DatasetRecord, ObservationRecord
 from generators.acoustics.base import AcousticBackend
@@ -118,10 +120,10 @@ def _plan(source: ManifestFile, observation: Observation, dataset: DatasetRecord
         )[0]
         for extras in _possible_extras(record)
     ]
-    plan = next((plan for plan in plans if plan.digest == record.plan_sha256), plans[0])
-    if plan.digest != record.plan_sha256:
-        raise UsageError(f"{observation.key}: {_difference(plan, record, dataset)}")
-    return plan
+    found = next((plan for plan in plans if plan.digest == record.plan_sha256), None)
+    if found is None:
+        raise UsageError(f"{observation.key}: {_difference(plans, record, dataset)}")
+    return found
 
 
 def _possible_extras(record: ObservationRecord) -> Iterator[set[str]]:
@@ -154,10 +156,35 @@ def _receivers(key: str, acoustics: AcousticsRecord, hrtf: Path | None) -> Recei
     return found
 
 
-def _difference(plan: ObservationPlan, record: ObservationRecord, dataset: DatasetRecord) -> str:
+def _difference(plans: Sequence[ObservationPlan], record: ObservationRecord, dataset: DatasetRecord) -> str:
+    """Why none of the plans of this installation is the one that an observation was made from.
+
+    With the recorded software in place of the installed one, a plan has the recorded digest if nothing else differs.
+    """
+    plan, said = plans[0], _other_versions(plans[0], record, dataset)
+    software = f"by other software ({'; '.join(said)})" if said else ""
+    then = _recorded_software(plan, record, dataset)
+    if software and (then is None or any(replace(one, backends=then).digest == record.plan_sha256 for one in plans)):
+        return f"was made {software}, so the bytes cannot be equal; use the versions that made the dataset"
+    too = f", and {software}" if software else ""
+    named = _named_files(plan)
+    if named:
+        return (
+            f"was made with other files than those that the manifest names here ({', '.join(named)}){too}; "
+            "restore them, beside the manifest or below --scans, and name it with --manifest"
+        )
+    return (
+        f"was made from another manifest than the one in {layout.DATASET_JSON}, or with other options than "
+        f"{layout.OBSERVATION_JSON} records{too}: one of them was changed"
+    )
+
+
+def _other_versions(plan: ObservationPlan, record: ObservationRecord, dataset: DatasetRecord) -> list[str]:
+    """The software that differs from what is installed: ``name version, installed: version``."""
     there, here = dataset.provenance, observation_provenance(plan.vision, plan.audio, plan.device)
     pairs = [
         ("avs3d-bench", dataset.toolkit_version, __version__),
+        *([("python", there.python, here.python)] if there else []),
         *(
             (name, version, here.libraries.get(name, "none"))
             for name, version in (there.libraries if there else {}).items()
@@ -165,13 +192,31 @@ def _difference(plan: ObservationPlan, record: ObservationRecord, dataset: Datas
         *((name, version, plan.backends.get(name, "none")) for name, version in record.made_with),
     ]
     said = [f"{name} {then}, installed: {now}" for name, then, now in dict.fromkeys(pairs) if then != now]
-    if not said and there is not None and there.digest != here.digest:
-        said = ["its sources differ"]
-    known = f" ({'; '.join(said)})" if said else ""
-    return (
-        f"was made by other software{known}, from another manifest or with other files, so the bytes cannot be equal; "
-        "use the versions that made the dataset, and --manifest if the manifest names files"
-    )
+    if not said and (there is None or there.digest != here.digest):
+        said = ["its sources differ" if there else "it does not record which"]
+    return said
+
+
+def _recorded_software(
+    plan: ObservationPlan, record: ObservationRecord, dataset: DatasetRecord
+) -> dict[str, str] | None:
+    """The software of a plan (`backend_versions`) as dataset and observation record it; None: they do not."""
+    there = dataset.provenance
+    if there is None:
+        return None
+    settings = {name: value for name, value in plan.backends.items() if name.startswith("settings of ")}
+    versions = {SOFTWARE: there.digest, "python": there.python, **there.libraries}
+    return {"avs3d-bench": dataset.toolkit_version, **versions, **settings, **dict(record.made_with)}
+
+
+def _named_files(plan: ObservationPlan) -> tuple[str, ...]:
+    """The files and assets that the manifest names for an observation, sorted."""
+    categories = {*plan.spec.heard, *plan.spec.objects}
+    items = [item for table in (plan.sounds, plan.objects) for name in categories for item in table.get(name, ())]
+    names = {item.file or item.asset for item in items}
+    if plan.scan.source == "scan":
+        names |= {plan.scan.file or f"scan {plan.spec.scan}", plan.scan.materials}
+    return tuple(sorted(name for name in names if name))
 
 
 def _compare(

@@ -594,7 +594,10 @@ _add("record", "seed", lambda tree: tree.record.update(seed=tree.record["seed"] 
 _add("record", "sample rate", field("acoustics", "sample_rate", to=48000))
 _add("record", "version of the acoustic engine", field("acoustics", "version", to="9"))
 _add("record", "version of the renderer", field("vision", "version", to="9"))
-_add("record", "reverberation time", field("acoustics", "t30", to=9.0), unseen="nothing else in the dataset says it")
+_add("record", "reverberation time of a cathedral", field("acoustics", "t30", to=9.0))
+_add("record", "reverberation time, ten times that of the responses", field("acoustics", "t30", to=1.41), extras=True)
+_add("record", "gain, ten times", lambda tree: tree.record["acoustics"].update(
+     gain=10 * tree.record["acoustics"]["gain"]))  # fmt: skip
 _add("record", "settings of the engine", field("acoustics", "settings", to={"law": "2/r"}), unseen=_REGENERATE)
 _add("record", "notes", field("notes", to=["all is well"]), unseen=_REGENERATE)
 _add("record", "asset of the sound", field("sound", "asset", to="other"))
@@ -639,6 +642,20 @@ def _(tree: Tree) -> None:
         instance["sounding"] = instance["id"] == next(
             i["id"] for i in tree.record["instances"] if i["id"] != tree.sounding
         )
+
+
+@mutation("record", "the silent twin sounds, in all files but the clips")
+def _(tree: Tree) -> None:
+    before, after = tree.instance(sounding=True), tree.instance(sounding=False)
+    before["sounding"], after["sounding"] = False, True
+    tree.sounding = after["id"]
+    shift = np.subtract(after["bounds"][0], before["bounds"][0])
+    tree.change_mesh(lambda v, f: (v + shift, f))
+    tree.record["source_position"] = np.add(tree.record["source_position"], shift).tolist()
+    for index, frame in enumerate(tree.record["frames"]):
+        tree.set_ids(index, tree.ids(index))
+        truth = direction_to(Pose(tuple(frame["position"]), tuple(frame["rotation"])), tree.record["source_position"])
+        frame.update(azimuth=truth.azimuth, elevation=truth.elevation, distance=truth.distance)
 
 
 @mutation("record", "bounds of a silent instance, by 50 cm")

@@ -6,13 +6,13 @@ from acoustic_rooms import box_scene, solid, with_absorption
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from avs3d_bench.decay import eyring, octave_filtered, reverberation_time
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose, direction_to
 from avs3d_bench.levels import ild_db
 from generators.acoustics import hrtf
 from generators.acoustics.analytic import AnalyticBackend, Box, band_weights, image_sources, screen_gain
 from generators.acoustics.clips import rms
-from generators.acoustics.decay import eyring, octave_filtered, reverberation_time
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.core.scene import Room
 

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from avs3d_bench.decay import decay_curve, eyring, reverberation_time, t30
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.layout import MONO_SAMPLES, is_test
 from avs3d_bench.levels import ild_db
@@ -18,7 +19,6 @@ from generators.acoustics.clips import (
     mono_window,
     rms,
 )
-from generators.acoustics.decay import decay_curve, eyring, reverberation_time, t30
 
 SR = 44_100
 RNG = np.random.default_rng(7)

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from avs3d_bench.decay import reverberation_time
 from avs3d_bench.geometry import direction_to
 from generators.acoustics.clips import binaural_clip, rms
-from generators.acoustics.decay import reverberation_time
 from generators.apartments.apartment import build_apartment
 from generators.arrangement import arrange, draw_sounding
 from generators.core.rays import RayCaster

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import tomllib
 from importlib import metadata
@@ -20,6 +21,7 @@ from avs3d_bench.report import Problem
 from avs3d_bench.validate import validate
 from avs3d_bench.validation import regenerate as module
 from avs3d_bench.validation.regenerate import GROUP, choose_frames, find_maker, regenerate
+from generators import backends
 from generators.cli import generate
 from tests.homes import write_manifest
 
@@ -107,16 +109,42 @@ def test_frames_are_chosen_by_the_seed(root: Path):
     assert sum(map(len, choose_frames(root, 999, seed=1).values())) == 2 * FRAMES
 
 
-def test_other_versions_end_in_one_line(root: Path, manifest: Path, tmp_path: Path):
+def _why(target: Path, manifest: Path | None) -> str:
+    with pytest.raises(UsageError) as error:
+        regenerate(target, 2 * FRAMES, seed=1, manifest=manifest)
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def test_other_software_is_the_only_cause_that_is_named(root: Path, manifest: Path, monkeypatch: pytest.MonkeyPatch):
+    installed = backends.backend_versions
+    monkeypatch.setattr(backends, "backend_versions", lambda *names: {**installed(*names), "embree": "1.2.3"})
+    text = _why(root, manifest)
+    assert "was made by other software (embree " in text
+    assert ", installed: 1.2.3)" in text
+    assert "manifest" not in text
+    assert "files" not in text
+
+
+def test_other_files_are_the_only_cause_that_is_named(root: Path, manifest: Path, tmp_path: Path):
+    for name in ("tiny.yaml", "room.glb"):
+        (tmp_path / name).write_bytes((manifest.parent / name).read_bytes())
+    with (tmp_path / "room.glb").open("ab") as file:
+        file.write(b"edited")
+    text = _why(root, tmp_path / "tiny.yaml")
+    assert "with other files than those that the manifest names here (room.glb);" in text
+    assert "software" not in text
+
+
+def test_another_manifest_is_the_only_cause_that_is_named(root: Path, tmp_path: Path):
     target = tiny.clone(root, tmp_path / "data")
     tree = Tree(target, KEY)
-    tree.record["plan_sha256"] = "0" * 64
-    tree.record["vision"]["version"] = "1.2.3"
+    text = write_manifest(tmp_path, scans={"box": {"source": "apartment", "seed": 3}}).read_text()
+    tree.dataset.update(manifest=text, manifest_sha256=hashlib.sha256(text.encode()).hexdigest())
     tree.finish()
-    with pytest.raises(
-        UsageError, match=r"was made by other software \(embree 1\.2\.3, installed: .*bytes cannot be equal"
-    ):
-        regenerate(target, 2 * FRAMES, seed=1, manifest=manifest)
+    said = _why(target, None)
+    assert "was made from another manifest than the one in dataset.json" in said
+    assert "software" not in said
 
 
 def test_a_manifest_that_names_files_is_asked_for(root: Path, manifest: Path, tmp_path: Path):

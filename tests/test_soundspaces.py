@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from acoustic_rooms import box_scene, solid, with_absorption
 
+from avs3d_bench.decay import eyring, reverberation_time
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
 from avs3d_bench.levels import ild_db
 from generators.acoustics.clips import rms
-from generators.acoustics.decay import eyring, reverberation_time
 from generators.acoustics.geometry import acoustic_mesh, blocked, longest_view, reflections_to_decay
 from generators.core.scene import Part, Room, Scene
 

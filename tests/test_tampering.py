@@ -51,6 +51,22 @@ def test_what_can_be_seen_is_found(plain: Path, with_extras: Path, tmp_path: Pat
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "extras", "said"),
+    [
+        ("the silent twin sounds, in all files but the clips", False, "follow instance 2 (microwave, silent)"),
+        ("reverberation time of a cathedral", False, "acoustics.t30 is 9 s; a room of"),
+        ("reverberation time, ten times that of the responses", True, "acoustics.t30 is 1.41 s, the responses have"),
+        ("gain, ten times", False, "acoustics.gain is 10: with it, the source is -"),
+    ],
+)
+def test_what_the_sound_contradicts(plain: Path, with_extras: Path, tmp_path: Path, name: str, extras: bool, said: str):
+    one = next(one for one in MUTATIONS if one.name == name)
+    problems = tampering.tampered(with_extras if extras else plain, tmp_path / "data", one)
+    assert any(said in problem.message for problem in problems), problems
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("one", [one for one in MUTATIONS if one.unseen], ids=_name)
 def test_what_the_table_calls_unseen_is_unseen(plain: Path, tmp_path: Path, one: Mutation):
     """If this fails, a check has become better: the table and docs/validation.md should say so."""

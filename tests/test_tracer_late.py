@@ -22,8 +22,8 @@ from tracer_rooms import (
     without_air,
 )
 
+from avs3d_bench.decay import eyring
 from generators.acoustics.analytic import Box, image_sources
-from generators.acoustics.decay import eyring
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.tracer.air import energy_exponents
 from generators.acoustics.tracer.arrivals import BANDS, Arrivals

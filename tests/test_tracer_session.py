@@ -7,9 +7,9 @@ import pytest
 from acoustic_rooms import box_scene, solid
 from tracer_rooms import LISTENER, SIZE, SOURCE, Omni, backend, box, decay_time, energies, label, without_air
 
+from avs3d_bench.decay import eyring
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
-from generators.acoustics.decay import eyring
 from generators.acoustics.tracer.arrivals import Arrivals
 from generators.acoustics.tracer.backend import TracerBackend
 from generators.acoustics.tracer.settings import TraceSettings

@@ -13,11 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from avs3d_bench.dataset import Dataset
+from avs3d_bench.decay import eyring, reverberation_time
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.geometry import Pose
 from avs3d_bench.validate import validate
 from generators.acoustics.analytic import AnalyticBackend
-from generators.acoustics.decay import eyring, reverberation_time
 from generators.acoustics.materials import MATERIALS, mean_absorption
 from generators.cli import generate
 from generators.plan import make_plans, read_manifest

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench import layout
+from avs3d_bench.decay import SPEED_OF_SOUND
 
-#: Speed of sound (m/s).
-SPEED = 343.0
 #: Spacings of the ears that are tried (m): the effective one of a head is larger than its width, as sound bends round.
 SPACINGS = tuple(np.arange(0.14, 0.261, 0.01).tolist())
 #: Band in which the formula is compared (Hz): above it the head shadows, below it there are few values.
@@ -37,7 +36,7 @@ def diffuse_coherence(frequency: NDArray[np.floating], spacing: float) -> NDArra
         >>> diffuse_coherence(np.array([0.0, 343.0 / 2]), 1.0).round(6).tolist()
         [1.0, 0.0]
     """
-    return np.asarray(np.sinc(2.0 * np.asarray(frequency, dtype=np.float64) * spacing / SPEED))
+    return np.asarray(np.sinc(2.0 * np.asarray(frequency, dtype=np.float64) * spacing / SPEED_OF_SOUND))
 
 
 @dataclass

@@ -9,8 +9,9 @@ from avs3d_bench.dataset import Frame, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.parallel import advance
 from avs3d_bench.schema import FrameRecord, ObservationRecord
+from avs3d_bench.validation.acoustics import check_gain, check_reverberation
 from avs3d_bench.validation.findings import Findings, read
-from avs3d_bench.validation.interaural import check_delays, check_directions, check_levels, hearings
+from avs3d_bench.validation.interaural import check_delays, check_sides, hearings
 from avs3d_bench.validation.masks import (
     Contents,
     check_masks,
@@ -114,11 +115,12 @@ def _check_sound(
     frames = observation.frames
     clips = [check_clip(frame, files, findings) for frame in frames]
     heard = hearings(record, frames, clips, visible)
-    check_levels(heard, findings)
-    check_directions(heard, findings)
+    check_sides(record, heard, findings)
     check_delays(heard, findings)
     if record:
         check_receivers(record, frames, clips, heard, files, findings)
+        check_gain(record, heard, findings)
+        check_reverberation(observation, record, files, findings)
     if record and record.is_sound_scene:
         _check_stems(record, frames, clips, files, findings)
     try:

@@ -18,7 +18,16 @@ from avs3d_bench import layout, media
 from avs3d_bench.dataset import Frame
 from avs3d_bench.schema import ObservationRecord
 from avs3d_bench.validation.findings import Findings, read
-from avs3d_bench.validation.interaural import ILD_AZIMUTHS, ILD_LEAST, ILD_SHARE, Hearing
+from avs3d_bench.validation.interaural import (
+    LEAST_FRAMES,
+    LEAST_SINES,
+    SURE,
+    Hearing,
+    SideFit,
+    SideLevel,
+    order_problem,
+    side_level,
+)
 from avs3d_bench.validation.sound import FULL_SCALE, SILENCE, Sound, check_response
 from avs3d_bench.validation.stems import SUM_TOLERANCE
 
@@ -173,40 +182,28 @@ def _check_degrees(found: Sequence[_Channels], findings: Findings) -> None:
 def _check_directions(found: Sequence[_Channels], heard: Sequence[Hearing], findings: Findings) -> None:
     """The intensity points to the side on which the source is: the channels are in ACN order, Y to the left."""
     azimuths = {one.frame.name: one.azimuth for one in heard}
-    low, high = ILD_AZIMUTHS
-    sides = [
-        (one.path, azimuths[one.frame.name], intensity_azimuth(one.samples))
-        for one in found
-        if one.frame.name in azimuths and low <= abs(azimuths[one.frame.name]) <= high
-    ]
-    wrong = [path for path, azimuth, estimate in sides if azimuth * estimate <= 0]
-    if len(wrong) > max(2.0, (1 - ILD_SHARE) * len(sides)):
-        text = (
-            f"the intensity points to the wrong side of the source in {len(wrong)} of {len(sides)} frames with line of "
-            f"sight; expected it right in {ILD_SHARE:.0%}"
-        )
-        where = layout.clips_folder(layout.AMBISONICS)
-        if len(wrong) > (1 - ILD_LEAST) * len(sides):
-            findings.add(where, f"{text}: are the channels in ACN order, with Y to the left?")
-        else:
-            findings.add(where, text, "warning")
+    pairs = [(azimuths[one.frame.name], cardioid_level(one.samples)) for one in found if one.frame.name in azimuths]
+    levels = [level for _, level in pairs if level is not None]
+    sines = np.sin(np.radians([azimuth for azimuth, level in pairs if level is not None]))
+    if len(levels) < LEAST_FRAMES or float(np.sum(sines**2)) < LEAST_SINES:
+        return
+    fit = SideFit.of(levels, sines)
+    text = f"over {len(levels)} frames with line of sight, the intensity"
+    asked = "are the channels in ACN order, with Y to the left?"
+    if fit.certainty < -SURE:
+        text = f"{text} points to the wrong side of the source ({-fit.certainty:.1f} standard errors): {asked}"
+        findings.add(layout.clips_folder(layout.AMBISONICS), text)
+    elif problem := order_problem(levels, sines):
+        findings.add(layout.clips_folder(layout.AMBISONICS), f"{text}'s {problem}: {asked}")
 
 
-def intensity_azimuth(samples: NDArray[np.floating]) -> float:
-    """Azimuth from which most sound comes, degrees, positive right.
+def cardioid_level(samples: NDArray[np.floating]) -> SideLevel | None:
+    """By how much more comes from the right at onsets: the level of two cardioids to the sides, W ∓ Y.
 
     Args:
         samples: (channels, n) ambisonics of any order, ACN.
-
-    Examples:
-        >>> wave = np.array([0.5, -0.2, 0.1])
-        >>> left = np.stack([wave, wave, 0 * wave, 0 * wave])  # W, Y, Z, X
-        >>> intensity_azimuth(left)
-        -90.0
     """
-    pressure = samples[0].astype(np.float64)
-    left, ahead = (float(pressure @ samples[channel].astype(np.float64)) for channel in (1, 3))
-    return float(np.degrees(np.arctan2(-left, ahead)))
+    return side_level(np.stack([samples[0] + samples[1], samples[0] - samples[1]]))
 
 
 def _check_microphones(found: Sequence[_Channels], names: Sequence[str], findings: Findings) -> None:

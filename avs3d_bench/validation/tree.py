@@ -21,7 +21,7 @@ from avs3d_bench.files import read_bytes, sha256_file
 from avs3d_bench.parallel import process_each
 from avs3d_bench.report import Problem, Report, ordered
 from avs3d_bench.schema import DatasetRecord, ObservationRecord, describe
-from avs3d_bench.sealed import check_public, read_seal
+from avs3d_bench.sealed import MANIFEST, OPENING_KEY, PUBLIC, check_public, read_seal
 from avs3d_bench.taxonomy import PARTS, ROOMS
 from avs3d_bench.validation.catalogue import check_catalogue
 from avs3d_bench.validation.siblings import check_groups
@@ -51,9 +51,10 @@ def validate(root: str | Path, *, deep: bool = False, workers: int | None = 1, p
         the report; ``report.valid`` says whether there is no error.
 
     Raises:
-        UsageError: if ``root`` is no folder or holds no dataset.
+        UsageError: if ``root`` is no folder or holds no dataset, or is the private side of a sealed test or its parent.
     """
     base = Path(root)
+    _refuse_other_sides(base)
     dataset = Dataset(base)
     if dataset.is_sealed:
         return _validate_sealed(dataset, deep=deep)
@@ -79,6 +80,24 @@ def validate(root: str | Path, *, deep: bool = False, workers: int | None = 1, p
     problems += check_groups({key: one.record for key, one in outcomes.items() if one.record}, frozenset(outcomes))
     files = sum(outcome.files for outcome in outcomes.values()) + int((base / layout.DATASET_JSON).exists())
     return Report(base, deep, len(dataset.keys), files, ordered(problems))
+
+
+def _refuse_other_sides(root: Path) -> None:
+    """Refuse the folders of a sealed test that are no dataset, with what checks them.
+
+    Raises:
+        UsageError: for the folder of a sealed test, and for its private side, which holds no pictures and no sound.
+    """
+    if (root / MANIFEST).is_file() and (root / OPENING_KEY).is_file():
+        raise UsageError(
+            f"{root}: the private side of a sealed test (it has {OPENING_KEY}): use `avs3d unseal`, which checks both "
+            "sides, or validate the public one"
+        )
+    if (root / PUBLIC / layout.SEAL_JSON).is_file() and not (root / layout.DATASET_JSON).exists():
+        raise UsageError(
+            f"{root}: the folder of a sealed test, no dataset: validate {root / PUBLIC} checks what is published, "
+            f"`avs3d unseal {root} --secret FILE` checks both sides"
+        )
 
 
 def _validate_sealed(dataset: Dataset, *, deep: bool) -> Report:

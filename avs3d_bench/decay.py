@@ -11,10 +11,9 @@ from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfiltfilt
 
-from generators.acoustics.geometry import SPEED_OF_SOUND
-
+#: Speed of sound at 20 °C (m/s).
+SPEED_OF_SOUND = 343.0
 #: Octaves whose mean is quoted as "the" reverberation time (ISO 3382-2: 500 Hz and 1 kHz).
 MID_BANDS = (500.0, 1000.0)
 _FIT_FROM, _FIT_TO = -5.0, -35.0
@@ -23,6 +22,8 @@ _FIT_FROM, _FIT_TO = -5.0, -35.0
 def octave_filtered(response: NDArray[np.floating], sample_rate: int, centre: float) -> NDArray[np.float64]:
     """The response (..., n) in the octave about ``centre`` Hz; forward and backward, so that no decay is added."""
     low, high = centre / math.sqrt(2), min(centre * math.sqrt(2), 0.49 * sample_rate)
+    from scipy.signal import butter, sosfiltfilt
+
     sections = butter(3, [low, high], btype="bandpass", fs=sample_rate, output="sos")
     # Room for the filter's own ringing at both ends.
     pad = int(4 * sample_rate / low)
