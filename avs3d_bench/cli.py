@@ -24,6 +24,8 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.groups import PATH, WORKERS, Group, only_option
 from avs3d_bench.memory_limit import check_address_space, out_of_memory
 from avs3d_bench.one_thread import ONE_THREAD
+from avs3d_bench.outputs import OUTPUT_FOLDER, OutputFile, Signature
+from avs3d_bench.report import REPORT_JSON
 from avs3d_bench.text import printable
 
 if TYPE_CHECKING:
@@ -137,7 +139,9 @@ def avs3d() -> None:
 @avs3d.command(short_help=SUMMARIES["validate"])
 @click.argument("root", type=PATH)
 @click.option("--deep", is_flag=True, help="Decode every file: contents, hashes, sound against geometry.")
-@click.option("--json", "json_file", type=PATH, metavar="FILE", help="Write the findings to this file as well.")
+@click.option(
+    "--json", "json_file", type=OutputFile(REPORT_JSON), metavar="FILE", help="Write the findings to this file as well."
+)
 @click.option("--workers", type=WORKERS, default=None, help="Processes of --deep [one per core].")
 @click.option("--regenerate", type=click.IntRange(1, 100_000), metavar="N", help="Make N random frames again, compare.")
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=None, help="Which frames --regenerate takes.")
@@ -156,16 +160,14 @@ def validate(
     """Check the dataset at ROOT and name every problem by file.
 
     Exit status: 0 valid, 1 problems found, 2 usage (also: made by other versions than --regenerate finds here). The
-    official release is checked as what it is. Of `avs3d generate --format webdataset`, the index and the tars are
+    official release is checked as what it is. Of `avs3d generate --format tar`, the index and the tars are
     checked.
     """
     from avs3d_bench.exports.observation_check import check_tars, holds_tars
-    from avs3d_bench.files import is_stream, write_json
+    from avs3d_bench.files import write_json
     from avs3d_bench.report import print_report
     from avs3d_bench.validate import validate as check
 
-    if json_file is not None:
-        is_stream(json_file)  # refuses a folder before any work is done
     again = _regenerate(root, regenerate, seed, manifest, hrtf) if regenerate else ()
     look = check_tars if holds_tars(root) else check
     report = look(root, deep=deep, workers=workers, progress=sys.stderr.isatty())
@@ -201,7 +203,8 @@ def _regenerate(
 @avs3d.command("list", short_help=SUMMARIES["list"])
 @click.argument("root", type=PATH)
 @only_option
-@click.option("--json", "json_file", type=PATH, metavar="FILE", help="Write the table to this file as well.")
+@click.option("--json", "json_file", type=OutputFile(Signature(keys=("dataset", "observations"))), metavar="FILE",
+              help="Write the table to this file as well.")  # fmt: skip
 def list_observations(root: Path, only: tuple[str, ...], json_file: Path | None) -> None:
     """List the observations of the dataset at ROOT: key, category, frames, sound, T30 and instances.
 
@@ -209,11 +212,9 @@ def list_observations(root: Path, only: tuple[str, ...], json_file: Path | None)
     official release does not say is a dash.
     """
     from avs3d_bench.dataset import Dataset
-    from avs3d_bench.files import is_stream, write_json
+    from avs3d_bench.files import write_json
     from avs3d_bench.listing import list_dataset, print_listing
 
-    if json_file is not None:
-        is_stream(json_file)  # refuses a folder before any work is done
     listing = list_dataset(Dataset(root), only)
     try:
         if json_file is not None:
@@ -223,19 +224,18 @@ def list_observations(root: Path, only: tuple[str, ...], json_file: Path | None)
 
 
 @avs3d.command(short_help=SUMMARIES["schema"])
-@click.option("-o", "--output", "folder", type=PATH, metavar="DIR", required=True, help="Folder for the files.")
+@click.option("-o", "--output", "folder", type=OUTPUT_FOLDER, metavar="DIR", required=True, help="The folder.")
 def schema(folder: Path) -> None:
     """Write the JSON Schema of every JSON file of a dataset and of a submission."""
-    from avs3d_bench.files import write_bytes
-    from avs3d_bench.schema_files import schema_texts
+    from avs3d_bench.schema_files import write_schemas
 
-    for name, text in schema_texts().items():
-        write_bytes(folder / name, text.encode())
-        click.echo(str(folder / name))
+    for path in write_schemas(folder):
+        click.echo(str(path))
 
 
 @avs3d.command(short_help=SUMMARIES["doctor"])
-@click.option("--json", "json_file", type=PATH, metavar="FILE", help="Write the findings to this file as well.")
+@click.option("--json", "json_file", type=OutputFile(Signature(keys=("toolkit_version", "findings"))), metavar="FILE",
+              help="Write the findings to this file as well.")  # fmt: skip
 def doctor(json_file: Path | None) -> None:
     """Report what is installed and works here, and for each gap the command that fixes it.
 
@@ -245,10 +245,8 @@ def doctor(json_file: Path | None) -> None:
     from rich.console import Console
 
     from avs3d_bench.doctor import Finding, all_checks, as_dict, examine, print_finding, print_summary
-    from avs3d_bench.files import is_stream, write_json
+    from avs3d_bench.files import write_json
 
-    if json_file is not None:
-        is_stream(json_file)  # refuses a folder before any work is done
     console = Console(highlight=False)
     group = ""
 

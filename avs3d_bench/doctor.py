@@ -15,7 +15,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from importlib import metadata
@@ -148,19 +148,40 @@ def package_check(
         if not has_module(module):
             why = f"not installed; {needed}" if needed else "not installed"
             return (Finding(group, name, "missing", why, fix),)
-        try:
-            version = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            version = "of unknown version"
-        works, said = run_python(program or f"import {module}", limit=limit)
-        if not works:
-            mend = (
-                f"{fix} --force-reinstall" if fix.endswith(("'", name)) else fix
-            )  # what follows a remark is no option
-            return (Finding(group, name, "broken", f"{version}: {said}", mend),)
-        return (Finding(group, name, "ok", f"{version}, {said}" if said else version),)
+        return (package_finding(group, name, fix, run_python(program or f"import {module}", limit=limit)),)
 
     return Check(group, name, run)
+
+
+def package_finding(group: str, name: str, fix: str, result: tuple[bool, str]) -> Finding:
+    """The finding on an installed package with which a program was run; see `package_check` and `run_python`."""
+    try:
+        version = metadata.version(name)
+    except metadata.PackageNotFoundError:
+        version = "of unknown version"
+    works, said = result
+    if not works:
+        mend = f"{fix} --force-reinstall" if fix.endswith(("'", name)) else fix  # what follows a remark is no option
+        return Finding(group, name, "broken", f"{version}: {said}", mend)
+    return Finding(group, name, "ok", f"{version}, {said}" if said else version)
+
+
+def run_in_turn(programs: Sequence[str], *, limit: float = TIME_LIMIT) -> list[tuple[bool, str]]:
+    """Run programs that import the same large package in one process, so that it is imported once.
+
+    Where one of them does not end well, it and those after it are run again, each in a process of its own.
+
+    Returns:
+        What `run_python` gives, for each program.
+    """
+    begin = "-- program"
+    # Each has names of its own.
+    steps = [f"print({begin!r}, flush=True)\nexec({program!r}, {{'__name__': '__main__'}})" for program in programs]
+    ended = _end_of("\n".join(steps), limit, sys.executable)
+    parts = [] if isinstance(ended, str) else ended.stdout.split(f"{begin}\n")[1:]
+    whole = parts if not isinstance(ended, str) and ended.returncode == 0 else parts[:-1]
+    found = [(True, _last_line(part)) for part in whole]
+    return found + [run_python(program, limit=limit) for program in programs[len(found) :]]
 
 
 def run_python(program: str, *, limit: float = TIME_LIMIT, python: str = sys.executable) -> tuple[bool, str]:
@@ -169,9 +190,20 @@ def run_python(program: str, *, limit: float = TIME_LIMIT, python: str = sys.exe
     Returns:
         Whether it ended well, and the last line it printed (of its errors, where it did not).
     """
+    ended = _end_of(program, limit, python)
+    if isinstance(ended, str):
+        return False, ended
+    if ended.returncode < 0:
+        return False, f"ended by signal {-ended.returncode}"
+    works = ended.returncode == 0
+    return works, _last_line(ended.stdout if works else ended.stderr or ended.stdout)
+
+
+def _end_of(program: str, limit: float, python: str) -> subprocess.CompletedProcess[str] | str:
+    """How a process ended that ran Python code; one line if it did not begin or end."""
     try:
         # -P: modules in the current folder are not the installed ones.
-        done = subprocess.run(
+        return subprocess.run(
             [python, "-c", program],
             stdin=subprocess.DEVNULL,
             capture_output=True,
@@ -181,12 +213,9 @@ def run_python(program: str, *, limit: float = TIME_LIMIT, python: str = sys.exe
             env={**os.environ, "PYTHONSAFEPATH": "1"} if python == sys.executable else None,
         )
     except subprocess.TimeoutExpired:
-        return False, f"did not answer within {limit:g} s"
+        return f"did not answer within {limit:g} s"
     except OSError as error:
-        return False, (error.strerror or str(error)).lower()
-    if done.returncode < 0:
-        return False, f"ended by signal {-done.returncode}"
-    return done.returncode == 0, _last_line(done.stdout if done.returncode == 0 else done.stderr or done.stdout)
+        return (error.strerror or str(error)).lower()
 
 
 def _last_line(text: str) -> str:

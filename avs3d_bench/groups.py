@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import click
 
 from avs3d_bench.errors import UsageError, did_you_mean
+from avs3d_bench.outputs import PATH as PATH
 
 #: Settings of every command.
 HELP: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
@@ -15,22 +15,6 @@ HELP: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
 WORKERS = click.IntRange(1, 256)
 
 
-class NamedPath(click.Path):
-    """A path that is not empty: `Path("")` is the current folder, which an empty text does not mean."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """As click does it.
-
-        Raises:
-            click.BadParameter: if the text is empty.
-        """
-        if value == "":
-            self.fail("the name is empty; expected a file or folder", param, ctx)
-        return super().convert(value, param, ctx)
-
-
-#: Type of an option or argument that names a file or folder.
-PATH: Any = NamedPath(path_type=Path)
 #: ``--only KEY_GLOB``, repeatable; the command gets ``only``.
 only_option = click.option(
     "--only", multiple=True, metavar="KEY_GLOB", help="Only observations whose key matches; repeatable."

@@ -387,7 +387,7 @@ def read_png_rgb(path: str | Path) -> U8:
     pixels, header = _decode(path, cv2.IMREAD_COLOR)
     if header.bits != 8 or header.colour_type not in (2, 6):
         raise Avs3dError(f"{path}: {header.mode}, expected RGB, 8 bit")
-    return np.ascontiguousarray(pixels[..., ::-1])
+    return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), np.uint8)
 
 
 def read_png_mask(path: str | Path) -> Mask:

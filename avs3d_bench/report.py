@@ -8,11 +8,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from avs3d_bench.outputs import Signature
 from avs3d_bench.text import printable as printable
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+#: What the file of ``--json`` says about itself.
+REPORT_JSON = Signature(keys=("root", "deep", "valid", "observations", "files", "counts", "problems"))
 Severity = Literal["error", "warning", "note"]
 _RANK: dict[Severity, int] = {"error": 0, "warning": 1, "note": 2}
 _STYLE: dict[Severity, str] = {"error": "bold red", "warning": "yellow", "note": "dim"}

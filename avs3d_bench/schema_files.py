@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 from avs3d_bench import layout
 from avs3d_bench.comparisons import Comparison
 from avs3d_bench.exports.observation_index import ObservationShardIndex
 from avs3d_bench.frame_rows import FrameRow
+from avs3d_bench.outputs import Signature, write_outputs
 from avs3d_bench.schema import CameraSplits, DatasetRecord, ObservationRecord, PosesRecord, Record, SubmissionRecord
 from avs3d_bench.scores import Scores
 from avs3d_bench.sealed import SealRecord
 
+_DIALECT = "https://json-schema.org/draft/2020-12/schema"
 #: File name → record.
 RECORDS: dict[str, type[Record]] = {
     layout.DATASET_JSON: DatasetRecord,
@@ -34,10 +37,22 @@ def json_schemas() -> dict[str, dict[str, Any]]:
     for file_name, record in RECORDS.items():
         schema = record.model_json_schema(mode="validation")
         name = file_name.removesuffix(".json") + ".schema.json"
-        schemas[name] = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": name} | schema
+        schemas[name] = {"$schema": _DIALECT, "$id": name} | schema
     return schemas
 
 
 def schema_texts() -> dict[str, str]:
     """File name → text of each schema file."""
     return {name: json.dumps(schema, indent=2, ensure_ascii=False) + "\n" for name, schema in json_schemas().items()}
+
+
+def write_schemas(folder: Path) -> list[Path]:
+    """Write the schema files into a folder, which may hold other files; returns them.
+
+    Raises:
+        UsageError: if a file of such a name is there that is no such schema.
+        Avs3dError: if the system refuses.
+    """
+    texts = {folder / name: text.encode() for name, text in schema_texts().items()}
+    own = {path.name: (Signature(values=(("$schema", _DIALECT), ("$id", path.name))),) for path in texts}
+    return write_outputs(texts, own)

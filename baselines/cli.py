@@ -13,6 +13,7 @@ import click
 
 from avs3d_bench.errors import UsageError
 from avs3d_bench.groups import PATH, WORKERS, Group, dataset_option, only_option
+from avs3d_bench.outputs import OUTPUT_FOLDER
 from avs3d_bench.scheduling.options import Options, scheduling_options
 
 if TYPE_CHECKING:
@@ -48,7 +49,13 @@ def _common(command: _F) -> _F:
         click.option("--overwrite", is_flag=True, help="Replace an existing submission."),
         only_option,
         click.option(
-            "-o", "--output", "path", type=PATH, metavar="SUBMISSION", required=True, help="Folder of the submission."
+            "-o",
+            "--output",
+            "path",
+            type=OUTPUT_FOLDER,
+            metavar="SUBMISSION",
+            required=True,
+            help="Folder of the submission.",
         ),
         dataset_option,
     ):
@@ -308,7 +315,7 @@ def listener(
     help="Write one submission for each threshold of the paper's Table 3 into the output folder.",
 )  # fmt: skip
 @_owod_bind_options
-@click.option("--work", type=PATH, default=None, help="Folder of intermediate results [OUTPUT.work].")
+@click.option("--work", type=OUTPUT_FOLDER, default=None, help="Folder of intermediate results [OUTPUT.work].")
 @click.option(
     "--device",
     "devices",

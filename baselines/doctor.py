@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from avs3d_bench.doctor import Check, Finding, constant, has_module, package_check, run_python
+from avs3d_bench.doctor import Check, Finding, constant, has_module, package_check, package_finding, run_in_turn
 from avs3d_bench.errors import Avs3dError
 
 _EXTRA = "pip install 'avs3d-bench[baselines]'"
@@ -45,20 +45,33 @@ OPTIONS = {
 def checks() -> tuple[Check, ...]:
     """Everything the baselines can make use of."""
     return (
-        package_check("baselines", "torch", "torch", _EXTRA, needed="every learned baseline"),
-        Check("baselines", "CUDA", _cuda),
-        package_check("baselines", "gsplat", "gsplat", _EXTRA, program=_GSPLAT, needed="EchoSegnet on a GPU"),
+        Check("baselines", "torch", _torch),
         package_check("baselines", "transformers", "transformers", _EXTRA, needed="OWOD-BIND"),
         package_check("baselines", "scikit-learn", "sklearn", _EXTRA, needed="the clusters of EchoSegnet"),
         *_checkpoints(),
     )
 
 
-def _cuda() -> tuple[Finding, ...]:
-    fix = "install a PyTorch build for your driver: https://pytorch.org/get-started/locally"
+def _torch() -> tuple[Finding, ...]:
+    """PyTorch, its device, and gsplat, which imports it: in one process, since the import takes seconds."""
     if not has_module("torch"):
-        return (Finding("baselines", "CUDA", "missing", "PyTorch is not installed", _EXTRA),)
-    works, said = run_python(_CUDA)
+        return (
+            Finding("baselines", "torch", "missing", "not installed; every learned baseline", _EXTRA),
+            Finding("baselines", "CUDA", "missing", "PyTorch is not installed", _EXTRA),
+            Finding("baselines", "gsplat", "missing", "tried once PyTorch is there; EchoSegnet on a GPU", _EXTRA),
+        )
+    there = has_module("gsplat")
+    torch, cuda, *gsplat = run_in_turn(["import torch", _CUDA, *([_GSPLAT] if there else [])])
+    last = (
+        package_finding("baselines", "gsplat", _EXTRA, gsplat[0])
+        if there
+        else Finding("baselines", "gsplat", "missing", "not installed; EchoSegnet on a GPU", _EXTRA)
+    )
+    return (package_finding("baselines", "torch", _EXTRA, torch), *_cuda(*cuda), last)
+
+
+def _cuda(works: bool, said: str) -> tuple[Finding, ...]:
+    fix = "install a PyTorch build for your driver: https://pytorch.org/get-started/locally"
     state, _, text = said.partition(";")
     if not works:
         return (Finding("baselines", "CUDA", "broken", said, fix),)

@@ -1,4 +1,4 @@
-"""How fast frames are loaded: from a dataset's folders, and from the tars of `avs3d generate --format webdataset`.
+"""How fast frames are loaded: from a dataset's folders, and from the tars of `avs3d generate --format tar`.
 
 python -m benchmarks.run --only loading            two workers, compared with decoding the same files alone
 python -m benchmarks.bench_loading DIR --workers 16     tars, or a dataset: frames per second, and where the time goes
@@ -200,7 +200,7 @@ def measure_stream(root: Path, workers: int, repeats: int) -> dict[str, float]:
 @click.option("--workers", type=int, default=WORKERS, show_default=True, help="Worker processes of the DataLoader.")
 @click.option("--repeats", type=int, default=5, show_default=True, help="Of the times per frame; the best counts.")
 def main(root: Path, workers: int, repeats: int) -> None:
-    """Measure how fast the frames at ROOT are loaded: tars of `avs3d generate --format webdataset`, or a dataset."""
+    """Measure how fast the frames at ROOT are loaded: tars of `avs3d generate --format tar`, or a dataset."""
     for name, value in measure_stream(root, workers, repeats).items():
         click.echo(f"{name}: {value:,.3g}" if value < 100 else f"{name}: {value:,.0f}")
 

@@ -10,11 +10,23 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from avs3d_bench import __version__, layout
+from avs3d_bench import __version__
 from avs3d_bench.cli import run
 from avs3d_bench.errors import UsageError
 from avs3d_bench.groups import HELP, PATH, WORKERS, dataset_option, only_option
+from avs3d_bench.outputs import OUTPUT_FOLDER, OutputFile
+from avs3d_bench.report import REPORT_JSON
 from avs3d_bench.taxonomy import PARTS
+from evaluators.signatures import (
+    COMPARISON,
+    FACTORS,
+    FACTORS_CSV,
+    FRAMES_CSV,
+    FRAMES_PARQUET,
+    REPORT,
+    SCORES,
+    VERIFICATION,
+)  # fmt: skip
 
 if TYPE_CHECKING:
     from avs3d_bench.dataset import Dataset
@@ -40,9 +52,10 @@ _truth = click.option("--truth", type=PATH, metavar="PRIVATE", help="Of a sealed
     "--protocol", type=click.Choice(["official", "strict", "listen", "all"]), default="all", show_default=True,
     help="official and strict score part_1 and part_2, listen scores part_3; all: those that fit the dataset.",
 )  # fmt: skip
-@click.option("--json", "json_file", type=PATH, metavar="FILE", help="Write the scores to this file.")
-@click.option("--html", "html_file", type=PATH, metavar="FILE", help="Write a report to this file.")
-@click.option("--frames", "frames_file", type=PATH, metavar="FILE", help="Write a row per frame: .csv or .parquet.")
+@click.option("--json", "json_file", type=OutputFile(SCORES), metavar="FILE", help="Write the scores to this file.")
+@click.option("--html", "html_file", type=OutputFile(REPORT), metavar="FILE", help="Write a report to this file.")
+@click.option("--frames", "frames_file", type=OutputFile(FRAMES_CSV, FRAMES_PARQUET), metavar="FILE",
+              help="Write a row per frame: .csv or .parquet.")  # fmt: skip
 @_official_folder
 @only_option
 @_workers
@@ -69,7 +82,6 @@ def evaluate(
 
     wanted: Any = None if protocol == "all" else (protocol,)
     data = _open_dataset(root, truth, only)
-    _check_targets(tuple(files.values()), submission, root)
     _check_frames(files["frames_file"], protocol)
     with open_submission(submission, aisrm=_aisrm(official_folder)) as opened:
         try:
@@ -168,29 +180,6 @@ def _beside(html_file: Path | None, json_file: Path) -> str | None:
     return None if relative.startswith("..") or printable(relative) != relative else relative
 
 
-def _check_targets(targets: Sequence[Path | None], submission: Path, dataset: Path) -> None:
-    """Refuse, before any work is done, to write where a folder or a file of the submission or dataset belongs.
-
-    Raises:
-        UsageError: naming the file.
-        Avs3dError: if the path exists and cannot be written to.
-    """
-    from avs3d_bench.files import check_writable, is_stream
-
-    for target in targets:
-        if target is not None:
-            check_writable(target)
-    places = [Path(os.path.realpath(target)) for target in targets if target is not None and not is_stream(target)]
-    if len(set(places)) < len(places):
-        raise UsageError(f"{places[0]}: named twice; expected a file each for --json, --html and --frames")
-    for place in places:
-        for root, record in ((submission, layout.SUBMISSION_JSON), (dataset, layout.DATASET_JSON)):
-            home = Path(os.path.realpath(root))
-            inside = place.relative_to(home).parts if place.is_relative_to(home) else None
-            if inside is not None and (inside in ((), (record,)) or inside[0] in PARTS):
-                raise UsageError(f"{place}: would overwrite or litter {root}; choose another file")
-
-
 def _print_problems(report: Any, submission: Path, dataset: Path) -> None:
     from avs3d_bench.report import print_report
 
@@ -202,7 +191,9 @@ def _print_problems(report: Any, submission: Path, dataset: Path) -> None:
 @click.command(context_settings=HELP, short_help="Check a submission; name every bad file.")
 @click.argument("submission", type=PATH)
 @dataset_option
-@click.option("--json", "json_file", type=PATH, metavar="FILE", help="Write the findings to this file as well.")
+@click.option(
+    "--json", "json_file", type=OutputFile(REPORT_JSON), metavar="FILE", help="Write the findings to this file as well."
+)
 @_official_folder
 @only_option
 @_workers
@@ -222,7 +213,6 @@ def check(
     from avs3d_bench.report import print_report
     from evaluators.reading.checks import check_submission
 
-    _check_targets((json_file,), submission, root)
     report = check_submission(
         submission,
         root,
@@ -247,7 +237,8 @@ def check(
 )
 @dataset_option
 @_truth
-@click.option("--json", "json_file", type=PATH, metavar="FILE", help="Write all differences to this file as well.")
+@click.option("--json", "json_file", type=OutputFile(VERIFICATION), metavar="FILE",
+              help="Write all differences to this file as well.")  # fmt: skip
 @_workers
 def verify(
     score_file: Path, submission: Path, root: Path, truth: Path | None, json_file: Path | None, workers: int | None
@@ -262,9 +253,6 @@ def verify(
     from evaluators.records import InvalidSubmission
     from evaluators.verify import verify as verify_scores
 
-    _check_targets((json_file,), submission, root)
-    if json_file is not None and os.path.realpath(json_file) == os.path.realpath(score_file):
-        raise UsageError(f"{json_file}: is the file of scores itself; choose another file for --json")
     try:
         data = _open_dataset(root, truth, ())
         found = verify_scores(score_file, submission, data, workers=workers, progress=sys.stderr.isatty())
@@ -288,7 +276,7 @@ def verify(
 
 @click.command(context_settings=HELP, short_help="Rank files of scores on one static page.")
 @click.argument("scores", nargs=-1, required=True, type=PATH, metavar="SCORES.json…")
-@click.option("-o", "--output", "folder", type=PATH, metavar="DIR", required=True, help="Folder for the page.")
+@click.option("-o", "--output", "folder", type=OUTPUT_FOLDER, metavar="DIR", required=True, help="Folder for the page.")
 def leaderboard(scores: tuple[Path, ...], folder: Path) -> None:
     """Rank any number of files of scores (avs3d-eval --json) on one static page, with links to their reports."""
     from evaluators.reporting.leaderboard import write_leaderboard
@@ -309,7 +297,8 @@ def leaderboard(scores: tuple[Path, ...], folder: Path) -> None:
 )
 @click.option("--figure", "figures", multiple=True, metavar="PROTOCOL.FIGURE",
               help="Such as strict.IoU; repeatable [every figure].")  # fmt: skip
-@click.option("--json", "json_file", type=PATH, metavar="FILE", help="Write the comparison to this file as well.")
+@click.option("--json", "json_file", type=OutputFile(COMPARISON), metavar="FILE",
+              help="Write the comparison to this file as well.")  # fmt: skip
 def compare(
     scores: tuple[Path, ...],
     protocols: tuple[Any, ...],
@@ -323,14 +312,10 @@ def compare(
     the p-value of a permutation test, corrected for the number of pairs (Holm), and places, shared where nothing
     separates. docs/comparing.md has the formulas.
     """
-    from avs3d_bench.files import check_writable, write_json
+    from avs3d_bench.files import write_json
     from evaluators.reporting.compare import compare as compare_files
     from evaluators.reporting.compare import comparison_lines
 
-    if json_file is not None:
-        check_writable(json_file)
-        if json_file.exists() and any(path.exists() and json_file.samefile(path) for path in scores):
-            raise UsageError(f"{json_file}: would overwrite a file of scores; choose another file")
     found = compare_files(scores, protocols=protocols, parts=parts, figures=figures)
     try:
         if json_file is not None:
@@ -345,24 +330,20 @@ def compare(
 
 @click.command(context_settings=HELP, short_help="Show figures by distance, direction, reverberation and others.")
 @click.argument("tables", nargs=-1, required=True, type=PATH, metavar="FRAMES…")
-@click.option("--html", "html_file", type=PATH, metavar="FILE", help="Write a page with charts to this file.")
-@click.option("--csv", "csv_file", type=PATH, metavar="FILE", help="Write the figures of all bins to this file.")
+@click.option("--html", "html_file", type=OutputFile(FACTORS), metavar="FILE",
+              help="Write a page with charts to this file.")  # fmt: skip
+@click.option("--csv", "csv_file", type=OutputFile(FACTORS_CSV), metavar="FILE",
+              help="Write the figures of all bins to this file.")  # fmt: skip
 def factors(tables: tuple[Path, ...], html_file: Path | None, csv_file: Path | None) -> None:
     """Show the figures of one to four methods by factor, side by side.
 
     FRAMES are tables of frames (avs3d-eval --frames) of the same frames of one dataset.
     """
-    from avs3d_bench.files import check_writable
     from evaluators.reporting.factors import write_factors
 
     targets = [path for path in (html_file, csv_file) if path is not None]
     if not targets:
         raise UsageError("nothing to write: expected --html FILE, --csv FILE or both")
-    for path in targets:
-        check_writable(path)
-    places = [os.path.realpath(path) for path in (*tables, *targets)]
-    if len({*places}) < len({*places[: len(tables)]}) + len(targets):
-        raise UsageError(f"{targets[0]}: named twice, or one of the tables; expected a file of its own for each output")
     write_factors(tables, html=html_file, table=csv_file)
     for path in targets:
         click.echo(str(path))
@@ -370,7 +351,9 @@ def factors(tables: tuple[Path, ...], html_file: Path | None, csv_file: Path | N
 
 @click.command(context_settings=HELP, short_help="Turn files of scores into the paper's tables.")
 @click.argument("scores", nargs=-1, required=True, type=PATH, metavar="SCORES.json…")
-@click.option("-o", "--output", "folder", type=PATH, metavar="DIR", required=True, help="Folder for the tables.")
+@click.option(
+    "-o", "--output", "folder", type=OUTPUT_FOLDER, metavar="DIR", required=True, help="Folder for the tables."
+)
 @click.option("--table", "which", type=click.Choice(["2", "3", "all"]), default="all", show_default=True)
 @click.option("--plot/--no-plot", default=True, show_default=True, help="Draw PNG and SVG too; needs matplotlib.")
 def tables(scores: tuple[Path, ...], folder: Path, which: Any, plot: bool) -> None:

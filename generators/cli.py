@@ -13,6 +13,7 @@ import click
 
 from avs3d_bench.groups import HELP, PATH, only_option
 from avs3d_bench.one_thread import ONE_THREAD
+from avs3d_bench.outputs import OUTPUT_FOLDER
 from avs3d_bench.scheduling.options import Options, scheduling_options
 from generators.core.limits import FRAMES, SIZE, WORKERS
 from generators.run.options import Audio, Device, Extra, Form, GenerateOptions, Vision
@@ -155,15 +156,29 @@ def choose_tools(habitat_python: Path | None, scans: Path | None) -> None:
             os.environ[variable] = str(user_path(named).absolute())
 
 
+class _FormChoice(click.Choice[str]):
+    """The forms of a dataset; ``tar`` was called ``webdataset`` once, as the shards of `avs3d export` still are."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value == "webdataset":
+            click.echo(
+                "avs3d generate: note: --format webdataset is called --format tar now: a tar per observation, train "
+                "and test frames together; shards by split are those of avs3d export webdataset",
+                err=True,
+            )
+            value = "tar"
+        return super().convert(value, param, ctx)
+
+
 @click.command(cls=MakingCommand, context_settings=HELP)
 @click.argument("manifest", type=PATH)
-@click.option("-o", "--output", "root", required=True, type=PATH, metavar="ROOT", help="The dataset's folder.")
+@click.option("-o", "--output", "root", required=True, type=OUTPUT_FOLDER, metavar="ROOT", help="The dataset's folder.")
 @only_option
 @making_options
 @with_option()
 @click.option(
     "--format",
-    type=click.Choice(get_args(Form)),
+    type=_FormChoice(get_args(Form)),
     default="folders",
     show_default=True,
     help="A folder of files for each observation, or a tar file of samples for training.",

@@ -176,9 +176,11 @@ HOUSE = {
         "factors": "",
         "frame_rows": "metrics records factors",
         "curves": "bootstrap metrics",
-        "reporting": "bootstrap metrics pairs sign_flips comparison protocols records reading frame_rows curves",
+        "signatures": "",
+        "reporting": "bootstrap metrics pairs sign_flips comparison protocols records reading frame_rows curves "
+        "signatures",
         "competition": "records reading score reporting",
-        "cli": "records reading score verify frame_rows reporting",
+        "cli": "records reading score verify frame_rows reporting signatures",
     },
     "baselines": {
         "networks": "",

@@ -16,8 +16,9 @@ from click.testing import CliRunner
 
 from avs3d_bench import cli
 from avs3d_bench.dataset import Dataset
-from avs3d_bench.groups import Group, NamedPath
+from avs3d_bench.groups import Group
 from avs3d_bench.listing import list_dataset
+from avs3d_bench.outputs import NamedPath
 
 ROOT = Path(__file__).parent.parent
 #: What ``-o`` may be called in a help text.

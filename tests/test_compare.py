@@ -370,5 +370,5 @@ def test_no_file_of_scores_is_overwritten(tmp_path: Path) -> None:
     before = files[0].read_bytes()
     done = run(*files, "--json", files[0])
     assert isinstance(done.exception, UsageError)
-    assert "would overwrite a file of scores" in str(done.exception)
+    assert "a.json: exists, and this command has not written it" in str(done.exception)
     assert files[0].read_bytes() == before

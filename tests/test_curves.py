@@ -415,8 +415,8 @@ def test_bad_options_of_the_command(tmp_path: Path):
     first, second = tables(tmp_path)
     for arguments, said in (
         ([str(first)], "nothing to write"),
-        ([str(first), str(second), "--csv", str(second)], "expected a file of its own"),
-        ([str(first), "--html", str(tmp_path / "x"), "--csv", str(tmp_path / "x")], "expected a file of its own"),
+        ([str(first), str(second), "--csv", str(second)], "this command has not written it"),
+        ([str(first), "--html", str(tmp_path / "x"), "--csv", str(tmp_path / "x")], "named twice"),
     ):
         found = CliRunner().invoke(cli.factors, arguments)
         assert isinstance(found.exception, UsageError)

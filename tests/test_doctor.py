@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from avs3d_bench import doctor
-from avs3d_bench.doctor import Check, Finding, all_checks, constant, examine, package_check
+from avs3d_bench.doctor import Check, Finding, all_checks, constant, examine, package_check, run_in_turn
 
 VARIABLES = (
     "AVS3D_HABITAT_PYTHON",
@@ -216,3 +216,20 @@ def test_a_file_in_the_way_of_the_cache_is_broken(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setenv("AVS3D_CACHE", str(tmp_path / "file" / "cache"))
     (finding,) = generators.run.doctor._cache()
     assert finding.state == "broken"
+
+
+def test_programs_in_turn_share_a_process_and_their_names_stay_apart() -> None:
+    told = run_in_turn(["import os; x = 1; print(os.getpid())", "import os; print(os.getpid())", "print('x' in dir())"])
+    assert [works for works, _ in told] == [True, True, True]
+    assert told[0] == told[1]
+    assert told[2] == (True, "False")
+
+
+@pytest.mark.parametrize(
+    ("breaks", "says"),
+    [("import os; os.abort()", "ended by signal 6"), ("raise ValueError('b')", "ValueError: b"),
+     ("raise SystemExit(3)", ""), ("import time; time.sleep(60)", "did not answer within 2 s")],
+)  # fmt: skip
+def test_a_program_that_breaks_takes_no_other_with_it(breaks: str, says: str) -> None:
+    told = run_in_turn(["print('before')", breaks, "print('after')"], limit=2)
+    assert told == [(True, "before"), (False, says), (True, "after")]

@@ -83,7 +83,7 @@ def test_nothing_is_generated_into_a_foreign_folder(tmp_path: Path) -> None:
 @pytest.mark.parametrize("own", [(), ("dataset.json",), ("part_2",), (".avs3d-lock",), ("failures.jsonl", "README.md")])
 def test_an_empty_folder_and_an_unfinished_dataset_are_taken(own: tuple[str, ...], tmp_path: Path) -> None:
     for name in own:
-        (tmp_path / name).mkdir()
+        (tmp_path / name).touch()
     refuse_foreign(tmp_path)
     refuse_foreign(tmp_path / "absent")
 
@@ -117,3 +117,11 @@ def test_doctor_says_which_option_takes_which_checkpoint(monkeypatch: pytest.Mon
         assert f"{kind}/ with {words}" in (finding.fix or "")
         baseline, option = words.split()
         assert option in runner.invoke(avs3d, ["baseline", baseline, "--help"]).output.split()
+
+
+def test_the_older_name_of_the_tars_is_taken_with_a_note(tmp_path: Path) -> None:
+    words = ["generate", str(tmp_path / "none.yaml"), "-o", str(tmp_path / "out"), "--format", "webdataset"]
+    done = CliRunner().invoke(avs3d, words)
+    assert "--format webdataset is called --format tar now" in done.output
+    assert isinstance(done.exception, Avs3dError), "the option is no error, the missing manifest is"
+    assert "none.yaml" in str(done.exception)

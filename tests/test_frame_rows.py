@@ -334,7 +334,7 @@ def test_the_command_writes_the_table(scored: Any, tmp_path: Path, capsys: pytes
         (["--frames", "frames.txt"], "frames.txt: a table of frames is CSV or Parquet; expected a name ending in"),
         (["--frames", "frames"], "frames: a table of frames is CSV or Parquet"),
         (["--frames", "frames.csv", "--protocol", "official"], "frames.csv: --frames has the figures of strict"),
-        (["--frames", "frames.csv", "--json", "frames.csv"], "named twice; expected a file each for --json, --html"),
+        (["--frames", "frames.csv", "--json", "frames.csv"], "frames.csv: named twice; expected a name of its own"),
     ],
 )
 def test_bad_options_are_one_line_before_any_work(

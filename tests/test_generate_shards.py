@@ -1,4 +1,4 @@
-"""`avs3d generate --format webdataset`: the samples of an export, one tar per observation, and what an index says."""
+"""`avs3d generate --format tar`: the samples of an export, one tar per observation, and what an index says."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def write(folder: Path) -> Path:
     return path
 
 
-def run(manifest: Path, root: Path, *options: str, form: str = "webdataset") -> Result:
+def run(manifest: Path, root: Path, *options: str, form: str = "tar") -> Result:
     arguments = [str(manifest), "-o", str(root), "--audio", "analytic", "--format", form, *options]
     return CliRunner().invoke(generate, arguments)
 
@@ -224,7 +224,7 @@ def test_a_tar_cut_anywhere_is_detected(shards: Path, tmp_path: Path, at: float)
 def test_another_plan_or_another_form_is_refused(manifest: Path, shards: Path, folders: Path, tmp_path: Path) -> None:
     done = run(manifest, shards, "--frames", "8", *EXTRAS)
     assert "1.tar: was generated with other options or versions" in str(done.exception)
-    for root, form, name in ((shards, "folders", "shards.json"), (folders, "webdataset", "dataset.json")):
+    for root, form, name in ((shards, "folders", "shards.json"), (folders, "tar", "dataset.json")):
         done = run(manifest, root, *EXTRAS, form=form)
         assert f"{root}: holds {name}, the index of another --format; choose another folder with -o" in str(
             done.exception
@@ -239,7 +239,7 @@ def test_another_plan_or_another_form_is_refused(manifest: Path, shards: Path, f
 def test_a_run_goes_on_after_kill_9(manifest: Path, shards: Path, tmp_path: Path) -> None:
     root = tmp_path / "tars"
     command = [sys.executable, "-m", "avs3d_bench", "generate", manifest, "-o", root, "--audio", "analytic"]
-    command += ["--format", "webdataset", "--workers", "1", *EXTRAS]
+    command += ["--format", "tar", "--workers", "1", *EXTRAS]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     process = subprocess.Popen(list(map(str, command)), env=environment, start_new_session=True)
     deadline = time.monotonic() + 240

@@ -15,6 +15,7 @@ import threading
 import time
 import zlib
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -30,8 +31,8 @@ from avs3d_bench.cli import avs3d
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.inspector.cli import view
-from avs3d_bench.inspector.live import KeptFiles
-from avs3d_bench.inspector.server import HEADERS, ViewServer
+from avs3d_bench.inspector.live import KeptFiles, LiveSite
+from avs3d_bench.inspector.server import HEADERS, MOST_CONNECTIONS, ViewServer
 from avs3d_bench.inspector.submissions import open_submissions
 from avs3d_bench.submission import SubmissionWriter
 
@@ -478,3 +479,95 @@ def test_a_film_and_a_scene_of_damaged_files_are_one_line(
     assert "\n" not in str(result.exception)
     assert not target.exists()
     assert [path.name for path in tmp_path.iterdir()] == [root.name]
+
+
+# ---- many connections, and slow ones ---------------------------------------------------------------------------
+
+
+def connections(server: ViewServer, count: int, sent: bytes) -> list[socket.socket]:
+    found = []
+    for _ in range(count):
+        one = socket.create_connection(("127.0.0.1", port_of(server)), timeout=HANGS)
+        one.sendall(sent)
+        found.append(one)
+    return found
+
+
+@pytest.mark.parametrize("sent", [b"", b"GET / HTTP/1.1\r\nHost: 127"])
+def test_connections_that_ask_nothing_leave_room_for_those_that_do(source: Path, sent: bytes) -> None:
+    """More than the server takes, idle or with half a head: threads stay bounded, and a question is answered."""
+    before = threading.active_count()
+    with served(source) as server:
+        held = connections(server, 2 * MOST_CONNECTIONS, sent)
+        assert ask(server, "/")[0] == 200
+        assert threading.active_count() <= before + 1 + MOST_CONNECTIONS
+        for one in held:
+            one.close()
+
+
+def test_a_connection_that_waits_too_long_is_closed(source: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One byte now and then keeps no thread: what counts is the time until the head is whole."""
+    monkeypatch.setattr("avs3d_bench.inspector.server.WAITING_SECONDS", 0.5)
+    with served(source) as server:
+        (one,) = connections(server, 1, b"GET / HTTP/1.1\r\n")
+
+        def drip() -> None:
+            end = time.monotonic() + HANGS
+            while time.monotonic() < end:
+                one.sendall(b"X")
+                time.sleep(0.05)
+
+        with pytest.raises(ConnectionError):
+            drip()
+        one.close()
+
+
+def test_when_all_are_being_answered_a_new_one_is_told(source: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("avs3d_bench.inspector.server.MOST_CONNECTIONS", 2)
+    go, asked = threading.Event(), threading.Semaphore(0)
+    read = LiveSite.read
+
+    def wait(self: LiveSite, address: str) -> bytes:
+        asked.release()
+        assert go.wait(HANGS)
+        return read(self, address)
+
+    monkeypatch.setattr(LiveSite, "read", wait)
+    with served(source) as server, ThreadPoolExecutor(2) as pool:
+        answers = [pool.submit(ask, server, "/") for _ in range(2)]
+        for _ in answers:
+            assert asked.acquire(timeout=HANGS)
+        status, headers, text = ask(server, "/")
+        assert (status, text) == (503, "too many connections\n")
+        assert dict(HEADERS).items() <= headers.items()
+        go.set()
+        assert [one.result()[0] for one in answers] == [200, 200]
+        assert ask(server, "/")[0] == 200, "there is room again"
+
+
+def test_parallel_ranges_of_the_sound_are_answered(source: Path) -> None:
+    """A player asks for several parts at a time, over connections that stay open."""
+    with served(source) as server:
+        connection = http.client.HTTPConnection("127.0.0.1", port_of(server), timeout=HANGS)
+        connection.request("GET", f"/{KEY}/sound.flac")
+        whole = connection.getresponse().read()
+        connection.close()
+
+        def parts(start: int) -> bytes:
+            kept = http.client.HTTPConnection("127.0.0.1", port_of(server), timeout=HANGS)
+            found = b""
+            for first in range(start, len(whole), 12 * 4096):
+                kept.request("GET", f"/{KEY}/sound.flac", headers={"Range": f"bytes={first}-{first + 4095}"})
+                answer = kept.getresponse()
+                assert answer.status == 206
+                found += answer.read()
+            kept.close()
+            return found
+
+        with ThreadPoolExecutor(12) as pool:
+            found = list(pool.map(parts, range(0, 12 * 4096, 4096)))
+        expected = [
+            b"".join(whole[first : first + 4096] for first in range(start, len(whole), 12 * 4096))
+            for start in range(0, 12 * 4096, 4096)
+        ]
+        assert found == expected

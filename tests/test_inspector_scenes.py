@@ -744,3 +744,19 @@ def test_without_scripts_siblings_are_links(site: Path, browser: Any) -> None:
         opened.page.click(f"a[data-key='{SILENT}']")
         opened.page.wait_for_timeout(100)
         assert opened.page.text_content("h1") == "Silence"
+
+
+def test_siblings_share_their_frames_and_each_picture_is_encoded_once(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The server's files are those of the site on disk (above): sharing changes no byte."""
+    encoded = []
+    encode = pictures.player_frame
+    monkeypatch.setattr(pictures, "player_frame", lambda rgb: encoded.append(rgb.tobytes()) or encode(rgb))
+    dataset = Dataset(root)
+    keys = dataset.keys[:2]
+    build_site(dataset, keys, (), tmp_path / "site", workers=1)
+    names = {frame.name for frame in dataset[keys[0]].frames}
+    shown = [(tmp_path / "site" / key / "frames" / f"{name}.webp").read_bytes() for key in keys for name in names]
+    assert len(shown) == 2 * len(names)
+    assert len(encoded) == len(set(encoded)) == len(names)

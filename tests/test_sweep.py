@@ -194,7 +194,7 @@ def test_files_beside_the_manifest_keep_it_in_its_folder(tmp_path: Path) -> None
     assert message.endswith(f"tiny.yaml names files or assets relative to its folder; write the sweep to "
                             f"{tmp_path / 'here'} with -o")  # fmt: skip
     assert refused(path, f"{SCALE}=1,2", output=path).endswith(
-        "would overwrite the manifest; choose another file with -o"
+        "exists, and this command has not written it; choose another name, or move the file away"
     )
 
 
@@ -266,7 +266,7 @@ def test_variants_of_part_1_are_those_that_are_rendered_alone(tmp_path: Path) ->
 @pytest.mark.slow
 def test_tars_of_variants_are_those_that_are_rendered_alone(tmp_path: Path) -> None:
     path = swept(write(tmp_path), f"{SCALE}=1,4", only="part_1/*")
-    words = [str(path), "--workers", "1", "--audio", "analytic", "--format", "webdataset"]
+    words = [str(path), "--workers", "1", "--audio", "analytic", "--format", "tar"]
     tars = []
     for name, more in (("both", []), ("alone", ["--only", "part_1/box/kitchen/2"])):
         outcome = CliRunner().invoke(generate, [*words, "-o", str(tmp_path / name), *more], catch_exceptions=False)

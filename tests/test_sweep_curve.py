@@ -246,7 +246,7 @@ def test_what_makes_no_curve_is_refused_in_one_line(tmp_path: Path) -> None:
     )
     both = saved(tmp_path, both=scenes({None: 9, 0.0: 2, 5.0: 3}, kinds=("noise", "room_tone")))
     assert refused(both) == f"{both[0]}: {KIND} and {SNR} vary; name one with --over"
-    with pytest.raises(UsageError, match="would overwrite a file of scores"):
+    with pytest.raises(UsageError, match=r"would overwrite .*curve\.csv, which is read"):
         write_sweep(tmp_path, [saved(tmp_path, curve=part_2)[0].rename(tmp_path / "curve.csv")], plot=False)
 
 

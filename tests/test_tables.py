@@ -531,7 +531,7 @@ def test_a_file_of_scores_is_never_overwritten(tmp_path: Path, capsys: pytest.Ca
     before = named.read_bytes()
     code, _, errors = call(capsys, named, "-o", tmp_path)
     assert (code, len(errors)) == (2, 1)
-    assert "table2.csv: would overwrite a file of scores" in errors[0]
+    assert f"table2.csv: would overwrite {named}, which is read" in errors[0]
     assert named.read_bytes() == before
 
 

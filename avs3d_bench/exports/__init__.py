@@ -4,6 +4,7 @@
 |--------------------|-----------------------------------------------------------------|----------------------|
 | `AVS3DDataset`     | a `torch.utils.data.Dataset`                                    | torch                |
 | `write_webdataset` | tar shards, reproducible and resumable                          | nothing              |
+| `shard_paths`      | the tars of a folder, by split                                  | nothing              |
 | `decode_sample`    | what WebDataset yields, as arrays                               | nothing              |
 | `write_huggingface`| Parquet files and a card for `datasets.load_dataset`            | pyarrow, datasets    |
 | `waveform`         | an undecoded audio value of `datasets`, as samples              | nothing              |

@@ -20,6 +20,7 @@ from avs3d_bench import media
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.exports.citation import ARXIV, BIBTEX, PAPER
 from avs3d_bench.exports.samples import ALL_KINDS, check_output, file_kinds, select
+from avs3d_bench.exports.signatures import CARD
 from avs3d_bench.schema import DatasetRecord, ObservationRecord
 from avs3d_bench.taxonomy import CATEGORIES, PARTS, ROOMS
 
@@ -154,11 +155,11 @@ def write_card(root: str | Path, output: str | Path) -> None:
     """Write the card of the dataset at ``root``.
 
     Raises:
-        UsageError: if there is no dataset.
+        UsageError: if there is no dataset, or ``output`` is another file.
         Avs3dError: if a record does not fit the schema, or the system refuses.
     """
     dataset, keys = select(root)
-    check_output(dataset, output)
+    check_output(dataset, output, CARD)
     media.write_bytes(output, card_text(gather(dataset, keys)).encode())
 
 

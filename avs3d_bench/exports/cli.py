@@ -13,7 +13,9 @@ import click
 from avs3d_bench import __version__
 from avs3d_bench.exports.samples import EXTRA_KINDS, SPLIT_CHOICES
 from avs3d_bench.exports.shards import ShardIndex
+from avs3d_bench.exports.signatures import BUNDLE, CARD, CROISSANT
 from avs3d_bench.groups import PATH, WORKERS, Group, only_option
+from avs3d_bench.outputs import OUTPUT_FOLDER, OutputFile
 
 _C = TypeVar("_C", bound=Callable[..., Any])
 _ROOT = click.argument("root", type=PATH)
@@ -33,7 +35,7 @@ def _shard_options(command: _C) -> _C:
         only_option,
         click.option("--shard-size", "shard_mb", type=float, default=256.0, show_default=True, metavar="MB", help=size),
         click.option("--split", type=click.Choice(SPLIT_CHOICES), default="all", show_default=True),
-        click.option("-o", "--output", "folder", type=PATH, metavar="DIR", required=True, help="The folder."),
+        click.option("-o", "--output", "folder", type=OUTPUT_FOLDER, metavar="DIR", required=True, help="The folder."),
         _ROOT,
     ):
         command = option(command)
@@ -76,7 +78,9 @@ def huggingface(root: Path, folder: Path, **options: Any) -> None:
 
 @export.command(short_help="A Croissant description (JSON-LD).")
 @_ROOT
-@click.option("-o", "--output", type=PATH, metavar="FILE", required=True, help="The file: ROOT/croissant.json.")
+@click.option(
+    "-o", "--output", type=OutputFile(CROISSANT), metavar="FILE", required=True, help="The file: ROOT/croissant.json."
+)
 @click.option("--url", default=None, help="The dataset's home page.")
 @click.option("--date", "published", default=None, metavar="YYYY-MM-DD", help="When it was published.")
 def croissant(root: Path, output: Path, url: str | None, published: str | None) -> None:
@@ -92,7 +96,7 @@ def croissant(root: Path, output: Path, url: str | None, published: str | None) 
 
 @export.command(short_help="A dataset card.")
 @_ROOT
-@click.option("-o", "--output", type=PATH, metavar="FILE", required=True, help="The file, e.g. README.md.")
+@click.option("-o", "--output", type=OutputFile(CARD), metavar="FILE", required=True, help="The file, e.g. README.md.")
 def card(root: Path, output: Path) -> None:
     """Write the card of the dataset at ROOT: contents, sizes, rooms, sound, licences, limits, how to load it."""
     from avs3d_bench.exports.card import write_card
@@ -104,7 +108,9 @@ def card(root: Path, output: Path) -> None:
 @export.command(short_help="A competition bundle for Codabench.")
 @click.argument("public", type=PATH)
 @click.argument("private", type=PATH)
-@click.option("-o", "--output", type=PATH, metavar="FILE", required=True, help="The bundle, e.g. bundle.zip.")
+@click.option(
+    "-o", "--output", type=OutputFile(BUNDLE), metavar="FILE", required=True, help="The bundle, e.g. bundle.zip."
+)
 @click.option("--title", default=None, help="Title of the competition [the dataset's name].")
 @click.option(
     "--docker-image",

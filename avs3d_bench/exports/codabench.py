@@ -36,7 +36,9 @@ from avs3d_bench.exports.codabench_files import (
 )
 from avs3d_bench.exports.codabench_format import BUNDLE_YAML, MOST_IMAGE, MOST_TITLE, PICTURES, check_bundle
 from avs3d_bench.exports.codabench_pages import Facts, logo, pages, terms
+from avs3d_bench.exports.signatures import BUNDLE
 from avs3d_bench.files import atomic_path, read_bytes
+from avs3d_bench.outputs import check_apart, check_replaceable
 
 #: Masks that the evaluator scores in a second, at least, on one core (docs/competition.md has the measurement).
 _MASKS_PER_SECOND = 20
@@ -126,10 +128,13 @@ def write_codabench(public: str | Path, private: str | Path, output: str | Path,
         settings: the organiser's decisions.
 
     Raises:
-        UsageError: if a setting makes no sense, or one of the roots is no dataset.
+        UsageError: if a setting makes no sense, one of the roots is no dataset, or ``output`` is another file.
         Avs3dError: if ``public`` holds truth, ``private`` lacks some, or a file is damaged.
     """
     data, truth = Dataset(public), Dataset(private)
+    read = (Path(public), Path(private), settings.image, settings.terms)
+    check_apart(Path(output), [path for path in read if path is not None])
+    check_replaceable(output, (BUNDLE,))
     _check_settings(settings)
     require_no_truth(data)
     check_truth(data, truth)

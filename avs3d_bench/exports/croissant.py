@@ -33,6 +33,7 @@ from avs3d_bench.errors import UsageError
 from avs3d_bench.exports.card import hub_licence
 from avs3d_bench.exports.citation import ARXIV, AUTHORS, BIBTEX, PAPER
 from avs3d_bench.exports.samples import ALL_KINDS, check_output, file_kinds, has_sound_scenes, select
+from avs3d_bench.exports.signatures import CROISSANT
 from avs3d_bench.schema import AttributionRecord
 
 Json = dict[str, Any]
@@ -119,7 +120,7 @@ def write_croissant(
         Avs3dError: if dataset.json is damaged or the system refuses.
     """
     dataset, keys = select(root)
-    check_output(dataset, output)
+    check_output(dataset, output, CROISSANT)
     root, output = Path(root), Path(output)
     if output.resolve().parent != root.resolve():
         raise UsageError(

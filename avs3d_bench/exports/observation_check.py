@@ -1,4 +1,4 @@
-"""`avs3d validate` of what `avs3d generate --format webdataset` wrote: the index, and every tar that it lists."""
+"""`avs3d validate` of what `avs3d generate --format tar` wrote: the index, and every tar that it lists."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def check_tars(root: Path, *, deep: bool = False, workers: int | None = None, pr
         progress: show a bar on stderr.
 
     Raises:
-        UsageError: if the folder is no finished output of `avs3d generate --format webdataset`.
+        UsageError: if the folder is no finished output of `avs3d generate --format tar`.
         Avs3dError: if the index is damaged.
     """
     if not (root / SHARDS_JSON).is_file():

@@ -1,4 +1,4 @@
-"""`shards.json` of `avs3d generate --format webdataset`: contents and digests of the tars, the dataset's record."""
+"""`shards.json` of `avs3d generate --format tar`: contents and digests of the tars, the dataset's record."""
 
 from __future__ import annotations
 

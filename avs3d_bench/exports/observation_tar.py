@@ -1,4 +1,4 @@
-"""One tar file per observation, as `avs3d generate --format webdataset` writes it: samples, their record, a digest.
+"""One tar file per observation, as `avs3d generate --format tar` writes it: samples, their record, a digest.
 
     part_3/apartment_1/kitchen/1.tar
       __avs3d__/observation.json                          the observation's record
@@ -142,7 +142,7 @@ def find_fault(path: Path) -> str:
         tail = stream.read()
         at = tail.rfind(_DIGEST_HEADER)
         if at < 0:
-            return f"cut short after {size:,} bytes, or no tar of `avs3d generate --format webdataset`"
+            return f"cut short after {size:,} bytes, or no tar of `avs3d generate --format tar`"
         digest = tail[at + len(_DIGEST_HEADER) :][: _DIGEST_BYTES - 1]
         end = at + len(_DIGEST_HEADER) + _DIGEST_BYTES + len(padding(_DIGEST_BYTES))
         if tail[end:] != closing(start + end):

@@ -17,8 +17,8 @@ from typing import Any, Literal, get_args
 from avs3d_bench import layout, media
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.outputs import Signature, check_apart, check_replaceable
 from avs3d_bench.schema import FrameRecord, InstanceRecord, ObservationRecord, SourceRecord
-from avs3d_bench.taxonomy import PARTS
 
 SplitChoice = Literal["train", "test", "all"]
 SPLIT_CHOICES: tuple[SplitChoice, ...] = get_args(SplitChoice)
@@ -177,18 +177,14 @@ def select(root: str | Path, only: Sequence[str] = ()) -> tuple[Dataset, tuple[s
     return dataset, keys
 
 
-def check_output(dataset: Dataset, output: str | Path) -> None:
-    """Refuse to write a description over the dataset it describes.
+def check_output(dataset: Dataset, output: str | Path, own: Signature) -> None:
+    """Refuse to write a description over the dataset it describes, or over a file that is no such description.
 
     Raises:
-        UsageError: if ``output`` is a folder, dataset.json, or lies among the observations.
+        UsageError: if ``output`` is a folder, dataset.json, lies among the observations, or has not this signature.
     """
-    path, root = Path(output).resolve(), dataset.root.resolve()
-    if path.is_dir():
-        raise UsageError(f"{output}: a folder; expected a file name")
-    inside = path.relative_to(root).parts if path.is_relative_to(root) else ("",)
-    if inside[0] in (*PARTS, layout.DATASET_JSON):
-        raise UsageError(f"{output}: would change the dataset; choose a name of its own beside {layout.DATASET_JSON}")
+    check_apart(Path(output), (dataset.root,))
+    check_replaceable(output, (own,))
 
 
 def frames_of(observation: Observation, split: SplitChoice) -> tuple[Frame, ...]:

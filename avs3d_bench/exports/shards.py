@@ -3,7 +3,8 @@
 While an export is under way, ``DIR/.partial/`` holds a lock, the files being written and a receipt per finished
 shard. `shards.json` is written last: a folder without it is not a whole export. A rerun keeps a shard whose receipt
 (or whose entry in `shards.json`) says that it was made of the same frames, files and options, and whose sha256 is
-still the recorded one; everything else is written again.
+still the recorded one; every other shard of an export of the same dataset is written again. A folder with the shards
+of another dataset, or with a file of a shard's name that no export of this dataset has written, is refused.
 """
 
 from __future__ import annotations
@@ -34,6 +35,8 @@ from avs3d_bench.staging import hold
 SHARDS_JSON = layout.SHARDS_JSON
 _SOURCE = re.compile(r"^(source_[0-9]+|background)\.")
 PARTIAL = ".partial"
+#: What an export that is under way is an export of, in `PARTIAL`.
+_SUBJECT = "export.json"
 Format = Literal["webdataset", "huggingface"]
 Count = Annotated[int, Field(ge=0)]
 
@@ -72,6 +75,14 @@ class ShardIndex(Record):
     members: dict[str, str] = Field(description="possible members of a sample: name → description")
     splits: dict[str, SplitRecord]
     shards: tuple[ShardRecord, ...]
+
+
+class Subject(Record):
+    """What an export is an export of: one folder holds one."""
+
+    format: Format
+    dataset: Text
+    dataset_version: Text | None
 
 
 @dataclass(frozen=True)
@@ -245,12 +256,13 @@ def _samples(root: Path, split: SplitChoice, extras: tuple[str, ...], shard: Sha
 
 @contextmanager
 def _under_way(folder: Path) -> Iterator[None]:
-    """Hold ``DIR/.partial``; it stays if the run is interrupted, so that the next one can continue."""
+    """Hold ``DIR/.partial``; it stays if a run is interrupted that the next one can continue."""
     partial_folder = folder / PARTIAL
     if folder.exists() and not folder.is_dir():
         raise UsageError(f"{folder}: a file; expected a folder for the export")
-    foreign = folder.is_dir() and any(folder.iterdir())
-    if foreign and not (folder / SHARDS_JSON).exists() and not partial_folder.is_dir():
+    there = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    begun = SHARDS_JSON in there or (partial_folder / _SUBJECT).is_file()
+    if there - {PARTIAL} and not begun:
         raise UsageError(f"{folder}: not empty and no export of ours; choose another folder")
     try:
         lock = hold(partial_folder, folder)
@@ -264,22 +276,40 @@ def _under_way(folder: Path) -> Iterator[None]:
         yield
         shutil.rmtree(partial_folder, ignore_errors=True)
     finally:
+        if not any(partial_folder.glob("*.json")):
+            shutil.rmtree(partial_folder, ignore_errors=True)
         os.close(lock)
 
 
-def _known(folder: Path, style: Layout) -> dict[str, ShardRecord]:
-    """Receipts and index entries, by file; what cannot be read does not count."""
+def _known(folder: Path, subject: Subject) -> dict[str, ShardRecord]:
+    """Receipts and index entries of an earlier export of the same, by file; receipts that cannot be read do not count.
+
+    Raises:
+        UsageError: if the folder holds an export of something else.
+        Avs3dError: if its index cannot be read.
+    """
     found: dict[str, ShardRecord] = {}
     if (folder / SHARDS_JSON).exists():
         index = media.read_record(folder / SHARDS_JSON, ShardIndex)
-        if index.format != style.format:
-            raise UsageError(f"{folder}: holds an export of kind {index.format}; choose another folder")
+        earlier = Subject(format=index.format, dataset=index.dataset, dataset_version=index.dataset_version)
+        _refuse_other(folder, earlier, subject)
         found = {shard.file: shard for shard in index.shards}
-    for path in sorted((folder / PARTIAL).glob("*.json")):
+    receipts = [path for path in sorted((folder / PARTIAL).glob("*.json")) if path.name != _SUBJECT]
+    if receipts:
+        _refuse_other(folder, media.read_record(folder / PARTIAL / _SUBJECT, Subject), subject)
+    for path in receipts:
         with suppress(Avs3dError):
             shard = media.read_record(path, ShardRecord)
             found[shard.file] = shard
     return found
+
+
+def _refuse_other(folder: Path, found: Subject, wanted: Subject) -> None:
+    if found != wanted:
+        kind, version = found.format, "" if found.dataset_version is None else f" {found.dataset_version}"
+        raise UsageError(
+            f"{folder}: holds an export of kind {kind} of the dataset {found.dataset}{version}; choose another folder"
+        )
 
 
 def _keep_or_write(
@@ -329,7 +359,7 @@ def export_shards(
         finish: writes what stands beside the shards, before the index.
 
     Raises:
-        UsageError: if ``folder`` holds something else, or the split is empty.
+        UsageError: if ``folder`` holds something else, such as the shards of another dataset, or the split is empty.
         Avs3dError: if a file is missing or damaged, another process writes ``folder``, or the system refuses.
     """
     target = Path(folder).resolve()
@@ -342,8 +372,18 @@ def export_shards(
     if not planned:
         raise UsageError(f"{dataset.root}: no frames in split {split}; expected at least one")
     shards = cut(planned, limit, style)
+    record = dataset.record
+    subject = Subject(
+        format=style.format, dataset=dataset.name, dataset_version=record.version if record else None
+    )  # fmt: skip
     with _under_way(target):
-        known = _known(target, style)
+        known = _known(target, subject)
+        foreign = next((s.file for s in shards if s.file not in known and os.path.lexists(target / s.file)), None)
+        if foreign is not None:
+            raise UsageError(
+                f"{target / foreign}: exists, and no export of {subject.dataset} has written it; move it away"
+            )
+        media.write_json(target / PARTIAL / _SUBJECT, subject)
         for shard_record in known.values():
             # Receipts survive a second interruption; the index must go before the first shard changes.
             media.write_json(target / PARTIAL / f"{shard_record.file.replace('/', '-')}.json", shard_record)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import groupby
 from pathlib import Path
 
-from avs3d_bench import __version__
+from avs3d_bench import __version__, layout
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.files import write_bytes, write_json
+from avs3d_bench.files import link_or_copy, sha256_file, write_bytes, write_json
 from avs3d_bench.inspector.cards import Card
 from avs3d_bench.inspector.facts import few
 from avs3d_bench.inspector.pages import PageOf, gallery_page, observation_page, problem_page, sibling_script
@@ -25,11 +27,14 @@ from avs3d_bench.inspector.site import (
     static_asset,
 )
 from avs3d_bench.inspector.submissions import ShownSubmission
+from avs3d_bench.layout import parse_key
+from avs3d_bench.outputs import Signature, check_replaceable
 from avs3d_bench.parallel import advance, process_each
 from avs3d_bench.staging import staged_folder
 
 #: Marks a folder as ours, so that it may be replaced.
 MARKER = "avs3d-view.json"
+_MARKED = Signature(keys=("made_by", "dataset"))
 _OWN = re.compile(
     rf"{re.escape(MARKER)}|index\.html|assets/[a-z]+\.(js|css)|"
     r"part_[123]/[^/]+/[^/]+/[0-9]+/(index\.html|thumbnail\.webp|floor\.png|sound\.flac|scene\.js|ambisonics\.js|"
@@ -90,9 +95,10 @@ def build_site(
             _Task(dataset.root, key, before, after, tuple(keys), submissions, fresh)
             for before, key, after in neighbours
         ]
-        sizes = [len(dataset[key]) for key in keys]
-        made = process_each(_build_observation, tasks, workers=workers, label="frames", progress=progress, sizes=sizes)
-        done = dict(made)
+        rooms = [tuple(group) for _, group in groupby(tasks, _room_of_siblings)]
+        sizes = [sum(len(dataset[task.key]) for task in room) for room in rooms]
+        made = process_each(_build_room, rooms, workers=workers, label="frames", progress=progress, sizes=sizes)
+        done = {task: built for room, each in made for task, built in zip(room, each, strict=True)}
         cards = [done[task][0] for task in tasks]
         problems = tuple(line for task in tasks for line in done[task][1])
         shown = sum(card.problem is None for card in cards)
@@ -107,15 +113,36 @@ def build_site(
     return Built(Path(folder), shown, size, problems)
 
 
-def _build_observation(task: _Task) -> tuple[Card, tuple[str, ...]]:
-    """Write one observation's files and page (in a worker process)."""
+def _room_of_siblings(task: _Task) -> str:
+    """The same for observations that may share their pictures, which one process makes: siblings are of one room."""
+    return task.key.rpartition("/")[0] if parse_key(task.key).is_sound_scene else task.key
+
+
+def _build_room(tasks: tuple[_Task, ...]) -> list[tuple[Card, tuple[str, ...]]]:
+    """Write the files and pages of observations that may share pictures (in a worker process)."""
+    frames: dict[str, Path] = {}
+    built = []
+    for number, task in enumerate(tasks):
+        built.append(_build_observation(task, frames, partial(_reach, number, len(tasks))))
+    return built
+
+
+def _reach(number: int, tasks: int, done: int, files: int) -> None:
+    """So many files of the observation ``number`` of a room are done."""
+    advance(number * files + done, tasks * files)
+
+
+def _build_observation(
+    task: _Task, frames: dict[str, Path], reach: Callable[[int, int], None]
+) -> tuple[Card, tuple[str, ...]]:
+    """Write one observation's files and page; ``frames``: sha256 of a picture → the file that shows it."""
     site = ObservationSite(Dataset(task.root), task.key, task.submissions, task.keys)
     card = site.card()
     if card.problem is None:
         try:
             with site.reading():
                 names = list(site.names())
-            problems = _write_files(site, names, task.folder / task.key)
+            problems = _write_files(site, names, task.folder / task.key, frames, reach)
             with site.reading():
                 shown = PageOf(site, task.before, task.after, linked=False, problems=tuple(problems))
                 page = observation_page(shown)
@@ -131,21 +158,45 @@ def _build_observation(task: _Task) -> tuple[Card, tuple[str, ...]]:
     return card, tuple(problems)
 
 
-def _write_files(site: ObservationSite, names: Sequence[str], folder: Path) -> list[str]:
-    """Write what the page shows; one line for each file that cannot be made."""
+def _write_files(
+    site: ObservationSite,
+    names: Sequence[str],
+    folder: Path,
+    frames: dict[str, Path],
+    reach: Callable[[int, int], None],
+) -> list[str]:
+    """Write what the page shows; one line for each file that cannot be made.
+
+    A frame whose picture has the bytes of a sibling's is the sibling's: encoding one takes most of the time.
+    """
     problems = [*site.facts.problems]
     for number, name in enumerate(names):
-        advance(number, len(names))
+        reach(number, len(names))
         try:
             with site.reading():
-                data = site.make(name)
+                picture = _shared_picture(site, name)
+                digest = None if picture is None else sha256_file(picture)
+                data = b"" if digest in frames else site.make(name)
         except Avs3dError as error:
             problems.append(str(error))
             continue
-        write_bytes(folder / name, data)
+        if digest in frames:
+            link_or_copy(frames[digest], folder / name)
+        else:
+            write_bytes(folder / name, data)
+        if digest is not None:
+            frames.setdefault(digest, folder / name)
         if name == SOUND:
             problems += site.track.problems
     return problems
+
+
+def _shared_picture(site: ObservationSite, name: str) -> Path | None:
+    """The picture of which the file ``name`` is made, where siblings may share it."""
+    if site.facts.scene is None or not name.startswith("frames/"):
+        return None
+    picture = site.observation.path / layout.INPUT / f"{Path(name).stem}.png"
+    return picture if picture.is_file() else None
 
 
 def _check_target(final: Path, named: Path, sources: Sequence[Path]) -> None:
@@ -163,6 +214,7 @@ def _check_target(final: Path, named: Path, sources: Sequence[Path]) -> None:
         return
     if not (final / MARKER).is_file():
         raise UsageError(f"{named}: not empty and no site of avs3d view; choose another folder")
+    check_replaceable(final / MARKER, (_MARKED,))
     # The old folder is deleted: only one that this program has written.
     files = (path.relative_to(final).as_posix() for path in sorted(final.rglob("*")) if not path.is_dir())
     foreign = next((name for name in files if not _OWN.fullmatch(name)), None)

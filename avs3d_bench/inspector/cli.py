@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 from avs3d_bench.groups import HELP, PATH, WORKERS, only_option
+from avs3d_bench.outputs import OUTPUT_FOLDER
 
 if TYPE_CHECKING:
     from avs3d_bench.dataset import Dataset
@@ -28,7 +29,7 @@ GRACE_SECONDS = 0.7
     "-o",
     "--output",
     "folder",
-    type=PATH,
+    type=OUTPUT_FOLDER,
     metavar="DIR",
     help="Write a static site into this folder instead of serving.",
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +26,7 @@ from avs3d_bench.inspector.contact_scenes import (
 from avs3d_bench.inspector.sound_scenes import ShownScene, read_sound_scene
 from avs3d_bench.layout import FRAME_RATE, is_test
 from avs3d_bench.levels import ild_db
+from avs3d_bench.outputs import PNG_METADATA, PNG_OF_OURS, check_replaceable
 from avs3d_bench.schema import ObservationRecord
 from avs3d_bench.templates import words
 
@@ -43,19 +44,33 @@ THUMBNAIL = 320
 QUIETEST_DB = -110.0
 
 
-def draw_contact_sheets(root: Path, output: Path, *, only: Sequence[str] = (), columns: int = 8) -> list[Path]:
+def draw_contact_sheets(
+    root: Path,
+    output: Path,
+    *,
+    only: Sequence[str] = (),
+    columns: int = 8,
+    advance: Callable[[int, int], None] | None = None,
+) -> list[Path]:
     """Draw a PNG per observation of the dataset ``root`` into ``output``; returns the files.
 
+    ``advance`` is called with the number of sheets that are done and that of all, from 0 on.
+
     Raises:
+        UsageError: if ``output`` holds another file of such a name.
         Avs3dError: if ``root`` is no dataset, a file in it cannot be read, or ``output`` cannot be written.
     """
-    drawn = []
-    for observation in Dataset(root).select(*only):
+    drawn: list[Path] = []
+    chosen = Dataset(root).select(*only)
+    for number, observation in enumerate(chosen):
+        if advance is not None:
+            advance(number, len(chosen))
         path = output / f"{observation.key.replace('/', '_')}.png"
+        check_replaceable(path, (PNG_OF_OURS,))
         figure = draw_contact_sheet(observation, columns)
         with files.atomic_path(path) as temporary:
             # No creation date, no version: the same observation gives the same picture.
-            figure.savefig(temporary, format="png", dpi=100, metadata={"Software": None})
+            figure.savefig(temporary, format="png", dpi=100, metadata=PNG_METADATA)
         drawn.append(path)
     return drawn
 

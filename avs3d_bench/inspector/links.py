@@ -43,11 +43,15 @@ def check_links(observation: Path, root: Path) -> None:
     Raises:
         Avs3dError: naming the first.
     """
-    for name in _FILES:
-        check_link(observation / name, root)
-    check_link(observation / layout.STEMS, root)
-    for folder in (*(observation / name for name in _FOLDERS), *sorted((observation / layout.STEMS).glob("*"))):
-        check_link(folder, root)
+    check_link(observation, root)
+    stems = observation / layout.STEMS
+    for name in (*_FILES, layout.STEMS):
+        _check_child(observation / name, root)
+    for folder in (*(observation / name for name in _FOLDERS), *sorted(stems.glob("*"))):
+        if folder.parent in (observation, stems):
+            _check_child(folder, root)
+        else:
+            check_link(folder, root)
         try:
             with os.scandir(folder) as entries:
                 links = sorted(entry.path for entry in entries if entry.is_symlink())
@@ -55,3 +59,9 @@ def check_links(observation: Path, root: Path) -> None:
             continue
         for link in links:
             check_link(Path(link), root)
+
+
+def _check_child(path: Path, root: Path) -> None:
+    """The same as `check_link` for what lies in a folder that has been checked: only a link leads out of it."""
+    if path.is_symlink():
+        check_link(path, root)

@@ -10,12 +10,19 @@ import click
 
 from avs3d_bench.errors import UsageError
 from avs3d_bench.groups import HELP, PATH, dataset_option, only_option
+from avs3d_bench.outputs import DRAWN_BY, OUTPUT_FOLDER, OutputFile, Signature
+
+#: What a film and a saved scene (the HTML; a recording of viser has no room for it) say about themselves.
+_FILM = Signature(marks=(b"ftyp", DRAWN_BY.encode()))
+_SCENE = Signature(marks=(b"<html", f'<meta name="generator" content="{DRAWN_BY} view-3d">'.encode()))
 
 
 @click.command(context_settings=HELP, short_help="Write an observation as a film with its binaural sound.")
 @click.argument("key")
 @dataset_option
-@click.option("-o", "--output", "path", type=PATH, metavar="FILE", required=True, help="The film: FILE.mp4.")
+@click.option(
+    "-o", "--output", "path", type=OutputFile(_FILM), metavar="FILE", required=True, help="The film: FILE.mp4."
+)
 @click.option("--submission", type=PATH, help="Outline the masks of this submission as well.")
 @click.option("--size", type=int, default=720, show_default=True, help="Longer side of the picture, pixels.")
 @click.option(
@@ -79,7 +86,7 @@ def video(
 @click.option(
     "--save",
     "path",
-    type=PATH,
+    type=OutputFile(_SCENE),
     help="Write FILE.html, which any browser opens without a network (or FILE.viser), and serve nothing.",
 )
 def view_3d(key: str, root: Path, submissions: tuple[Path, ...], port: int, path: Path | None) -> None:
@@ -88,12 +95,19 @@ def view_3d(key: str, root: Path, submissions: tuple[Path, ...], port: int, path
     Served on the loopback address until Ctrl-C. Exit status: 0 shown, 1 something could not be read, 2 usage, a port
     that is taken included. Needs viser: pip install 'avs3d-bench[inspect]'.
     """
-    from avs3d_bench.dataset import Dataset
-    from avs3d_bench.inspector.view3d import save_view, serve_view
+    from rich.console import Console
 
-    dataset = Dataset(root)
+    from avs3d_bench.dataset import Dataset
+
+    terminal = Console(stderr=True)
+    with terminal.status("loading the viewer …") as status:
+        from avs3d_bench.inspector.view3d import save_view, serve_view
+
+        dataset = Dataset(root)
+        if path is not None:
+            saved = save_view(dataset, key, path, submissions, tell=lambda what: status.update(f"{what} …"))
     if path is not None:
-        click.echo(str(save_view(dataset, key, path, submissions)))
+        click.echo(str(saved))
         return
     try:
         serve_view(dataset, key, submissions, port=port, ready=lambda url: click.echo(f"{url}  (Ctrl-C ends)"))
@@ -103,14 +117,25 @@ def view_3d(key: str, root: Path, submissions: tuple[Path, ...], port: int, path
 
 @click.command("contact-sheet", context_settings=HELP)
 @click.argument("root", type=PATH)
-@click.option("-o", "--output", type=PATH, metavar="DIR", required=True, help="Folder for one PNG each.")
+@click.option("-o", "--output", type=OUTPUT_FOLDER, metavar="DIR", required=True, help="Folder for one PNG each.")
 @only_option
 @click.option("--frames", "columns", type=click.IntRange(2, 24), default=8, show_default=True, help="Frames shown.")
 def contact_sheet(root: Path, output: Path, only: tuple[str, ...], columns: int) -> None:
     """Draw every observation of the dataset ROOT: frames with their masks, a map of path, source and heading, sound."""
-    from avs3d_bench.inspector.contact_sheet import draw_contact_sheets
+    from rich.console import Console
+    from rich.progress import Progress
 
-    drawn = draw_contact_sheets(root, output, only=only, columns=columns)
+    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
+        task = progress.add_task("contact sheets", total=None)
+        from avs3d_bench.inspector.contact_sheet import draw_contact_sheets
+
+        drawn = draw_contact_sheets(
+            root,
+            output,
+            only=only,
+            columns=columns,
+            advance=lambda done, total: progress.update(task, completed=done, total=total),
+        )
     if not drawn:
         raise UsageError(f"{root}: no observation to draw" + (f" matches {', '.join(only)}" if only else ""))
     for path in drawn:

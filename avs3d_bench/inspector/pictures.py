@@ -114,7 +114,7 @@ def shrunk(rgb: U8, side: int) -> U8:
 
 
 def _webp(rgb: U8, quality: int) -> bytes:
-    done, data = cv2.imencode(".webp", np.ascontiguousarray(rgb[..., ::-1]), [cv2.IMWRITE_WEBP_QUALITY, quality])
+    done, data = cv2.imencode(".webp", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_WEBP_QUALITY, quality])
     if not done:
         raise Avs3dError(f"OpenCV could not encode a picture of {rgb.shape} as WebP; reinstall opencv-python-headless")
     return bytes(data)

@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from types import TracebackType
@@ -44,8 +45,35 @@ HEADERS = (
     ("X-Content-Type-Options", "nosniff"),
     ("X-Frame-Options", "DENY"),
 )
+#: Most connections at a time, each with a thread: browsers open six to a server.
+MOST_CONNECTIONS = 64
+#: Longest time that a connection waits for the whole head of its next request, or for its answer to be taken (s).
+WAITING_SECONDS = 60.0
+#: Time that a waiting connection gets to end when its place is needed (s).
+_ENDING_SECONDS = 1.0
+_FULL_TEXT = "too many connections\n"
+_FULL = "\r\n".join(
+    [
+        "HTTP/1.1 503 Service Unavailable",
+        "Content-Type: text/plain; charset=utf-8",
+        f"Content-Length: {len(_FULL_TEXT)}",
+        "Retry-After: 1",
+        "Connection: close",
+        *(f"{name}: {value}" for name, value in HEADERS),
+        "",
+        _FULL_TEXT,
+    ]
+).encode()
 #: More digits than any file has bytes are no range.
 _RANGE = re.compile(r"bytes=([0-9]{0,18})-([0-9]{0,18})")
+
+
+@dataclass
+class _Connection:
+    """A connection's thread, and since when it has waited for a request (s); None while one is answered."""
+
+    thread: threading.Thread
+    waiting: float | None
 
 
 class _Server(ThreadingHTTPServer):
@@ -58,16 +86,53 @@ class _Server(ThreadingHTTPServer):
         self.site = site
         self.ending = False
         self._lock = threading.Lock()
-        self._open: dict[socket.socket, threading.Thread] = {}
+        self._open: dict[socket.socket, _Connection] = {}
         super().__init__((HOST, port), _Handler)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Answer in a thread of its own, which is remembered with its connection: browsers keep theirs open."""
+        """Answer in a thread of its own, which is remembered with its connection: browsers keep theirs open.
+
+        With `MOST_CONNECTIONS` the one that has waited longest is closed; if all are being answered, the new one is
+        refused.
+        """
+        if not self._make_room():
+            with suppress(OSError):
+                request.settimeout(_ENDING_SECONDS)
+                request.sendall(_FULL)
+            super().shutdown_request(request)
+            return
         # No daemon: the interpreter aborts when it ends beneath OpenCV's C++.
         thread = threading.Thread(target=self.process_request_thread, args=(request, client_address), daemon=False)
         with self._lock:
-            self._open[request] = thread
+            self._open[request] = _Connection(thread, time.monotonic())
         thread.start()
+
+    def _make_room(self) -> bool:
+        with self._lock:
+            if len(self._open) < MOST_CONNECTIONS:
+                return True
+            waiting = [(one.waiting, request) for request, one in self._open.items() if one.waiting is not None]
+            if not waiting:
+                return False
+            _, request = min(waiting, key=lambda pair: pair[0])
+            thread = self._open[request].thread
+        _cut(request)
+        thread.join(_ENDING_SECONDS)
+        return not thread.is_alive()
+
+    def note(self, request: Any, *, waiting: bool) -> None:
+        """Remember whether a connection waits for a request, or one is being answered."""
+        with self._lock:
+            if request in self._open:
+                self._open[request].waiting = time.monotonic() if waiting else None
+
+    def drop_slow(self) -> None:
+        """Close the connections that have waited too long for the whole head of a request."""
+        with self._lock:
+            end = time.monotonic() - WAITING_SECONDS
+            late = [request for request, one in self._open.items() if one.waiting is not None and one.waiting < end]
+        for request in late:
+            _cut(request)
 
     def shutdown_request(self, request: Any) -> None:
         """The connection has ended."""
@@ -88,10 +153,9 @@ class _Server(ThreadingHTTPServer):
         # Before the others, so that none can follow.
         self.socket.close()
         with self._lock:
-            threads = dict(self._open)
+            threads = {request: one.thread for request, one in self._open.items()}
         for request in threads:
-            with suppress(OSError):
-                request.shutdown(socket.SHUT_RDWR)
+            _cut(request)
         end = None if seconds is None else time.monotonic() + seconds
         for thread in threads.values():
             with suppress(RuntimeError):  # never started: there was no memory for it
@@ -104,16 +168,28 @@ class _Server(ThreadingHTTPServer):
             super().handle_error(request, client_address)
 
 
+def _cut(request: socket.socket) -> None:
+    """End a connection; its thread closes it."""
+    with suppress(OSError):
+        request.shutdown(socket.SHUT_RDWR)
+
+
 class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
     server_version, sys_version = "avs3d-view", ""
-    timeout = 60
+    timeout = WAITING_SECONDS
     server: _Server
+
+    def handle_one_request(self) -> None:
+        """Wait for a request and answer it."""
+        self.server.note(self.connection, waiting=True)
+        super().handle_one_request()
 
     def parse_request(self) -> bool:
         """Read the head of a request; nothing here can be changed."""
         if not super().parse_request():
             return False
+        self.server.note(self.connection, waiting=False)
         if self.command in ("GET", "HEAD"):
             return True
         # What the request brings is not read: it must not be taken for the next one.
@@ -264,6 +340,7 @@ class ViewServer:
         """Answer until `stop` is called."""
         while not self.server.ending:
             self.server.handle_request()
+            self.server.drop_slow()
 
     def stop(self) -> None:
         """End `serve` within `_Server.timeout`; may be called from any thread and from a signal handler."""

@@ -33,6 +33,7 @@ from avs3d_bench.inspector.sound import joined, read_clip
 from avs3d_bench.inspector.submissions import ShownSubmission, open_submissions
 from avs3d_bench.inspector.video_drawing import AudibleNow, Canvas, Loudness, Overlay, Shown
 from avs3d_bench.inspector.video_map import MapInset
+from avs3d_bench.outputs import DRAWN_BY
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -227,6 +228,7 @@ def _encode(
     # bitexact keeps the muxer's version out; x264 has no B-pictures, so that no edit list delays the first picture.
     options = {"movflags": "+faststart", "fflags": "+bitexact"}
     with av.open(str(path), "w", format="mp4", options=options) as container:
+        container.metadata["comment"] = DRAWN_BY
         video = container.add_stream("libx264", rate=RATE)
         video.width, video.height, video.pix_fmt = canvas.width, canvas.height, "yuv420p"
         context = video.codec_context

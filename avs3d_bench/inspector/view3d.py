@@ -30,6 +30,7 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import atomic_path
 from avs3d_bench.inspector.view3d_data import Scene3D, read_scene
 from avs3d_bench.inspector.view3d_stage import Stage
+from avs3d_bench.outputs import DRAWN_BY
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -55,11 +56,18 @@ def load_viser() -> ModuleType:
     return viser
 
 
-def save_view(dataset: Dataset, key: str, path: str | Path, submissions: Sequence[str | Path] = ()) -> Path:
+def save_view(
+    dataset: Dataset,
+    key: str,
+    path: str | Path,
+    submissions: Sequence[str | Path] = (),
+    *,
+    tell: Callable[[str], None] = lambda _: None,
+) -> Path:
     """Write a recording: ``.html`` (one file that any browser opens) or ``.viser`` (for a viser server).
 
     No browser is opened. viser builds scenes in a server; it listens on a free port of the loopback address for the
-    seconds that this takes.
+    seconds that this takes. ``tell`` is called with what is being done.
 
     Raises:
         UsageError: if there is no such observation or submission, or the name ends otherwise.
@@ -71,16 +79,22 @@ def save_view(dataset: Dataset, key: str, path: str | Path, submissions: Sequenc
     if target.is_dir():
         raise UsageError(f"{target}: found a folder, expected the name of a file")
     viser = load_viser()
+    tell("reading the scene")
     scene = read_scene(dataset[key], submissions)
+    tell("building the scene")
     with atomic_path(target) as temporary, _serving(viser, 0) as server:
         stage = Stage(server, scene)
         stage.build()
         recorder = server.get_scene_serializer()
         for number in range(len(scene.frames)):
+            tell(f"recording frame {number + 1} of {len(scene.frames)}")
             stage.show(number)
             recorder.insert_sleep(STEP_SECONDS)
+        tell("compressing the recording")
         if target.suffix == ".html":
-            temporary.write_text(recorder.as_html(), encoding="utf-8")
+            generator = f'<meta name="generator" content="{DRAWN_BY} view-3d">'
+            page = recorder.as_html().replace("<head>", f"<head>{generator}", 1)
+            temporary.write_text(page, encoding="utf-8")
         else:
             temporary.write_bytes(recorder.serialize())
     return target

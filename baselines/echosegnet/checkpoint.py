@@ -6,6 +6,7 @@ import hashlib
 import pickle
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -71,6 +72,7 @@ def load(path: Path, optimiser: torch.optim.Adam, made_from: str, device: torch.
             raise KeyError("format")
         if content["digest"] != made_from:
             raise Avs3dError(f"{path}: made from other pictures, points or settings; delete it or name another file")
+        pull = _checked(content, parameters(optimiser))
         for group in optimiser.param_groups:
             name = group["name"]
             optimiser.state.pop(group["params"][0], None)
@@ -78,7 +80,37 @@ def load(path: Path, optimiser: torch.optim.Adam, made_from: str, device: torch.
             state = {key: content["state"][name][key] for key in _MOMENTS}
             optimiser.state[new] = state
             group["params"] = [new]
-        return int(content["iteration"]), Pull(*(content["pull"][name] for name in _SUMS)), content["full_at"]
-    except (OSError, RuntimeError, EOFError, KeyError, TypeError, pickle.UnpicklingError) as error:
+        return content["iteration"], pull, content["full_at"]
+    except (
+        OSError, RuntimeError, EOFError, KeyError, TypeError, ValueError, AttributeError, pickle.UnpicklingError,
+    ) as error:  # fmt: skip
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise Avs3dError(f"{path}: damaged checkpoint ({reason[:80]}); delete it to start again") from None
+
+
+def _checked(content: dict[str, Any], started: dict[str, Tensor]) -> Pull:
+    """The running sums of a checkpoint in which all tensors have the shapes that belong together.
+
+    Args:
+        content: of the file.
+        started: the parameters at the start: all but their number of Gaussians stays.
+
+    Raises:
+        ValueError: naming what does not fit.
+    """
+    count = len(content["parameters"]["means"])
+    for name, value in started.items():
+        found, state = content["parameters"][name], content["state"][name]
+        for what, tensor in {name: found, **{f"{key} of {name}": state[key] for key in _MOMENTS[1:]}}.items():
+            if tensor.shape != (count, *value.shape[1:]) or tensor.dtype != value.dtype:
+                raise ValueError(f"{what} has shape {tuple(tensor.shape)}, expected {(count, *value.shape[1:])}")
+        if not torch.isfinite(found).all():
+            raise ValueError(f"{name} holds NaN or infinite numbers")
+        if state["step"].numel() != 1:
+            raise ValueError(f"step of {name} is no number")
+    pull = Pull(*(content["pull"][name] for name in _SUMS))
+    if any(getattr(pull, name).shape != (count,) for name in _SUMS):
+        raise ValueError(f"running sums of another number of Gaussians, expected {count}")
+    if any(type(number) is not int for number in (content["iteration"], content["full_at"] or 0)):
+        raise ValueError("iteration is no number")
+    return pull

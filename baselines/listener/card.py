@@ -14,14 +14,22 @@ from avs3d_bench import __version__, media
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.exports.shards import SHARDS_JSON
 from avs3d_bench.files import atomic_path, write_json
+from avs3d_bench.outputs import Signature, check_replaceable
 from avs3d_bench.taxonomy import CATEGORIES
 from baselines.listener.batches import split_homes
 from baselines.listener.checkpoint import Settings
 from baselines.listener.model import parameter_count
 from baselines.listener.steps import Result
-from baselines.listener.weights import NETWORK_VERSION, save_weights
+from baselines.listener.weights import NETWORK_VERSION, WEIGHTS_FORMAT, digest_path, save_weights
 
 WEIGHTS, CARD_JSON, CARD_MD = "listener.safetensors", "model_card.json", "model_card.md"
+#: What the files of a finished run say about themselves.
+_OWN = {
+    WEIGHTS: Signature(marks=(WEIGHTS_FORMAT.encode(),)),
+    digest_path(Path(WEIGHTS)).name: Signature(marks=(f"  {WEIGHTS}\n".encode(),)),
+    CARD_JSON: Signature(values=(("name", "avs3d listener"),)),
+    CARD_MD: Signature(start=b"# avs3d listener, version "),
+}
 LICENCE = "Apache-2.0"
 
 
@@ -120,6 +128,16 @@ def _origin(data: Path | None, manifest: Path | None) -> dict[str, str | None]:
         "manifest": manifest.name if manifest else known.get("name") and f"of {known['name']}",
         "manifest_sha256": media.sha256_file(manifest) if manifest else known.get("manifest_sha256"),
     }
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse a folder in which a finished run would replace files that no run has written.
+
+    Raises:
+        UsageError: naming the file.
+    """
+    for name, signature in _OWN.items():
+        check_replaceable(folder / name, (signature,))
 
 
 def check_manifest(path: Path | None) -> None:

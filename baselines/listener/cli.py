@@ -10,6 +10,7 @@ import click
 
 from avs3d_bench.errors import UsageError
 from avs3d_bench.groups import PATH, WORKERS, Group
+from avs3d_bench.outputs import OUTPUT_FOLDER
 
 _PRECISION = {"bf16": "bf16-mixed", "fp32": "32-true"}
 #: Epochs of a run that names neither steps nor epochs.
@@ -23,7 +24,7 @@ def train() -> None:
 
 @train.command(short_help="The network that looks and listens.")
 @click.option("--data", type=PATH, required=True, metavar="SHARDS", help="Folder with WebDataset shards.")
-@click.option("-o", "--output", "folder", type=PATH, required=True, metavar="DIR", help="Folder of the run.")
+@click.option("-o", "--output", "folder", type=OUTPUT_FOLDER, required=True, metavar="DIR", help="Folder of the run.")
 @click.option("--epochs", type=click.FloatRange(0, min_open=True), help=f"Passes over the pictures [{_EPOCHS}].")
 @click.option("--steps", type=click.IntRange(1), help="Steps of the whole schedule, instead of --epochs.")
 @click.option(
@@ -72,10 +73,11 @@ def listener(
     from baselines.listener.packages import require
 
     require("train")
-    from baselines.listener.card import check_manifest
+    from baselines.listener.card import check_folder, check_manifest
     from baselines.listener.job import Job, run_job
 
     check_manifest(manifest)
+    check_folder(folder)
     job = Job(data=data, folder=folder, epochs=epochs or _EPOCHS, steps=steps, manifest=manifest, **chosen)
     finished, step, total = run_job(job, _PRECISION[job.precision], progress=sys.stderr.isatty())
     if finished is None:

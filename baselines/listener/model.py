@@ -47,6 +47,10 @@ MOST_ODDS = 6.0
 NOTHING_FIRST = 3.0
 
 
+#: Most channels of a level, and most blocks or layers, of a network that is read from a file.
+MOST_CHANNELS, MOST_LAYERS = 4096, 64
+
+
 @dataclass(frozen=True)
 class Widths:
     """Size of the network.
@@ -64,6 +68,25 @@ class Widths:
     decoder: tuple[int, ...] = (128, 96, 64, 32)
     audio: tuple[int, ...] = (32, 64, 128, 256)
     attention: int = 2
+
+    def checked(self) -> Widths:
+        """The same; for sizes that a file names.
+
+        Raises:
+            ValueError: naming the field, if a number is missing or not between 1 (0: of blocks and layers) and the most
+                that is built.
+        """
+        for name, count, least, most in (
+            ("image", 5, 1, MOST_CHANNELS), ("blocks", 5, 0, MOST_LAYERS), ("decoder", 4, 1, MOST_CHANNELS),
+            ("audio", 4, 1, MOST_CHANNELS), ("attention", None, 0, MOST_LAYERS),
+        ):  # fmt: skip
+            found = getattr(self, name)
+            numbers = (found,) if count is None else found
+            if not isinstance(numbers, tuple) or len(numbers) != (count or 1):
+                raise ValueError(f"{name}: expected {count or 1} numbers")
+            if not all(type(number) is int and least <= number <= most for number in numbers):
+                raise ValueError(f"{name}: expected whole numbers between {least} and {most}")
+        return self
 
 
 #: Sizes by name: of the release, and one that two cores of a CPU train within hours.

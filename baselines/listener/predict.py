@@ -127,6 +127,11 @@ class ListenerMethod:
             masks, classes = masks.flip(-1), classes.flip(-1)
         audible = found.audible.sigmoid().float().cpu().numpy()
         numbers = (masks.cpu().numpy(), classes.softmax(dim=1).cpu().numpy(), audible)
+        if not all(np.isfinite(found).all() for found in numbers):
+            raise Avs3dError(
+                f"weights {self.digest[:12]}: the listener answers with NaN or infinite numbers; train it again, "
+                "or name other weights"
+            )
         return [Answer(*each) for each in zip(*numbers, strict=True)]
 
     def predictions(self, frames: Sequence[Frame]) -> list[Prediction]:

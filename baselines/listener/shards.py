@@ -1,6 +1,6 @@
 """Reading WebDataset shards once, into arrays that stay on disk and are mapped into memory.
 
-The shards are those of `avs3d export webdataset` or of `avs3d generate --format webdataset`. Siblings of a group share
+The shards are those of `avs3d export webdataset` or of `avs3d generate --format tar`. Siblings of a group share
 their pictures, so one copy is stored. What is stored lies in a folder beside the checkpoints; several processes (one
 per GPU) and a run that goes on after an interruption map the same files.
 
@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from avs3d_bench import layout
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports import decode_sample
+from avs3d_bench.exports.shard_files import ShardFile, list_shards
 from avs3d_bench.files import write_json
 from avs3d_bench.parallel import advance, process_each
 from avs3d_bench.schema import AUDIBLE_LEVEL_DB
@@ -138,41 +139,46 @@ def _shapes(views: int, sounds: int) -> dict[str, tuple[tuple[int, ...], Any]]:
     }
 
 
-def find_shards(root: str | Path) -> list[Path]:
-    """The tar files below a folder, in order of their names.
-
-    Raises:
-        UsageError: if there is none.
-    """
-    root = Path(root)
-    hidden = {path for path in root.rglob("*.tar") if any(p.startswith(".") for p in path.relative_to(root).parts)}
-    found = sorted(set(root.rglob("*.tar")) - hidden)
-    if not found:
-        raise UsageError(f"{root}: no shards (*.tar); expected a folder of `avs3d export webdataset`")
-    return found
-
-
-def index_shard(path: Path) -> tuple[str, list[Entry]]:
+def index_shard(shard: ShardFile) -> tuple[str, list[Entry]]:
     """The sha256 of a shard, and its frames.
 
     Raises:
-        Avs3dError: if it is cut short, or a frame lacks what training needs.
+        Avs3dError: if it is cut short or not the one that `shards.json` lists, has a member twice, or a frame lacks
+            what training needs.
     """
+    path = shard.path
     try:
         data = path.read_bytes()
         with tarfile.open(fileobj=io.BytesIO(data)) as archive:
             # Names that begin with __ are not samples: the record and the digest in tars of `avs3d generate`.
-            infos = [info for info in archive if info.isfile() and not info.name.startswith("__")]
+            members = list(archive)
+            infos = [info for info in members if info.isfile() and not info.name.startswith("__")]
     except (OSError, tarfile.TarError) as error:
         raise Avs3dError(f"{path}: cannot be read as a shard ({error}); it may be cut short: write it again") from None
-    if data[-_END:].strip(b"\0") or len(data) < _END:
+    # The zeros of silence at a cut are no end mark: it comes after the last member.
+    end = max((_padded(info.offset_data + info.size) for info in members), default=0) + _END
+    if data[-_END:].strip(b"\0") or len(data) < end:
         raise Avs3dError(f"{path}: the shard is cut short, its end mark is missing; write it again")
+    digest = hashlib.sha256(data).hexdigest()
+    if shard.sha256 not in (None, digest):
+        raise Avs3dError(
+            f"{path}: sha256 {digest[:12]}…, expected {str(shard.sha256)[:12]}… as in {layout.SHARDS_JSON}; the shard "
+            "is damaged: copy it again, or write it again"
+        )
     samples: dict[str, dict[str, tuple[int, int]]] = {}
     for info in infos:
         folder, _, name = info.name.rpartition("/")
         stem, _, member = name.partition(".")
-        samples.setdefault(f"{folder}/{stem}", {})[member] = (info.offset_data, info.size)
-    return hashlib.sha256(data).hexdigest(), [_entry(path, key, found, data) for key, found in samples.items()]
+        held = samples.setdefault(f"{folder}/{stem}", {})
+        if member in held:
+            raise Avs3dError(f"{path}: {info.name} is in the shard twice; write it again")
+        held[member] = (info.offset_data, info.size)
+    return digest, [_entry(path, key, found, data) for key, found in samples.items()]
+
+
+def _padded(offset: int) -> int:
+    """Where the next member begins."""
+    return -(-offset // tarfile.BLOCKSIZE) * tarfile.BLOCKSIZE
 
 
 def _entry(path: Path, key: str, members: dict[str, tuple[int, int]], data: bytes) -> Entry:
@@ -229,22 +235,29 @@ def read_store(root: str | Path, folder: str | Path, *, workers: int | None = No
         progress: show bars on stderr.
 
     Raises:
-        UsageError: if there are no shards.
+        UsageError: if there are no shards, or ``folder`` holds something else.
         Avs3dError: if a shard is damaged or lacks what training needs, or the system refuses.
     """
-    folder, shards = Path(folder), find_shards(root)
-    found = dict(process_each(index_shard, shards, workers=workers, label="index of shards", progress=progress))
-    names = "".join(f"{path.relative_to(root).as_posix()} {found[path][0]}\n" for path in shards)
+    folder, shards = Path(folder), list_shards(root)
+    read = dict(process_each(index_shard, shards, workers=workers, label="index of shards", progress=progress))
+    found = {shard.path: read[shard] for shard in shards}
+    names = "".join(f"{path.relative_to(root).as_posix()} {digest}\n" for path, (digest, _) in found.items())
     digest = hashlib.sha256(names.encode()).hexdigest()
     if stored := open_store(folder, digest):
         return stored
-    entries = [(path, entry) for path in shards for entry in found[path][1]]
+    entries = [(path, entry) for path, (_, mine) in found.items() for entry in mine]
+    first_in: dict[str, Path] = {}
+    for path, entry in entries:
+        if first_in.setdefault(entry.key, path) != path:
+            raise Avs3dError(
+                f"{path}: {entry.key} is in {first_in[entry.key]} as well; expected each frame in one shard"
+            )
     table, first = _table(digest, [entry for _, entry in entries])
     jobs: dict[Path, list[tuple[int, int | None, Entry]]] = {}
     for number, (path, entry) in enumerate(entries):
         view = table.view[number]
         jobs.setdefault(path, []).append((number, view if first[view] == number else None, entry))
-    with staged_folder(folder, lambda _: None) as fresh:
+    with staged_folder(folder, refuse_others) as fresh:
         for name, (shape, kind) in _shapes(len(table.groups), len(table.keys)).items():
             np.lib.format.open_memmap(fresh / f"{name}.npy", "w+", dtype=kind, shape=shape).flush()
         decode = partial(_decode_shard, fresh)
@@ -257,6 +270,22 @@ def read_store(root: str | Path, folder: str | Path, *, workers: int | None = No
     opened = open_store(folder, digest)
     assert opened is not None
     return opened
+
+
+def refuse_others(folder: Path) -> None:
+    """Refuse a folder that holds anything but stored frames: it is replaced as a whole.
+
+    Raises:
+        UsageError: naming what is there.
+    """
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise UsageError(f"{folder}: found a file, expected a folder for the frames of the shards; move it away")
+    own = {TABLE, *(f"{name}.npy" for name in _shapes(0, 0))}
+    foreign = sorted(path.name for path in folder.iterdir() if path.name not in own)
+    if foreign:
+        raise UsageError(f"{folder}: holds {foreign[0]}, which is no part of stored frames; move it away")
 
 
 def open_store(folder: str | Path, digest: str | None = None) -> Store | None:

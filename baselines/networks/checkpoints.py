@@ -8,6 +8,7 @@ Networks are loaded inside `loading`, where no library may fetch anything.
 from __future__ import annotations
 
 import importlib.util
+import json
 import os
 import pickle
 import sys
@@ -25,6 +26,8 @@ from avs3d_bench.errors import Avs3dError, UsageError
 _WEIGHTS = ("model.safetensors", "model.safetensors.index.json", "pytorch_model.bin", "pytorch_model.bin.index.json")
 _PREPROCESSOR = ("preprocessor_config.json", "processor_config.json")
 _OFFLINE = ("HF_HUB_OFFLINE", "TRANSFORMERS_OFFLINE")
+#: Most layers of a part of a network.
+_MOST_LAYERS = 1000
 #: Longest quotation of a library's message (characters).
 _CAUSE = 160
 
@@ -280,6 +283,7 @@ def load_pretrained(kind: str, cls: Any, folder: str | Path) -> Any:
     import torch
 
     with loading(kind, folder):
+        _check_depth(json.loads((Path(folder) / "config.json").read_bytes()))
         model, info = cls.from_pretrained(
             str(folder),
             local_files_only=True,
@@ -291,7 +295,23 @@ def load_pretrained(kind: str, cls: Any, folder: str | Path) -> Any:
         absent = sorted({*info["missing_keys"], *(key for key, *_ in info["mismatched_keys"])})
         if absent:
             raise ValueError(f"{len(absent)} weights are missing or have another shape, the first is {absent[0]}")
+        broken = next((name for name, one in model.named_parameters() if not torch.isfinite(one).all()), None)
+        if broken is not None:
+            raise ValueError(f"{broken} holds NaN or infinite numbers")
     return model.eval().requires_grad_(False)
+
+
+def _check_depth(config: Any, name: str = "") -> None:
+    """Refuse a configuration with more layers than any network has: building them would take for ever.
+
+    Raises:
+        ValueError: naming the field.
+    """
+    if isinstance(config, dict):
+        for key, value in config.items():
+            _check_depth(value, str(key))
+    elif isinstance(config, int) and ("layers" in name or "depth" in name) and config > _MOST_LAYERS:
+        raise ValueError(f"config.json: {name[:40]} {config}, expected at most {_MOST_LAYERS:,}")
 
 
 def load_weights(kind: str, path: Path) -> Any:
@@ -303,4 +323,17 @@ def load_weights(kind: str, path: Path) -> Any:
     import torch
 
     with loading(kind, path.parent):
-        return torch.load(path, map_location="cpu", weights_only=True)
+        held = torch.load(path, map_location="cpu", weights_only=True)
+        for name, tensor in _tensors(held):
+            if not torch.isfinite(tensor).all():
+                raise ValueError(f"{name} holds NaN or infinite numbers")
+    return held
+
+
+def _tensors(held: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """The tensors in nested dictionaries, by name."""
+    if isinstance(held, dict):
+        for key, value in held.items():
+            yield from _tensors(value, str(key))
+    elif hasattr(held, "is_floating_point"):
+        yield name, held

@@ -20,12 +20,14 @@ from pathlib import Path
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import dump_json, write_bytes
+from avs3d_bench.outputs import check_replaceable
 from avs3d_bench.report import printable
 from avs3d_bench.scores import Scores
 from evaluators.reading.score_file import read_scores
 from evaluators.reporting.pages import write_page
 from evaluators.reporting.ranking import Entry, leaderboard_values
 from evaluators.reporting.report_check import read_report
+from evaluators.signatures import LEADERBOARD, REPORT, SCORES
 
 _SLUG_LENGTH = 60
 #: Characters of a name in a message.
@@ -43,7 +45,7 @@ def write_leaderboard(folder: Path, score_files: Sequence[Path]) -> tuple[str, .
         a line for each report that is not copied, since it lies elsewhere or is none that this toolkit wrote.
 
     Raises:
-        UsageError: if there is no score file, or one would be overwritten by another's copy.
+        UsageError: if there is no score file, or a file would be overwritten that is no part of this leaderboard.
         Avs3dError: if a file is no file of scores (the file and the field are named), or nothing can be written.
     """
     folder = Path(folder)
@@ -138,7 +140,7 @@ def _slug(method: str) -> str:
 
 
 def _refuse_overwriting(folder: Path, entries: Iterable[Entry]) -> None:
-    """A copy must not take the place of another entry's file."""
+    """A copy must not take the place of another entry's file, nor of one that no leaderboard has written."""
     owners: dict[Path, str] = {}
     for entry in entries:
         owners[entry.source.resolve()] = entry.digest
@@ -151,3 +153,10 @@ def _refuse_overwriting(folder: Path, entries: Iterable[Entry]) -> None:
             raise UsageError(
                 f"{target}: the leaderboard would overwrite this score file or report; choose another folder"
             )
+    page = folder / "index.html"
+    check_replaceable(page, (LEADERBOARD,))
+    # Beside a leaderboard's page, reports/ holds copies; elsewhere, files of scores may be the only ones.
+    copies = {".json": (SCORES,), ".html": (REPORT,)} if page.is_file() else {}
+    for target, _ in targets[1:]:
+        if target.resolve() not in owners:
+            check_replaceable(target, copies.get(target.suffix, ()))

@@ -22,6 +22,7 @@ from avs3d_bench.templates import MISSING, template_environment, words
 from evaluators.bootstrap import FEWEST
 from evaluators.comparison import WARN_BELOW
 from evaluators.reporting.standings import MOST_METHODS
+from evaluators.signatures import GENERATORS
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -37,11 +38,6 @@ REFERENCE_TITLES = {
     "all_black": "all black", "all_white": "all white", "centre_box": "centre box",
     "deaf_category": "deaf: every instance", "deaf_most_seen": "deaf: most seen",
     "deaf_all": "deaf oracle: all", "deaf_single": "deaf oracle: best one",
-}  # fmt: skip
-#: Template → what its pages say that they are (``<meta name="generator">``).
-GENERATORS = {
-    "report.html.j2": "avs3d-bench score report", "leaderboard.html.j2": "avs3d-bench leaderboard",
-    "factors.html.j2": "avs3d-bench figures by factor",
 }  # fmt: skip
 _UNSEEN = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]")
 

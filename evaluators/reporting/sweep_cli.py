@@ -7,11 +7,14 @@ from pathlib import Path
 import click
 
 from avs3d_bench.groups import HELP, PATH
+from avs3d_bench.outputs import OUTPUT_FOLDER
 
 
 @click.command(context_settings=HELP, short_help="Draw scores against a parameter of a sweep.")
 @click.argument("scores", nargs=-1, required=True, type=PATH, metavar="SCORES.json…")
-@click.option("-o", "--output", "folder", type=PATH, metavar="DIR", required=True, help="Folder for the curves.")
+@click.option(
+    "-o", "--output", "folder", type=OUTPUT_FOLDER, metavar="DIR", required=True, help="Folder for the curves."
+)
 @click.option("--over", default=None, metavar="FIELD", help="The parameter [the only one that varies].")
 @click.option(
     "--figure", "figures", multiple=True, metavar="PROTOCOL.NAME",

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from evaluators.reporting.sweep_curve import csv_text, markdown_text, read_sweep
 from evaluators.reporting.tables import need_matplotlib, write_beside
+from evaluators.signatures import CURVES
 
 
 def write_sweep(
@@ -38,4 +39,4 @@ def write_sweep(
         from evaluators.reporting.sweep_plot import draw
 
         files[folder / "curve.png"] = draw(found)
-    return write_beside(files, score_files)
+    return write_beside(files, score_files, CURVES)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from avs3d_bench.outputs import PNG_METADATA
 from evaluators.reporting.pages import clean, figure, interval
 from evaluators.reporting.sweep_curve import Curve, Sweep, Value, value_text, values_of
 from evaluators.reporting.tables_plot import COLOURS, SOFT, TICKS, encode, head_of, new_figure, style
@@ -37,7 +38,7 @@ def draw(sweep: Sweep) -> bytes:
         ModuleNotFoundError: without matplotlib.
     """
     with style():
-        return encode(sweep_figure(sweep), "png", {"Software": None})
+        return encode(sweep_figure(sweep), "png", PNG_METADATA)
 
 
 def sweep_figure(sweep: Sweep) -> Figure:

@@ -18,10 +18,11 @@ from pathlib import Path
 from typing import Literal
 
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.files import write_bytes
+from avs3d_bench.outputs import Signature, check_apart, write_outputs
 from evaluators.reporting.leaderboard import read_entries
 from evaluators.reporting.series import THRESHOLD
 from evaluators.reporting.table_contents import csv, table_2, table_3
+from evaluators.signatures import TABLES
 
 Which = Literal["2", "3", "all"]
 
@@ -70,30 +71,30 @@ def write_tables(folder: Path, score_files: Sequence[Path], *, which: Which = "a
             for section in table.sections:
                 for suffix, data in draw(table, section).items():
                     files[folder / f"{table.picture(section)}.{suffix}"] = data
-    return write_beside(files, score_files)
+    return write_beside(files, score_files, TABLES)
 
 
-def write_beside(files: Mapping[Path, bytes], score_files: Sequence[Path]) -> list[Path]:
+def write_beside(
+    files: Mapping[Path, bytes], score_files: Sequence[Path], signatures: Mapping[str, Sequence[Signature]]
+) -> list[Path]:
     """Write files that were made from files of scores.
 
     Args:
         files: path → contents.
         score_files: what they were made from; none of them may be among ``files``.
+        signatures: see `avs3d_bench.outputs.write_outputs`.
 
     Returns:
         The paths that were written.
 
     Raises:
-        UsageError: if a file of scores would be overwritten; then nothing is written.
+        UsageError: if a file of scores would be overwritten, or one that has no such signature; then nothing is
+            written.
         Avs3dError: if a file cannot be written.
     """
-    inputs = {Path(file).resolve() for file in score_files}
     for path in files:
-        if path.resolve() in inputs:
-            raise UsageError(f"{path}: would overwrite a file of scores; choose another folder")
-    for path, data in files.items():
-        write_bytes(path, data)
-    return list(files)
+        check_apart(path, score_files)
+    return write_outputs(files, signatures)
 
 
 def need_matplotlib() -> None:

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from avs3d_bench.outputs import PNG_METADATA, SVG_METADATA
 from avs3d_bench.scores import BLIND_REFERENCES, Metric
 from evaluators.reporting import paper
 from evaluators.reporting.pages import PART_NOTES, REFERENCE_TITLES, clean, figure, interval
@@ -64,7 +65,7 @@ def draw(table: Table, section: Section) -> dict[str, bytes]:
     """
     with style():
         drawn = methods_figure(section) if table.name == "table2" else thresholds_figure(section)
-        return {"png": encode(drawn, "png", {"Software": None}), "svg": encode(drawn, "svg", {"Date": None})}
+        return {"png": encode(drawn, "png", PNG_METADATA), "svg": encode(drawn, "svg", SVG_METADATA)}
 
 
 @contextmanager

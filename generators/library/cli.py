@@ -10,6 +10,7 @@ import click
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import os_error_line
 from avs3d_bench.groups import PATH, Group
+from avs3d_bench.outputs import OUTPUT_FOLDER
 from generators.library.cli_common import (
     CATEGORY,
     licence_option,
@@ -40,7 +41,8 @@ def assets() -> None:
 
 @assets.command("list")
 @lock_option
-@click.option("--html", type=PATH, default=None, metavar="DIR", help="Write a page with a picture of every asset.")
+@click.option("--html", type=OUTPUT_FOLDER, default=None, metavar="DIR",
+              help="Write a page with a picture of every asset.")  # fmt: skip
 @click.option("--kind", type=click.Choice(["object", "sound"]), default=None, help="Only these.")
 @click.option("--category", type=CATEGORY, metavar="NAME", default=None, help="Only these.")
 def list_assets(lock: Path | None, html: Path | None, kind: str | None, category: str | None) -> None:

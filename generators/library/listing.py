@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avs3d_bench import files
-from avs3d_bench.errors import Avs3dError
+from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.outputs import Signature, check_replaceable
 from avs3d_bench.taxonomy import CATEGORIES, DISTRACTORS
 from avs3d_bench.templates import template_environment
 from generators.library.licences import terms
@@ -61,6 +62,10 @@ class Card:
     sound: str = ""
 
 
+#: What the page says about itself.
+_PAGE = Signature(start=b"<!doctype html>", marks=("<title>Assets · avs3d-bench</title>".encode(),))
+
+
 def write_listing(entries: Sequence[AssetEntry], store: Store, folder: Path) -> Path:
     """Write ``folder``/index.html and the recordings it plays; the same assets give the same bytes.
 
@@ -75,10 +80,13 @@ def write_listing(entries: Sequence[AssetEntry], store: Store, folder: Path) -> 
         The page.
 
     Raises:
+        UsageError: if the folder has another page or another file of a recording's name.
         Avs3dError: if the folder cannot be written.
     """
     if folder.exists() and not folder.is_dir():
         raise Avs3dError(f"{folder}: is a file; expected a folder for the listing")
+    page = folder / "index.html"
+    check_replaceable(page, (_PAGE,))
     cards = [_card(entry, store, folder) for entry in sorted(entries, key=lambda entry: entry.id)]
     own = sorted({card.entry.category for card in cards} - {*CATEGORIES, *DISTRACTORS})
     order = (*CATEGORIES, *DISTRACTORS, *own)
@@ -87,7 +95,6 @@ def write_listing(entries: Sequence[AssetEntry], store: Store, folder: Path) -> 
         for category in order
         if any(card.entry.category == category for card in cards)
     ]
-    page = folder / "index.html"
     html = _environment().get_template("assets.html.j2").render(sections=sections, cards=cards, bars=_BARS)
     files.write_bytes(page, html.encode())
     return page
@@ -102,6 +109,8 @@ def _card(entry: AssetEntry, store: Store, folder: Path) -> Card:
         if entry.kind == "sound":
             return _sound_card(entry, store, folder)
         return _object_card(entry, store)
+    except UsageError:
+        raise
     except Avs3dError as error:
         return Card(entry, licence.verdict, licence.reason, problem=str(error))
 
@@ -139,8 +148,7 @@ def _sound_card(entry: AssetEntry, store: Store, folder: Path) -> Card:
     name = f"{entry.id.replace('/', '_')}-{entry.sha256[:8]}{source.suffix.lower()}"
     target = folder / "sounds" / name
     if not (target.is_file() and target.stat().st_size == entry.bytes):
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.unlink(missing_ok=True)
+        check_replaceable(target, ())
         files.link_or_copy(source, target)
     licence = terms(entry.licence)
     return Card(

@@ -1,4 +1,4 @@
-"""An observation as one tar file of samples: the output of `avs3d generate --format webdataset`."""
+"""An observation as one tar file of samples: the output of `avs3d generate --format tar`."""
 
 from __future__ import annotations
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from avs3d_bench import files, layout
 from avs3d_bench.errors import UsageError
 from avs3d_bench.exports import observation_tar
-from avs3d_bench.exports.observation_index import describe_shards
+from avs3d_bench.exports.observation_index import FORMAT, describe_shards
 from avs3d_bench.exports.shards import SHARDS_JSON
+from avs3d_bench.outputs import Signature
 from avs3d_bench.parallel import available_cores
 from avs3d_bench.provenance import Provenance
 from avs3d_bench.schema import ObservationRecord
@@ -31,9 +32,14 @@ class DatasetFormat(Protocol):
 
     Attributes:
         index: name of the file that is written last, over all observations.
+        signature: what that file says about itself.
     """
 
     index: str
+    signature: Signature
+
+    def name_of(self, index: Any) -> Any:
+        """The name of the dataset in an index with the signature (JSON)."""
 
     def output(self, place: Path) -> Output:
         """The output of the files of an observation whose folder is, or would be, ``place``."""
@@ -66,6 +72,11 @@ class FolderFormat:
     """A folder of files for each observation, and dataset.json over all: see `avs3d_bench.layout`."""
 
     index = layout.DATASET_JSON
+    signature = Signature(keys=("name", "toolkit_version", "observations"), exactly=False)
+
+    def name_of(self, index: Any) -> Any:
+        """As the index has it."""
+        return index["name"]
 
     def output(self, place: Path) -> Output:
         """A folder."""
@@ -99,6 +110,11 @@ class TarFormat:
     """A tar file of samples for each observation, and shards.json over all: see `observation_tar`."""
 
     index = SHARDS_JSON
+    signature = Signature(values=(("format", FORMAT),), keys=("dataset",), exactly=False)
+
+    def name_of(self, index: Any) -> Any:
+        """As the dataset's record in the index has it."""
+        return index["dataset"]["name"]
 
     def output(self, place: Path) -> Output:
         """A tar."""
@@ -132,7 +148,7 @@ class TarFormat:
 
 
 #: Name on the command line → form.
-FORMATS: dict[str, DatasetFormat] = {"folders": FolderFormat(), "webdataset": TarFormat()}
+FORMATS: dict[str, DatasetFormat] = {"folders": FolderFormat(), "tar": TarFormat()}
 
 
 def _found(form: DatasetFormat, source: ManifestFile, root: Path) -> Iterator[tuple[ObservationRecord, str]]:

@@ -16,7 +16,7 @@ Audio = Literal["soundspaces", "tracer", "analytic"]
 Device = Literal["cpu", "cuda"]
 Extra = Literal["depth", "rirs", "stems"]
 #: Forms of a dataset: a folder of files for each observation, or a tar file of samples.
-Form = Literal["folders", "webdataset"]
+Form = Literal["folders", "tar"]
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,8 @@ from pathlib import Path
 
 from avs3d_bench import layout
 from avs3d_bench.errors import Avs3dError, UsageError, excerpt
+from avs3d_bench.files import read_json
+from avs3d_bench.outputs import Signature, check_replaceable
 from avs3d_bench.parallel import available_cores
 from avs3d_bench.scheduling.failures import FailureLog
 from avs3d_bench.scheduling.local import LocalScheduler
@@ -118,7 +120,7 @@ def run(
     check_scans(plans)
     root, form = root.absolute(), FORMATS[settings.format]
     settings = replace(settings, cache=settings.cache.absolute())
-    refuse_foreign(root, form)
+    refuse_foreign(root, form, source.manifest.name)
     with held(root) as me:
         sweep(root)
         # Existing observations must come from the same manifest and software, selected or not.
@@ -180,7 +182,11 @@ def _make(
     return Outcome(tuple(made), kept, tuple(failed), stopped)
 
 
-def refuse_foreign(root: Path, form: DatasetFormat = FORMATS["folders"]) -> None:
+#: What the failures of an earlier run say about themselves.
+_FAILURES = Signature(start=b'{"key": ')
+
+
+def refuse_foreign(root: Path, form: DatasetFormat = FORMATS["folders"], name: str | None = None) -> None:
     """Refuse a folder that holds something and is no dataset, finished or not: nothing is mixed into it.
 
     A dataset shows in its index (dataset.json or shards.json), its parts, or the lock and the failures of an earlier
@@ -189,10 +195,13 @@ def refuse_foreign(root: Path, form: DatasetFormat = FORMATS["folders"]) -> None
     Args:
         root: the folder.
         form: what is to be written.
+        name: of the dataset; None: any.
 
     Raises:
         UsageError: naming what is there.
     """
+    check_replaceable(root / form.index, (form.signature,))
+    check_replaceable(root / layout.FAILURES_JSONL, (_FAILURES,))
     with suppress(OSError):  # whoever makes the folder says what is wrong with it
         there = sorted(path.name for path in root.iterdir()) if root.is_dir() else []
         own = {form.index, layout.LOCK, layout.FAILURES_JSONL, *PARTS}
@@ -202,6 +211,14 @@ def refuse_foreign(root: Path, form: DatasetFormat = FORMATS["folders"]) -> None
         if there and own.isdisjoint(there):
             raise UsageError(
                 f"{root}: not empty and no dataset (holds {excerpt(there[0])}); choose another folder with -o"
+            )
+    index = root / form.index
+    if name is not None and index.is_file() and index.stat().st_size:
+        found = form.name_of(read_json(index))
+        if found != name:
+            raise UsageError(
+                f"{root}: holds the dataset {excerpt(str(found))}, the manifest is that of {name}; choose another "
+                "folder with -o"
             )
 
 

@@ -10,8 +10,10 @@ import click
 
 from avs3d_bench.errors import UsageError, did_you_mean
 from avs3d_bench.groups import PATH, WORKERS, Group
+from avs3d_bench.outputs import OutputFile
 from avs3d_bench.taxonomy import PARTS
 from generators.core.limits import FRAMES, SIZE
+from generators.sampling.document import SAMPLED
 
 #: Least number of frames: the programmes of several sources must fit.
 LEAST_FRAMES = 8
@@ -38,7 +40,7 @@ def manifest() -> None:
 
 
 @manifest.command("sample")
-@click.option("-o", "--output", type=PATH, required=True, metavar="FILE", help="The manifest to write.")
+@click.option("-o", "--output", type=OutputFile(SAMPLED), required=True, metavar="FILE", help="The manifest to write.")
 @click.option("--homes", type=click.IntRange(1, MOST_HOMES), required=True, metavar="N", help="Number of homes.")
 @click.option(
     "--observations", type=click.IntRange(1, MOST_OBSERVATIONS), required=True, metavar="M", help="Number of them."
@@ -104,7 +106,6 @@ def sample_command(
     from generators.sampling.sample import Wanted, sample
     from generators.sampling.statistics import tables
 
-    files.check_writable(output)
     extra = {"light": chosen.pop("light"), "audio": chosen.pop("audio")}
     camera = {"size": chosen.pop("size"), "frames": chosen.pop("frames")}
     wanted = Wanted(**chosen, camera=camera, extra=extra)

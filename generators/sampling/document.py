@@ -6,6 +6,11 @@ from typing import Any
 
 import yaml
 
+from avs3d_bench.outputs import Signature
+
+#: What the manifests of `avs3d manifest sample` and `avs3d sweep` say about themselves in their first line.
+SAMPLED, SWEPT = Signature(start=b"# avs3d manifest sample "), Signature(start=b"# avs3d sweep ")
+
 
 def manifest_text(document: dict[str, Any], command: str) -> str:
     """The manifest as YAML, with the command that makes it in its first line.

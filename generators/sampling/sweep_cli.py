@@ -7,8 +7,9 @@ from pathlib import Path
 
 import click
 
-from avs3d_bench.errors import UsageError
 from avs3d_bench.groups import HELP, PATH, only_option
+from avs3d_bench.outputs import OutputFile
+from generators.sampling.document import SWEPT
 
 
 @click.command(context_settings=HELP, short_help="Vary the acoustics of a manifest's observations over a grid.")
@@ -20,7 +21,7 @@ from avs3d_bench.groups import HELP, PATH, only_option
     help="A parameter and its values: acoustics.absorption_scale, background.snr_db (or none), background.kind; "
     "repeatable: every combination is made.",
 )
-@click.option("-o", "--output", type=PATH, required=True, metavar="FILE", help="The manifest to write.")
+@click.option("-o", "--output", type=OutputFile(SWEPT), required=True, metavar="FILE", help="The manifest to write.")
 @only_option
 @click.option("--name", default=None, metavar="NAME", help="Name of the manifest (default: NAME-sweep).")
 def sweep(manifest: Path, over: tuple[str, ...], output: Path, only: tuple[str, ...], name: str | None) -> None:
@@ -39,10 +40,7 @@ def sweep(manifest: Path, over: tuple[str, ...], output: Path, only: tuple[str, 
     axes = [parse_axis(text) for text in over]
     grid_of(axes)
     source = read_manifest(manifest)
-    if output.resolve() == source.path:
-        raise UsageError(f"{output}: would overwrite the manifest; choose another file with -o")
     check_place(source, output)
-    files.check_writable(output)
     document = make(source, read_yaml(manifest)[0], axes, only)
     if name is not None:
         document["name"] = name

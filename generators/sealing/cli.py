@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from avs3d_bench.groups import HELP, PATH, WORKERS, only_option
+from avs3d_bench.outputs import OUTPUT_FOLDER
 from avs3d_bench.scheduling.options import Options, scheduling_options
 from generators.cli import Beside, MakingCommand, choose_tools, making_options, with_option
 
@@ -17,7 +18,8 @@ TRAIN_TRUTH = "train-truth"
 
 @click.command(cls=MakingCommand, context_settings=HELP)
 @click.argument("manifest", type=PATH)
-@click.option("-o", "--output", "folder", required=True, type=PATH, metavar="DIR", help="Gets public/ and private/.")
+@click.option("-o", "--output", "folder", required=True, type=OUTPUT_FOLDER, metavar="DIR",
+              help="Gets public/ and private/.")  # fmt: skip
 @click.option(
     "--secret",
     "secret_file",

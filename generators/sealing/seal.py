@@ -16,7 +16,9 @@ from avs3d_bench.parallel import available_cores
 from avs3d_bench.scheduling.options import Options as Scheduling
 from avs3d_bench.schema import Scalar
 from avs3d_bench.sealed import (
+    DRAWS,
     MANIFEST,
+    OPENING_KEY,
     PRIVATE,
     PUBLIC,
     SECRET,
@@ -91,7 +93,9 @@ def seal(
         Avs3dError: if no home has room for the observations, or some cannot be made.
     """
     check_template(template)
+    _check_place(folder, secret_file)
     _refuse_seal(folder / PUBLIC)
+    _refuse_others(folder / PRIVATE)
     check_takes(plans_of(template, options))
     taken = _taken_homes(template, exclude)
     secret_path, secret = _secret_of(folder, secret_file)
@@ -114,7 +118,7 @@ def seal(
     # The public folder comes last: with it, the test is sealed.
     with (
         staged_folder(folder / PUBLIC, _refuse_seal) as public,
-        staged_folder(folder / PRIVATE, lambda _: None) as private,
+        staged_folder(folder / PRIVATE, _refuse_others) as private,
     ):
         private.chmod(0o700)
         record = write_public(generated, public, sealing)
@@ -157,7 +161,7 @@ def settings_of(drawn: ManifestFile, options: GenerateOptions) -> dict[str, Scal
 
 
 def _refuse_seal(public: Path) -> None:
-    """Refuse a folder whose test is sealed already: its commitments may be published.
+    """Refuse a folder whose test is sealed already, as its commitments may be published, or that holds others' files.
 
     Raises:
         UsageError: naming the file.
@@ -165,6 +169,21 @@ def _refuse_seal(public: Path) -> None:
     path = public / layout.SEAL_JSON
     if path.exists():
         raise UsageError(f"{path}: this test is sealed already; choose another folder with -o")
+    if public.exists() and (not public.is_dir() or any(public.iterdir())):
+        raise UsageError(f"{public}: exists and holds no sealed test; choose another folder with -o")
+
+
+def _refuse_others(private: Path) -> None:
+    """Refuse a private folder unless it is missing, empty, or what an interrupted `seal` left.
+
+    Raises:
+        UsageError: naming the folder.
+    """
+    if not private.exists():
+        return
+    own = private.is_dir() and all((private / name).is_file() for name in (layout.SEAL_JSON, DRAWS, OPENING_KEY))
+    if not own and (not private.is_dir() or any(private.iterdir())):
+        raise UsageError(f"{private}: exists and holds no truth of a sealed test; choose another folder with -o")
 
 
 def _make_secret_folder(path: Path) -> None:
@@ -198,17 +217,26 @@ def _taken_homes(template: ManifestFile, exclude: Sequence[Path]) -> dict[int, s
     return own | used.homes
 
 
+def _check_place(folder: Path, secret_file: Path | None) -> None:
+    """Refuse a secret that lies in a folder which is made, and may be published.
+
+    Raises:
+        UsageError: naming both.
+    """
+    for name in (PUBLIC, PRIVATE):
+        if secret_file is not None and Path(os.path.realpath(secret_file)).is_relative_to(
+            os.path.realpath(folder / name)
+        ):
+            raise UsageError(f"{secret_file}: the secret must not lie in {folder / name}; move it elsewhere")
+
+
 def _secret_of(folder: Path, secret_file: Path | None) -> tuple[Path, bytes]:
     """The file of the secret, and its 32 bytes; without a file, they are drawn at the first call.
 
     Raises:
-        UsageError: if the secret is wrong, or lies in a folder that is to be published.
+        UsageError: if the secret is wrong.
     """
     if secret_file is not None:
-        place = Path(os.path.realpath(secret_file))
-        for name in (PUBLIC, PRIVATE):
-            if place.is_relative_to(os.path.realpath(folder / name)):
-                raise UsageError(f"{secret_file}: the secret must not lie in {folder / name}; move it elsewhere")
         return secret_file, read_secret(secret_file)
     path = folder / SECRET
     if not path.exists():
