@@ -123,7 +123,7 @@ def verify(
         Avs3dError: if the dataset is damaged.
     """
     try:
-        recorded = read_scores(Path(score_file))
+        recorded = read_scores(Path(score_file), check=False)
     except Avs3dError as error:
         raise UsageError(str(error)) from None
     data = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
