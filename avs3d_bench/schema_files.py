@@ -10,7 +10,7 @@ from avs3d_bench.comparisons import Comparison
 from avs3d_bench.exports.observation_index import ObservationShardIndex
 from avs3d_bench.frame_rows import FrameRow
 from avs3d_bench.schema import CameraSplits, DatasetRecord, ObservationRecord, PosesRecord, Record, SubmissionRecord
-from avs3d_bench.scores import Scores
+from avs3d_bench.scores import Scores, VerificationRecord
 from avs3d_bench.sealed import SealRecord
 
 #: File name → record.
@@ -21,6 +21,7 @@ RECORDS: dict[str, type[Record]] = {
     layout.SUBMISSION_JSON: SubmissionRecord,
     layout.SCORES_JSON: Scores,
     layout.COMPARISON_JSON: Comparison,
+    "verification.json": VerificationRecord,  # `avs3d verify --json`
     "frame_row.json": FrameRow,  # a row of the table that `avs3d-eval --frames` writes
     layout.SHARDS_JSON: ObservationShardIndex,
     layout.POSES_JSON: PosesRecord,

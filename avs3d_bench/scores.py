@@ -348,3 +348,45 @@ class Scores(Record):
     references_unavailable: dict[str, str] = Field(
         default_factory=dict, description="reference of protocol strict or listen that is missing → reason"
     )
+
+
+class UnconfirmedValue(Record):
+    """A value of a file of scores that scoring the submission again did not give."""
+
+    where: str = Field(description="e.g. observations[part_1/apartment_1/kitchen/1].strict.IoU")
+    recorded: str = Field(description="the value in the file, as text")
+    found: str = Field(description="the value of scoring again, as text")
+
+
+class VerifiedScores(Record):
+    """The file of scores that was verified."""
+
+    method: Text
+    digest: Sha256 = Field(
+        description="sha256 of the file's contents, without `report`: the digest of the entry in a leaderboard"
+    )
+
+
+class VerifiedDataset(Record):
+    """The dataset with which the submission was scored again."""
+
+    name: Text
+    version: str | None = Field(description="null in the official release")
+    sha256: Sha256 | None = Field(description="sha256 of dataset.json; null in the official release")
+    truth_digest: Sha256 | None = Field(description="as in a file of scores; null if nothing was scored again")
+
+
+class VerificationRecord(Record):
+    """The file that `avs3d verify --json` writes.
+
+    Nothing in it is secret: whoever has a file of scores can write such a record. It says something only to those who
+    know who made it.
+    """
+
+    same: bool = Field(description="whether every value that was compared is the same")
+    values: Count = Field(description="number of values that were compared")
+    differences: tuple[UnconfirmedValue, ...]
+    notes: tuple[str, ...]
+    scores: VerifiedScores
+    dataset: VerifiedDataset
+    evaluator: Text = Field(description="version of the toolkit that scored again")

@@ -247,7 +247,8 @@ def check(
 )
 @dataset_option
 @_truth
-@click.option("--json", "json_file", type=PATH, metavar="FILE", help="Write all differences to this file as well.")
+@click.option("--json", "json_file", type=PATH, metavar="FILE",
+              help="Write the outcome to this file as well; avs3d leaderboard --verified reads it.")  # fmt: skip
 @_workers
 def verify(
     score_file: Path, submission: Path, root: Path, truth: Path | None, json_file: Path | None, workers: int | None
@@ -273,7 +274,7 @@ def verify(
         raise SystemExit(1) from None
     try:
         if json_file is not None:
-            write_json(json_file, found.as_dict())
+            write_json(json_file, found.record())
     finally:
         for difference in found.differences[:_SCREENFUL]:
             click.echo(printable(str(difference)))
@@ -289,11 +290,15 @@ def verify(
 @click.command(context_settings=HELP, short_help="Rank files of scores on one static page.")
 @click.argument("scores", nargs=-1, required=True, type=PATH, metavar="SCORES.json…")
 @click.option("-o", "--output", "folder", type=PATH, metavar="DIR", required=True, help="Folder for the page.")
-def leaderboard(scores: tuple[Path, ...], folder: Path) -> None:
+@click.option(
+    "--verified", multiple=True, type=PATH, metavar="RECORD.json",
+    help="A record of avs3d verify --json that you made: marks the file of scores that it confirms. Repeatable.",
+)  # fmt: skip
+def leaderboard(scores: tuple[Path, ...], folder: Path, verified: tuple[Path, ...]) -> None:
     """Rank any number of files of scores (avs3d-eval --json) on one static page, with links to their reports."""
     from evaluators.reporting.leaderboard import write_leaderboard
 
-    for note in write_leaderboard(folder, scores):
+    for note in write_leaderboard(folder, scores, verified):
         click.echo(f"avs3d leaderboard: note: {note}", err=True)
     click.echo(str(folder / "index.html"))
 

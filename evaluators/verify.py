@@ -16,14 +16,21 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from avs3d_bench import layout
+from avs3d_bench import __version__, layout
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError, excerpt
-from avs3d_bench.files import JSON_DIGITS, dump_json
+from avs3d_bench.files import JSON_DIGITS, dump_json, sha256_file
 from avs3d_bench.provenance import Provenance, provenance
 from avs3d_bench.schema import ProvenanceRecord
-from avs3d_bench.scores import PROTOCOL_PARTS, Scores
-from evaluators.reading.score_file import read_scores
+from avs3d_bench.scores import (
+    PROTOCOL_PARTS,
+    Scores,
+    UnconfirmedValue,
+    VerificationRecord,
+    VerifiedDataset,
+    VerifiedScores,
+)
+from evaluators.reading.score_file import contents_digest, read_scores
 from evaluators.reading.submission import open_submission
 from evaluators.score import SCORING, score
 
@@ -66,12 +73,14 @@ class Verification:
         differences: values that are not the same.
         notes: what could not be compared, or may be different: software, machine, digests that the file lacks.
         values: number of values that were compared.
+        dataset: with which the submission was scored again.
     """
 
     scores: Scores
     differences: tuple[Difference, ...]
     notes: tuple[str, ...]
     values: int
+    dataset: VerifiedDataset
 
     @property
     def same(self) -> bool:
@@ -87,16 +96,19 @@ class Verification:
         count = len(self.differences)
         return f"differs: {count:,} of {self.values:,} values {'is' if count == 1 else 'are'} not confirmed"
 
-    def as_dict(self) -> dict[str, Any]:
-        """For ``--json``."""
-        return {
-            "same": self.same,
-            "values": self.values,
-            "differences": [
-                {"where": one.where, "recorded": one.recorded, "found": one.found} for one in self.differences
-            ],
-            "notes": list(self.notes),
-        }
+    def record(self) -> VerificationRecord:
+        """For ``--json``, and for ``avs3d leaderboard --verified``."""
+        return VerificationRecord(
+            same=self.same,
+            values=self.values,
+            differences=tuple(
+                UnconfirmedValue(where=one.where, recorded=one.recorded, found=one.found) for one in self.differences
+            ),
+            notes=self.notes,
+            scores=VerifiedScores(method=self.scores.submission.method, digest=contents_digest(self.scores)),
+            dataset=self.dataset,
+            evaluator=__version__,
+        )
 
 
 def verify(
@@ -129,7 +141,14 @@ def verify(
     data = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
     kept, missing = _without_unknown(recorded, data)
     if not kept.observations:
-        return Verification(recorded, missing, (), len(missing))
+        record = data.record
+        nothing = VerifiedDataset(
+            name=data.name,
+            version=record.version if record else None,
+            sha256=sha256_file(data.root / layout.DATASET_JSON) if record else None,
+            truth_digest=None,
+        )
+        return Verification(recorded, missing, (), len(missing), nothing)
     with open_submission(submission, aisrm=_aisrm(recorded)) as opened:
         again = score(
             opened,
@@ -159,7 +178,9 @@ def compare_scores(recorded: Scores, again: Scores) -> Verification:
         skipped.append("dataset.name")  # Likewise.
     lines = list(compare_values(json.loads(dump_json(recorded)), json.loads(dump_json(again)), skipped))
     differences = sorted((line for line in lines if line is not None), key=_rank)
-    return Verification(recorded, tuple(differences), tuple(_notes(recorded, again)), len(lines))
+    data = again.dataset
+    dataset = VerifiedDataset(name=data.name, version=data.version, sha256=data.sha256, truth_digest=data.truth_digest)
+    return Verification(recorded, tuple(differences), tuple(_notes(recorded, again)), len(lines), dataset)
 
 
 def _without_unknown(recorded: Scores, dataset: Dataset) -> tuple[Scores, tuple[Difference, ...]]:

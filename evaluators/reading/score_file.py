@@ -6,6 +6,8 @@ scores of observations as well is found only by scoring the submission again (`e
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
@@ -23,6 +25,7 @@ from avs3d_bench.scores import (
     ListenObservation,
     ObservationScores,
     Scores,
+    VerificationRecord,
     metrics_of,
 )
 from evaluators.metrics import mean
@@ -48,12 +51,13 @@ def read_scores(path: Path, *, check: bool = True) -> Scores:
     Raises:
         Avs3dError: if it is missing, too large, no file of scores, or contradicts itself; the field is named.
     """
-    if Path(path).suffix.lower() in (".csv", ".parquet"):
+    data = read_bytes(path, MAX_SCORES_BYTES)
+    if data.lstrip()[:1] != b"{" and Path(path).suffix.lower() in (".csv", ".parquet", ".html", ".zip"):
         raise Avs3dError(
-            f"{path}: a table; expected a file of scores, which avs3d-eval writes with --json (avs3d factors reads "
-            "tables of frames)"
+            f"{path}: no JSON; expected a file of scores, which avs3d-eval --json writes "
+            "(avs3d factors reads the tables of --frames)"
         )
-    scores = parse_record(read_bytes(path, MAX_SCORES_BYTES), Scores, path, strict=True)
+    scores = parse_record(data, Scores, path, strict=True)
     if len(scores.observations) != scores.dataset.scored:
         raise Avs3dError(
             f"{path}: observations: {len(scores.observations)} in the list, but dataset.scored is "
@@ -63,23 +67,38 @@ def read_scores(path: Path, *, check: bool = True) -> Scores:
         raise Avs3dError(f"{path}: avs3d_eval.protocols: empty, expected official, strict or listen; score it again")
     for protocol in scores.avs3d_eval.protocols:
         if getattr(scores.overall, protocol) is None:
-            raise Avs3dError(
-                f"{path}: overall.{protocol}: null, though avs3d_eval.protocols lists it; {_SCORE_AGAIN}"
-            )
+            raise Avs3dError(f"{path}: overall.{protocol}: null, though avs3d_eval.protocols lists it; {_SCORE_AGAIN}")
     for fault in (*_repetitions(scores), *(_contradictions(scores) if check else ())):
         raise Avs3dError(f"{path}: {printable(fault)}; {_SCORE_AGAIN}")
     return scores
 
 
+def contents_digest(scores: Scores) -> str:
+    """Hexadecimal sha256 of the contents of a file of scores: the order of keys and the report's place do not count."""
+    contents = json.dumps(scores.model_dump(mode="json", exclude={"report"}), sort_keys=True)
+    return hashlib.sha256(contents.encode()).hexdigest()
+
+
+def read_verification(path: Path) -> VerificationRecord:
+    """Read what ``avs3d verify --json`` wrote.
+
+    Raises:
+        Avs3dError: if it is missing, too large or no such record; the field is named.
+    """
+    return parse_record(read_bytes(path, MAX_SCORES_BYTES), VerificationRecord, path, strict=True)
+
+
 def _repetitions(scores: Scores) -> Iterator[str]:
     """What is listed twice, or under a name that is not its own."""
     for row in scores.observations:
-        place = layout.parse_key(row.key)
+        try:
+            place = layout.parse_key(row.key)
+        except Avs3dError:
+            yield f"observations[{row.key[:_NAMED]}]: no key of an observation; expected part_N/scan/room/number"
+            continue
         for name in ("part", "scan", "room"):
             if getattr(row, name) != getattr(place, name):
-                yield (
-                    f"observations[{row.key[:_NAMED]}].{name}: {getattr(row, name)[:_NAMED]!r} contradicts the key"
-                )
+                yield (f"observations[{row.key[:_NAMED]}].{name}: {getattr(row, name)[:_NAMED]!r} contradicts the key")
     yield from _twice("observations", (row.key for row in scores.observations))
     yield from _twice("siblings", (one.group for one in scores.siblings or ()))
     for one in scores.siblings or ():

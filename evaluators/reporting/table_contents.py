@@ -8,7 +8,6 @@ from csv import DictWriter
 from dataclasses import dataclass
 from typing import Any
 
-from avs3d_bench.errors import Avs3dError
 from avs3d_bench.report import printable
 from avs3d_bench.schema import Scalar
 from avs3d_bench.scores import ALL_REFERENCES, METRICS, GroupScores, Metric, Scores
@@ -131,7 +130,6 @@ def table_2(entries: Iterable[Entry]) -> Table:
             if threshold != paper.VOTING_THRESHOLD
         }
         shown = tuple(entry for entry in members if entry.digest not in swept)
-        _check_parts(shown)
         titles = titles_of(shown)
         rows: list[Row] = []
         for part in PARTS:
@@ -172,16 +170,6 @@ def _heading(entry: Entry) -> str:
     count = f"{data.scored} observation{'' if data.scored == 1 else 's'}"
     part = count if entry.whole else f"{data.scored} of {data.observations} observations"
     return f"{data.name} {data.version or '(official release)'}, {part}"
-
-
-def _check_parts(entries: Iterable[Entry]) -> None:
-    for entry in entries:
-        found, expected = sorted(entry.scores.parts), sorted({each.part for each in entry.scores.observations})
-        if found != expected or not found:
-            raise Avs3dError(
-                f"{entry.source}: parts: found {', '.join(found) or 'none'}, expected {', '.join(expected) or 'one'} "
-                "as in observations; score the submission again"
-            )
 
 
 def _part(groups: Mapping[Any, GroupScores], part: str) -> GroupScores | None:
