@@ -22,6 +22,7 @@ from avs3d_bench.schema import (
     SubmissionRecord,
     Text,
 )
+from avs3d_bench.text import printable
 
 Protocol = Literal["official", "strict", "listen"]
 #: Protocol → version. It changes when a figure changes for the same masks.
@@ -349,6 +350,24 @@ class Scores(Record):
         default_factory=dict, description="reference of protocol strict or listen that is missing → reason"
     )
 
+    def __repr__(self) -> str:
+        return f"Scores({self.headline()})"
+
+    __str__ = __repr__
+
+    def headline(self) -> str:
+        """Method, dataset, number of observations, and the first two figures of each protocol, in one line."""
+        data = self.dataset
+        scored = f"{data.scored}" if data.scored == data.observations else f"{data.scored} of {data.observations}"
+        figures = []
+        for protocol in self.avs3d_eval.protocols:
+            group = getattr(self.overall, protocol)
+            for metric in metrics_of(protocol)[:2] if group is not None else ():
+                value = getattr(group, metric.name)
+                figures.append(f"{protocol} {metric.title} {'–' if value is None else f'{value:.3f}'}")
+        where = f"{data.name} {data.version or '(official release)'}"
+        return printable(f"{self.submission.method!r} on {where}, {scored} observations: {', '.join(figures)}")
+
 
 class UnconfirmedValue(Record):
     """A value of a file of scores that scoring the submission again did not give."""
@@ -390,3 +409,9 @@ class VerificationRecord(Record):
     scores: VerifiedScores
     dataset: VerifiedDataset
     evaluator: Text = Field(description="version of the toolkit that scored again")
+
+    def __repr__(self) -> str:
+        outcome = "same" if self.same else f"{len(self.differences)} differences"
+        return f"VerificationRecord({self.scores.method!r}: {outcome}, {self.values} values)"
+
+    __str__ = __repr__

@@ -65,10 +65,10 @@ def evaluate(
     from evaluators.reading.submission import open_submission
     from evaluators.records import InvalidSubmission
     from evaluators.reporting.terminal_table import print_scores
-    from evaluators.score import score
+    from evaluators.score import open_dataset, score
 
     wanted: Any = None if protocol == "all" else (protocol,)
-    data = _open_dataset(root, truth, only)
+    data = open_dataset(root, truth, only)
     _check_targets(tuple(files.values()), submission, root)
     _check_frames(files["frames_file"], protocol)
     with open_submission(submission, aisrm=_aisrm(official_folder)) as opened:
@@ -88,24 +88,6 @@ def evaluate(
     for path in files.values():
         if path is not None:
             click.echo(str(path))
-
-
-def _open_dataset(root: Path, truth: Path | None, only: tuple[str, ...]) -> Dataset:
-    """The dataset to score against; of a sealed test with its truth, checked against the commitments.
-
-    Raises:
-        UsageError: if the truth of a sealed test is not given, or belongs to another one.
-        Avs3dError: if the truth is not what was committed to.
-    """
-    from avs3d_bench.dataset import Dataset
-    from avs3d_bench.sealed import open_sealed
-
-    data = Dataset(root)
-    if truth is not None:
-        return open_sealed(root, truth, only=only)
-    if data.is_sealed:
-        raise UsageError(f"{root}: a sealed test; expected its truth as well: --truth PRIVATE, which its organiser has")
-    return data
 
 
 def _write_files(
@@ -261,13 +243,14 @@ def verify(
     from avs3d_bench.files import write_json
     from avs3d_bench.report import printable
     from evaluators.records import InvalidSubmission
+    from evaluators.score import open_dataset
     from evaluators.verify import verify as verify_scores
 
     _check_targets((json_file,), submission, root)
     if json_file is not None and os.path.realpath(json_file) == os.path.realpath(score_file):
         raise UsageError(f"{json_file}: is the file of scores itself; choose another file for --json")
     try:
-        data = _open_dataset(root, truth, ())
+        data = open_dataset(root, truth)
         found = verify_scores(score_file, submission, data, workers=workers, progress=sys.stderr.isatty())
     except InvalidSubmission as error:
         _print_problems(error.report, submission, root)
@@ -358,11 +341,15 @@ def factors(tables: tuple[Path, ...], html_file: Path | None, csv_file: Path | N
     FRAMES are tables of frames (avs3d-eval --frames) of the same frames of one dataset.
     """
     from avs3d_bench.files import check_writable
+    from avs3d_bench.report import printable
     from evaluators.reporting.factors import write_factors
 
     targets = [path for path in (html_file, csv_file) if path is not None]
     if not targets:
-        raise UsageError("nothing to write: expected --html FILE, --csv FILE or both")
+        raise UsageError(
+            "nothing to write: name the page or the table, or both: "
+            f"avs3d factors {printable(str(tables[0]))} --html factors.html --csv factors.csv"
+        )
     for path in targets:
         check_writable(path)
     places = [os.path.realpath(path) for path in (*tables, *targets)]

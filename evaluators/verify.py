@@ -21,6 +21,7 @@ from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError, excerpt
 from avs3d_bench.files import JSON_DIGITS, dump_json, sha256_file
 from avs3d_bench.provenance import Provenance, provenance
+from avs3d_bench.report import printable
 from avs3d_bench.schema import ProvenanceRecord
 from avs3d_bench.scores import (
     PROTOCOL_PARTS,
@@ -32,7 +33,7 @@ from avs3d_bench.scores import (
 )
 from evaluators.reading.score_file import contents_digest, read_scores
 from evaluators.reading.submission import open_submission
-from evaluators.score import SCORING, score
+from evaluators.score import SCORING, open_dataset, score
 
 #: Two figures are the same if they differ by no more than this share, or by `_NOISE`: a file keeps nine digits.
 TOLERANCE = 1e-8
@@ -64,7 +65,7 @@ class Difference:
         return f"{self.where}: {self.recorded} in the file, {self.found} when scored again"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Verification:
     """The outcome of verifying a file of scores.
 
@@ -81,6 +82,9 @@ class Verification:
     notes: tuple[str, ...]
     values: int
     dataset: VerifiedDataset
+
+    def __repr__(self) -> str:
+        return f"Verification({printable(repr(self.scores.submission.method))}: {self.summary})"
 
     @property
     def same(self) -> bool:
@@ -115,6 +119,7 @@ def verify(
     score_file: str | Path,
     submission: str | Path,
     dataset: str | Path | Dataset,
+    truth: str | Path | None = None,
     *,
     workers: int | None = 1,
     progress: bool = False,
@@ -124,8 +129,8 @@ def verify(
     Args:
         score_file: written by ``avs3d-eval --json``.
         submission: the folder or .zip that it claims to be about.
-        dataset: the root of the dataset; of a sealed test the dataset opened with its truth
-            (`avs3d_bench.sealed.open_sealed`).
+        dataset: its root, or the opened dataset.
+        truth: of a sealed test, the folder with its truth.
         workers: processes; None: one per core.
         progress: show a bar on stderr.
 
@@ -138,7 +143,7 @@ def verify(
         recorded = read_scores(Path(score_file), check=False)
     except Avs3dError as error:
         raise UsageError(str(error)) from None
-    data = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
+    data = open_dataset(dataset, truth)
     kept, missing = _without_unknown(recorded, data)
     if not kept.observations:
         record = data.record

@@ -17,6 +17,7 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.scores import Scores
 from evaluators import cli
 from evaluators.comparison import FIGURES, compare_figure, figure_of, metric_of, values_of
+from evaluators.origin import totals
 from evaluators.reporting.compare import compare, comparison_lines
 
 IOU = FIGURES["strict.IoU"]
@@ -323,6 +324,26 @@ def test_another_ground_truth_is_refused_in_one_line(tmp_path: Path) -> None:
     files = save(tmp_path, a=example_scores(seed=1, release=True), b=Scores.model_validate(with_means(data)))
     with pytest.raises(UsageError, match=r"b\.json: part_1/.*: 14 test frames, in .*a\.json 15"):
         compare(files)
+
+
+def test_a_change_of_a_metric_is_not_called_another_truth(tmp_path: Path) -> None:
+    """The digests of the truth tell data from software; files without them may differ in either."""
+    for digest, says in (
+        ("1" * 64, "the ground truth is the same .* versions 9.0.0 and .*: score both .* again"),
+        (None, "same ground truth, or by evaluators of which a metric changed .versions 9.0.0"),
+    ):
+        files = []
+        for name, changed in (("a", 0.0), ("b", 0.01)):
+            data = example_scores(seed=1 + len(files)).model_dump(mode="json")
+            data["references"]["centre_box"]["part_1"]["strict"]["IoU"] += changed
+            for row in data["observations"] if digest else ():
+                row["digests"] = {"predictions": digest, "truth": digest}
+            data["avs3d_eval"]["version"] = "9.0.0" if changed else data["avs3d_eval"]["version"]
+            scores = Scores.model_validate(with_means(data))
+            data["submission"]["digest"], data["dataset"]["truth_digest"] = totals(scores.observations)
+            files += save(tmp_path, **{name: Scores.model_validate(data)})
+        with pytest.raises(UsageError, match=rf"b\.json: its reference rows differ from .*a\.json: .*{says}"):
+            compare(files)
 
 
 def test_one_observation_is_refused_in_one_line(tmp_path: Path) -> None:

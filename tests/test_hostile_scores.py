@@ -338,11 +338,13 @@ def test_files_of_the_evaluator_follow_from_their_observations(tmp_path: Path):
         write_json(tmp_path / "s.json", scores)
         assert read_scores(tmp_path / "s.json").overall.frames == scores.overall.frames
         data = json.loads((tmp_path / "s.json").read_text())
-        if data["siblings"]:
-            data["siblings"][0]["pairs"][0]["right"] += 1
-            (tmp_path / "s.json").write_text(json.dumps(data))
-            with pytest.raises(Avs3dError, match="does not follow from the pairs"):
-                read_scores(tmp_path / "s.json")
+        if data.get("siblings"):
+            pair = data["siblings"][0]["pairs"][0]
+            for right, says in ((pair["frames"] + 1, "right frames of"), (0, "does not follow from the pairs")):
+                pair["right"] = right
+                (tmp_path / "s.json").write_text(json.dumps(data))
+                with pytest.raises(Avs3dError, match=says):
+                    read_scores(tmp_path / "s.json")
 
 
 @pytest.mark.parametrize("name", ["x.csv", "x.parquet", "x.html"])

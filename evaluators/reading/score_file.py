@@ -11,6 +11,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +69,7 @@ def read_scores(path: Path, *, check: bool = True) -> Scores:
     for protocol in scores.avs3d_eval.protocols:
         if getattr(scores.overall, protocol) is None:
             raise Avs3dError(f"{path}: overall.{protocol}: null, though avs3d_eval.protocols lists it; {_SCORE_AGAIN}")
-    for fault in (*_repetitions(scores), *(_contradictions(scores) if check else ())):
+    for fault in chain(_repetitions(scores), _contradictions(scores) if check else ()):
         raise Avs3dError(f"{path}: {printable(fault)}; {_SCORE_AGAIN}")
     return scores
 
@@ -114,14 +115,17 @@ def _twice(where: str, names: Iterable[Hashable]) -> Iterator[str]:
 
 
 def _contradictions(scores: Scores) -> Iterator[str]:
-    """The figures that do not follow from the scores of the observations, each in a line."""
+    """The figures that do not follow from the scores of the observations, each in a line.
+
+    After the first fault nothing more may be asked for: means assume sound observations.
+    """
     rows, siblings = scores.observations, scores.siblings or ()
-    for row in rows:
-        yield from _row_faults(row, scores)
     for one in siblings:
         for pair in one.pairs:
             if pair.right > pair.frames:
                 yield f"siblings[{one.group[:_NAMED]}]: {pair.right} right frames of {pair.frames}"
+    for row in rows:
+        yield from _row_faults(row, scores)
 
     def means(chosen: Callable[[ObservationScores], bool]) -> GroupScores:
         return summarise([row for row in rows if chosen(row)], siblings, intervals=False)

@@ -33,6 +33,7 @@ from evaluators.reporting.factors import factor_page
 from evaluators.reporting.pages import PART_NOTES, PART_TITLES, REFERENCE_TITLES, figure, interval, write_page
 from evaluators.reporting.pictures import Triple, draw_triple
 from evaluators.reporting.siblings import draw_siblings
+from evaluators.summary import unseen_note
 
 #: Groups of siblings that a report shows, those with the most wrong pairs first.
 SHOWN_GROUPS = 6
@@ -139,6 +140,7 @@ def report_values(scores: Scores) -> dict[str, Any]:
     return {
         "scores": scores,
         "partial": scores.dataset.scored < scores.dataset.observations,
+        "unseen": unseen_note(scores),
         "frame_count": scores.overall.frames,
         "metrics": known,
         "spans": [(name, sum(metric.protocol == name for metric in known)) for name in scores.avs3d_eval.protocols],

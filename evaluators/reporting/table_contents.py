@@ -12,13 +12,12 @@ from avs3d_bench.report import printable
 from avs3d_bench.schema import Scalar
 from avs3d_bench.scores import ALL_REFERENCES, METRICS, GroupScores, Metric, Scores
 from avs3d_bench.taxonomy import PARTS
+from avs3d_bench.text import no_formula
 from evaluators.reporting import paper
 from evaluators.reporting.pages import REFERENCE_TITLES, figure, interval
 from evaluators.reporting.ranking import Entry, Ruler, references_of
 from evaluators.reporting.series import SETTINGS, THRESHOLD, comparable, series_of, titles_of
 
-#: First characters of a formula in spreadsheets, in their full width too; white space before them is skipped.
-_FORMULA = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")
 #: The figures in both tables.
 COLUMNS: tuple[Metric, ...] = tuple(
     metric
@@ -192,11 +191,8 @@ def records(table: Table) -> list[dict[str, Scalar]]:
 
 
 def inert(value: Scalar) -> Scalar:
-    """Text of one line that is no formula: an apostrophe precedes text that a spreadsheet would read as one (OWASP)."""
-    if not isinstance(value, str):
-        return value
-    text = printable(value)
-    return f"'{text}" if text.lstrip().startswith(_FORMULA) else text
+    """Text of one line that is no formula."""
+    return no_formula(printable(value)) if isinstance(value, str) else value
 
 
 def csv(table: Table) -> str:
