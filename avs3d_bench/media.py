@@ -13,7 +13,7 @@ import io
 import os
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
@@ -94,8 +94,8 @@ _PNG_MODES = {0: "grey", 2: "RGB", 3: "palette", 4: "grey + alpha", 6: "RGBA"}
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 #: The passes of an interlaced picture: first column and row, steps (PNG, 8.1).
 _ADAM7 = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))
-#: Place of the byte in a file that says whether the picture is interlaced.
-_INTERLACE = 28
+#: Place of the bytes in a file that name the methods of compression and filtering, and whether it is interlaced.
+_METHODS = slice(26, 29)
 #: Filters of a row (PNG, 9.2); the average filter is left to OpenCV.
 _NO_FILTER, _SUB_FILTER, _UP_FILTER, _PAETH_FILTER = 0, 1, 2, 4
 #: Rows without differences, in place of their filter.
@@ -275,15 +275,15 @@ def _head(path: str | Path, count: int) -> bytes:
         return stream.read(count)
 
 
-def _check_chunks(data: bytes, path: str | Path, *, plain: bool) -> list[memoryview]:
+def _check_chunks(data: bytes, path: str | Path, *, plain: bool) -> tuple[list[memoryview], list[bytes]]:
     """Walk the chunks and their CRCs: OpenCV fills in the missing part of a truncated file without an error.
 
     A ``plain`` picture holds no transparency, no animation and nothing after its end.
 
     Returns:
-        the compressed data of the pixels, in pieces.
+        the compressed data of the pixels, in pieces, and the kinds of all chunks.
     """
-    at, ended, pixels = len(_PNG_SIGNATURE), False, list[memoryview]()
+    at, ended, pixels, kinds = len(_PNG_SIGNATURE), False, list[memoryview](), list[bytes]()
     while at < len(data) and not ended:
         if at + 12 > len(data):
             break
@@ -298,13 +298,14 @@ def _check_chunks(data: bytes, path: str | Path, *, plain: bool) -> list[memoryv
             pixels.append(memoryview(data)[at + 8 : stop - 4])
         if plain and kind in _PNG_EXTRAS:
             raise Avs3dError(f"{path}: a PNG with {_PNG_EXTRAS[kind]}; expected one plain picture")
+        kinds.append(kind)
         ended = kind == b"IEND"
         at = stop
     if plain and ended and at < len(data):
         raise Avs3dError(f"{path}: {len(data) - at:,} bytes after the end of the picture; expected one plain picture")
     if not ended:
         raise Avs3dError(f"{path}: truncated after {len(data)} bytes; expected a whole PNG picture")
-    return pixels
+    return pixels, kinds
 
 
 def check_png(path: str | Path) -> None:
@@ -315,7 +316,8 @@ def check_png(path: str | Path) -> None:
     """
     data = read_bytes(path)
     _parse_png_header(data, path)
-    for _ in _inflate(_check_chunks(data, path, plain=False), _raw_size(data), path):
+    pixels, _ = _check_chunks(data, path, plain=False)
+    for _ in _inflate(pixels, _raw_size(data), path):
         pass
 
 
@@ -443,10 +445,23 @@ def is_binary(pixels: U8) -> bool:
     return bool(cv2.sumElems(pixels)[0] == 255.0 * cv2.countNonZero(pixels))
 
 
-def _is_simple(data: bytes, header: PngHeader) -> bool:
-    """Whether a picture is one for `_inflate_grey`, and as large as the file can hold."""
-    kind = (header.colour_type, header.bits, data[_INTERLACE])
-    return kind == (0, 8, 0) and _raw_size(data) <= _MOST_EXPANSION * len(data)
+def _is_simple(data: bytes, header: PngHeader, kinds: Sequence[bytes]) -> bool:
+    """Whether a picture is one for `_inflate_grey`: about any other, OpenCV decides whether it is a PNG at all.
+
+    Args:
+        data: the file.
+        header: its header.
+        kinds: of its chunks. Simple is a header, then any chunks that decoders may skip (PNG, 5.4: their names begin
+            with a small letter), with the pixels in one run between them.
+    """
+    if (header.colour_type, header.bits, data[_METHODS]) != (0, 8, b"\0\0\0"):
+        return False
+    if data[8:12] != struct.pack(">I", 13) or _raw_size(data) > _MOST_EXPANSION * len(data):
+        return False
+    between = kinds[1:-1]
+    first, count = between.index(b"IDAT") if b"IDAT" in between else 0, between.count(b"IDAT")
+    others = between[:first] + between[first + count :]
+    return kinds[0] == b"IHDR" and count > 0 and all(kind.isalpha() and kind[:1].islower() for kind in others)
 
 
 def decode_png(
@@ -474,8 +489,8 @@ def decode_png(
     header = _parse_png_header(data, path)
     if check is not None:
         check(header)
-    pieces = _check_chunks(data, path, plain=plain)
-    if plain and flag == cv2.IMREAD_UNCHANGED and _is_simple(data, header):
+    pieces, kinds = _check_chunks(data, path, plain=plain)
+    if plain and flag == cv2.IMREAD_UNCHANGED and _is_simple(data, header, kinds):
         found = _inflate_grey(pieces, header, path)
         if found is not None:
             return found

@@ -40,7 +40,8 @@ def _dilate(boundary: U8, reach: int) -> U8:
     near, wide, width = boundary.copy(), boundary, 0
     for away in range(reach, -1, -1):
         half = math.isqrt(reach**2 - away**2)
-        wide = cv2.dilate(wide, np.ones((1, 2 * (half - width) + 1), np.uint8)) if half > width else wide
+        if half > width:
+            wide = np.asarray(cv2.dilate(wide, np.ones((1, 2 * (half - width) + 1), np.uint8)), np.uint8)
         width = half
         if away < height:
             cv2.max(near[away:], wide[: height - away], dst=near[away:])

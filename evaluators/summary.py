@@ -135,23 +135,3 @@ def _reference(scored: Sequence[ObservationScores], siblings: Sequence[SiblingSc
     groups = {part: [scores for scores in scored if scores.part == part] for part in PARTS}
     parts = {part: summarise(group, siblings, intervals=False) for part, group in groups.items() if group}
     return parts | {"overall": summarise(scored, siblings, intervals=False)}
-
-
-def unseen_note(scores: Scores) -> str | None:
-    """Which figures leave out the observations whose object no test frame shows; None if there is none.
-
-    Under ``listen`` such observations belong to the task: a sibling may be silent.
-    """
-    rows = [row.strict for row in scores.observations if row.strict is not None]
-    unseen = sum(row.visible_frames == 0 for row in rows)
-    if not unseen:
-        return None
-    left = len(rows) - unseen
-    means = f"are means over the other {left}" if left else "have no value"
-    official = "; official mIoU counts an empty mask as 1 there, and official F is 0" if scores.overall.official else ""
-    shows = "shows" if unseen == 1 else "show"
-    return (
-        f"{unseen} of {len(rows)} observations never {shows} the object in a test frame: strict IoU, F and boundary F "
-        f"{means}{official}; every eighth frame is a test frame: longer observations show it more often "
-        "(avs3d generate --frames)"
-    )

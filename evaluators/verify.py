@@ -31,9 +31,9 @@ from avs3d_bench.scores import (
     VerifiedDataset,
     VerifiedScores,
 )
-from evaluators.reading.score_file import contents_digest, read_scores
 from evaluators.reading.submission import open_submission
 from evaluators.score import SCORING, open_dataset, score
+from evaluators.score_file import contents_digest, read_scores
 
 #: Two figures are the same if they differ by no more than this share, or by `_NOISE`: a file keeps nine digits.
 TOLERANCE = 1e-8

@@ -23,12 +23,12 @@ from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import read_json
 from avs3d_bench.media import write_json, write_png_mask
-from evaluators.reading.score_file import read_scores
 from evaluators.reporting.leaderboard import write_leaderboard
 from evaluators.reporting.pages import page_script, report_head
 from evaluators.reporting.report_check import read_report
 from evaluators.reporting.tables import write_tables
 from evaluators.score import evaluate
+from evaluators.score_file import read_scores
 
 
 def put(path: Path, *keys: str | int, value: Any) -> Path:

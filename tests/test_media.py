@@ -397,3 +397,37 @@ def test_a_header_larger_than_its_file_takes_no_memory(tmp_path: Path):
     (tmp_path / "p.png").write_bytes(mutants.png(chunks))
     with pytest.raises(Avs3dError, match="100 bytes of pixels, not the"):
         media.decode_png(tmp_path / "p.png", cv2.IMREAD_UNCHANGED, plain=True)
+
+
+def _header(**changes: int) -> bytes:
+    fields = {"width": 5, "height": 4, "bits": 8, "colour": 0, "compression": 0, "filtering": 0, "interlace": 0}
+    return struct.pack(">IIBBBBB", *(fields | changes).values())
+
+
+PIXELS = zlib.compress(bytes(4 * 6))
+ODD: dict[str, list[tuple[bytes, bytes]]] = {
+    "compression": [(b"IHDR", _header(compression=1)), (b"IDAT", PIXELS)],
+    "filtering": [(b"IHDR", _header(filtering=1)), (b"IDAT", PIXELS)],
+    "long header": [(b"IHDR", _header() + b"\0"), (b"IDAT", PIXELS)],
+    "two headers": [(b"IHDR", _header()), (b"IHDR", _header()), (b"IDAT", PIXELS)],
+    "critical": [(b"IHDR", _header()), (b"ABCD", b""), (b"IDAT", PIXELS)],
+    "critical after": [(b"IHDR", _header()), (b"IDAT", PIXELS), (b"ABCD", b"")],
+    "no name": [(b"IHDR", _header()), (b"a1b2", b""), (b"IDAT", PIXELS)],
+    "apart": [(b"IHDR", _header()), (b"IDAT", PIXELS[:5]), (b"tEXt", b"a\0b"), (b"IDAT", PIXELS[5:])],
+    "palette": [(b"IHDR", _header()), (b"PLTE", bytes(6)), (b"IDAT", PIXELS)],
+    "text": [(b"IHDR", _header()), (b"tEXt", b"a\0b"), (b"IDAT", PIXELS), (b"tEXt", b"a\0b")],
+    "gamma": [(b"IHDR", _header()), (b"gAMA", struct.pack(">I", 10_000)), (b"IDAT", PIXELS)],
+}
+
+
+@pytest.mark.parametrize("kind", ODD)
+def test_what_opencv_refuses_is_refused(tmp_path: Path, kind: str):
+    path = tmp_path / "p.png"
+    path.write_bytes(mutants.png([*ODD[kind], (b"IEND", b"")]))
+    expected = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    assert expected is not None or kind not in ("palette", "text", "gamma")
+    if expected is None:
+        with pytest.raises(Avs3dError, match="damaged PNG"):
+            media.decode_png(path, cv2.IMREAD_UNCHANGED, plain=True)
+    else:
+        np.testing.assert_array_equal(media.decode_png(path, cv2.IMREAD_UNCHANGED, plain=True), expected)

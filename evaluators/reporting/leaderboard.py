@@ -20,10 +20,10 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import dump_json, write_bytes
 from avs3d_bench.report import printable
 from avs3d_bench.scores import Scores
-from evaluators.reading.score_file import contents_digest, read_scores, read_verification
 from evaluators.reporting.pages import write_page
 from evaluators.reporting.ranking import Entry, leaderboard_values
 from evaluators.reporting.report_check import read_report
+from evaluators.score_file import contents_digest, read_scores, read_verification
 
 _SLUG_LENGTH = 60
 _SHORT_DIGEST = 12

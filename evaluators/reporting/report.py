@@ -28,12 +28,12 @@ from avs3d_bench.scores import (
 from avs3d_bench.taxonomy import CATEGORIES, PARTS, ROOMS
 from avs3d_bench.templates import words
 from evaluators.frame_rows import frame_rows
+from evaluators.protocols import unseen_note
 from evaluators.records import Evaluation, FrameScore, Submission
 from evaluators.reporting.factors import factor_page
 from evaluators.reporting.pages import PART_NOTES, PART_TITLES, REFERENCE_TITLES, figure, interval, write_page
 from evaluators.reporting.pictures import Triple, draw_triple
 from evaluators.reporting.siblings import draw_siblings
-from evaluators.summary import unseen_note
 
 #: Groups of siblings that a report shows, those with the most wrong pairs first.
 SHOWN_GROUPS = 6

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from avs3d_bench.report import screen
 from avs3d_bench.scores import ALL_REFERENCES, METRICS, GroupScores, Metric, Scores
+from evaluators.protocols import unseen_note
 from evaluators.reading.archive import printable
-from evaluators.summary import unseen_note
 
 if TYPE_CHECKING:
     from rich.console import Console
