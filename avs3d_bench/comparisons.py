@@ -11,6 +11,7 @@ from pydantic import Field
 
 from avs3d_bench.schema import Record, Sha256, Text
 from avs3d_bench.scores import Count, Interval, Protocol, ProtocolVersion, Share
+from avs3d_bench.text import printable
 
 PartOrOverall = Literal["part_1", "part_2", "part_3", "overall"]
 #: Of the first of two methods.
@@ -93,3 +94,9 @@ class Comparison(Record):
     warnings: tuple[Text, ...] = Field(
         description="few observations, observations that some files lack, masks made from the truth"
     )
+
+    def __repr__(self) -> str:
+        names = ", ".join(file.name for file in self.files)
+        return printable(f"Comparison({names} on {self.dataset.name}: {len(self.figures)} figures)")
+
+    __str__ = __repr__

@@ -345,15 +345,19 @@ class Observation:
         train, test = layout.split_names(self.frame_names)
         return {name: "test" if name in test else "train" for name in (*train, *test)}
 
-    @property
+    @cached_property
     def train(self) -> tuple[Frame, ...]:
         """The train frames."""
-        return tuple(frame for frame in self.frames if frame.split == "train")
+        return self._frames_of("train")
 
-    @property
+    @cached_property
     def test(self) -> tuple[Frame, ...]:
         """The test frames."""
-        return tuple(frame for frame in self.frames if frame.split == "test")
+        return self._frames_of("test")
+
+    def _frames_of(self, split: Split) -> tuple[Frame, ...]:
+        splits = self.splits
+        return tuple(frame for frame in self.frames if splits.get(frame.name) == split)
 
     @cached_property
     def intrinsics(self) -> Intrinsics:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import read_bytes
-from avs3d_bench.media import PngHeader, decode_png
+from avs3d_bench.media import PngHeader, decode_png, is_binary
 from avs3d_bench.ply import read_ply
 from avs3d_bench.ply_reader import read_header
 from avs3d_bench.submission import MAX_POINTS
@@ -85,8 +85,7 @@ def read_mask(
         if cv2.norm(first, second, cv2.NORM_INF) or cv2.norm(first, third, cv2.NORM_INF):
             raise Avs3dError(f"{path}: a coloured picture; expected a mask: grey, 8 bit, 0 or 255")
         pixels = first
-    # No value exceeds 255, so the sum reaches 255 × the count of marked pixels only if all of them are 255.
-    if cv2.sumElems(pixels)[0] != 255.0 * cv2.countNonZero(pixels):
+    if not is_binary(pixels):
         raise Avs3dError(f"{path}: {_values(pixels)}")
     return np.asarray(pixels, dtype=np.uint8)
 

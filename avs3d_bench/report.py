@@ -38,7 +38,7 @@ class Problem:
     message: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Report:
     """All findings of a check.
 
@@ -55,6 +55,10 @@ class Report:
     observations: int
     files: int
     problems: tuple[Problem, ...] = field(default=())
+
+    def __repr__(self) -> str:
+        found = ", ".join(f"{count} {name}s" for name in _RANK if (count := self.count(name))) or "no problem"
+        return f"Report({printable(str(self.root))}: {found}, {self.observations} observations, {self.files} files)"
 
     def count(self, severity: Severity) -> int:
         """How many findings of one severity."""

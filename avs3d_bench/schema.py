@@ -860,14 +860,16 @@ def describe(error: ValidationError) -> list[str]:
     return lines
 
 
-def parse_record(text: str | bytes, record: type[_R], where: str | Path) -> _R:
+def parse_record(text: str | bytes, record: type[_R], where: str | Path, *, strict: bool = False) -> _R:
     """Parse the JSON ``text`` of the file ``where``.
+
+    With ``strict``, true or a number in quotes is no number.
 
     Raises:
         Avs3dError: naming the file, the first wrong field and the number of further errors.
     """
     try:
-        return record.model_validate_json(text)
+        return record.model_validate_json(text, strict=strict)
     except ValidationError as error:
         first, *rest = describe(error)
         more = f" (and {len(rest)} more)" if rest else ""

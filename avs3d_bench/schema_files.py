@@ -12,7 +12,7 @@ from avs3d_bench.exports.observation_index import ObservationShardIndex
 from avs3d_bench.frame_rows import FrameRow
 from avs3d_bench.outputs import Signature, write_outputs
 from avs3d_bench.schema import CameraSplits, DatasetRecord, ObservationRecord, PosesRecord, Record, SubmissionRecord
-from avs3d_bench.scores import Scores
+from avs3d_bench.scores import Scores, VerificationRecord
 from avs3d_bench.sealed import SealRecord
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -24,6 +24,7 @@ RECORDS: dict[str, type[Record]] = {
     layout.SUBMISSION_JSON: SubmissionRecord,
     layout.SCORES_JSON: Scores,
     layout.COMPARISON_JSON: Comparison,
+    "verification.json": VerificationRecord,  # `avs3d verify --json`
     "frame_row.json": FrameRow,  # a row of the table that `avs3d-eval --frames` writes
     layout.SHARDS_JSON: ObservationShardIndex,
     layout.POSES_JSON: PosesRecord,

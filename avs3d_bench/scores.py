@@ -22,6 +22,7 @@ from avs3d_bench.schema import (
     SubmissionRecord,
     Text,
 )
+from avs3d_bench.text import printable
 
 Protocol = Literal["official", "strict", "listen"]
 #: Protocol → version. It changes when a figure changes for the same masks.
@@ -348,3 +349,69 @@ class Scores(Record):
     references_unavailable: dict[str, str] = Field(
         default_factory=dict, description="reference of protocol strict or listen that is missing → reason"
     )
+
+    def __repr__(self) -> str:
+        return f"Scores({self.headline()})"
+
+    __str__ = __repr__
+
+    def headline(self) -> str:
+        """Method, dataset, number of observations, and the first two figures of each protocol, in one line."""
+        data = self.dataset
+        scored = f"{data.scored}" if data.scored == data.observations else f"{data.scored} of {data.observations}"
+        figures = []
+        for protocol in self.avs3d_eval.protocols:
+            group = getattr(self.overall, protocol)
+            for metric in metrics_of(protocol)[:2] if group is not None else ():
+                value = getattr(group, metric.name)
+                figures.append(f"{protocol} {metric.title} {'–' if value is None else f'{value:.3f}'}")
+        where = f"{data.name} {data.version or '(official release)'}"
+        return printable(f"{self.submission.method!r} on {where}, {scored} observations: {', '.join(figures)}")
+
+
+class UnconfirmedValue(Record):
+    """A value of a file of scores that scoring the submission again did not give."""
+
+    where: str = Field(description="e.g. observations[part_1/apartment_1/kitchen/1].strict.IoU")
+    recorded: str = Field(description="the value in the file, as text")
+    found: str = Field(description="the value of scoring again, as text")
+
+
+class VerifiedScores(Record):
+    """The file of scores that was verified."""
+
+    method: Text
+    digest: Sha256 = Field(
+        description="sha256 of the file's contents, without `report`: the digest of the entry in a leaderboard"
+    )
+
+
+class VerifiedDataset(Record):
+    """The dataset with which the submission was scored again."""
+
+    name: Text
+    version: str | None = Field(description="null in the official release")
+    sha256: Sha256 | None = Field(description="sha256 of dataset.json; null in the official release")
+    truth_digest: Sha256 | None = Field(description="as in a file of scores; null if nothing was scored again")
+
+
+class VerificationRecord(Record):
+    """The file that `avs3d verify --json` writes.
+
+    Nothing in it is secret: whoever has a file of scores can write such a record. It says something only to those who
+    know who made it.
+    """
+
+    same: bool = Field(description="whether every value that was compared is the same")
+    values: Count = Field(description="number of values that were compared")
+    differences: tuple[UnconfirmedValue, ...]
+    notes: tuple[str, ...]
+    scores: VerifiedScores
+    dataset: VerifiedDataset
+    evaluator: Text = Field(description="version of the toolkit that scored again")
+
+    def __repr__(self) -> str:
+        outcome = "same" if self.same else f"{len(self.differences)} differences"
+        return f"VerificationRecord({self.scores.method!r}: {outcome}, {self.values} values)"
+
+    __str__ = __repr__

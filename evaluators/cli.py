@@ -78,10 +78,10 @@ def evaluate(
     from evaluators.reading.submission import open_submission
     from evaluators.records import InvalidSubmission
     from evaluators.reporting.terminal_table import print_scores
-    from evaluators.score import score
+    from evaluators.score import open_dataset, score
 
     wanted: Any = None if protocol == "all" else (protocol,)
-    data = _open_dataset(root, truth, only)
+    data = open_dataset(root, truth, only)
     _check_frames(files["frames_file"], protocol)
     with open_submission(submission, aisrm=_aisrm(official_folder)) as opened:
         try:
@@ -100,24 +100,6 @@ def evaluate(
     for path in files.values():
         if path is not None:
             click.echo(str(path))
-
-
-def _open_dataset(root: Path, truth: Path | None, only: tuple[str, ...]) -> Dataset:
-    """The dataset to score against; of a sealed test with its truth, checked against the commitments.
-
-    Raises:
-        UsageError: if the truth of a sealed test is not given, or belongs to another one.
-        Avs3dError: if the truth is not what was committed to.
-    """
-    from avs3d_bench.dataset import Dataset
-    from avs3d_bench.sealed import open_sealed
-
-    data = Dataset(root)
-    if truth is not None:
-        return open_sealed(root, truth, only=only)
-    if data.is_sealed:
-        raise UsageError(f"{root}: a sealed test; expected its truth as well: --truth PRIVATE, which its organiser has")
-    return data
 
 
 def _write_files(
@@ -238,7 +220,7 @@ def check(
 @dataset_option
 @_truth
 @click.option("--json", "json_file", type=OutputFile(VERIFICATION), metavar="FILE",
-              help="Write all differences to this file as well.")  # fmt: skip
+              help="Write the outcome to this file as well; avs3d leaderboard --verified reads it.")  # fmt: skip
 @_workers
 def verify(
     score_file: Path, submission: Path, root: Path, truth: Path | None, json_file: Path | None, workers: int | None
@@ -251,17 +233,18 @@ def verify(
     from avs3d_bench.files import write_json
     from avs3d_bench.report import printable
     from evaluators.records import InvalidSubmission
+    from evaluators.score import open_dataset
     from evaluators.verify import verify as verify_scores
 
     try:
-        data = _open_dataset(root, truth, ())
+        data = open_dataset(root, truth)
         found = verify_scores(score_file, submission, data, workers=workers, progress=sys.stderr.isatty())
     except InvalidSubmission as error:
         _print_problems(error.report, submission, root)
         raise SystemExit(1) from None
     try:
         if json_file is not None:
-            write_json(json_file, found.as_dict())
+            write_json(json_file, found.record())
     finally:
         for difference in found.differences[:_SCREENFUL]:
             click.echo(printable(str(difference)))
@@ -277,11 +260,15 @@ def verify(
 @click.command(context_settings=HELP, short_help="Rank files of scores on one static page.")
 @click.argument("scores", nargs=-1, required=True, type=PATH, metavar="SCORES.json…")
 @click.option("-o", "--output", "folder", type=OUTPUT_FOLDER, metavar="DIR", required=True, help="Folder for the page.")
-def leaderboard(scores: tuple[Path, ...], folder: Path) -> None:
+@click.option(
+    "--verified", multiple=True, type=PATH, metavar="RECORD.json",
+    help="A record of avs3d verify --json that you made: marks the file of scores that it confirms. Repeatable.",
+)  # fmt: skip
+def leaderboard(scores: tuple[Path, ...], folder: Path, verified: tuple[Path, ...]) -> None:
     """Rank any number of files of scores (avs3d-eval --json) on one static page, with links to their reports."""
     from evaluators.reporting.leaderboard import write_leaderboard
 
-    for note in write_leaderboard(folder, scores):
+    for note in write_leaderboard(folder, scores, verified):
         click.echo(f"avs3d leaderboard: note: {note}", err=True)
     click.echo(str(folder / "index.html"))
 
@@ -339,11 +326,15 @@ def factors(tables: tuple[Path, ...], html_file: Path | None, csv_file: Path | N
 
     FRAMES are tables of frames (avs3d-eval --frames) of the same frames of one dataset.
     """
+    from avs3d_bench.report import printable
     from evaluators.reporting.factors import write_factors
 
     targets = [path for path in (html_file, csv_file) if path is not None]
     if not targets:
-        raise UsageError("nothing to write: expected --html FILE, --csv FILE or both")
+        raise UsageError(
+            "nothing to write: name the page or the table, or both: "
+            f"avs3d factors {printable(str(tables[0]))} --html factors.html --csv factors.csv"
+        )
     write_factors(tables, html=html_file, table=csv_file)
     for path in targets:
         click.echo(str(path))

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -30,11 +30,23 @@ def tolerance(height: int, width: int) -> int:
     return math.ceil(TOLERANCE * math.hypot(height, width))
 
 
-@lru_cache(maxsize=8)
-def _disc(reach: int) -> U8:
-    """(2r + 1, 2r + 1) uint8: 1 where the middle of the array is within ``reach`` pixels."""
-    rows, columns = np.ogrid[-reach : reach + 1, -reach : reach + 1]
-    return np.asarray(rows**2 + columns**2 <= reach**2, np.uint8)
+def _dilate(boundary: U8, reach: int) -> U8:
+    """(h, w) uint8: non-zero where a non-zero pixel lies within ``reach`` pixels, in Euclidean distance.
+
+    The disc is a union of rows, the widest in its middle: each row follows from the next narrower one, which takes
+    half as long as a dilation by the disc as a whole.
+    """
+    height = boundary.shape[0]
+    near, wide, width = boundary.copy(), boundary, 0
+    for away in range(reach, -1, -1):
+        half = math.isqrt(reach**2 - away**2)
+        if half > width:
+            wide = np.asarray(cv2.dilate(wide, np.ones((1, 2 * (half - width) + 1), np.uint8)), np.uint8)
+        width = half
+        if away < height:
+            cv2.max(near[away:], wide[: height - away], dst=near[away:])
+            cv2.max(near[: height - away], wide[away:], dst=near[: height - away])
+    return near
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +71,7 @@ class Contour:
     def near(self) -> U8:
         """(h, w) uint8, non-zero within the tolerance of a boundary pixel. Costs the most of all, so only on demand."""
         if self.reach <= DISC_LIMIT:
-            return np.asarray(cv2.dilate(self.boundary, _disc(self.reach)), np.uint8)
+            return _dilate(self.boundary, self.reach)
         distance = cv2.distanceTransform(cv2.bitwise_not(self.boundary), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         # Squared distances are whole numbers: half a thousandth decides no tie.
         return (distance < self.reach + 5e-4).view(np.uint8)

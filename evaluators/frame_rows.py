@@ -21,6 +21,7 @@ from avs3d_bench.files import read_bytes, write_bytes
 from avs3d_bench.frame_rows import COLUMNS, FrameRow
 from avs3d_bench.schema import describe
 from avs3d_bench.scores import Scores
+from avs3d_bench.text import no_formula
 from evaluators.factors import NAMES, observation_factors
 from evaluators.metrics import f_measure, iou
 from evaluators.records import Evaluation, FrameTally
@@ -29,10 +30,6 @@ CSV, PARQUET = ".csv", ".parquet"
 #: Largest table (bytes): a row takes about 500 bytes in CSV.
 MAX_TABLE_BYTES = 256 * 2**20
 _JSON_COLUMN = "unavailable"
-#: First characters of a formula in spreadsheets; text that begins with one gets an apostrophe before it in CSV.
-_FORMULA = ("=", "+", "-", "@", "'")
-#: Columns of free text.
-_FREE = ("method", "dataset")
 #: Type in JSON Schema → name of the Arrow type; all other columns are text.
 _ARROW = {"integer": "int64", "number": "float64"}
 _FIELDS = FrameRow.model_json_schema()["properties"]
@@ -149,9 +146,15 @@ def _as_csv(rows: Iterable[FrameRow]) -> bytes:
     writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
     writer.writeheader()
     for row in rows:
-        cells = _cells(row)
-        writer.writerow(cells | {n: f"'{cells[n]}" for n in _FREE if cells[n].lstrip().startswith(_FORMULA)})
+        writer.writerow({name: _quoted(value) for name, value in _cells(row).items()})
     return stream.getvalue().encode("utf-8", "replace")
+
+
+def _quoted(value: Any) -> Any:
+    """Text that is no formula; the apostrophe of text that begins with one is doubled, so that reading removes one."""
+    if not isinstance(value, str):
+        return value
+    return f"'{value}" if value.startswith("'") else no_formula(value)
 
 
 def _arrow_type(column: str) -> str:
@@ -183,6 +186,13 @@ def read_rows(path: Path) -> tuple[FrameRow, ...]:
     rows = [_row(path, number, each) for number, each in enumerate(cells, start=1)]
     if not rows:
         raise Avs3dError(f"{path}: no row; expected a table that avs3d-eval --frames wrote")
+    known: dict[tuple[str, str], int] = {}
+    for number, row in enumerate(rows, start=1):
+        first = known.setdefault((row.key, row.frame), number)
+        if first != number:
+            raise Avs3dError(
+                f"{path}: row {number}: {row.key} {row.frame} is in row {first} already; expected one row per frame"
+            )
     return tuple(rows)
 
 
@@ -201,9 +211,11 @@ def _csv_cells(path: Path, data: bytes) -> list[dict[str, Any]]:
     except (UnicodeDecodeError, csv.Error) as error:
         raise Avs3dError(f"{path}: no CSV ({error}); expected a table that avs3d-eval --frames wrote") from None
     _check_columns(path, reader.fieldnames or ())
-    for row in rows:
-        row |= {name: row[name][1:] for name in _FREE if (row[name] or "").startswith("'")}
-    return [{name: value or None for name, value in row.items()} for row in rows]
+    return [{name: _unquoted(value) or None for name, value in row.items()} for row in rows]
+
+
+def _unquoted(value: Any) -> Any:
+    return value.removeprefix("'") if isinstance(value, str) else value
 
 
 def _parquet_cells(path: Path, data: bytes) -> list[dict[str, Any]]:

@@ -18,6 +18,7 @@ from avs3d_bench.scores import (
     OfficialObservation,
     OfficialSummary,
     Protocol,
+    Scores,
     SiblingScores,
     StrictObservation,
     StrictSummary,
@@ -160,3 +161,23 @@ def _intervals(columns: Mapping[str, Sequence[float]], wanted: bool) -> dict[str
 def _reason(name: str, stricts: Sequence[StrictObservation]) -> str:
     reasons = sorted({strict.unavailable[name] for strict in stricts if name in strict.unavailable})
     return "; ".join(reasons)
+
+
+def unseen_note(scores: Scores) -> str | None:
+    """Which figures leave out the observations whose object no test frame shows; None if there is none.
+
+    Under ``listen`` such observations belong to the task: a sibling may be silent.
+    """
+    rows = [row.strict for row in scores.observations if row.strict is not None]
+    unseen = sum(row.visible_frames == 0 for row in rows)
+    if not unseen:
+        return None
+    left = len(rows) - unseen
+    means = f"are means over the other {left}" if left else "have no value"
+    official = "; official mIoU counts an empty mask as 1 there, and official F is 0" if scores.overall.official else ""
+    shows = "shows" if unseen == 1 else "show"
+    return (
+        f"{unseen} of {len(rows)} observations never {shows} the object in a test frame: strict IoU, F and boundary F "
+        f"{means}{official}; every eighth frame is a test frame: longer observations show it more often "
+        "(avs3d generate --frames)"
+    )

@@ -172,7 +172,7 @@ class Outcome:
     frames: tuple[FrameTally, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Evaluation:
     """The outcome of scoring.
 
@@ -192,6 +192,11 @@ class Evaluation:
     groups: tuple[SiblingFrame, ...] = ()
     warnings: tuple[Problem, ...] = ()
     frames: Mapping[str, tuple[FrameTally, ...]] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        count = len(self.warnings)
+        warnings = f"; {count} warning{'' if count == 1 else 's'}" if count else ""
+        return f"Evaluation({self.scores.headline()}{warnings})"
 
 
 class InvalidSubmission(Avs3dError):  # noqa: N818 - the word that users know from the exit status

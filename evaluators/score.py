@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset, Frame, Observation
-from avs3d_bench.errors import Avs3dError
+from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.parallel import advance, process_each
 from avs3d_bench.provenance import provenance
 from avs3d_bench.report import Report, ordered
@@ -30,6 +30,7 @@ from avs3d_bench.scores import (
     ObservationScores,
     Protocol,
 )
+from avs3d_bench.sealed import open_sealed
 from evaluators.conditions import with_conditions
 from evaluators.deaf import DeafFrame, deaf_frame, deaf_references
 from evaluators.frames import FrameFigures, Truth, frame_figures, reference_figures
@@ -85,7 +86,8 @@ class Unit:
 
 def evaluate(
     submission: str | Path,
-    dataset: str | Path,
+    dataset: str | Path | Dataset,
+    truth: str | Path | None = None,
     *,
     protocols: Sequence[Protocol] | None = None,
     only: Iterable[str] = (),
@@ -93,11 +95,12 @@ def evaluate(
     workers: int | None = 1,
     progress: bool = False,
 ) -> Evaluation:
-    """Score the submission at a path (a folder or a .zip) against the dataset at a path.
+    """Score the submission at a path (a folder or a .zip) against a dataset.
 
     Args:
         submission: its folder or archive.
-        dataset: the dataset's root; ours or the official release.
+        dataset: its root, or the opened dataset; ours or the official release.
+        truth: of a sealed test, the folder with its truth, which is checked against the commitments.
         protocols: which to compute; None: those that fit the observations (`evaluators.protocols.fitting`).
         only: shell patterns of observation keys; the others are left out.
         aisrm: which folder of the released pipeline's output to read; see `open_submission`.
@@ -106,12 +109,43 @@ def evaluate(
 
     Raises:
         InvalidSubmission: if anything is wrong with a file of the submission; its report names every one.
-        UsageError: if a path is neither submission nor dataset, or no observation matches ``only``.
-        Avs3dError: if the dataset itself is damaged.
+        UsageError: if a path is neither submission nor dataset, an argument is of another type, the truth of a sealed
+            test is not given, or no observation matches ``only``.
+        Avs3dError: if the dataset itself is damaged, or the truth is not what was committed to.
     """
-    data = Dataset(dataset)
+    patterns = (only,) if isinstance(only, str) else tuple(only)
+    data = open_dataset(dataset, truth, patterns)
+    if not isinstance(submission, str | Path):
+        raise UsageError(f"submission: a {type(submission).__name__}; expected the path of a folder or a .zip")
     with open_submission(Path(submission), aisrm=aisrm) as opened:
-        return score(opened, data, protocols=protocols, only=only, workers=workers, progress=progress)
+        return score(opened, data, protocols=protocols, only=patterns, workers=workers, progress=progress)
+
+
+def open_dataset(dataset: str | Path | Dataset, truth: str | Path | None = None, only: Sequence[str] = ()) -> Dataset:
+    """The dataset to score against; of a sealed test with its truth, checked against the commitments.
+
+    Args:
+        dataset: its root, or the opened dataset.
+        truth: of a sealed test, the folder with its truth; not needed where the dataset was opened with it.
+        only: shell patterns of the keys of the observations whose truth is checked; none: all.
+
+    Raises:
+        UsageError: if ``dataset`` is none, the truth of a sealed test is not given, or belongs to another one.
+        Avs3dError: if the truth is not what was committed to.
+    """
+    if not isinstance(dataset, str | Path | Dataset):
+        raise UsageError(f"dataset: a {type(dataset).__name__}; expected the path of its root, or a Dataset")
+    if not isinstance(truth, str | Path | None):
+        raise UsageError(f"truth: a {type(truth).__name__}; expected the path of the folder with the truth")
+    data = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
+    if truth is not None:
+        return open_sealed(data.root, truth, only=only)
+    if data.is_sealed and data.truth is None:
+        raise UsageError(
+            f"{data.root}: a sealed test; expected its truth as well: --truth PRIVATE (in Python truth=…), which its "
+            "organiser has"
+        )
+    return data
 
 
 def score(

@@ -16,16 +16,24 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from avs3d_bench import layout
+from avs3d_bench import __version__, layout
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError, excerpt
-from avs3d_bench.files import JSON_DIGITS, dump_json
+from avs3d_bench.files import JSON_DIGITS, dump_json, sha256_file
 from avs3d_bench.provenance import Provenance, provenance
+from avs3d_bench.report import printable
 from avs3d_bench.schema import ProvenanceRecord
-from avs3d_bench.scores import PROTOCOL_PARTS, Scores
-from evaluators.reading.score_file import read_scores
+from avs3d_bench.scores import (
+    PROTOCOL_PARTS,
+    Scores,
+    UnconfirmedValue,
+    VerificationRecord,
+    VerifiedDataset,
+    VerifiedScores,
+)
 from evaluators.reading.submission import open_submission
-from evaluators.score import SCORING, score
+from evaluators.score import SCORING, open_dataset, score
+from evaluators.score_file import contents_digest, read_scores
 
 #: Two figures are the same if they differ by no more than this share, or by `_NOISE`: a file keeps nine digits.
 TOLERANCE = 1e-8
@@ -57,7 +65,7 @@ class Difference:
         return f"{self.where}: {self.recorded} in the file, {self.found} when scored again"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Verification:
     """The outcome of verifying a file of scores.
 
@@ -66,12 +74,17 @@ class Verification:
         differences: values that are not the same.
         notes: what could not be compared, or may be different: software, machine, digests that the file lacks.
         values: number of values that were compared.
+        dataset: with which the submission was scored again.
     """
 
     scores: Scores
     differences: tuple[Difference, ...]
     notes: tuple[str, ...]
     values: int
+    dataset: VerifiedDataset
+
+    def __repr__(self) -> str:
+        return f"Verification({printable(repr(self.scores.submission.method))}: {self.summary})"
 
     @property
     def same(self) -> bool:
@@ -87,22 +100,26 @@ class Verification:
         count = len(self.differences)
         return f"differs: {count:,} of {self.values:,} values {'is' if count == 1 else 'are'} not confirmed"
 
-    def as_dict(self) -> dict[str, Any]:
-        """For ``--json``."""
-        return {
-            "same": self.same,
-            "values": self.values,
-            "differences": [
-                {"where": one.where, "recorded": one.recorded, "found": one.found} for one in self.differences
-            ],
-            "notes": list(self.notes),
-        }
+    def record(self) -> VerificationRecord:
+        """For ``--json``, and for ``avs3d leaderboard --verified``."""
+        return VerificationRecord(
+            same=self.same,
+            values=self.values,
+            differences=tuple(
+                UnconfirmedValue(where=one.where, recorded=one.recorded, found=one.found) for one in self.differences
+            ),
+            notes=self.notes,
+            scores=VerifiedScores(method=self.scores.submission.method, digest=contents_digest(self.scores)),
+            dataset=self.dataset,
+            evaluator=__version__,
+        )
 
 
 def verify(
     score_file: str | Path,
     submission: str | Path,
     dataset: str | Path | Dataset,
+    truth: str | Path | None = None,
     *,
     workers: int | None = 1,
     progress: bool = False,
@@ -112,8 +129,8 @@ def verify(
     Args:
         score_file: written by ``avs3d-eval --json``.
         submission: the folder or .zip that it claims to be about.
-        dataset: the root of the dataset; of a sealed test the dataset opened with its truth
-            (`avs3d_bench.sealed.open_sealed`).
+        dataset: its root, or the opened dataset.
+        truth: of a sealed test, the folder with its truth.
         workers: processes; None: one per core.
         progress: show a bar on stderr.
 
@@ -123,13 +140,20 @@ def verify(
         Avs3dError: if the dataset is damaged.
     """
     try:
-        recorded = read_scores(Path(score_file))
+        recorded = read_scores(Path(score_file), check=False)
     except Avs3dError as error:
         raise UsageError(str(error)) from None
-    data = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
+    data = open_dataset(dataset, truth)
     kept, missing = _without_unknown(recorded, data)
     if not kept.observations:
-        return Verification(recorded, missing, (), len(missing))
+        record = data.record
+        nothing = VerifiedDataset(
+            name=data.name,
+            version=record.version if record else None,
+            sha256=sha256_file(data.root / layout.DATASET_JSON) if record else None,
+            truth_digest=None,
+        )
+        return Verification(recorded, missing, (), len(missing), nothing)
     with open_submission(submission, aisrm=_aisrm(recorded)) as opened:
         again = score(
             opened,
@@ -159,7 +183,9 @@ def compare_scores(recorded: Scores, again: Scores) -> Verification:
         skipped.append("dataset.name")  # Likewise.
     lines = list(compare_values(json.loads(dump_json(recorded)), json.loads(dump_json(again)), skipped))
     differences = sorted((line for line in lines if line is not None), key=_rank)
-    return Verification(recorded, tuple(differences), tuple(_notes(recorded, again)), len(lines))
+    data = again.dataset
+    dataset = VerifiedDataset(name=data.name, version=data.version, sha256=data.sha256, truth_digest=data.truth_digest)
+    return Verification(recorded, tuple(differences), tuple(_notes(recorded, again)), len(lines), dataset)
 
 
 def _without_unknown(recorded: Scores, dataset: Dataset) -> tuple[Scores, tuple[Difference, ...]]:

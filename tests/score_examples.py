@@ -12,9 +12,18 @@ import numpy as np
 
 from avs3d_bench import __version__, media
 from avs3d_bench.dataset import Dataset
-from avs3d_bench.scores import BLIND_REFERENCES, METRICS, REFERENCES, Scores, metrics_of
+from avs3d_bench.scores import (
+    BLIND_REFERENCES,
+    METRICS,
+    REFERENCES,
+    ObservationScores,
+    Scores,
+    SiblingScores,
+    metrics_of,
+)
 from avs3d_bench.taxonomy import CATEGORIES, PARTS, ROOMS
 from evaluators.bootstrap import FEWEST
+from evaluators.protocols import summarise
 from evaluators.records import FrameScore, Submission
 
 #: What the references get, by figure.
@@ -112,6 +121,49 @@ def example_scores(
         "references_unavailable": dict.fromkeys(missing, "the dataset has no instance masks"),
     }  # fmt: skip
     return Scores.model_validate(record)
+
+
+def with_means(data: dict[str, Any]) -> dict[str, Any]:
+    """A dumped file of scores whose observations or reference parts were changed, with the means that follow."""
+    rows = [ObservationScores.model_validate(row) for row in data["observations"]]
+    siblings = [SiblingScores.model_validate(one) for one in data.get("siblings") or ()]
+
+    def grouped(field: str) -> dict[str, Any]:
+        names = dict.fromkeys(getattr(row, field) for row in rows if getattr(row, field) is not None)
+        return {name: of([row for row in rows if getattr(row, field) == name]) for name in names}
+
+    def of(chosen: Sequence[ObservationScores]) -> dict[str, Any]:
+        return summarise(chosen, siblings, intervals=False).model_dump(mode="json")
+
+    data |= {"overall": of(rows), "parts": grouped("part"), "categories": grouped("category"), "rooms": grouped("room")}
+    data["references"] = {name: _whole(groups, data["parts"]) for name, groups in data["references"].items()}
+    data["references"] = {name: groups for name, groups in data["references"].items() if groups}
+    return data
+
+
+def _whole(groups: dict[str, Any], parts: dict[str, Any]) -> dict[str, Any]:
+    """A reference with the counts of the file's parts, and the overall means that follow from its parts."""
+    kept = {name: group for name, group in groups.items() if name in parts}
+    if not kept:
+        return {}
+    overall = groups["overall"] | {"observations": 0, "frames": 0}
+    for name, group in kept.items():
+        group |= {key: parts[name][key] for key in ("observations", "frames")}
+        overall |= {key: overall[key] + group[key] for key in ("observations", "frames")}
+        if group["strict"]:
+            group["strict"]["counts"] = parts[name]["strict"]["counts"]
+    for metric in METRICS:
+        found = [(group, group[metric.protocol]) for group in kept.values() if group.get(metric.protocol)]
+        known = [
+            (scores["counts"][metric.name] if "counts" in scores else group["observations"], scores[metric.name])
+            for group, scores in found
+            if scores[metric.name] is not None
+        ]
+        total = sum(weight for weight, _ in known)
+        if overall.get(metric.protocol):
+            value = math.fsum(weight * value for weight, value in known) / total if total else None
+            overall[metric.protocol][metric.name] = value
+    return kept | {"overall": overall}
 
 
 def report_page(title: str) -> str:

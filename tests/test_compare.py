@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
-from score_examples import example_scores, keys_of
+from score_examples import example_scores, keys_of, with_means
 
 from avs3d_bench import media
 from avs3d_bench.comparisons import Comparison, FigureComparison, PairedDifference
@@ -17,6 +17,7 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.scores import Scores
 from evaluators import cli
 from evaluators.comparison import FIGURES, compare_figure, figure_of, metric_of, values_of
+from evaluators.origin import totals
 from evaluators.reporting.compare import compare, comparison_lines
 
 IOU = FIGURES["strict.IoU"]
@@ -28,7 +29,7 @@ def scores_of(ious: Sequence[float | None], wrong: Sequence[float | None] = (), 
     data = example_scores(keys, **said).model_dump(mode="json")
     for row, iou, rate in zip(data["observations"], ious, wrong or [0.0] * len(ious), strict=True):
         row["strict"] |= {"IoU": iou, "wrong_instance_rate": rate}
-    return Scores.model_validate(data)
+    return Scores.model_validate(with_means(data))
 
 
 def scenes_of(rights: Sequence[int], ious: Sequence[float]) -> Scores:
@@ -54,14 +55,8 @@ def scenes_of(rights: Sequence[int], ious: Sequence[float]) -> Scores:
         for (first, second), right in zip(keys, rights, strict=True)
     ]  # fmt: skip
     data["avs3d_eval"]["protocols"] = {"listen": "1.0"}
-    data["overall"] = {"observations": len(data["observations"]), "frames": 0, "listen": _listen_means(data)}
     data["dataset"] |= {"observations": len(data["observations"]), "scored": len(data["observations"])}
-    return Scores.model_validate(data)
-
-
-def _listen_means(data: Mapping[str, Any]) -> dict[str, Any]:
-    figures = ("pair_accuracy", "IoU", "FP_rate", "FP_area", "class_mIoU")
-    return dict.fromkeys(figures) | {"counts": {}, "groups": len(data["siblings"])}
+    return Scores.model_validate(with_means(data))
 
 
 def of_values(first: Sequence[float | None], second: Sequence[float | None]) -> FigureComparison | None:
@@ -271,7 +266,9 @@ def test_files_with_other_observations_are_compared_over_the_common_ones(tmp_pat
     data = example_scores(seed=2).model_dump(mode="json")
     data["observations"] = data["observations"][:20]
     data["dataset"]["scored"] = 20
-    found = compare(save(tmp_path, a=whole, b=Scores.model_validate(data)), figures=("official.F",), parts=("overall",))
+    found = compare(
+        save(tmp_path, a=whole, b=Scores.model_validate(with_means(data))), figures=("official.F",), parts=("overall",)
+    )
     assert found.figures[0].differences[0].observations == 20
     assert found.warnings[0].startswith("observations differ (a 34, b 20): each pair of methods is compared over")
 
@@ -315,17 +312,38 @@ def test_different_protocols_are_refused_in_one_line(tmp_path: Path) -> None:
 def test_another_ground_truth_is_refused_in_one_line(tmp_path: Path) -> None:
     """Two official releases have neither version nor sha256: only the reference rows show that their masks differ."""
     data = example_scores(seed=2, release=True).model_dump(mode="json")
-    data["references"]["centre_box"]["overall"]["strict"]["IoU"] += 0.01
-    files = save(tmp_path, a=example_scores(seed=1, release=True), b=Scores.model_validate(data))
+    data["references"]["centre_box"]["part_1"]["strict"]["IoU"] += 0.01
+    files = save(tmp_path, a=example_scores(seed=1, release=True), b=Scores.model_validate(with_means(data)))
     with pytest.raises(UsageError, match=r"b\.json: its reference rows differ from those of .*a\.json: .*ground truth"):
         compare(files)
     data = example_scores(seed=2, release=True).model_dump(mode="json")
     data["observations"] = data["observations"][1:]
     data["dataset"]["scored"] -= 1
     data["observations"][3]["frames"] = 14
-    files = save(tmp_path, a=example_scores(seed=1, release=True), b=Scores.model_validate(data))
+    data["observations"][3]["strict"]["visible_frames"] = 14 - data["observations"][3]["strict"]["absent_frames"]
+    files = save(tmp_path, a=example_scores(seed=1, release=True), b=Scores.model_validate(with_means(data)))
     with pytest.raises(UsageError, match=r"b\.json: part_1/.*: 14 test frames, in .*a\.json 15"):
         compare(files)
+
+
+def test_a_change_of_a_metric_is_not_called_another_truth(tmp_path: Path) -> None:
+    """The digests of the truth tell data from software; files without them may differ in either."""
+    for digest, says in (
+        ("1" * 64, "the ground truth is the same .* versions 9.0.0 and .*: score both .* again"),
+        (None, "same ground truth, or by evaluators of which a metric changed .versions 9.0.0"),
+    ):
+        files = []
+        for name, changed in (("a", 0.0), ("b", 0.01)):
+            data = example_scores(seed=1 + len(files)).model_dump(mode="json")
+            data["references"]["centre_box"]["part_1"]["strict"]["IoU"] += changed
+            for row in data["observations"] if digest else ():
+                row["digests"] = {"predictions": digest, "truth": digest}
+            data["avs3d_eval"]["version"] = "9.0.0" if changed else data["avs3d_eval"]["version"]
+            scores = Scores.model_validate(with_means(data))
+            data["submission"]["digest"], data["dataset"]["truth_digest"] = totals(scores.observations)
+            files += save(tmp_path, **{name: Scores.model_validate(data)})
+        with pytest.raises(UsageError, match=rf"b\.json: its reference rows differ from .*a\.json: .*{says}"):
+            compare(files)
 
 
 def test_one_observation_is_refused_in_one_line(tmp_path: Path) -> None:

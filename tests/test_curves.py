@@ -414,7 +414,10 @@ def test_the_command(tmp_path: Path):
 def test_bad_options_of_the_command(tmp_path: Path):
     first, second = tables(tmp_path)
     for arguments, said in (
-        ([str(first)], "nothing to write"),
+        (
+            [str(first)],
+            f"name the page or the table, or both: avs3d factors {first} --html factors.html",
+        ),
         ([str(first), str(second), "--csv", str(second)], "this command has not written it"),
         ([str(first), "--html", str(tmp_path / "x"), "--csv", str(tmp_path / "x")], "named twice"),
     ):

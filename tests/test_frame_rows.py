@@ -25,6 +25,7 @@ from avs3d_bench.geometry import direction_to
 from evaluators import factors, frame_rows
 from evaluators.frame_rows import read_rows, write_rows
 from evaluators.records import Evaluation
+from evaluators.reporting.factors import write_factors
 from evaluators.score import evaluate
 from generators.acoustics import direct, geometry
 
@@ -372,3 +373,29 @@ def test_the_document_lists_every_column_and_every_reason():
     reasons = {value for name, value in vars(factors).items() if name.isupper() and isinstance(value, str)}
     listed = {line.split("|")[1].strip() for line in section.splitlines() if re.match(r"\| [a-z]", line)}
     assert listed - {"column", "reason in `unavailable` of a frame"} == reasons
+
+
+def test_a_frame_in_two_rows_is_refused(scored: Any, tmp_path: Path):
+    rows = tuple(rows_of(scored).values())
+    for suffix in (".csv", ".parquet"):
+        write_rows(tmp_path / f"frames{suffix}", (*rows, rows[0]))
+        with pytest.raises(
+            Avs3dError, match=rf"row {len(rows) + 1}: .* is in row 1 already; expected one row per frame"
+        ):
+            read_rows(tmp_path / f"frames{suffix}")
+
+
+@pytest.mark.parametrize("text", ["=1+1", "@SUM(1)", "+1", "-1", "\t=1", "\tx", "'=1"])
+def test_no_text_of_a_table_begins_a_formula(scored: Any, tmp_path: Path, text: str):
+    """A category may come from anybody's dataset: neither table opens as a formula, and reading gives the text back."""
+    rows = tuple(row.model_copy(update={"category": text, "dataset": text}) for row in rows_of(scored).values())
+    write_rows(tmp_path / "frames.csv", rows)
+    assert read_rows(tmp_path / "frames.csv") == rows
+    write_factors([tmp_path / "frames.csv"], html=None, table=tmp_path / "factors.csv")
+    for name in ("frames.csv", "factors.csv"):
+        with (tmp_path / name).open(encoding="utf-8", newline="") as stream:
+            for line in csv.DictReader(stream):
+                for column in ("category", "dataset", "method", "bin"):
+                    value = line.get(column, "")
+                    numbers = column == "bin" and line.get("factor") != "category"
+                    assert numbers or value[:1] not in set("=+-@\t"), (column, value)

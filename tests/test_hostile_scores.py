@@ -11,18 +11,24 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import tiny
+import tiny_scenes
 from score_examples import example_scores, report_page
 
 from avs3d_bench import files
 from avs3d_bench.cli import main
+from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import read_json
-from avs3d_bench.media import write_json
+from avs3d_bench.media import write_json, write_png_mask
 from evaluators.reporting.leaderboard import write_leaderboard
 from evaluators.reporting.pages import page_script, report_head
 from evaluators.reporting.report_check import read_report
 from evaluators.reporting.tables import write_tables
+from evaluators.score import evaluate
+from evaluators.score_file import read_scores
 
 
 def put(path: Path, *keys: str | int, value: Any) -> Path:
@@ -246,3 +252,103 @@ def test_no_cell_begins_a_formula(tmp_path: Path, method: str):
     assert len(named) == 1
     plain = method in ("'=1", "plain-1") or not method.isprintable()  # what is not printable is written as \\t, \\r
     assert plain or named == {f"'{method}"}
+
+
+# Files that contradict themselves
+
+
+def _edit(data: dict[str, Any], keys: tuple[str | int, ...], value: Any) -> None:
+    *folders, last = keys
+    inner: Any = data
+    for key in folders:
+        inner = inner[key]
+    inner[last] = value(inner[last]) if callable(value) else value
+
+
+@pytest.mark.parametrize("protocol", ["official", "strict"])
+@pytest.mark.parametrize(
+    "group",
+    [("overall",), ("parts", "part_1"), ("categories", "microwave"), ("rooms", "kitchen"),
+     ("references", "centre_box", "overall")],
+    ids=lambda group: group[0],
+)  # fmt: skip
+def test_an_edited_mean_is_named(tmp_path: Path, protocol: str, group: tuple[str, ...]):
+    """Every mean of the file is computed again from its own observations."""
+    data = example_scores(8).model_dump(mode="json")
+    (tmp_path / "s.json").write_text(json.dumps(data))
+    read_scores(tmp_path / "s.json")
+    _edit(data, (*group, protocol, "F"), lambda value: round(value + 1e-4, 9))
+    (tmp_path / "s.json").write_text(json.dumps(data))
+    with pytest.raises(Avs3dError, match=rf"s\.json: {group[0]}.*{protocol}\.F: 0\.\d+, but its .* give 0\.\d+; score"):
+        read_scores(tmp_path / "s.json")
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "says"),
+    [
+        (("observations", 0, "strict", "IoU"), True, r"observations\.0\.strict\.IoU: .*valid number"),
+        (("observations", 0, "strict", "IoU"), "0.5", r"observations\.0\.strict\.IoU: .*valid number"),
+        (("observations", 0, "frames"), "15", r"observations\.0\.frames: .*valid integer"),
+        (("observations", 0, "part"), "part_2", "part: 'part_2' contradicts the key"),
+        (("observations", 0, "room"), "bathroom_2", r"observations\.0\.room"),
+        (("observations", 0, "scan"), "elsewhere", "scan: 'elsewhere' contradicts the key"),
+        (("observations", 0, "key"), "part_1/../kitchen/1", "no key of an observation"),
+        (("observations", 1), "COPY", "is listed 2 times; expected once"),
+        (("observations", 0, "official"), None, "official: null, expected the contrary"),
+        (("observations", 0, "frames"), 16, "of 16"),
+        (("overall", "observations"), 9, "overall.observations: 9, but the list of observations has 8"),
+        (("overall", "frames"), 1, "overall.frames: 1, but the list of observations has 120"),
+        (("overall", "strict", "counts", "IoU"), 7, "overall.strict.counts"),
+        (("overall", "strict", "intervals", "IoU"), [0.9, 0.1], "is no interval"),
+        (("parts", "part_2"), None, r"parts\.part_2"),
+        (("submission", "digest"), "0" * 64, "submission.digest: does not follow"),
+        (("dataset", "truth_digest"), "0" * 64, "dataset.truth_digest: does not follow"),
+    ],
+)  # fmt: skip
+def test_a_contradiction_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], keys: tuple[str | int, ...], value: Any, says: str
+):
+    data = example_scores(8).model_dump(mode="json")
+    _edit(data, keys, data["observations"][0] if value == "COPY" else value)
+    file = tmp_path / "s.json"
+    file.write_text(json.dumps(data))
+    for command in ("leaderboard", "tables"):
+        assert re.search(says, one_line(capsys, command, file))
+    (tmp_path / "other.json").write_text(json.dumps(example_scores(8, seed=2).model_dump(mode="json")))
+    with pytest.raises(SystemExit) as end:
+        main(["compare", str(file), str(tmp_path / "other.json")])
+    assert end.value.code == 1
+    assert re.search(says, capsys.readouterr().err)
+
+
+def test_files_of_the_evaluator_follow_from_their_observations(tmp_path: Path):
+    """Nine digits, three parts, twins, siblings and missing figures: none of it is a contradiction."""
+    tiny.write_dataset(tmp_path / "plain", frames=17, size=32)
+    tiny_scenes.write_sound_scenes(tmp_path / "scenes")
+    for root in (tmp_path / "plain", tmp_path / "scenes"):
+        dataset = Dataset(root)
+        folder = tmp_path / f"{root.name}-submission"
+        record = {"method": "m", "dataset": dataset.name, "dataset_version": dataset.record.version}
+        write_json(folder / "submission.json", record)
+        for observation in dataset:
+            for frame in observation.test:
+                mask = np.roll(frame.mask(), 2, axis=1)
+                write_png_mask(folder / observation.key / "masks" / f"{frame.name}.png", mask)
+        scores = evaluate(folder, root).scores
+        write_json(tmp_path / "s.json", scores)
+        assert read_scores(tmp_path / "s.json").overall.frames == scores.overall.frames
+        data = json.loads((tmp_path / "s.json").read_text())
+        if data.get("siblings"):
+            pair = data["siblings"][0]["pairs"][0]
+            for right, says in ((pair["frames"] + 1, "right frames of"), (0, "does not follow from the pairs")):
+                pair["right"] = right
+                (tmp_path / "s.json").write_text(json.dumps(data))
+                with pytest.raises(Avs3dError, match=says):
+                    read_scores(tmp_path / "s.json")
+
+
+@pytest.mark.parametrize("name", ["x.csv", "x.parquet", "x.html"])
+def test_another_kind_of_file_is_said_to_be_one(tmp_path: Path, name: str):
+    (tmp_path / name).write_text("method,dataset\nm,d\n")
+    with pytest.raises(Avs3dError, match="no JSON; expected a file of scores, which avs3d-eval --json writes"):
+        read_scores(tmp_path / name)

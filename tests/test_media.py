@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import json
 import os
 import socket
+import struct
 import subprocess
 import sys
 import time
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import cv2
+import mutants
 import numpy as np
 import pytest
 import soundfile
@@ -332,3 +336,98 @@ def test_only_regular_files_are_opened(tmp_path: Path) -> None:
                     read(path)
     with pytest.raises(Avs3dError, match="null"):
         media.read_bytes("a\0b")
+
+
+def filtered(pixels: np.ndarray, kinds: list[int], pieces: int = 1) -> bytes:
+    """A PNG of 8-bit grey pixels whose rows have these filters, written as the recommendation (9.2) has it."""
+    height, width = pixels.shape
+    rows = bytearray()
+    above = [0] * width
+    for row, kind in zip(pixels.tolist(), kinds, strict=True):
+        rows.append(kind)
+        for x, value in enumerate(row):
+            a, b, c = (row[x - 1] if x else 0), above[x], (above[x - 1] if x else 0)
+            nearest = min((a, b, c), key=lambda one: abs(a + b - c - one))  # of equals the first
+            rows.append((value - (0, a, b, (a + b) // 2, nearest)[kind]) % 256)
+        above = row
+    data = zlib.compress(bytes(rows))
+    at = [len(data) * piece // pieces for piece in range(pieces + 1)]
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    body = [(b"IDAT", data[low:high]) for low, high in itertools.pairwise(at)]
+    return mutants.png([(b"IHDR", header), *body, (b"IEND", b"")])
+
+
+@pytest.mark.parametrize("values", ["mask", "class ids", "grey"])
+@pytest.mark.parametrize("kind", [0, 1, 2, 3, 4, None], ids=["none", "sub", "up", "average", "paeth", "mixed"])
+def test_a_submitted_picture_is_what_opencv_decodes(
+    tmp_path: Path, values: str, kind: int | None, monkeypatch: pytest.MonkeyPatch
+):
+    """Its data is inflated once, for the integrity check, and its filters are undone here; OpenCV is the witness."""
+    monkeypatch.setattr(media, "_INFLATED", 500)  # several blocks
+    draws = np.random.default_rng(3)
+    for number in range(10):
+        height, width = (int(n) for n in draws.integers(1, 60, 2))
+        if values == "grey":
+            pixels = draws.integers(0, 256, (height, width))
+        else:
+            smooth = cv2.GaussianBlur(draws.normal(size=(height, width)), (0, 0), 1 + number)
+            pixels = (smooth > 0) * (255 if values == "mask" else 7)
+        kinds = [int(draws.integers(0, 5)) if kind is None else kind for _ in range(height)]
+        path = tmp_path / f"{number}.png"
+        path.write_bytes(filtered(pixels, kinds, pieces=1 + number % 3))
+        found = media.decode_png(path, cv2.IMREAD_UNCHANGED, plain=True)
+        np.testing.assert_array_equal(found, pixels)
+        np.testing.assert_array_equal(found, cv2.imread(str(path), cv2.IMREAD_UNCHANGED))
+
+
+def test_rows_with_an_unknown_filter_are_refused(tmp_path: Path):
+    good = filtered(np.zeros((4, 5), int), [0] * 4)
+    rows = bytearray(zlib.decompress(good[41:-16]))
+    rows[6] = 5
+    header = struct.pack(">IIBBBBB", 5, 4, 8, 0, 0, 0, 0)
+    chunks = [(b"IHDR", header), (b"IDAT", zlib.compress(bytes(rows))), (b"IEND", b"")]
+    (tmp_path / "p.png").write_bytes(mutants.png(chunks))
+    with pytest.raises(Avs3dError, match="damaged PNG"):
+        media.decode_png(tmp_path / "p.png", cv2.IMREAD_UNCHANGED, plain=True)
+
+
+def test_a_header_larger_than_its_file_takes_no_memory(tmp_path: Path):
+    header = struct.pack(">IIBBBBB", 2**31 - 1, 2**31 - 1, 8, 0, 0, 0, 0)
+    chunks = [(b"IHDR", header), (b"IDAT", zlib.compress(bytes(100))), (b"IEND", b"")]
+    (tmp_path / "p.png").write_bytes(mutants.png(chunks))
+    with pytest.raises(Avs3dError, match="100 bytes of pixels, not the"):
+        media.decode_png(tmp_path / "p.png", cv2.IMREAD_UNCHANGED, plain=True)
+
+
+def _header(**changes: int) -> bytes:
+    fields = {"width": 5, "height": 4, "bits": 8, "colour": 0, "compression": 0, "filtering": 0, "interlace": 0}
+    return struct.pack(">IIBBBBB", *(fields | changes).values())
+
+
+PIXELS = zlib.compress(bytes(4 * 6))
+ODD: dict[str, list[tuple[bytes, bytes]]] = {
+    "compression": [(b"IHDR", _header(compression=1)), (b"IDAT", PIXELS)],
+    "filtering": [(b"IHDR", _header(filtering=1)), (b"IDAT", PIXELS)],
+    "long header": [(b"IHDR", _header() + b"\0"), (b"IDAT", PIXELS)],
+    "two headers": [(b"IHDR", _header()), (b"IHDR", _header()), (b"IDAT", PIXELS)],
+    "critical": [(b"IHDR", _header()), (b"ABCD", b""), (b"IDAT", PIXELS)],
+    "critical after": [(b"IHDR", _header()), (b"IDAT", PIXELS), (b"ABCD", b"")],
+    "no name": [(b"IHDR", _header()), (b"a1b2", b""), (b"IDAT", PIXELS)],
+    "apart": [(b"IHDR", _header()), (b"IDAT", PIXELS[:5]), (b"tEXt", b"a\0b"), (b"IDAT", PIXELS[5:])],
+    "palette": [(b"IHDR", _header()), (b"PLTE", bytes(6)), (b"IDAT", PIXELS)],
+    "text": [(b"IHDR", _header()), (b"tEXt", b"a\0b"), (b"IDAT", PIXELS), (b"tEXt", b"a\0b")],
+    "gamma": [(b"IHDR", _header()), (b"gAMA", struct.pack(">I", 10_000)), (b"IDAT", PIXELS)],
+}
+
+
+@pytest.mark.parametrize("kind", ODD)
+def test_what_opencv_refuses_is_refused(tmp_path: Path, kind: str):
+    path = tmp_path / "p.png"
+    path.write_bytes(mutants.png([*ODD[kind], (b"IEND", b"")]))
+    expected = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    assert expected is not None or kind not in ("palette", "text", "gamma")
+    if expected is None:
+        with pytest.raises(Avs3dError, match="damaged PNG"):
+            media.decode_png(path, cv2.IMREAD_UNCHANGED, plain=True)
+    else:
+        np.testing.assert_array_equal(media.decode_png(path, cv2.IMREAD_UNCHANGED, plain=True), expected)

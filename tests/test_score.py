@@ -18,10 +18,14 @@ import tiny
 
 from avs3d_bench import files, layout, media
 from avs3d_bench.dataset import Dataset, Frame, Observation
+from avs3d_bench.errors import UsageError
 from avs3d_bench.scores import BLIND_REFERENCES, DEAF_REFERENCES, PROTOCOL_PARTS, REFERENCES, Scores
 from evaluators import protocols
 from evaluators.cli import main
+from evaluators.reading.checks import check
+from evaluators.reporting.compare import compare
 from evaluators.score import evaluate
+from evaluators.verify import verify
 
 FRAMES = 17  # three test frames: 0, 8 and 16
 #: Those of part_1 and part_2; tests/test_listen.py is about the third.
@@ -611,3 +615,45 @@ def test_help_answers_in_half_a_second():
         seconds.append(end.children_user + end.children_system - start.children_user - start.children_system)
     assert "--protocol" in done.stdout
     assert 0 < min(seconds) <= 0.5
+
+
+def test_objects_out_of_sight_are_a_warning(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Eight frames have one test frame, in which the object of one of the two observations is not to be seen."""
+    root = tiny.write_dataset(tmp_path / "eight", frames=8, size=32)
+    code, out, _ = run(
+        capsys, submit(tmp_path / "s", root, true_mask), "--dataset", root, "--html", tmp_path / "r.html"
+    )
+    said = "1 of 2 observations never shows the object in a test frame: strict IoU, F and boundary F are means over"
+    assert code == 0
+    assert f"warning: {said} the other 1; official mIoU counts an empty mask as 1 there" in out
+    assert said in (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert "never show" not in run(capsys, submit(tmp_path / "t", data, true_mask), "--dataset", data)[1]
+
+
+def test_an_opened_dataset_scores_as_its_path_does(data: Path, tmp_path: Path):
+    submission = submit(tmp_path / "s", data, shifted)
+    assert evaluate(str(submission), Dataset(data)).scores == evaluate(submission, str(data)).scores
+    one = Dataset(data).keys[0]
+    assert [row.key for row in evaluate(submission, data, only=one).scores.observations] == [one]
+
+
+@pytest.mark.parametrize("wrong", [{"dataset": None}, {"dataset": 3}, {"submission": 3}, {"truth": 3}])
+def test_an_argument_of_another_type_is_named(data: Path, tmp_path: Path, wrong: dict[str, Any]):
+    arguments = {"submission": tmp_path, "dataset": data} | wrong
+    (name,) = wrong
+    with pytest.raises(UsageError, match=rf"{name}: a \w+; expected the path"):
+        evaluate(**arguments)
+
+
+def test_public_records_have_a_short_repr(data: Path, tmp_path: Path):
+    submission = submit(tmp_path / "s", data, shifted)
+    found = evaluate(submission, data)
+    assert f"{found.scores.overall.strict.IoU:.3f}" in repr(found)
+    assert "2 observations" in repr(found.scores) == str(found.scores)
+    media.write_json(tmp_path / "s.json", found.scores)
+    media.write_json(tmp_path / "t.json", evaluate(submit(tmp_path / "t", data, true_mask), data).scores)
+    verified = verify(tmp_path / "s.json", submission, data)
+    compared = compare([tmp_path / "s.json", tmp_path / "t.json"])
+    for record in (found, found.scores, verified, verified.record(), compared, check(submission, data)):
+        assert len(repr(record)) < 300
+        assert "\n" not in repr(record)

@@ -256,6 +256,11 @@ def test_scores_of_sound_scenes_are_those_of_the_whole_dataset(scenes: Path, tmp
     )
     assert result.exit_code == 0, result.output
     assert files.read_json(tmp_path / "s.json")["siblings"] == files.read_json(_written(tmp_path, expected))["siblings"]
+    assert score(submission, scenes / "public", scenes / "private").scores.siblings == expected.siblings
+    whole = Dataset(scenes / "public", truth=scenes / "private")
+    assert score(submission, whole).scores.siblings == expected.siblings
+    with pytest.raises(UsageError, match=r"public: a sealed test; .* truth=…"):
+        score(submission, Dataset(scenes / "public"))
 
 
 def test_participants_check_a_submission_without_the_truth(made: Path, tmp_path: Path) -> None:

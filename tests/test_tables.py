@@ -16,12 +16,13 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
-from score_examples import example_scores
+from score_examples import example_scores, with_means
 
 from avs3d_bench import cli, media
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.schema import SubmissionRecord
 from avs3d_bench.scores import REFERENCES, Scores
+from evaluators.bootstrap import FEWEST
 from evaluators.reporting import paper
 from evaluators.reporting.leaderboard import read_entries
 from evaluators.reporting.pages import REFERENCE_TITLES
@@ -47,16 +48,21 @@ def runtime(**changes: Any) -> dict[str, Any]:
 def made(name: str, figures: tuple[float, float], keys: list[str] = KEYS, **options: Any) -> Scores:
     """Scores whose figures are those given: (single-instance, multi-instance); intervals ± 0.02."""
     data = example_scores(keys, **({"method": name, "dataset": COMPLETE} | options)).model_dump(mode="json")
-    for group, value in zip(("part_1", "part_2", "overall"), (*figures, sum(figures) / 2), strict=True):
-        scores = data["overall"] if group == "overall" else data["parts"].get(group)
-        for protocol, names in (("official", ("mIoU", "F")), ("strict", ("IoU", "F", "wrong_instance_rate"))):
-            summary = scores[protocol] if scores else None
-            for offset, metric in enumerate(names):
-                if summary and summary[metric] is not None:
-                    summary[metric] = round(value - 0.01 * offset, 3)
-                    if metric in summary["intervals"]:
-                        low = round(summary[metric] - 0.02, 3)
-                        summary["intervals"][metric] = (low, round(low + 0.04, 3))
+    names = {"official": ("mIoU", "F"), "strict": ("IoU", "F", "wrong_instance_rate")}
+    values = dict(zip(("part_1", "part_2"), figures, strict=True))
+    for row in data["observations"]:
+        for protocol, metrics in names.items():
+            for offset, metric in enumerate(metrics):
+                if row[protocol] and row[protocol][metric] is not None:
+                    row[protocol][metric] = round(values[row["part"]] - 0.01 * offset, 3)
+    with_means(data)
+    for scores in (data["overall"], *data["parts"].values()):
+        for protocol, metrics in names.items():
+            for metric in metrics:
+                summary = scores[protocol]
+                if summary and summary[metric] is not None and scores["observations"] >= FEWEST:
+                    low = round(summary[metric] - 0.02, 3)
+                    summary["intervals"][metric] = (low, round(low + 0.04, 3))
     return Scores.model_validate(data)
 
 
@@ -381,7 +387,7 @@ def test_another_truth_under_the_same_name_gets_a_section_of_its_own(tmp_path: P
     one, two = (example_scores(KEYS, seed=1, method=name, release=True) for name in ("one", "two"))
     data = two.model_dump(mode="json")
     data["references"]["all_black"]["part_1"]["official"]["mIoU"] += 0.01
-    table = table_2(read_entries(save(tmp_path, one, Scores.model_validate(data))))
+    table = table_2(read_entries(save(tmp_path, one, Scores.model_validate(with_means(data)))))
     titles = [[row.title for row in s.rows if row.entry and row.part == "part_1"] for s in table.sections]
     assert sorted(titles) == [["one"], ["two"]]  # their order is that of the files' digests
 
@@ -502,7 +508,7 @@ def test_missing_files_and_folders_are_one_line(tmp_path: Path, capsys: pytest.C
     files = save(tmp_path, Scores.model_validate(data))
     code, _, errors = call(capsys, *files, "-o", tmp_path / "out")
     assert (code, len(errors)) == (1, 1)
-    assert "0.json: parts: found none, expected part_1, part_2 as in observations" in errors[0]
+    assert "0.json: parts: part_1 is missing" in errors[0]
 
 
 def test_table_3_without_a_series(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -27,6 +27,7 @@ from avs3d_bench.scores import Scores
 from evaluators import origin
 from evaluators.cli import verify as verify_command
 from evaluators.reading.submission import open_submission
+from evaluators.reporting.leaderboard import write_leaderboard
 from evaluators.reporting.report import write_report
 from evaluators.reporting.report_check import read_report
 from evaluators.score import evaluate
@@ -461,3 +462,38 @@ def test_a_broken_file_of_scores_is_one_line(
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert err.startswith(f"avs3d: error: {path}: ")
     assert says in err
+
+
+def test_a_leaderboard_marks_what_a_named_record_confirms(
+    score_file: Path, submission: Path, data: Path, tmp_path: Path
+) -> None:
+    """A record beside the file of scores marks nothing; after an edit of the file its record marks nothing."""
+    record = tmp_path / "verified.json"
+    arguments = [score_file, "--submission", submission, "--dataset", data, "--json", record]
+    assert CliRunner().invoke(verify_command, list(map(str, arguments))).exit_code == 0
+    mark = '<span class="tag" title="avs3d verify'
+    write_leaderboard(tmp_path / "plain", [score_file])
+    assert mark not in (tmp_path / "plain" / "index.html").read_text()
+    assert write_leaderboard(tmp_path / "marked", [score_file], [record]) == ()
+    assert mark in (tmp_path / "marked" / "index.html").read_text()
+    copy = next((tmp_path / "marked" / "reports").glob("*.json"))
+    assert write_leaderboard(tmp_path / "again", [copy], [record]) == (), "a copy on a board is the same entry"
+    edited = read_json(score_file)
+    edited["submission"]["method"] = "another"
+    write_json(score_file, edited)
+    (note,) = write_leaderboard(tmp_path / "edited", [score_file], [record])
+    assert "marks nothing: it is about other scores of test" in note
+    assert mark not in (tmp_path / "edited" / "index.html").read_text()
+
+
+def test_a_record_of_differences_marks_nothing(score_file: Path, submission: Path, data: Path, tmp_path: Path) -> None:
+    changed = read_json(score_file)
+    changed["submission"]["method"] = "another"
+    write_json(score_file, changed)
+    found = verify(score_file, submission, data)
+    write_json(tmp_path / "record.json", found.record())
+    (note,) = write_leaderboard(tmp_path / "board", [score_file], [tmp_path / "record.json"])
+    assert "marks nothing: 1 of its values were not confirmed" in note
+    (tmp_path / "record.json").write_text('{"same": true}')
+    with pytest.raises(Avs3dError, match=r"record\.json: values: Field required"):
+        write_leaderboard(tmp_path / "board", [score_file], [tmp_path / "record.json"])

@@ -176,7 +176,7 @@ def _check_truth(entries: Mapping[str, Entry], ruler: Ruler) -> None:
         if rows != expected:
             raise UsageError(
                 f"{printable(str(entry.source))}: its reference rows differ from those of "
-                f"{printable(str(known.source))}: they were not scored against the same ground truth"
+                f"{printable(str(known.source))}: {_why(entry, known)}"
             )
     frames: dict[str, tuple[Entry, int]] = {}
     for entry in entries.values():
@@ -187,6 +187,24 @@ def _check_truth(entries: Mapping[str, Entry], ruler: Ruler) -> None:
                     f"{printable(str(entry.source))}: {printable(row.key)}: {row.frames} test frames, in "
                     f"{printable(str(known.source))} {count}: they were not scored against the same ground truth"
                 )
+
+
+def _why(entry: Entry, known: Entry) -> str:
+    """Why the reference rows of two files with the same observations differ, as far as the files tell."""
+    mine, theirs = entry.scores, known.scores
+    truth = mine.dataset.truth_digest
+    versions = [scores.avs3d_eval.version for scores in (mine, theirs)]
+    if truth is not None and truth == theirs.dataset.truth_digest:
+        return (
+            f"the ground truth is the same (dataset.truth_digest), so the figures were computed otherwise, by versions "
+            f"{versions[0]} and {versions[1]} of the evaluator: score both submissions again with one"
+        )
+    if truth is None or theirs.dataset.truth_digest is None:
+        return (
+            "they were not scored against the same ground truth, or by evaluators of which a metric changed (versions "
+            f"{versions[0]} and {versions[1]}): score both submissions again with one"
+        )
+    return "they were not scored against the same ground truth (dataset.truth_digest): score both on one dataset"
 
 
 def _common(entries: Mapping[str, Entry]) -> list[str]:

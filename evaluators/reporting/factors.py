@@ -15,6 +15,7 @@ from avs3d_bench.files import write_bytes
 from avs3d_bench.frame_rows import FrameRow
 from avs3d_bench.scores import Metric
 from avs3d_bench.templates import words
+from avs3d_bench.text import no_formula
 from evaluators.curves import Bin, Curve, Point, curves
 from evaluators.frame_rows import read_rows
 from evaluators.reporting.pages import write_page
@@ -242,6 +243,8 @@ def _as_csv(found: Sequence[Curve], names: Sequence[str]) -> str:
             for name, at in zip(names, one.points, strict=True):
                 if at is not None:
                     low, high = at.interval or (None, None)
-                    safe = f"'{name}" if name.lstrip().startswith(("=", "+", "-", "@")) else name
-                    writer.writerow((*head, one.label, *ends, safe, at.value, low, high, at.observations, at.frames))
+                    # Labels of numbers may begin with a minus; names come from the dataset.
+                    label = no_formula(one.label) if each.factor.cuts is None else one.label
+                    text = (*head, label, *ends, no_formula(name))
+                    writer.writerow((*text, at.value, low, high, at.observations, at.frames))
     return stream.getvalue()

@@ -9,8 +9,6 @@ what: `evaluators.reporting.ranking`. The order of the files makes no difference
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import re
 from collections import Counter
@@ -23,34 +21,39 @@ from avs3d_bench.files import dump_json, write_bytes
 from avs3d_bench.outputs import check_replaceable
 from avs3d_bench.report import printable
 from avs3d_bench.scores import Scores
-from evaluators.reading.score_file import read_scores
 from evaluators.reporting.pages import write_page
 from evaluators.reporting.ranking import Entry, leaderboard_values
 from evaluators.reporting.report_check import read_report
+from evaluators.score_file import contents_digest, read_scores, read_verification
 from evaluators.signatures import LEADERBOARD, REPORT, SCORES
 
 _SLUG_LENGTH = 60
+_SHORT_DIGEST = 12
 #: Characters of a name in a message.
 _NAMED = 200
 
 
-def write_leaderboard(folder: Path, score_files: Sequence[Path]) -> tuple[str, ...]:
+def write_leaderboard(folder: Path, score_files: Sequence[Path], verified: Sequence[Path] = ()) -> tuple[str, ...]:
     """Write the page, and copies of the score files and their reports, into a folder.
 
     Args:
         folder: made if missing; files of other names in it stay.
         score_files: written by ``avs3d-eval --json``; a file given twice counts once.
+        verified: written by ``avs3d verify --json``, by whoever makes the page: the files of scores that they confirm
+            are marked. Records that lie beside the files of scores are never looked for, since their authors can write
+            them.
 
     Returns:
-        a line for each report that is not copied, since it lies elsewhere or is none that this toolkit wrote.
+        a line for each report that is not copied, since it lies elsewhere or is none that this toolkit wrote, and for
+        each record that confirms none of the files.
 
     Raises:
         UsageError: if there is no score file, or a file would be overwritten that is no part of this leaderboard.
         Avs3dError: if a file is no file of scores (the file and the field are named), or nothing can be written.
     """
     folder = Path(folder)
-    entries = read_entries(score_files)
-    _refuse_overwriting(folder, entries)
+    entries, notes = _marked(read_entries(score_files), verified)
+    _refuse_overwriting(folder, entries, verified)
     for entry in entries:
         report = None
         if entry.report is not None:
@@ -59,7 +62,26 @@ def write_leaderboard(folder: Path, score_files: Sequence[Path]) -> tuple[str, .
         scores = entry.scores.model_copy(update={"report": report})
         _write(folder / "reports" / f"{entry.name}.json", dump_json(scores).encode())
     write_page(folder / "index.html", "leaderboard.html.j2", leaderboard_values(entries))
-    return tuple(entry.note for entry in entries if entry.note)
+    return (*(entry.note for entry in entries if entry.note), *notes)
+
+
+def _marked(entries: Sequence[Entry], records: Sequence[Path]) -> tuple[tuple[Entry, ...], list[str]]:
+    """The entries, marked where a record confirms them; and a line for each record that confirms none."""
+    confirmed, notes = set(), []
+    digests = {entry.digest for entry in entries}
+    for path in map(Path, records):
+        record = read_verification(path)
+        if not record.same or record.differences or not record.values:
+            notes.append(f"{path}: marks nothing: {len(record.differences):,} of its values were not confirmed")
+        elif record.scores.digest not in digests:
+            method = printable(record.scores.method[:_NAMED])
+            notes.append(
+                f"{path}: marks nothing: it is about other scores of {method}, digest "
+                f"{record.scores.digest[:_SHORT_DIGEST]}; verify the file of scores that is ranked here"
+            )
+        else:
+            confirmed.add(record.scores.digest)
+    return tuple(replace(entry, verified=entry.digest in confirmed) for entry in entries), notes
 
 
 def _write(path: Path, data: bytes) -> None:
@@ -109,9 +131,8 @@ def read_entry(path: Path, reports: bool) -> Entry:
         Avs3dError: if the file is broken.
     """
     scores = read_scores(path)
-    # Without the report's place and the order of keys, so that a copy in a leaderboard counts as the same entry.
-    contents = json.dumps(scores.model_dump(mode="json", exclude={"report"}), sort_keys=True)
-    digest = hashlib.sha256(contents.encode()).hexdigest()
+    # A copy in a leaderboard, whose report lies elsewhere, counts as the same entry.
+    digest = contents_digest(scores)
     report, why = _report(path, scores) if reports else (None, None)
     return Entry(scores, path, digest, report, note=why)
 
@@ -139,9 +160,9 @@ def _slug(method: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", method.lower())[:_SLUG_LENGTH].strip("-") or "method"
 
 
-def _refuse_overwriting(folder: Path, entries: Iterable[Entry]) -> None:
-    """A copy must not take the place of another entry's file, nor of one that no leaderboard has written."""
-    owners: dict[Path, str] = {}
+def _refuse_overwriting(folder: Path, entries: Iterable[Entry], records: Iterable[Path]) -> None:
+    """A copy must not take the place of another entry's file, a record of `avs3d verify`, or a file of others."""
+    owners = {Path(path).resolve(): str(path) for path in records}
     for entry in entries:
         owners[entry.source.resolve()] = entry.digest
         if entry.report is not None:

@@ -46,6 +46,7 @@ class Entry:
         twin: whether another entry has the same method name.
         report: its report, None where there is none.
         note: why its report is not copied, None where it is, or there is none.
+        verified: whether a record of `avs3d verify` that the page's author named confirms all values.
     """
 
     scores: Scores
@@ -55,6 +56,7 @@ class Entry:
     name: str = ""
     twin: bool = False
     note: str | None = None
+    verified: bool = False
 
     @property
     def whole(self) -> bool:
@@ -197,6 +199,7 @@ def leaderboard_values(entries: Sequence[Entry]) -> dict[str, Any]:
     return {
         "sections": _sections(entries, rulers, parts),
         "entries": len(entries),
+        "verified": sum(entry.verified for entry in entries),
         "rulers": [(ruler.id, labels[ruler.id]) for ruler in rulers],
         "labels": labels,
         "parts": [(name, PART_TITLES[name]) for name in parts],

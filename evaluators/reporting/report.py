@@ -28,6 +28,7 @@ from avs3d_bench.scores import (
 from avs3d_bench.taxonomy import CATEGORIES, PARTS, ROOMS
 from avs3d_bench.templates import words
 from evaluators.frame_rows import frame_rows
+from evaluators.protocols import unseen_note
 from evaluators.records import Evaluation, FrameScore, Submission
 from evaluators.reporting.factors import factor_page
 from evaluators.reporting.pages import PART_NOTES, PART_TITLES, REFERENCE_TITLES, figure, interval, write_page
@@ -139,6 +140,7 @@ def report_values(scores: Scores) -> dict[str, Any]:
     return {
         "scores": scores,
         "partial": scores.dataset.scored < scores.dataset.observations,
+        "unseen": unseen_note(scores),
         "frame_count": scores.overall.frames,
         "metrics": known,
         "spans": [(name, sum(metric.protocol == name for metric in known)) for name in scores.avs3d_eval.protocols],

@@ -8,18 +8,16 @@ from csv import DictWriter
 from dataclasses import dataclass
 from typing import Any
 
-from avs3d_bench.errors import Avs3dError
 from avs3d_bench.report import printable
 from avs3d_bench.schema import Scalar
 from avs3d_bench.scores import ALL_REFERENCES, METRICS, GroupScores, Metric, Scores
 from avs3d_bench.taxonomy import PARTS
+from avs3d_bench.text import no_formula
 from evaluators.reporting import paper
 from evaluators.reporting.pages import REFERENCE_TITLES, figure, interval
 from evaluators.reporting.ranking import Entry, Ruler, references_of
 from evaluators.reporting.series import SETTINGS, THRESHOLD, comparable, series_of, titles_of
 
-#: First characters of a formula in spreadsheets, in their full width too; white space before them is skipped.
-_FORMULA = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")
 #: The figures in both tables.
 COLUMNS: tuple[Metric, ...] = tuple(
     metric
@@ -131,7 +129,6 @@ def table_2(entries: Iterable[Entry]) -> Table:
             if threshold != paper.VOTING_THRESHOLD
         }
         shown = tuple(entry for entry in members if entry.digest not in swept)
-        _check_parts(shown)
         titles = titles_of(shown)
         rows: list[Row] = []
         for part in PARTS:
@@ -174,16 +171,6 @@ def _heading(entry: Entry) -> str:
     return f"{data.name} {data.version or '(official release)'}, {part}"
 
 
-def _check_parts(entries: Iterable[Entry]) -> None:
-    for entry in entries:
-        found, expected = sorted(entry.scores.parts), sorted({each.part for each in entry.scores.observations})
-        if found != expected or not found:
-            raise Avs3dError(
-                f"{entry.source}: parts: found {', '.join(found) or 'none'}, expected {', '.join(expected) or 'one'} "
-                "as in observations; score the submission again"
-            )
-
-
 def _part(groups: Mapping[Any, GroupScores], part: str) -> GroupScores | None:
     return groups.get(part)
 
@@ -204,11 +191,8 @@ def records(table: Table) -> list[dict[str, Scalar]]:
 
 
 def inert(value: Scalar) -> Scalar:
-    """Text of one line that is no formula: an apostrophe precedes text that a spreadsheet would read as one (OWASP)."""
-    if not isinstance(value, str):
-        return value
-    text = printable(value)
-    return f"'{text}" if text.lstrip().startswith(_FORMULA) else text
+    """Text of one line that is no formula."""
+    return no_formula(printable(value)) if isinstance(value, str) else value
 
 
 def csv(table: Table) -> str:

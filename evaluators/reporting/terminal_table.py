@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from avs3d_bench.report import screen
 from avs3d_bench.scores import ALL_REFERENCES, METRICS, GroupScores, Metric, Scores
+from evaluators.protocols import unseen_note
 from evaluators.reading.archive import printable
 
 if TYPE_CHECKING:
@@ -99,6 +100,9 @@ def print_scores(scores: Scores, console: Console | None = None) -> None:
     part = scores.dataset
     if part.scored < part.observations:
         out.print(Text(f"{part.scored} of {part.observations} observations were asked for: no score of the benchmark"))
+    unseen = unseen_note(scores)
+    if unseen:
+        out.print(Text(f"warning: {unseen}"), soft_wrap=True)
     for metric in METRICS:
         reasons = getattr(getattr(scores.overall, metric.protocol), "unavailable", {})
         if metric.name in reasons:
