@@ -18,6 +18,7 @@ from avs3d_bench.taxonomy import PARTS
 
 if TYPE_CHECKING:
     from avs3d_bench.dataset import Dataset
+    from avs3d_bench.report import Problem
     from evaluators.records import Evaluation, Submission
 
 #: Problems that `check` prints before it only counts.
@@ -82,9 +83,7 @@ def evaluate(
         finally:
             # A full disk must not cost the scores as well.
             print_scores(evaluation.scores)
-            for warning in evaluation.warnings:
-                if warning.severity == "warning":
-                    click.echo(f"avs3d-eval: note: {warning.path}: {warning.message}", err=True)
+            _print_warnings([one for one in evaluation.warnings if one.severity == "warning"])
     for path in files.values():
         if path is not None:
             click.echo(str(path))
@@ -189,6 +188,16 @@ def _check_targets(targets: Sequence[Path | None], submission: Path, dataset: Pa
             inside = place.relative_to(home).parts if place.is_relative_to(home) else None
             if inside is not None and (inside in ((), (record,)) or inside[0] in PARTS):
                 raise UsageError(f"{place}: would overwrite or litter {root}; choose another file")
+
+
+def _print_warnings(warnings: Sequence[Problem]) -> None:
+    from avs3d_bench.report import shorten
+
+    first, rest = shorten(warnings, _SCREENFUL)
+    for warning in first:
+        click.echo(f"avs3d-eval: note: {warning.path}: {warning.message}", err=True)
+    if rest:
+        click.echo(f"avs3d-eval: note: … and {rest}; `avs3d check` names all", err=True)
 
 
 def _print_problems(report: Any, submission: Path, dataset: Path) -> None:
