@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import click
 
@@ -32,7 +32,7 @@ class _Moment(click.DateTime):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> datetime:
         """The moment, without a time zone."""
-        moment = cast(datetime, super().convert(value, param, ctx))
+        moment = super().convert(value, param, ctx)
         if moment.tzinfo is not None:
             return moment.astimezone(UTC).replace(tzinfo=None)
         if self.ends and isinstance(value, str) and ":" not in value:
