@@ -1,4 +1,4 @@
-"""The secret of a sealed test: weak ones are refused, the commitment is salted and stretched, and binds before all else."""
+"""The secret of a sealed test: weak ones are refused; its commitment is salted and stretched, and comes first."""
 
 from __future__ import annotations
 
