@@ -20,6 +20,10 @@ REFERENCE_PUBLIC, REFERENCE_PRIVATE = "public", "private"
 #: The figure that ranks submissions under each protocol; its interval is shown, those of other figures are hidden.
 MAIN_FIGURES: dict[Protocol, str] = {"strict": "IoU", "listen": "pair_accuracy", "official": "mIoU"}
 
+#: Decimals of all figures that participants see. With more of them, scores of submissions that differ in a few pixels
+#: would tell the truth of these pixels.
+DECIMALS = 3
+
 Bound = Literal["mean", "low", "high"]
 
 

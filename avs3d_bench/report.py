@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -92,6 +93,29 @@ class Report:
         }
 
 
+def shorten(problems: Sequence[Problem], most: int) -> tuple[tuple[Problem, ...], str]:
+    """The first findings of a list, the graver first, and what is said of the rest.
+
+    A submission can have 50,000 surplus names: what prints findings shows a part of them.
+
+    Args:
+        problems: all findings.
+        most: number of findings that are shown.
+
+    Returns:
+        the findings that are shown, and ``29,980 more errors``, or an empty text if there are no more.
+
+    Examples:
+        >>> shown, rest = shorten([Problem("error", str(n), "surplus") for n in range(1_200)], 100)
+        >>> len(shown), rest
+        (100, '1,100 more errors')
+    """
+    first = sorted(problems, key=lambda p: _RANK[p.severity])[:most]
+    left = Counter(p.severity for p in problems) - Counter(p.severity for p in first)
+    counts = [f"{left[s]:,} more {s}{'' if left[s] == 1 else 's'}" for s in _RANK if left[s]]
+    return tuple(first), " and ".join(counts)
+
+
 def ordered(problems: list[Problem]) -> tuple[Problem, ...]:
     """By path, then severity, each once."""
     return tuple(sorted(dict.fromkeys(problems), key=lambda p: (p.path, _RANK[p.severity], p.message)))
@@ -123,7 +147,7 @@ def print_report(report: Report, console: Console | None = None, *, shown: int =
     from rich.text import Text
 
     out = console or screen()
-    first = sorted(report.problems, key=lambda p: _RANK[p.severity])[:shown]
+    first, rest = shorten(report.problems, shown)
     heading: str | None = None
     for problem in sorted(first, key=lambda p: (_group(p.path)[0], _RANK[p.severity], p.path)):
         group, inside = _group(problem.path)
@@ -132,9 +156,7 @@ def print_report(report: Report, console: Console | None = None, *, shown: int =
             out.print(Text(printable(group or str(report.root)), style="bold"), soft_wrap=True)
         line = Text("  ").append(f"{problem.severity:<8}", style=_STYLE[problem.severity])
         out.print(line.append(printable(f"{inside or '.'}: {problem.message}")), soft_wrap=True)
-    left = Counter(p.severity for p in report.problems) - Counter(p.severity for p in first)
-    if left:
-        rest = ", ".join(f"{left[s]} {s}s" for s in _RANK if left[s])
-        out.print(Text(f"  … and {rest} more (--json FILE holds all)"), soft_wrap=True)
+    if rest:
+        out.print(Text(f"  … and {rest} (--json FILE holds all)"), soft_wrap=True)
     style = "bold green" if report.valid else "bold red"
     out.print(Text(printable(f"{report.root}: ")).append(report.summary, style=style), soft_wrap=True)

@@ -1,13 +1,15 @@
 """Sealed tests: what `seal.json` commits to, and whether a secret and a truth are those that it commits to.
 
-    public/seal.json      commitments to the secret, the manifest and every truth file; the sha256 of dataset.json,
+    public/seal.json      commitments to the secret, the manifest and every private file; the sha256 of dataset.json,
                           which has those of all poses.json, which have those of all published files
-    private/opening.hex   the key that opens the commitments to truth files; it follows from the secret
+    private/opening.hex   the key that opens the commitments to private files; it follows from the secret
+    commitment.json       the commitment to the secret, to be published before the template
 
 A truth file is committed to by sha256(salt ‖ 1 ‖ bytes), one that does not exist by sha256(salt ‖ 0). Without a salt,
 the digest of a mask would tell where nothing is visible, since there is only one black picture of each size. The salt
-of a file is HMAC-SHA256(opening key, its path); the opening key is HMAC-SHA256(secret, `OPENING`). So the opening key
-shows nothing of the secret: the evaluator needs no secret.
+of a file is HMAC-SHA256(opening key, its path); the opening key is HMAC-SHA256(working key, `OPENING`), where the
+working key follows from the secret (`avs3d_bench.secret`). So the opening key shows nothing of the secret: the
+evaluator needs no secret.
 
 `generators.sealing` makes a sealed test. This module needs the core install only.
 """
@@ -15,7 +17,6 @@ shows nothing of the secret: the evaluator needs no secret.
 from __future__ import annotations
 
 import hashlib
-import hmac
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from fnmatch import fnmatchcase
@@ -39,17 +40,18 @@ from avs3d_bench.schema import (
     parse_record,
 )
 from avs3d_bench.schema import Record as _Record
+from avs3d_bench.secret import SecretCommitment, derive, read_hex, working_key
 
 #: Folders of a sealed test, and the file of its secret.
 PUBLIC, PRIVATE, SECRET = "public", "private", "secret"
+#: File of the commitment to the secret, beside them.
+COMMITMENT = "commitment.json"
 #: Files of `private/`: the manifest with its seeds, the manifest before, the draws of homes, the opening key.
 MANIFEST, TEMPLATE, DRAWS, OPENING_KEY = "manifest.yaml", "template.yaml", "draws.json", "opening.hex"
-#: Bytes of a secret.
-SECRET_BYTES = 32
-#: What the secret is used for; part of each derivation, so that no two uses share a value.
+#: Private files beside the observations that `seal.json` commits to in the same way as to truth files.
+COMMITTED = (layout.DATASET_JSON, TEMPLATE, DRAWS)
+#: What the working key is used for; part of each derivation, so that no two uses share a value.
 OPENING = "avs3d-bench sealed test 1.0: opening key"
-#: Longest file of a secret or key (bytes); it has 64 digits and a line feed.
-_MOST_SECRET = 1024
 #: Largest `seal.json` (bytes).
 _MOST_SEAL = 2**30
 
@@ -57,11 +59,18 @@ _MOST_SEAL = 2**30
 class CommitmentsRecord(_Record):
     """What the organiser cannot change any more."""
 
-    secret: Sha256 = Field(description="sha256 of the 32 bytes of the secret")
+    left_out: ClassVar[frozenset[str]] = frozenset({"private"})
+
+    secret: SecretCommitment | Sha256 = Field(
+        description="commitment to the secret; in schema 1.0, the sha256 of its 32 bytes"
+    )
     manifest: Sha256 = Field(description="sha256 of the manifest with its seeds")
     truth: dict[Text, dict[RelativePath, Sha256]] = Field(
         description="key of an observation → truth file → sha256(salt, 1, bytes), or sha256(salt, 0) if there is no "
         "such file; salt: HMAC-SHA256(opening key, key/file)"
+    )
+    private: dict[RelativePath, Sha256] | None = Field(
+        default=None, description="other private file → commitment of the same kind; absent in schema 1.0"
     )
 
     @model_validator(mode="after")
@@ -79,7 +88,9 @@ class SealRecord(_Record):
 
     left_out: ClassVar[frozenset[str]] = frozenset()
 
-    schema_version: Literal["1.0"] = "1.0"
+    schema_version: Literal["1.0", "1.1"] = Field(
+        default="1.1", description="1.1: the commitment to the secret is stretched, and all private files have one"
+    )
     name: Text
     version: Text
     train_truth: bool = Field(description="whether the masks of train frames are published")
@@ -89,6 +100,14 @@ class SealRecord(_Record):
     dataset_sha256: Sha256 = Field(description="sha256 of dataset.json")
     commitments: CommitmentsRecord
 
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        newer = isinstance(self.commitments.secret, SecretCommitment) and self.commitments.private is not None
+        if newer != (self.schema_version == "1.1"):
+            kind = "a stretched commitment to the secret and commitments to private files"
+            raise ValueError(f"schema_version is {self.schema_version}: only 1.1 has {kind}")
+        return self
+
 
 class DrawsRecord(_Record):
     """`private/draws.json`: how often the seed of a home was drawn until its observations fitted into it."""
@@ -97,40 +116,12 @@ class DrawsRecord(_Record):
     draws: dict[Text, Annotated[int, Field(ge=1)]] = Field(description="home in the template → number of draws")
 
 
-def read_secret(path: str | Path) -> bytes:
-    """The 32 bytes of a secret, from a file of 64 hexadecimal digits.
-
-    Raises:
-        UsageError: if the file cannot be read or holds something else. The message does not quote it.
-    """
-    return _read_hex(path, "secret", "as `avs3d seal` writes it, or `openssl rand -hex 32`")
-
-
-def _read_hex(path: str | Path, what: str, hint: str) -> bytes:
-    try:
-        text = files.read_bytes(path, _MOST_SECRET).strip()
-    except Avs3dError as error:
-        raise UsageError(f"cannot read the {what}: {error}") from error
-    expected = f"expected {2 * SECRET_BYTES} hexadecimal digits ({SECRET_BYTES} bytes), {hint}"
-    if len(text) != 2 * SECRET_BYTES:
-        raise UsageError(f"{path}: a {what} of {len(text)} characters; {expected}")
-    try:
-        return bytes.fromhex(text.decode("ascii"))
-    except ValueError:
-        raise UsageError(f"{path}: a {what} with other characters than digits and a to f; {expected}") from None
-
-
-def derive(secret: bytes, purpose: str) -> bytes:
-    """HMAC-SHA256(secret, purpose): 32 bytes that tell nothing of the secret or of other purposes."""
-    return hmac.new(secret, purpose.encode(), hashlib.sha256).digest()
-
-
 def commitment(opening: bytes, path: str, data: bytes | None) -> str:
-    """The commitment to a truth file.
+    """The commitment to a private file.
 
     Args:
-        opening: the opening key, ``derive(secret, OPENING)``.
-        path: key of the observation, a slash, the file's path in it.
+        opening: the opening key, ``derive(working key, OPENING)``.
+        path: its path in the private folder: key of the observation, a slash, the file's path in it.
         data: its bytes; None: there is no such file.
 
     Examples:
@@ -237,7 +228,7 @@ def opening_key(truth: str | Path) -> bytes:
     Raises:
         UsageError: if it is missing or damaged.
     """
-    return _read_hex(Path(truth) / OPENING_KEY, "opening key", "as `avs3d seal` writes it")
+    return read_hex(Path(truth) / OPENING_KEY, "opening key", "as `avs3d seal` writes it")
 
 
 def check_truth(
@@ -248,7 +239,7 @@ def check_truth(
     opening: bytes | None = None,
     wanted: Callable[[str, str], bool] = lambda key, path: True,
 ) -> Iterator[Problem]:
-    """The truth files that are not what `seal.json` commits to, by sha256.
+    """The truth files, and the other private ones, that are not what `seal.json` commits to, by sha256.
 
     Args:
         truth: the private folder.
@@ -259,15 +250,15 @@ def check_truth(
     """
     key_of_all = opening_key(truth) if opening is None else opening
     chosen = [
-        (key, path, digest)
+        (f"{key}/{path}", digest)
         for key in (seal.commitments.truth if keys is None else keys)
         for path, digest in seal.commitments.truth[key].items()
         if wanted(key, path)
     ]
+    chosen += (seal.commitments.private or {}).items()
 
-    def look(one: tuple[str, str, str]) -> Problem | None:
-        key, path, digest = one
-        return _compare(Path(truth), f"{key}/{path}", digest, key_of_all)
+    def look(one: tuple[str, str]) -> Problem | None:
+        return _compare(Path(truth), *one, key_of_all)
 
     with ThreadPoolExecutor(available_cores()) as pool:
         yield from (found for found in pool.map(look, chosen) if found is not None)
@@ -298,7 +289,9 @@ def check_public(public: str | Path, seal: SealRecord) -> Iterator[Problem]:
         return
     listed = {entry.key: entry.digest for entry in dataset.record.observations}
     for key in sorted({*dataset.keys, *seal.commitments.truth} - set(listed)):
-        yield Problem("error", key, f"not listed in {layout.DATASET_JSON}")
+        yield Problem("error", key, f"not listed in the public {layout.DATASET_JSON}")
+    for key in sorted(set(listed) - set(seal.commitments.truth)):
+        yield Problem("error", key, f"listed in {layout.DATASET_JSON}, but {layout.SEAL_JSON} has no commitments to it")
     with ThreadPoolExecutor(available_cores()) as pool:
         # Hashing leaves other threads free: observations are read side by side.
         for found in pool.map(lambda one: list(_check_published(root, *one)), listed.items()):
@@ -329,9 +322,15 @@ def _check_published(root: Path, key: str, digest: str) -> Iterator[Problem]:
             yield Problem("error", f"{key}/{name}", "not the file that poses.json names: it was changed")
 
 
-def check_secret(secret: bytes, seal: SealRecord, truth: str | Path) -> Iterator[Problem]:
-    """Whether a secret is the one that was committed to, and the opening key of ``truth`` follows from it."""
-    if hashlib.sha256(secret).hexdigest() != seal.commitments.secret:
-        yield Problem("error", SECRET, "not the secret that seal.json commits to: its sha256 is another one")
-    elif opening_key(truth) != derive(secret, OPENING):
-        yield Problem("error", OPENING_KEY, "does not follow from the secret: it was changed")
+def check_secret(secret: bytes, seal: SealRecord, truth: str | Path) -> tuple[bytes | None, tuple[Problem, ...]]:
+    """The working key of a secret, and what is wrong with the secret or with the opening key of ``truth``.
+
+    Returns:
+        The key, None if ``secret`` is not the one that was committed to; and the problems.
+    """
+    key = working_key(secret, seal.commitments.secret)
+    if key is None:
+        return None, (Problem("error", SECRET, "not the secret that seal.json commits to"),)
+    if opening_key(truth) != derive(key, OPENING):
+        return key, (Problem("error", OPENING_KEY, "does not follow from the secret: it was changed"),)
+    return key, ()

@@ -5,7 +5,9 @@
 #         avs3d generate manifest.yaml -o dataset --audio tracer
 #
 # Without the engine of SoundSpaces, whose licence is CC-BY-NC 4.0.
-ARG PYTHON_IMAGE=python:3.11-slim
+# Python 3.11.15 on Debian 13; the digest of all platforms that docker-library/repo-info recorded in August 2026.
+# `docker buildx imagetools inspect python:3.11-slim` prints the present one.
+ARG PYTHON_IMAGE=python:3.11-slim@sha256:90744cff8f32887f075c47d747a173ff333e9e98801667af93c357fa9f5e28ff
 FROM ${PYTHON_IMAGE}
 ARG SOURCE_DATE_EPOCH=0
 ENV SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH} PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_CACHE_DIR=1 PYTHONDONTWRITEBYTECODE=1

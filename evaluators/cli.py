@@ -30,6 +30,7 @@ from evaluators.signatures import (
 
 if TYPE_CHECKING:
     from avs3d_bench.dataset import Dataset
+    from avs3d_bench.report import Problem
     from evaluators.records import Evaluation, Submission
 
 #: Problems that `check` prints before it only counts.
@@ -94,9 +95,7 @@ def evaluate(
         finally:
             # A full disk must not cost the scores as well.
             print_scores(evaluation.scores)
-            for warning in evaluation.warnings:
-                if warning.severity == "warning":
-                    click.echo(f"avs3d-eval: note: {warning.path}: {warning.message}", err=True)
+            _print_warnings([one for one in evaluation.warnings if one.severity == "warning"])
     for path in files.values():
         if path is not None:
             click.echo(str(path))
@@ -160,6 +159,16 @@ def _beside(html_file: Path | None, json_file: Path) -> str | None:
     relative = Path(os.path.relpath(html_file.resolve(), json_file.resolve().parent)).as_posix()
     # A file of scores cannot hold a name that is not UTF-8.
     return None if relative.startswith("..") or printable(relative) != relative else relative
+
+
+def _print_warnings(warnings: Sequence[Problem]) -> None:
+    from avs3d_bench.report import shorten
+
+    first, rest = shorten(warnings, _SCREENFUL)
+    for warning in first:
+        click.echo(f"avs3d-eval: note: {warning.path}: {warning.message}", err=True)
+    if rest:
+        click.echo(f"avs3d-eval: note: … and {rest}; `avs3d check` names all", err=True)
 
 
 def _print_problems(report: Any, submission: Path, dataset: Path) -> None:

@@ -5,12 +5,13 @@
 reads the submission from ``input/res``, the truth from ``input/ref`` and the task from ``competition.json`` in
 the working directory, where the scoring program lies. It writes
 
-- ``scores.json``: the leaderboard's columns. Not written where anything is wrong, so that the platform reports failure;
+- ``scores.json``: the leaderboard's columns, with `DECIMALS`. Not written where anything is wrong, so that the platform
+  reports failure;
 - ``avs3d_scores.json``: the file of scores that `avs3d-eval --json` writes, for the organisers;
-- ``detailed_results.html``: the figures, or every bad file; nothing about single observations or the truth.
+- ``detailed_results.html``: the figures, or the bad files; nothing about single observations or the truth.
 
-The log on stdout and stderr names every bad file, the result or the cause of a failure. Exit status: 0 scored,
-1 submission invalid or damaged data, 2 not set up as expected.
+The log on stdout and stderr names the bad files (`SHOWN` at most), the result or the cause of a failure. Exit status:
+0 scored, 1 submission invalid or damaged data, 2 not set up as expected.
 """
 
 from __future__ import annotations
@@ -20,15 +21,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from avs3d_bench.competition import REFERENCE_PRIVATE, REFERENCE_PUBLIC, TASK_JSON, CompetitionTask
+from avs3d_bench.competition import DECIMALS, REFERENCE_PRIVATE, REFERENCE_PUBLIC, TASK_JSON, CompetitionTask
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import os_error_line, read_record, write_bytes, write_json
-from avs3d_bench.report import Problem, printable
+from avs3d_bench.report import Problem, printable, shorten
 from avs3d_bench.scores import PROTOCOLS, Protocol, Scores
 from evaluators.reading.submission import open_submission
 from evaluators.records import InvalidSubmission
-from evaluators.reporting.competition_page import Row, results_page
+from evaluators.reporting.competition_page import SHOWN, Row, results_page
 from evaluators.score import score
 
 SCORES_JSON = "scores.json"
@@ -90,9 +91,10 @@ def run(source: Path, target: Path, program: Path) -> int:
             evaluation = score(submission, data, protocols=names, only=task.observations, workers=_workers(data, task))
     except InvalidSubmission as error:
         problems = _own_problems(error.report.problems)
-        _say("\n".join(map(_line, problems)))
+        _say("\n".join(_lines(problems)))
         wrong = sum(problem.severity == "error" for problem in problems)
-        _say(f"scoring: error: {wrong} error{'' if wrong == 1 else 's'} in the submission, named above; no score")
+        which = "named above" if len(problems) <= SHOWN else "the first ones named above; `avs3d check` names all"
+        _say(f"scoring: error: {wrong:,} error{'' if wrong == 1 else 's'} in the submission, {which}; no score")
         write_bytes(target / DETAILS_HTML, results_page(task.title, (), problems).encode())
         return 1
     scores = evaluation.scores
@@ -102,7 +104,7 @@ def run(source: Path, target: Path, program: Path) -> int:
         print(row.text)
     problems = _own_problems(evaluation.warnings)
     if problems:
-        print("\n".join(map(_line, problems)))
+        print("\n".join(_lines(problems)))
     write_bytes(target / DETAILS_HTML, results_page(task.title, rows, problems).encode())
     write_json(target / RECORD_JSON, scores)
     # Last: with this file, the platform takes the submission as scored.
@@ -117,7 +119,7 @@ def _workers(data: Dataset, task: CompetitionTask) -> int | None:
 
 
 def leaderboard_row(task: CompetitionTask, scores: Scores) -> dict[str, float]:
-    """Column key → value, for all columns that this submission has.
+    """Column key → value with `DECIMALS`, for all columns that this submission has.
 
     A figure that is not available (3D without points) or has no interval (fewer than six observations) is left out: the
     platform takes numbers only.
@@ -132,7 +134,7 @@ def leaderboard_row(task: CompetitionTask, scores: Scores) -> dict[str, float]:
             interval = summary.intervals.get(column.figure)
             value = interval[column.bound == "high"] if interval and value is not None else None
         if value is not None:
-            row[column.key] = float(value)
+            row[column.key] = round(float(value), DECIMALS)
     return row
 
 
@@ -188,8 +190,11 @@ def _own_problems(problems: Sequence[Problem]) -> tuple[Problem, ...]:
     return tuple(problem for problem in problems if problem.path not in _PLATFORM_FILES)
 
 
-def _line(problem: Problem) -> str:
-    return printable(f"{problem.severity}: {problem.path}: {problem.message}")
+def _lines(problems: Sequence[Problem]) -> list[str]:
+    """The findings as lines of the log, `SHOWN` of them at most."""
+    first, rest = shorten(problems, SHOWN)
+    lines = [printable(f"{problem.severity}: {problem.path}: {problem.message}") for problem in first]
+    return [*lines, f"… and {rest}"] if rest else lines
 
 
 def _say(message: str) -> None:

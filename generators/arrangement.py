@@ -8,6 +8,7 @@ visible depends on. (With ``source_motion: path`` the motion itself reveals it: 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from numpy.random import Generator
@@ -80,7 +81,12 @@ def arrange(
 
 def draw_sounding(plan: ObservationPlan, placements: tuple[Placement, ...]) -> int:
     """Draw the instance id (from 1) of the object that sounds, uniformly among those of the plan's category."""
-    ids = [number for number, p in enumerate(placements, start=1) if p.model.category == plan.spec.category]
+    return draw_among(plan, [placement.model.category for placement in placements])
+
+
+def draw_among(plan: ObservationPlan, categories: Sequence[str]) -> int:
+    """As `draw_sounding`, of the objects' categories in the order of their ids."""
+    ids = [number for number, category in enumerate(categories, start=1) if category == plan.spec.category]
     return ids[int(plan.rng("sounding").integers(len(ids)))]
 
 

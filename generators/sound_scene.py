@@ -302,28 +302,19 @@ def choose_sources(plan: ObservationPlan, home: Scene, placements: Sequence[Plac
     In all siblings the n-th off-screen source of a room is at the same place; what a source plays is its own in each of
     them. Instances that the manifest does not name are drawn among those that no other source takes.
     """
-    specs = plan.spec.sources or ()
-    same: dict[str, list[int]] = {}
-    for number, placement in enumerate(placements, start=1):
-        same.setdefault(placement.model.category, []).append(number)
-    taken = {same[s.category][s.instance - 1] for s in specs if s.room is None and s.instance is not None}
+    instances = draw_instances(plan, [placement.model.category for placement in placements])
     of_category: Counter[str] = Counter()
     of_room: Counter[str] = Counter()
     sources = []
-    for number, spec in enumerate(specs, start=1):
+    for number, (spec, instance) in enumerate(zip(plan.spec.sources or (), instances, strict=True), start=1):
         of_category[spec.category] += 1
-        if spec.room is not None:
-            instance, room = None, spec.room
+        if instance is None:
+            assert spec.room is not None
+            room = spec.room
             of_room[room] += 1
             position = _off_screen(plan, home, room, of_room[room])
         else:
             room = plan.spec.room
-            if spec.instance is not None:
-                instance = same[spec.category][spec.instance - 1]
-            else:
-                free = [one for one in same[spec.category] if one not in taken]
-                instance = free[int(plan.own_rng(f"sounding/{number}").integers(len(free)))]
-                taken.add(instance)
             position = placements[instance - 1].source_position
         seconds = float(plan.camera.frames)
         bursts = spec.programme.bursts if spec.programme else None
@@ -342,6 +333,32 @@ def choose_sources(plan: ObservationPlan, home: Scene, placements: Sequence[Plac
             )
         )
     return tuple(sources)
+
+
+def draw_instances(plan: ObservationPlan, categories: Sequence[str]) -> tuple[int | None, ...]:
+    """The instance of each source of a plan, from 1; None for one off-screen.
+
+    Args:
+        plan: of the observation.
+        categories: of the placed objects, in the order of their ids.
+    """
+    specs = plan.spec.sources or ()
+    same: dict[str, list[int]] = {}
+    for number, category in enumerate(categories, start=1):
+        same.setdefault(category, []).append(number)
+    taken = {same[s.category][s.instance - 1] for s in specs if s.room is None and s.instance is not None}
+    found: list[int | None] = []
+    for number, spec in enumerate(specs, start=1):
+        if spec.room is not None:
+            found.append(None)
+        elif spec.instance is not None:
+            found.append(same[spec.category][spec.instance - 1])
+        else:
+            free = [one for one in same[spec.category] if one not in taken]
+            drawn = free[int(plan.own_rng(f"sounding/{number}").integers(len(free)))]
+            found.append(drawn)
+            taken.add(drawn)
+    return tuple(found)
 
 
 def _sound(plan: ObservationPlan, category: str, nth: int) -> Sound:

@@ -90,6 +90,31 @@ def test_images_run_as_a_user_and_take_whole_commands(name: str) -> None:
     assert {f"!{source}" for source in copied} <= set(ignore)
 
 
+@pytest.mark.parametrize("name", ["Dockerfile", "generator.Dockerfile"])
+def test_images_start_from_a_digest(name: str) -> None:
+    """A tag may be moved to other contents; a stage of the same file, or nothing, cannot."""
+    steps = instructions(name)
+    defaults = dict(rest.split("=", 1) for kind, rest in steps if kind == "ARG" and "=" in rest)
+    own = {"scratch"}
+    for rest in [rest for kind, rest in steps if kind == "FROM"]:
+        image, *alias = re.sub(r"\$\{(\w+)\}", lambda found: defaults[found[1]], rest).split()
+        assert image in own or re.fullmatch(r"[\w./:-]+@sha256:[0-9a-f]{64}", image), image
+        own.update(alias[1:])
+
+
+def _workflow_lines() -> list[str]:
+    pages = [*(ROOT / ".github").rglob("*.yml"), *(ROOT / "docs").rglob("*.md"), ROOT / "README.md"]
+    return [line for page in pages for line in page.read_text().splitlines() if re.match(r"\s*(- )?uses:", line)]
+
+
+def test_actions_are_pinned_by_commit() -> None:
+    """A tag may be moved to another commit; the comment says which version the commit is."""
+    lines = _workflow_lines()
+    assert len(lines) >= 5
+    for line in lines:
+        assert re.fullmatch(r"\s*(- )?uses: [\w.-]+/[\w./-]+@[0-9a-f]{40} # v\d+\.\d+\.\d+", line), line
+
+
 def test_only_the_image_for_codabench_is_of_root() -> None:
     steps = instructions("Dockerfile")
     users = [rest for kind, rest in steps if kind in ("FROM", "USER")]

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 import tiny
 from click.testing import CliRunner
-from sealed_trees import SECRET, write_seal
+from sealed_trees import MULTI, SECRET, SINGLE, write_seal
 
-from avs3d_bench import cli, files, layout, sealed
+from avs3d_bench import cli, files, layout, sealed, secret
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.schema import ObservationRecord, PosesRecord, ProvenanceRecord
@@ -105,7 +105,7 @@ def test_all_published_files_have_one_time_and_one_mode(made: Path) -> None:
 
 def test_the_published_records_do_not_depend_on_what_sounds(made: Path) -> None:
     """The same observation with another sounding object gives the same poses.json and entry of dataset.json."""
-    path = made / "generated" / tiny.MULTI / layout.OBSERVATION_JSON
+    path = made / "generated" / MULTI / layout.OBSERVATION_JSON
     record = files.read_record(path, ObservationRecord)
     one, other = record.instances
     swapped = record.model_copy(
@@ -208,10 +208,8 @@ def test_an_oracle_needs_the_truth(made: Path, tmp_path: Path) -> None:
 
 def test_poses_come_from_poses_json(copy: Path) -> None:
     """They are those of observation.json to the last digit; the sparse model has them by way of a rotated world."""
-    shutil.rmtree(copy / "public" / tiny.SINGLE / "sparse")
-    assert (
-        Dataset(copy / "public")[tiny.SINGLE].frames[3].pose == Dataset(copy / "generated")[tiny.SINGLE].frames[3].pose
-    )
+    shutil.rmtree(copy / "public" / SINGLE / "sparse")
+    assert Dataset(copy / "public")[SINGLE].frames[3].pose == Dataset(copy / "generated")[SINGLE].frames[3].pose
 
 
 def test_with_the_truth_everything_is_read(made: Path) -> None:
@@ -267,7 +265,7 @@ def test_participants_check_a_submission_without_the_truth(made: Path, tmp_path:
     submission = write_submission(tmp_path / "submission", Dataset(made / "public"))
     arguments = [str(submission), "--dataset", str(made / "public"), "--workers", "1"]
     assert CliRunner().invoke(check, arguments).exit_code == 0
-    (submission / tiny.SINGLE / "masks" / "frame_008.png").unlink()
+    (submission / SINGLE / "masks" / "frame_008.png").unlink()
     result = CliRunner().invoke(check, arguments)
     assert result.exit_code == 1
     assert "frame_008.png" in result.output
@@ -276,10 +274,10 @@ def test_participants_check_a_submission_without_the_truth(made: Path, tmp_path:
 def test_validate_knows_a_sealed_test(copy: Path) -> None:
     report = validate(copy / "public")
     assert report.valid, report.problems
-    tiny.replace(copy / "public" / tiny.SINGLE / "input" / "frame_001.png", b"other")
-    (copy / "public" / tiny.SINGLE / layout.OBSERVATION_JSON).write_text("{}")
+    tiny.replace(copy / "public" / SINGLE / "input" / "frame_001.png", b"other")
+    (copy / "public" / SINGLE / layout.OBSERVATION_JSON).write_text("{}")
     assert {problem.path for problem in validate(copy / "public").problems} == {
-        f"{tiny.SINGLE}/input/frame_001.png", f"{tiny.SINGLE}/observation.json",
+        f"{SINGLE}/input/frame_001.png", f"{SINGLE}/observation.json",
     }  # fmt: skip
 
 
@@ -289,7 +287,7 @@ def test_validate_knows_a_sealed_test(copy: Path) -> None:
 def test_a_commitment_is_a_salted_sha256() -> None:
     """Computed here as docs/sealed.md says it."""
     opening = hmac.new(SECRET, b"avs3d-bench sealed test 1.0: opening key", "sha256").digest()
-    assert sealed.derive(SECRET, sealed.OPENING) == opening
+    assert secret.derive(SECRET, sealed.OPENING) == opening
     salt = hmac.new(opening, b"part_1/a/kitchen/1/observation.json", "sha256").digest()
     path = "part_1/a/kitchen/1/observation.json"
     assert sealed.commitment(opening, path, b"abc") == hashlib.sha256(salt + b"\x01abc").hexdigest()
@@ -298,7 +296,12 @@ def test_a_commitment_is_a_salted_sha256() -> None:
 
 def test_the_whole_chain_of_commitments(made: Path) -> None:
     seal = sealed.read_seal(made / "public")
-    assert seal.commitments.secret == hashlib.sha256(SECRET).hexdigest()
+    record = seal.commitments.secret
+    assert isinstance(record, secret.SecretCommitment)
+    both = hashlib.scrypt(SECRET, salt=bytes.fromhex(record.salt), n=record.n, r=record.r, p=record.p, dklen=64)
+    assert record.digest == both[32:].hex()
+    opening = hmac.new(both[:32], b"avs3d-bench sealed test 1.0: opening key", "sha256").hexdigest()
+    assert (made / "private" / "opening.hex").read_text() == f"{opening}\n"
     manifest = (made / "private" / "manifest.yaml").read_bytes()
     assert seal.commitments.manifest == hashlib.sha256(manifest).hexdigest()
     assert seal.dataset_sha256 == hashlib.sha256((made / "public" / "dataset.json").read_bytes()).hexdigest()
@@ -311,15 +314,15 @@ def test_the_secret_opens_the_test(made: Path) -> None:
 
 #: What is changed → what is said about which file.
 CHANGES = {
-    "private/part_1/tiny/kitchen/1/semantic_masks/frame_003.png": "semantic_masks/frame_003.png: not what seal.json",
-    "private/part_2/tiny/kitchen/1/gt_3d/sounding_object.ply": "sounding_object.ply: not what seal.json commits to",
-    "private/part_2/tiny/kitchen/1/observation.json": "observation.json: ",
-    "private/part_1/tiny/kitchen/1/rirs/frame_2.npz": "rirs/frame_2.npz: not the file that observation.json names",
+    "private/part_1/home_1/kitchen/1/semantic_masks/frame_003.png": "semantic_masks/frame_003.png: not what seal.json",
+    "private/part_2/home_1/kitchen/1/gt_3d/sounding_object.ply": "sounding_object.ply: not what seal.json commits to",
+    "private/part_2/home_1/kitchen/1/observation.json": "observation.json: ",
+    "private/part_1/home_1/kitchen/1/rirs/frame_2.npz": "rirs/frame_2.npz: not the file that observation.json names",
     "private/manifest.yaml": "manifest.yaml: not the manifest that seal.json commits to",
     "private/template.yaml": "",
     "private/opening.hex": "opening.hex",
-    "public/part_1/tiny/kitchen/1/input/frame_001.png": "input/frame_001.png: not the file that poses.json names",
-    "public/part_1/tiny/kitchen/1/poses.json": "poses.json: missing, or not the file that dataset.json names",
+    "public/part_1/home_1/kitchen/1/input/frame_001.png": "input/frame_001.png: not the file that poses.json names",
+    "public/part_1/home_1/kitchen/1/poses.json": "poses.json: missing, or not the file that dataset.json names",
     "public/dataset.json": "dataset.json: missing, or not the file that seal.json names",
     "public/seal.json": "seal.json",
 }
@@ -338,20 +341,20 @@ def test_every_changed_file_is_noticed(copy: Path, name: str) -> None:
 
 @pytest.mark.parametrize("name", ["semantic_masks/frame_008.png", "instance_masks/frame_000.png", "observation.json"])
 def test_missing_truth_is_noticed_by_the_evaluator(copy: Path, name: str) -> None:
-    (copy / "private" / tiny.MULTI / name).unlink()
+    (copy / "private" / MULTI / name).unlink()
     with pytest.raises(Avs3dError, match=f"{name}: missing; seal.json commits to such a file"):
         sealed.open_sealed(copy / "public", copy / "private")
 
 
 def test_the_evaluator_reads_the_chosen_observations_only(copy: Path) -> None:
-    (copy / "private" / tiny.MULTI / "semantic_masks/frame_008.png").unlink()
+    (copy / "private" / MULTI / "semantic_masks/frame_008.png").unlink()
     sealed.open_sealed(copy / "public", copy / "private", only=("part_1/*",))
 
 
 def test_a_tampered_commitment_is_noticed_by_the_evaluator(copy: Path) -> None:
     """Also where both copies of seal.json are changed."""
     data = files.read_json(copy / "public" / "seal.json")
-    found = data["commitments"]["truth"][tiny.SINGLE]
+    found = data["commitments"]["truth"][SINGLE]
     found["semantic_masks/frame_008.png"] = "0" * 64
     for folder in ("public", "private"):
         tiny.replace(copy / folder / "seal.json", files.dump_json(data).encode())
@@ -362,10 +365,11 @@ def test_a_tampered_commitment_is_noticed_by_the_evaluator(copy: Path) -> None:
 def test_an_observation_without_commitments_is_not_scored(copy: Path) -> None:
     """Else the organiser could add observations after the seal."""
     for folder in ("public", "private"):
-        shutil.copytree(copy / folder / tiny.SINGLE, copy / folder / "part_1/tiny/kitchen/2")
+        shutil.copytree(copy / folder / SINGLE, copy / folder / "part_1/home_1/kitchen/2")
     with pytest.raises(Avs3dError, match=r"kitchen/2: seal.json has no commitments to this observation"):
         sealed.open_sealed(copy / "public", copy / "private")
-    assert [problem.path for problem in open_seal(copy, SECRET).problems] == ["part_1/tiny/kitchen/2"]
+    found = {problem.message.partition(":")[0] for problem in open_seal(copy, SECRET).problems}
+    assert found == {"not listed in the public dataset.json", "surplus folder in private/ with 29 files"}
 
 
 def test_commitments_name_observations_only(copy: Path) -> None:
@@ -441,7 +445,7 @@ def test_another_secret_is_named_and_nothing_else(made: Path, tmp_path: Path) ->
     result = CliRunner().invoke(unseal, [str(made), "--secret", str(tmp_path / "secret")])
     assert result.exit_code == 1
     errors = [line for line in result.output.splitlines() if line.startswith("error")]
-    assert errors == ["error: secret: not the secret that seal.json commits to: its sha256 is another one"]
+    assert errors == ["error: secret: not the secret that seal.json commits to"]
 
 
 def test_a_missing_secret(made: Path, tmp_path: Path) -> None:
@@ -468,7 +472,7 @@ def test_a_seal_of_another_form(copy: Path) -> None:
 
 def test_a_secret_with_a_line_feed_or_capitals_is_read(tmp_path: Path) -> None:
     (tmp_path / "secret").write_text(f" {SECRET.hex().upper()}\r\n")
-    assert sealed.read_secret(tmp_path / "secret") == SECRET
+    assert secret.read_secret(tmp_path / "secret") == SECRET
 
 
 def test_messages_of_usage_are_usage_errors(tmp_path: Path) -> None:

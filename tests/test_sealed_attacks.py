@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from homes import write_manifest
+from sealed_trees import CHEAP, SECRET
 
 from avs3d_bench.colmap import ColmapModel
+from avs3d_bench.files import write_json
 from avs3d_bench.geometry import Intrinsics, Pose
+from avs3d_bench.secret import commit
 from benchmarks.sealed_attacks import LEVEL, Verdict, judge, tail
 from benchmarks.sealed_cases import QUESTIONS, Case, load_cases
 from benchmarks.sealed_channels import ATTACKS, objects_of
@@ -62,9 +65,11 @@ def template(folder: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A sealed test with a fixed secret: every run of these tests attacks the same bytes."""
+    """A sealed test with a fixed secret and salt: every run of these tests attacks the same bytes."""
     folder = tmp_path_factory.mktemp("sealed")
-    (folder / "secret.txt").write_text(f"{16:064x}\n")
+    (folder / "secret.txt").write_text(f"{SECRET.hex()}\n")
+    (folder / "test").mkdir()
+    write_json(folder / "test" / "commitment.json", commit(SECRET, cost=CHEAP, salt=bytes(16)).commitment)
     options = ["-o", folder / "test", "--secret", folder / "secret.txt", "--audio", "analytic", "--with", "depth"]
     done = CliRunner().invoke(seal, [str(one) for one in [template(folder), *options, "--workers", 1]])
     assert done.exit_code == 0, done.output

@@ -14,6 +14,7 @@ from test_sealed import names_below
 from avs3d_bench import cli, files, layout
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.sealed import DrawsRecord, open_sealed
+from avs3d_bench.secret import CommittedSecret, SecretCommitment, working_key
 from avs3d_bench.submission import SubmissionWriter
 from evaluators.reading.submission import open_submission
 from evaluators.score import score
@@ -37,7 +38,7 @@ observations:
     sources: [{category: washing_machine}]
   - {like: part_3/flat/bathroom/1, index: 2, sources: []}
 """
-SECRET = bytes([7]) * 32
+SECRET = bytes.fromhex("1f7be3d05c9842a6f36d01e8b72a94cd5e86f107ac3b49d2706efd1985b3c24a")
 
 
 def call(command: object, *arguments: object) -> int:
@@ -68,7 +69,8 @@ def unsealed(place: Path, test: Path, *more: object) -> int:
 @pytest.mark.slow
 def test_a_sealed_test_is_made_scored_and_opened(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     test = folder / "test"
-    assert sorted(path.name for path in test.iterdir()) == ["private", "public"]  # nothing else, and no secret
+    # Nothing else, and no secret.
+    assert sorted(path.name for path in test.iterdir()) == ["commitment.json", "private", "public"]
     assert (test / "private").stat().st_mode & 0o77 == 0
     assert call(seal, folder / "template.yaml", "-o", test, "--secret", folder / "key", *making(folder)) == 2
     assert "this test is sealed already" in capsys.readouterr().err
@@ -119,7 +121,11 @@ def test_truth_that_was_changed_before_the_seal_is_noticed_when_it_is_generated_
     drawn = read_manifest(private / "manifest.yaml")
     draws = files.read_record(private / "draws.json", DrawsRecord).draws
     settings = files.read_json(folder / "test" / "public" / "seal.json")["settings"]
-    sealing = Sealing((private / "template.yaml").read_text(), drawn, draws, SECRET, False, settings)
+    record = files.read_record(folder / "test" / "commitment.json", SecretCommitment)
+    key = working_key(SECRET, record)
+    assert key is not None
+    bound = CommittedSecret(key, record)
+    sealing = Sealing((private / "template.yaml").read_text(), drawn, draws, bound, False, settings)
     for each in ("public", "private"):
         (test / each).mkdir(parents=True)
     write_public(Dataset(whole), test / "public", sealing)

@@ -154,18 +154,27 @@ def mono_of(clips: list[NDArray[np.float32]], index: int) -> NDArray[np.float32]
     return np.concatenate([mix[index][half:], mix[index], mix[index][:half]])
 
 
-def colmap_model(camera: Intrinsics, poses: list[Pose], boxes: tuple[Box, ...], points: int = 4) -> ColmapModel:
-    """The sparse model of these poses, with exact points: ``points``² of each frame."""
+def colmap_model(
+    camera: Intrinsics,
+    poses: list[Pose],
+    boxes: tuple[Box, ...],
+    points: int = 4,
+    draw: Callable[[], tuple[Any, Any]] | None = None,
+) -> ColmapModel:
+    """The sparse model of these poses, with exact points: ``points``² of each frame, or those that ``draw`` gives."""
     positions, colours, tracks = [], [], []
     for number, pose in enumerate(poses):
         rgb, _, depth = render(camera, pose, boxes)
         step = max(2, camera.height // points)
-        rows, columns = np.mgrid[1 : camera.height : step, 1 : camera.width : step].reshape(2, -1)
+        grid = np.mgrid[1 : camera.height : step, 1 : camera.width : step].reshape(2, -1)
+        rows, columns = grid if draw is None else draw()
         centres = np.stack([columns, rows], axis=1) + 0.5
-        for xyz, colour in zip(camera.unproject(pose, centres, depth[rows, columns]), rgb[rows, columns], strict=True):
+        lifted = camera.unproject(pose, centres, depth[rows, columns])
+        projected = [camera.project(there, lifted) for there in poses]
+        for which, (xyz, colour) in enumerate(zip(lifted, rgb[rows, columns], strict=True)):
             seen = []
             for other, there in enumerate(poses):
-                (pixel,), (z,) = camera.project(there, xyz[None])
+                pixel, z = projected[other][0][which], projected[other][1][which]
                 if not (z > 0 and 0 <= pixel[0] < camera.width and 0 <= pixel[1] < camera.height):
                     continue
                 if other == number or _sees(there.position, xyz, boxes):

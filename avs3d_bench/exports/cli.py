@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,7 +19,30 @@ from avs3d_bench.outputs import OUTPUT_FOLDER, OutputFile
 
 _C = TypeVar("_C", bound=Callable[..., Any])
 _ROOT = click.argument("root", type=PATH)
-_DATE = click.DateTime(["%Y-%m-%d", "%Y-%m-%d %H:%M:%S"])
+
+
+class _Moment(click.DateTime):
+    """A moment in UTC: a date, with a time and an offset (Z, +01:00) if they are given.
+
+    Args:
+        ends: of a date without a time, take its last second instead of its first.
+    """
+
+    def __init__(self, *, ends: bool = False) -> None:
+        super().__init__(["%Y-%m-%d", "%Y-%m-%d %H:%M:%S", "%Y-%m-%d %H:%M:%S%z"])
+        self.ends = ends
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> datetime:
+        """The moment, without a time zone."""
+        moment = super().convert(value, param, ctx)
+        if moment.tzinfo is not None:
+            return moment.astimezone(UTC).replace(tzinfo=None)
+        if self.ends and isinstance(value, str) and ":" not in value:
+            return moment + timedelta(days=1, seconds=-1)
+        return moment
+
+
+_START, _END = _Moment(), _Moment(ends=True)
 
 
 @click.group(cls=Group, noun="form")
@@ -119,10 +142,12 @@ def card(root: Path, output: Path) -> None:
     metavar="NAME:TAG",
     help="The evaluator's image, as the platform's workers pull it.",
 )
-@click.option("--start", type=_DATE, default=None, metavar="DATE", help="Start, UTC: YYYY-MM-DD[ HH:MM:SS] [today].")
-@click.option("--end", type=_DATE, default=None, metavar="DATE", help="End, UTC [never].")
+@click.option("--start", type=_START, default=None, metavar="DATE", help="Start, UTC: YYYY-MM-DD[ HH:MM:SS] [today].")
+@click.option(
+    "--end", type=_END, default=None, metavar="DATE", help="End, UTC; without a time, the end of that day [never]."
+)
 @click.option("--development", multiple=True, metavar="KEY_GLOB", help="Observations of a first phase. Repeatable.")
-@click.option("--final-start", type=_DATE, default=None, metavar="DATE", help="Start of the final phase, UTC.")
+@click.option("--final-start", type=_START, default=None, metavar="DATE", help="Start of the final phase, UTC.")
 @click.option("--data-url", default=None, help="Where participants get PUBLIC [it is put into the bundle].")
 @click.option("--contact", default=None, metavar="EMAIL", help="The organisers' address.")
 @click.option("--max-per-day", type=click.IntRange(1), default=5, show_default=True, help="Submissions a day.")
@@ -145,6 +170,7 @@ def codabench(
     written = write_codabench(public, private, output, settings)
     for phase in written.phases:
         click.echo(f"{phase.name}: {len(phase.observations)} observations, {phase.masks:,} masks")
+        click.echo(f"  from {phase.start} UTC " + (f"to {phase.end} UTC" if phase.end else "on, without an end"))
     click.echo(f"ranked by {written.columns[0].title}; {written.size / 1e6:,.1f} MB")
     click.echo(f"image: {settings.docker_image}, which the platform's workers must be able to pull")
     click.echo(str(output))

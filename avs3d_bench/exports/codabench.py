@@ -22,7 +22,7 @@ from typing import Any
 import yaml
 
 from avs3d_bench import __version__
-from avs3d_bench.competition import Column, CompetitionTask, columns_of, task_protocols
+from avs3d_bench.competition import DECIMALS, Column, CompetitionTask, columns_of, task_protocols
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.codabench_files import (
@@ -268,7 +268,7 @@ def _competition(phases: Sequence[Phase], columns: Sequence[Column], settings: S
                         "key": column.key,
                         "index": number,
                         "sorting": "desc" if column.higher_is_better else "asc",
-                        "precision": 3,
+                        "precision": DECIMALS,
                         "hidden": column.hidden,
                     }
                     for number, column in enumerate(columns)

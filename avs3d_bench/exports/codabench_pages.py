@@ -8,7 +8,7 @@ from datetime import datetime
 import numpy as np
 
 from avs3d_bench import __version__, layout
-from avs3d_bench.competition import Column
+from avs3d_bench.competition import DECIMALS, Column
 from avs3d_bench.scores import METRICS
 from avs3d_bench.taxonomy import SOUND_SCENES
 
@@ -117,6 +117,11 @@ def _evaluation(facts: Facts) -> str:
         for m in (known[pair] for pair in names)
     )
     scenes = f"\n{_scene_files()}" if SOUND_SCENES in facts.parts else ""
+    groups = (
+        " In part_3, pair accuracy is a mean over groups of siblings, and intervals are over groups."
+        if SOUND_SCENES in facts.parts
+        else ""
+    )
     said = f'{{"method": "…", "dataset": "{facts.dataset}", "dataset_version": "{facts.version or "unversioned"}"}}'
     return f"""# Evaluation
 
@@ -141,13 +146,16 @@ Check it before you submit, with avs3d-bench {__version__}, which scores it here
 avs3d check my-submission.zip --dataset PATH-OF-THE-DATA
 ```
 
-A submission with a bad or missing file gets no score. The log of the submission names every such
-file.
+A submission with a bad or missing file gets no score. The log of the submission names such files, a
+hundred of them at most; `avs3d check` names all.
 
 ## How it is scored
 
-`{facts.columns[0].title}` ranks. Figures are means over observations, with a 95 % bootstrap interval from six
-observations on. When the intervals of two methods overlap, the order of their rows says little.
+`{facts.columns[0].title}` ranks. Figures are means over observations, with {DECIMALS} decimals.{groups}
+
+From six observations on, a mean has a 95 % bootstrap interval. It belongs to one method and does not compare two: they
+may differ although their intervals overlap, because both mark the same observations. `avs3d leaderboard`, which the
+organisers can run on the files of scores, compares methods observation by observation.
 
 | Figure | Better | Meaning |
 |---|---|---|

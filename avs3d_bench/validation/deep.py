@@ -26,7 +26,14 @@ from avs3d_bench.validation.pictures import check_twin
 from avs3d_bench.validation.receivers import check_receivers
 from avs3d_bench.validation.scenes import has_stems
 from avs3d_bench.validation.siblings import same_files
-from avs3d_bench.validation.sightings import Labels, Sightings, colour_problem, depth_problem, sightings_by_frame
+from avs3d_bench.validation.sightings import (
+    Labels,
+    Sightings,
+    check_labels,
+    colour_problem,
+    depth_problem,
+    sightings_by_frame,
+)
 from avs3d_bench.validation.solid import Boxes, Tally, check_solid
 from avs3d_bench.validation.sound import Sound, check_clip, check_mono, check_response
 from avs3d_bench.validation.stems import Stems, check_source_response
@@ -81,7 +88,7 @@ def check_contents(
             if found.ids is not None and boxes is not None and frame_paths(frame)[layout.INSTANCE_MASKS] not in known:
                 labels.add(frame.name, seen, found.ids)
                 boxes.add(frame, seen, found.ids, findings)
-    _check_labels(labels, findings)
+    check_labels(labels, findings)
     tally.finish(findings)
     if boxes is not None:
         boxes.finish(findings)
@@ -181,13 +188,6 @@ def _check_witnesses(
         problem = depth_problem(found.depth, -entry.pose.to_camera(sightings.position)[:, 2], sightings)
         if problem:
             findings.add(paths[layout.DEPTH], problem)
-
-
-def _check_labels(labels: Labels, findings: Findings) -> None:
-    for name, instance, wrong, seen in labels.contradictions():
-        what = f"instance {instance}" if instance else "no instance"
-        text = f"{wrong} of {seen} sparse points are on {what} in other frames, but not here"
-        findings.add(f"{layout.INSTANCE_MASKS}/{name}.png", text)
 
 
 def _check_hashes(observation: Observation, record: ObservationRecord, files: set[str], findings: Findings) -> None:

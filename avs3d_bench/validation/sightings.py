@@ -13,8 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from avs3d_bench import layout
 from avs3d_bench.colmap import ColmapModel
 from avs3d_bench.geometry import Intrinsics
+from avs3d_bench.validation.findings import Findings
 
 #: Distance from the pixel's centre below which a sighting counts as the point's origin (pixels).
 AT_CENTRE = 1e-6
@@ -126,6 +128,14 @@ def _labels(point: NDArray[np.int64], origin: NDArray[np.bool_], ids: NDArray[np
         better = votes > best
         best[better], label[better] = votes[better], instance
     return label
+
+
+def check_labels(labels: Labels, findings: Findings) -> None:
+    """Name the frames whose instance ids contradict those that other frames have on the same sparse points."""
+    for name, instance, wrong, seen in labels.contradictions():
+        what = f"instance {instance}" if instance else "no instance"
+        text = f"{wrong} of {seen} sparse points are on {what} in other frames, but not here"
+        findings.add(f"{layout.INSTANCE_MASKS}/{name}.png", text)
 
 
 def colour_problem(rgb: NDArray[np.uint8], sightings: Sightings) -> str | None:

@@ -1,12 +1,16 @@
-"""The page that a participant of a competition sees: the figures of a submission, or every bad file."""
+"""The page that a participant of a competition sees: the figures of a submission, or its bad files."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from avs3d_bench.report import Problem
+from avs3d_bench.competition import DECIMALS
+from avs3d_bench.report import Problem, shorten
 from avs3d_bench.templates import template_environment
+
+#: Findings in a submission that the page and the log of a competition show.
+SHOWN = 100
 
 
 @dataclass(frozen=True)
@@ -35,8 +39,8 @@ class Row:
         """
         if self.value is None:
             return f"not available ({self.reason})" if self.reason else "not available"
-        interval = f" [{self.interval[0]:.3f}, {self.interval[1]:.3f}]" if self.interval else ""
-        return f"{self.value:.3f}{interval}"
+        interval = f" [{self.interval[0]:.{DECIMALS}f}, {self.interval[1]:.{DECIMALS}f}]" if self.interval else ""
+        return f"{self.value:.{DECIMALS}f}{interval}"
 
     @property
     def text(self) -> str:
@@ -50,7 +54,8 @@ def results_page(title: str, rows: Sequence[Row], problems: Sequence[Problem]) -
     Args:
         title: of the task.
         rows: the figures; none for an invalid submission.
-        problems: every finding.
+        problems: every finding; the page shows `SHOWN` of them.
     """
     page = template_environment("evaluators.reporting").get_template("competition.html.j2")
-    return page.render(title=title, rows=rows, problems=problems)
+    first, rest = shorten(problems, SHOWN)
+    return page.render(title=title, rows=rows, problems=first, rest=rest)

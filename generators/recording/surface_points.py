@@ -16,6 +16,8 @@ from avs3d_bench.geometry import Intrinsics, Pose
 from generators.vision.base import Frame
 
 Floats = NDArray[np.float64]
+#: Pixels of a frame that are lifted to points.
+PER_FRAME = 200
 Hidden = Callable[[int, Floats, Floats, Floats], NDArray[np.bool_]]
 
 
@@ -38,10 +40,18 @@ class SurfacePoints:
     track_pixel: NDArray[np.float64]
 
 
+def draw_pixels(
+    rng: np.random.Generator, height: int, width: int, count: int = PER_FRAME
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The rows and columns of the pixels of a frame that are lifted to points, (count,) each."""
+    rows = rng.integers(0, height, count)
+    return rows, rng.integers(0, width, count)
+
+
 class SurfaceSampler:
     """Collects ``per_frame`` random pixels of every frame, then links them into tracks."""
 
-    def __init__(self, intrinsics: Intrinsics, rng: np.random.Generator, per_frame: int = 200) -> None:
+    def __init__(self, intrinsics: Intrinsics, rng: np.random.Generator, per_frame: int = PER_FRAME) -> None:
         self._intrinsics = intrinsics
         self._rng = rng
         self._per_frame = per_frame
@@ -55,8 +65,7 @@ class SurfaceSampler:
         left out on every object, since the one without points would be the one that sounds.
         """
         k = self._intrinsics
-        rows = self._rng.integers(0, k.height, self._per_frame)
-        columns = self._rng.integers(0, k.width, self._per_frame)
+        rows, columns = draw_pixels(self._rng, k.height, k.width, self._per_frame)
         depth = frame.depth[rows, columns].astype(np.float64)
         hit = depth > 0
         if not instances:

@@ -17,9 +17,15 @@ TRAIN_TRUTH = "train-truth"
 
 
 @click.command(cls=MakingCommand, context_settings=HELP)
-@click.argument("manifest", type=PATH)
+@click.argument("manifest", type=PATH, required=False)
 @click.option("-o", "--output", "folder", required=True, type=OUTPUT_FOLDER, metavar="DIR",
               help="Gets public/ and private/.")  # fmt: skip
+@click.option(
+    "--commit",
+    "only_commit",
+    is_flag=True,
+    help="Without MANIFEST: write DIR/commitment.json, which binds to the secret, and stop. Publish it first.",
+)
 @click.option(
     "--secret",
     "secret_file",
@@ -38,8 +44,9 @@ TRAIN_TRUTH = "train-truth"
 @with_option(TRAIN_TRUTH)
 @scheduling_options
 def seal(
-    manifest: Path,
+    manifest: Path | None,
     folder: Path,
+    only_commit: bool,
     secret_file: Path | None,
     exclude: tuple[Path, ...],
     habitat_python: Path | None,
@@ -56,9 +63,19 @@ def seal(
     and impulse responses stay private.
     """
     choose_tools(habitat_python, scans)
+    from avs3d_bench.errors import UsageError
     from generators.manifest import read_manifest
     from generators.run.options import GenerateOptions
+    from generators.sealing.seal import bind_secret
     from generators.sealing.seal import seal as make
+
+    if only_commit == (manifest is not None):
+        raise UsageError("expected MANIFEST, the test to seal, or --commit to bind to a secret before it is written")
+    if manifest is None:
+        bound = bind_secret(folder, secret_file)
+        click.echo(f"{bound.file}: the secret, to be kept until the end")
+        click.echo(f"{bound.commitment_file}: the commitment to it, to be published now, before the template")
+        return
 
     options = GenerateOptions(extras=beside.folders, ambisonics=beside.ambisonics, array=beside.array, **chosen)
     made = make(
@@ -97,21 +114,25 @@ def unseal(
 ) -> None:
     """Check the sealed test in DIR, which has public/ and private/, against its commitments.
 
-    By sha256, in seconds: the secret, the manifest, every published file, every truth file. From the secret: the seeds
-    in the manifest. --regenerate generates the observations, or those of --only, from the manifest again. Exit status:
-    0 all as committed to, 1 not (every file named), 2 usage.
+    In seconds: every file by its hash; the manifest, the observations that there are, the sparse points and what sounds
+    from the secret; records, masks and files against one another. --regenerate generates the observations, or those of
+    --only, from the manifest again. Exit status: 0 all as committed to, 1 not (the files are named), 2 usage.
     """
     choose_tools(None, None)
     from avs3d_bench.errors import UsageError
-    from avs3d_bench.sealed import read_secret
+    from avs3d_bench.report import SHOWN, printable, shorten
+    from avs3d_bench.secret import read_secret
     from generators.sealing.unseal import Again
     from generators.sealing.unseal import unseal as check
 
     if only and not regenerate:
         raise UsageError("--only chooses what --regenerate generates; expected both")
     opened = check(folder, read_secret(secret_file), Again(only, files, options) if regenerate else None)
-    for problem in opened.problems:
-        click.echo(f"error: {problem.path}: {problem.message}")
+    first, rest = shorten(opened.problems, SHOWN)
+    for problem in first:
+        click.echo(printable(f"error: {problem.path}: {problem.message}"))
+    if rest:
+        click.echo(f"… and {rest}")
     for note in opened.notes:
         click.echo(f"avs3d unseal: note: {note}", err=True)
     seal = opened.seal

@@ -14,7 +14,7 @@ from copy import deepcopy
 from typing import Any
 
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.sealed import derive
+from avs3d_bench.secret import derive
 from avs3d_bench.taxonomy import CATEGORIES
 from generators.manifest import Manifest, ManifestFile
 
@@ -71,7 +71,7 @@ def draw_document(
 
     Args:
         template: a valid manifest, as YAML has it.
-        secret: 32 bytes.
+        secret: the working key of the secret, 32 bytes.
         draws: home of the template → which draw of its seed to take, from 1; 1 for homes that are not listed.
         taken: seeds of homes that may not be used.
 

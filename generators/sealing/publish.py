@@ -19,18 +19,17 @@ from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.schema import DatasetEntry, DatasetRecord, ObservationRecord, PosesRecord, Scalar, unique_attributions
 from avs3d_bench.sealed import (
-    DRAWS,
+    COMMITTED,
     MANIFEST,
     OPENING,
     OPENING_KEY,
-    TEMPLATE,
     CommitmentsRecord,
     DrawsRecord,
     SealRecord,
     commitment,
-    derive,
     truth_files,
 )
+from avs3d_bench.secret import CommittedSecret, derive
 from generators.manifest import ManifestFile
 from generators.run.dataset_record import licence_of, manifest_attributions
 
@@ -46,7 +45,7 @@ class Sealing:
         template: the text of the manifest before.
         drawn: the manifest with its seeds.
         draws: home of the template → how often its seed was drawn.
-        secret: 32 bytes.
+        secret: its working key and the commitment to it.
         train_truth: whether the masks of train frames are published.
         settings: options on which the bytes depend.
     """
@@ -54,7 +53,7 @@ class Sealing:
     template: str
     drawn: ManifestFile
     draws: Mapping[str, int]
-    secret: bytes
+    secret: CommittedSecret
     train_truth: bool
     settings: Mapping[str, Scalar]
 
@@ -73,7 +72,7 @@ def write_public(generated: Dataset, public: Path, sealing: Sealing) -> SealReco
     Raises:
         Avs3dError: if the generated dataset is damaged, or the system refuses.
     """
-    opening = derive(sealing.secret, OPENING)
+    opening = derive(sealing.secret.key, OPENING)
     entries, truth = [], {}
     for key in generated.keys:
         record = files.read_record(generated.root / key / layout.OBSERVATION_JSON, ObservationRecord)
@@ -92,7 +91,10 @@ def write_public(generated: Dataset, public: Path, sealing: Sealing) -> SealReco
         provenance=whole.provenance,
         dataset_sha256=files.sha256_file(public / layout.DATASET_JSON),
         commitments=CommitmentsRecord(
-            secret=hashlib.sha256(sealing.secret).hexdigest(), manifest=sealing.drawn.sha256, truth=truth
+            secret=sealing.secret.commitment,
+            manifest=sealing.drawn.sha256,
+            truth=truth,
+            private={name: commitment(opening, name, data) for name, data in _describing(generated, sealing).items()},
         ),
     )
     files.write_json(public / layout.SEAL_JSON, seal)
@@ -115,15 +117,23 @@ def write_private(generated: Dataset, public: Path, private: Path, sealing: Seal
         for name in names:
             if not layout.is_public(name):
                 files.link_or_copy(folder / name, _with_parent(private / key / name))
-    for name, data in (
-        (layout.DATASET_JSON, files.read_bytes(generated.root / layout.DATASET_JSON)),
-        (layout.SEAL_JSON, files.read_bytes(public / layout.SEAL_JSON)),
-        (MANIFEST, sealing.drawn.text.encode()),
-        (TEMPLATE, sealing.template.encode()),
-        (DRAWS, files.dump_json(DrawsRecord(draws=dict(sealing.draws))).encode()),
-        (OPENING_KEY, derive(sealing.secret, OPENING).hex().encode() + b"\n"),
-    ):
+    for name, data in {
+        **_describing(generated, sealing),
+        layout.SEAL_JSON: files.read_bytes(public / layout.SEAL_JSON),
+        MANIFEST: sealing.drawn.text.encode(),
+        OPENING_KEY: derive(sealing.secret.key, OPENING).hex().encode() + b"\n",
+    }.items():
         files.write_bytes(private / name, data)
+
+
+def _describing(generated: Dataset, sealing: Sealing) -> dict[str, bytes]:
+    """Name → bytes of the private files beside the observations to which there are commitments."""
+    contents = (
+        files.read_bytes(generated.root / layout.DATASET_JSON),
+        sealing.template.encode(),
+        files.dump_json(DrawsRecord(draws=dict(sealing.draws))).encode(),
+    )
+    return dict(zip(COMMITTED, contents, strict=True))
 
 
 def _publish(generated: Dataset, record: ObservationRecord, folder: Path, train_truth: bool) -> DatasetEntry:

@@ -16,16 +16,16 @@ from avs3d_bench.parallel import available_cores
 from avs3d_bench.scheduling.options import Options as Scheduling
 from avs3d_bench.schema import Scalar
 from avs3d_bench.sealed import (
+    COMMITMENT,
     DRAWS,
     MANIFEST,
     OPENING_KEY,
     PRIVATE,
     PUBLIC,
     SECRET,
-    SECRET_BYTES,
     SealRecord,
-    read_secret,
 )
+from avs3d_bench.secret import SECRET_BYTES, CommittedSecret, SecretCommitment, commit, read_secret, working_key
 from avs3d_bench.staging import staged_folder
 from avs3d_bench.yamlfile import read_yaml
 from generators.backends import RENDERERS
@@ -36,6 +36,7 @@ from generators.sampling.excluded import what_they_use
 from generators.sealing.draw import Document, check_template, fit_homes
 from generators.sealing.fitting import HomeFitting
 from generators.sealing.publish import Sealing, write_private, write_public
+from generators.sealing.strength import require_strong
 from generators.sealing.texts import sealed_text, template_text
 from generators.sound_scene import check_takes
 
@@ -76,11 +77,12 @@ def seal(
 ) -> SealedTest:
     """Make a sealed test of the observations that a manifest describes.
 
-    The same manifest, secret, options and versions give the same bytes. After an interruption the same call goes on.
+    The same manifest, secret, commitment, options and versions give the same bytes. After an interruption the same call
+    goes on.
 
     Args:
         template: the manifest; its seeds are not used.
-        folder: gets ``public/``, ``private/`` and, without ``secret_file``, ``secret``.
+        folder: gets ``public/``, ``private/``, ``commitment.json`` and, without ``secret_file``, ``secret``.
         secret_file: the secret, 64 hexadecimal digits; None: 32 random bytes are drawn and written.
         options: as of `avs3d generate`.
         train_truth: publish the masks of train frames.
@@ -93,19 +95,19 @@ def seal(
         Avs3dError: if no home has room for the observations, or some cannot be made.
     """
     check_template(template)
-    _check_place(folder, secret_file)
     _refuse_seal(folder / PUBLIC)
     _refuse_others(folder / PRIVATE)
     check_takes(plans_of(template, options))
     taken = _taken_homes(template, exclude)
-    secret_path, secret = _secret_of(folder, secret_file)
+    bound = bind_secret(folder, secret_file)
+    secret = bound.secret.key
     document = settled(template, options)
     fitting = HomeFitting(template.path, options.workers or available_cores())
     sealed_document, draws = fit_homes(document, secret, fitting, taken)
     drawn = as_manifest(sealed_document, template)
     options = replace(options, audio=None, frames=None, size=None)
     work = folder / WORK
-    _make_secret_folder(work)
+    _make_folder(work, 0o700)
     outcome = generate_plans(drawn, plans_of(drawn, options), work, options, scheduling, progress=progress)
     if outcome.failed:
         key, message = outcome.failed[0]
@@ -114,7 +116,7 @@ def seal(
             "sealed; run the same command again, or ask for fewer objects in its room"
         )
     generated = Dataset(work)
-    sealing = Sealing(template_text(document), drawn, draws, secret, train_truth, settings_of(drawn, options))
+    sealing = Sealing(template_text(document), drawn, draws, bound.secret, train_truth, settings_of(drawn, options))
     # The public folder comes last: with it, the test is sealed.
     with (
         staged_folder(folder / PUBLIC, _refuse_seal) as public,
@@ -125,7 +127,52 @@ def seal(
         write_private(generated, public, private, sealing)
     digest = files.sha256_file(folder / PUBLIC / layout.SEAL_JSON)
     shutil.rmtree(work, ignore_errors=True)
-    return SealedTest(folder / PUBLIC, folder / PRIVATE, secret_path, record, digest)
+    return SealedTest(folder / PUBLIC, folder / PRIVATE, bound.file, record, digest)
+
+
+@dataclass(frozen=True)
+class BoundSecret:
+    """A secret and the commitment to it, on disk.
+
+    Attributes:
+        file: of the secret.
+        commitment_file: of the commitment.
+        secret: both.
+    """
+
+    file: Path
+    commitment_file: Path
+    secret: CommittedSecret
+
+
+def bind_secret(folder: Path, secret_file: Path | None) -> BoundSecret:
+    """Commit to a secret, once: the first call draws what is missing, later ones find it.
+
+    Args:
+        folder: of the sealed test; has or gets ``commitment.json`` and, without ``secret_file``, ``secret``.
+        secret_file: the secret; None: that of the folder.
+
+    Raises:
+        UsageError: if the secret can be guessed or is wrong, lies in a folder that is to be published, or is not the
+            one that the folder's commitment is to.
+    """
+    _check_place(folder, secret_file)
+    path, secret = _secret_of(folder, secret_file)
+    require_strong(secret, path)
+    place = folder / COMMITMENT
+    if not place.exists():
+        committed = commit(secret)
+        _make_folder(folder)
+        files.write_json(place, committed.commitment)
+        return BoundSecret(path, place, committed)
+    record = files.read_record(place, SecretCommitment)
+    key = working_key(secret, record)
+    if key is None:
+        raise UsageError(
+            f"{place}: the commitment to another secret than {path}; name that secret with --secret, or choose another "
+            "folder with -o"
+        )
+    return BoundSecret(path, place, CommittedSecret(key, record))
 
 
 def settled(template: ManifestFile, options: GenerateOptions) -> Document:
@@ -186,14 +233,14 @@ def _refuse_others(private: Path) -> None:
         raise UsageError(f"{private}: exists and holds no truth of a sealed test; choose another folder with -o")
 
 
-def _make_secret_folder(path: Path) -> None:
-    """Make a folder that only its owner can read.
+def _make_folder(path: Path, mode: int = 0o777) -> None:
+    """Make a folder; 0o700: one that only its owner can read.
 
     Raises:
         Avs3dError: if the system refuses.
     """
     try:
-        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        path.mkdir(mode=mode, parents=True, exist_ok=True)
     except OSError as error:
         raise Avs3dError(files.os_error_line(error, path, "write")) from error
 
@@ -241,7 +288,7 @@ def _secret_of(folder: Path, secret_file: Path | None) -> tuple[Path, bytes]:
     path = folder / SECRET
     if not path.exists():
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            _make_folder(folder)
             with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as stream:
                 stream.write(secrets.token_bytes(SECRET_BYTES).hex().encode() + b"\n")
         except OSError as error:

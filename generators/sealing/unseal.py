@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.report import Problem, ordered
 from avs3d_bench.schema import ObservationRecord, ProvenanceRecord
 from avs3d_bench.sealed import (
+    COMMITMENT,
     DRAWS,
     MANIFEST,
     OPENING,
@@ -25,10 +26,16 @@ from avs3d_bench.sealed import (
     check_public,
     check_secret,
     check_truth,
-    derive,
     read_seal,
 )
+from avs3d_bench.secret import SecretCommitment, derive
 from avs3d_bench.yamlfile import read_yaml
+from generators.backends import observation_provenance
+from generators.manifest import ManifestFile, read_manifest
+from generators.plan import ObservationPlan, make_plans
+from generators.run.generation import generate_plans, plans_of
+from generators.run.options import GenerateOptions
+from generators.sealing.consistency import Opened, check_consistency
 from generators.sealing.draw import draw_document
 from generators.sealing.texts import sealed_text
 
@@ -41,7 +48,7 @@ class Opening:
         seal: its commitments.
         problems: everything that is not as committed to, sorted by file.
         made_again: keys of the observations that were generated again.
-        notes: why observations that were generated again may differ.
+        notes: what could not be compared, and why observations that were generated again may differ.
     """
 
     seal: SealRecord
@@ -68,8 +75,10 @@ class Again:
 def unseal(folder: Path, secret: bytes, again: Again | None = None) -> Opening:
     """Check a sealed test whose truth and secret are published.
 
-    By sha256: the secret, the manifest, every published file and every truth file. From the secret: the seeds, homes
-    and numbers in the manifest. With ``again``: the observations themselves, generated again.
+    By hashes: the secret, the manifest, every published file and every private file. From the secret: the seeds, homes
+    and numbers in the manifest, the observations that there are, the sparse points, and what sounds. Of the records and
+    masks: that they do not contradict one another (`generators.sealing.consistency`). With ``again``: the observations
+    themselves, generated again.
 
     Args:
         folder: has ``public/`` and ``private/``.
@@ -82,23 +91,28 @@ def unseal(folder: Path, secret: bytes, again: Again | None = None) -> Opening:
     """
     public, private = folder / PUBLIC, folder / PRIVATE
     seal = read_seal(public)
-    problems = list(check_belonging(public, private, seal))
-    wrong = list(check_secret(secret, seal, private))
-    problems += wrong or _check_manifest(private, secret)
+    foreign = list(check_belonging(public, private, seal))
+    problems = [*foreign]
+    problems += _check_commitment(folder, seal)
+    key, wrong = check_secret(secret, seal, private)
+    problems += wrong
+    if key is not None:
+        problems += _check_manifest(private, key)
     problems += check_public(public, seal)
     # With a wrong secret, the private folder's own key still shows which files were changed.
-    problems += check_truth(private, seal, opening=None if wrong else derive(secret, OPENING))
-    problems += _check_rest(private, seal)
+    problems += check_truth(private, seal, opening=None if key is None else derive(key, OPENING))
+    notes: tuple[str, ...] = ()
+    if not foreign:
+        opened, notes = _opened(public, private, seal, again or Again())
+        problems += check_consistency(opened)
     if again is None or problems:
-        return Opening(seal, tuple(ordered(problems)))
+        return Opening(seal, tuple(ordered(problems)), notes=notes)
     made, differences = _make_again(private, seal, again)
-    return Opening(seal, tuple(ordered(differences)), made, tuple(other_software(seal)))
+    return Opening(seal, tuple(ordered(differences)), made, notes)
 
 
 def other_software(seal: SealRecord) -> Iterator[str]:
     """What is said if the software is not that of the seal."""
-    from generators.backends import observation_provenance
-
     made: dict[str, Any] = dict(seal.settings)
     here = observation_provenance(made["vision"], made["audio"], made["device"])
     if here.digest == seal.provenance.digest:
@@ -117,39 +131,49 @@ def other_software(seal: SealRecord) -> Iterator[str]:
     yield f"sealed with other software, so that bytes may differ: {what}"
 
 
-def _check_manifest(private: Path, secret: bytes) -> Iterator[Problem]:
+def _check_commitment(folder: Path, seal: SealRecord) -> Iterator[Problem]:
+    """The commitment that lies beside the test, published before the template, is that of the seal."""
+    path = folder / COMMITMENT
+    if path.exists() and files.read_record(path, SecretCommitment) != seal.commitments.secret:
+        yield Problem("error", COMMITMENT, "not the commitment in seal.json: the test was made with another secret")
+
+
+def _check_manifest(private: Path, key: bytes) -> Iterator[Problem]:
     """Whether the manifest is the one that the secret draws from the template."""
     template, _ = read_yaml(private / TEMPLATE)
     draws = files.read_record(private / DRAWS, DrawsRecord).draws
-    document, _ = draw_document(template, secret, draws)
+    document, _ = draw_document(template, key, draws)
     if sealed_text(document).encode() != files.read_bytes(private / MANIFEST):
         yield Problem("error", MANIFEST, f"not what the secret draws from {TEMPLATE}: its seeds do not come from it")
 
 
-def _check_rest(private: Path, seal: SealRecord) -> Iterator[Problem]:
-    """Stems and impulse responses: observation.json has their sha256."""
-    for key, committed in seal.commitments.truth.items():
-        folder = private / key
-        if not (folder / layout.OBSERVATION_JSON).is_file():
-            continue  # named already
-        record = files.read_record(folder / layout.OBSERVATION_JSON, ObservationRecord)
-        for name, digest in record.files.items():
-            if name in committed or layout.is_public(name):
-                continue
-            if not (folder / name).exists():
-                yield Problem("error", f"{key}/{name}", "missing; observation.json names it")
-            elif files.sha256_file(folder / name) != digest:
-                yield Problem("error", f"{key}/{name}", "not the file that observation.json names: it was changed")
+def _opened(public: Path, private: Path, seal: SealRecord, again: Again) -> tuple[Opened, tuple[str, ...]]:
+    """The opened test, with the plans of its observations if this software makes the same draws; and what is not."""
+    source = _source(private, again)
+    notes = list(other_software(seal))
+    plans: dict[str, ObservationPlan] = {}
+    digests: dict[str, str] = {}
+    if notes:
+        notes.append("not compared with the draws of the secret: which objects sound, and the sparse points")
+    else:
+        plans = {plan.key: plan for plan in make_plans(source, audio="analytic")}
+        try:
+            digests = {plan.key: plan.digest for plan in plans_of(source, replace(_options(seal, again), only=()))}
+        except Avs3dError as error:
+            notes.append(f"plan_sha256 not compared: {error}")
+    return Opened(public, private, seal, source.manifest, plans, digests), tuple(notes)
+
+
+def _source(private: Path, again: Again) -> ManifestFile:
+    """The manifest; files that it names lie in the folder of ``again``."""
+    manifest = read_manifest(private / MANIFEST)
+    base = (again.files or private).resolve()
+    return ManifestFile(manifest.manifest, base / MANIFEST, manifest.text, manifest.sha256)
 
 
 def _make_again(private: Path, seal: SealRecord, again: Again) -> tuple[tuple[str, ...], list[Problem]]:
     """Generate observations into a temporary folder, and compare them; returns their keys and what differs."""
-    from generators.manifest import ManifestFile, read_manifest
-    from generators.run.generation import generate_plans, plans_of
-
-    manifest = read_manifest(private / MANIFEST)
-    base = (again.files or private).resolve()
-    source = ManifestFile(manifest.manifest, base / MANIFEST, manifest.text, manifest.sha256)
+    source = _source(private, again)
     options = _options(seal, again)
     with tempfile.TemporaryDirectory(prefix="avs3d-unseal-") as place:
         root = Path(place) / "again"
@@ -160,14 +184,12 @@ def _make_again(private: Path, seal: SealRecord, again: Again) -> tuple[tuple[st
         return outcome.made, [found for key in outcome.made for found in _compare(private, root, key)]
 
 
-def _options(seal: SealRecord, again: Again) -> Any:
+def _options(seal: SealRecord, again: Again) -> GenerateOptions:
     """The options with which the test was made.
 
     Raises:
         UsageError: if a file that it was made with is not given, or another one is.
     """
-    from generators.run.options import GenerateOptions
-
     made: dict[str, Any] = dict(seal.settings)
     hrtf, array = again.options.get("hrtf"), again.options.get("array")
     wanted = made["hrtf_sha256"]
