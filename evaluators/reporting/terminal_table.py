@@ -28,6 +28,14 @@ _HEADINGS = {
     "class_mIoU": "class\nmIoU",
 }
 
+#: Reference row of true masks → which of them it marks.
+_DEAF_MASKS = {
+    "deaf_category": "every instance of the sounding category",
+    "deaf_most_seen": "of these, the one that is seen most",
+    "deaf_all": "in part_3 every instance that can sound",
+    "deaf_single": "in part_3 the one that is best for all siblings",
+}
+
 
 def _value(group: GroupScores, metric: Metric) -> float | None:
     scores = getattr(group, metric.protocol)
@@ -97,6 +105,13 @@ def print_scores(scores: Scores, console: Console | None = None) -> None:
     # Whole on a narrow terminal too, which wraps its lines: cut to its width there would be no figure left.
     table.width = out.measure(table, options=out.options.update(max_width=_WIDEST)).maximum
     out.print(table, soft_wrap=True)
+    deaf = [f"{name.replace('_', ' ')}, {masks}" for name, masks in _DEAF_MASKS.items() if name in scores.references]
+    if deaf:
+        out.print(Text(f"deaf: true masks, chosen without the sound ({'; '.join(deaf)})", style="dim"), soft_wrap=True)
+        if "deaf_category" in scores.references:
+            out.print(
+                Text("in part_1 nothing else could sound, so that they are the truth", style="dim"), soft_wrap=True
+            )
     part = scores.dataset
     if part.scored < part.observations:
         out.print(Text(f"{part.scored} of {part.observations} observations were asked for: no score of the benchmark"))
