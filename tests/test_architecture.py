@@ -177,7 +177,8 @@ HOUSE = {
         "factors": "",
         "frame_rows": "metrics records factors",
         "curves": "bootstrap metrics",
-        "reporting": "bootstrap metrics pairs sign_flips comparison protocols score_file records reading frame_rows curves",
+        "reporting": "bootstrap metrics pairs sign_flips comparison protocols score_file records reading frame_rows "
+        "curves",
         "competition": "records reading score reporting",
         "cli": "records reading score verify frame_rows reporting",
     },
