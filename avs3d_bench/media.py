@@ -13,7 +13,7 @@ import io
 import os
 import struct
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
@@ -445,7 +445,7 @@ def is_binary(pixels: U8) -> bool:
     return bool(cv2.sumElems(pixels)[0] == 255.0 * cv2.countNonZero(pixels))
 
 
-def _is_simple(data: bytes, header: PngHeader, kinds: Sequence[bytes]) -> bool:
+def _is_simple(data: bytes, header: PngHeader, kinds: list[bytes]) -> bool:
     """Whether a picture is one for `_inflate_grey`: about any other, OpenCV decides whether it is a PNG at all.
 
     Args:

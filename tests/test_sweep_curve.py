@@ -15,7 +15,7 @@ import pytest
 import tiny
 import tiny_scenes
 from click.testing import CliRunner
-from score_examples import example_scores
+from score_examples import example_scores, with_means
 from test_score import submit, true_mask
 from tiny_scenes import AWAY, FIRST, SECOND
 
@@ -43,7 +43,7 @@ def rows_of_part_2(value: Callable[[int, float], float], method: str = "a") -> S
         scale = SCALES[at]
         row["strict"]["IoU"] = value(n, scale)
         row["condition"] = {"variant_of": f"part_2/flat/kitchen/{10 * n}", "values": {SCALE: scale}, "t30": 0.5 / scale}
-    return Scores.model_validate(data)
+    return Scores.model_validate(with_means(data))
 
 
 def scenes(right: dict[float | None, int], *, kinds: Sequence[str] = ("noise",), method: str = "a") -> Scores:
@@ -86,16 +86,13 @@ def scenes(right: dict[float | None, int], *, kinds: Sequence[str] = ("noise",),
             for n, a in enumerate(keys) for b in keys[n + 1 :]
         ]  # fmt: skip
         siblings.append({"group": f"part_3/flat/kitchen/{100 * group + 1}", "observations": keys, "pairs": pairs})
+    for row in rows:
+        mine = [pair for one in siblings for pair in one["pairs"] if row["key"] in (pair["first"], pair["second"])]
+        row["listen"]["pair_frames"] = sum(pair["frames"] for pair in mine)
+        row["listen"]["pair_accuracy"] = sum(pair["right"] for pair in mine) / row["listen"]["pair_frames"]
     data |= {"observations": rows, "siblings": siblings, "references": {}, "references_unavailable": {}}
     data["dataset"] |= {"observations": len(rows), "scored": len(rows)}
-    whole = {"observations": len(rows), "frames": 10 * len(rows), "listen": listen_means()}
-    data |= {"overall": whole, "parts": {"part_3": whole}, "categories": {}, "rooms": {}}
-    return Scores.model_validate(data)
-
-
-def listen_means() -> dict[str, Any]:
-    names = ("pair_accuracy", "IoU", "FP_rate", "FP_area", "class_mIoU")
-    return dict.fromkeys(names, 0.5) | {"counts": dict.fromkeys(names, 1), "groups": 6}
+    return Scores.model_validate(with_means(data))
 
 
 def saved(folder: Path, **scores: Scores) -> list[Path]:
