@@ -26,6 +26,8 @@ LEAST_NEW = 0.01
 NEIGHBOURS = 10
 #: Greatest share of the variance across a surface: above it, the neighbours lie on no plane, as at the edge of a table.
 FLAT = 0.02
+#: Least share of the variance along the shorter axis of a surface: below it, the neighbours lie on a line.
+LINE = 0.01
 #: Neighbours lie on the plane of a point up to this angle from it (sine).
 OFF_PLANE = 0.15
 #: How far a patch goes on beyond the neighbours that it spans, in distances to the nearest of them, and at most (m).
@@ -82,7 +84,8 @@ class Patches:
         distance, near = KDTree(positions).query(positions, k=NEIGHBOURS + 1)
         spread = positions[near] - positions[near].mean(axis=1, keepdims=True)
         values, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))
-        flat = values[:, 0] <= FLAT * values[:, 1]
+        # Points on a line lie on many planes, and so on none.
+        flat = (values[:, 0] <= FLAT * values[:, 1]) & (values[:, 1] > LINE * values[:, 2])
         normals = np.where(flat[:, None], vectors[:, :, 0], 0.0)
         axes = _axes(normals)
         away = positions[near[:, 1:]] - positions[:, None]

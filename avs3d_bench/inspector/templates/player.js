@@ -554,11 +554,10 @@
   window.addEventListener("avs3d:theme", drawStrip);
 
   // The URL may name a frame: …#frame_007.
-  const linked = () => { const at = data.frames.findIndex((frame) => `#${frame.name}` === location.hash); if (at >= 0) seekFrame(at); };
+  const linked = () => { const at = data.frames.findIndex((frame) => `#${frame.name}` === location.hash); if (at >= 0) seekFrame(at); return at >= 0; };
   window.addEventListener("hashchange", linked);
   by("next-test")?.addEventListener("click", () => { if (!nextTest(1)) nextTest(-1); });
   explainLayers();
-  seekFrame(data.open);
+  if (!linked()) seekFrame(data.open);
   press();
-  linked();
 })();
