@@ -612,7 +612,7 @@ def test_the_gallery_loads_thumbnails_and_no_frames(many: Path, browser: Any) ->
         until(opened.page, "[...document.images].every(i => i.complete && i.naturalWidth)")
         assert len(shown(opened.page)) == 34
         assert {Path(address).name for address in opened.asked} <= {
-            "thumbnail.webp", "style.css", "theme.js", "gallery.js"
+            "thumbnail.webp", "style.css", "tables.css", "theme.js", "tables.js", "gallery.js"
         }  # fmt: skip
         assert sum(address.endswith("thumbnail.webp") for address in opened.asked) == 34
         assert not opened.said

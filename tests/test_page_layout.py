@@ -134,20 +134,38 @@ def test_a_wide_table_stays_a_table(pages: dict[str, Path], browser: Any) -> Non
         assert opened.page.evaluate("getComputedStyle(document.querySelector('.ranking tbody tr')).display") == "table-row"
 
 
+@pytest.fixture(scope="module")
+def crowded(root: Path) -> Path:
+    """A page whose map has ten objects side by side, all of one category."""
+    copy = tiny.clone(root, root.parent / "crowded")
+
+    def side_by_side(record: dict[str, Any]) -> None:
+        sounding, silent = sorted(record["instances"], key=lambda instance: not instance["sounding"])
+        for number in range(10):
+            low = [0.25 * number - 1.2, 0.8, -1.0]
+            box = {"bounds": [low, [low[0] + 0.2, 1.0, -0.8]], "position": low, "id": number + 1}
+            record["instances"] += [{**(silent if number else sounding), **box, "category": record["category"]}]
+        del record["instances"][:2]
+
+    tiny.edit_record(copy, tiny.MULTI, side_by_side, rehash=False)
+    return build_site(Dataset(copy), [tiny.MULTI], (), root.parent / "crowded-site", workers=1).folder / tiny.MULTI
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("width", [1280, PHONE])
-@pytest.mark.parametrize("name", ["player", "player of a scene"])
+@pytest.mark.parametrize("name", ["player", "player of a scene", "crowded"])
 def test_labels_of_the_map_do_not_overlap_and_lie_in_it(
-    pages: dict[str, Path], browser: Any, name: str, width: int
+    pages: dict[str, Path], crowded: Path, browser: Any, name: str, width: int
 ) -> None:
-    with visit(browser, pages[name], width=width) as opened:
+    with visit(browser, (pages | {"crowded": crowded / "index.html"})[name], width=width) as opened:
         until(opened.page, "Boolean(document.querySelector('.map .label'))")
         boxes = opened.page.evaluate(
             """(() => { const map = document.querySelector('.map svg').getBoundingClientRect();
               return [...document.querySelectorAll('.map .label, .map .scale')].map((e) => e.getBoundingClientRect())
-                .map((b) => [b.left - map.left, b.top - map.top, map.right - b.right, map.bottom - b.bottom, b.left, b.top, b.right, b.bottom]); })()"""
+                .map((b) => [b.left - map.left, b.top - map.top, map.right - b.right, map.bottom - b.bottom,
+                             b.left, b.top, b.right, b.bottom]); })()"""
         )
-        assert len(boxes) > 2
+        assert len(boxes) > (10 if name == "crowded" else 2)
         assert all(min(box[:4]) > -1 for box in boxes)
         for (*_, l0, t0, r0, b0), (*_, l1, t1, r1, b1) in itertools.combinations(boxes, 2):
             assert min(r0, r1) - max(l0, l1) <= 1 or min(b0, b1) - max(t0, t1) <= 2
