@@ -20,10 +20,10 @@ _UNIT = re.compile(r"(?<=\d) (?=%|(?:dB|k?Hz|ms?|s|cm|px|pixels|bits|frames)\b)"
 
 
 def keep_units(text: str) -> str:
-    """Text whose numbers stay on one line with their units.
+    r"""Text whose numbers stay on one line with their units.
 
     Examples:
-        >>> keep_units("0.8 to 3.5 m, 95 %") == "0.8 to 3.5\\N{NO-BREAK SPACE}m, 95\\N{NO-BREAK SPACE}%"
+        >>> keep_units("0.8 to 3.5 m, 95 %") == "0.8 to 3.5\N{NO-BREAK SPACE}m, 95\N{NO-BREAK SPACE}%"
         True
     """
     return _UNIT.sub("\N{NO-BREAK SPACE}", text)

@@ -105,7 +105,7 @@ _CUT_OFF = """
   const bar = style.overflowX === 'auto' && style.scrollbarWidth !== 'none' && !style.scrollbarColor.includes('rgba(0, 0, 0, 0) rgba');
   return e.scrollWidth > e.clientWidth + 1 && !(bar && style.whiteSpace === 'pre');
 }).map((e) => e.textContent.slice(0, 60))
-"""
+"""  # noqa: E501
 _COLOURS = """
 (() => {
   const shown = (selector) => [...document.querySelectorAll(selector)].filter((e) => e.textContent.trim() && e.getBoundingClientRect().width);
@@ -114,7 +114,7 @@ _COLOURS = """
   return shown('.md-content p, .md-content a:not(.headerlink), .md-content h1, .md-content h2, .md-content code, .md-content code span, .md-nav__link, .md-header__title')
     .map((e) => [of(e, 'color'), ground(e), e.textContent.trim().slice(0, 30)]);
 })()
-"""
+"""  # noqa: E501
 
 
 @pytest.fixture(scope="module")
@@ -145,7 +145,9 @@ def test_the_site_has_a_switch_of_themes_legible_colours_and_no_code_that_is_cut
                 page = opened.page
                 scheme = "document.body.getAttribute('data-md-color-scheme')"
                 paper = "getComputedStyle(document.body).backgroundColor"
-                assert page.evaluate(paper) == ("rgb(20, 21, 24)" if dark else "rgb(251, 250, 247)"), "as the system has it"
+                assert page.evaluate(paper) == ("rgb(20, 21, 24)" if dark else "rgb(251, 250, 247)"), (
+                    "as the system has it"
+                )
                 found = page.evaluate(_COLOURS)
                 assert len(found) > 50
                 for ink, ground, text in found:

@@ -1,4 +1,4 @@
-"""How pages look in a browser: nothing is cut off on a phone, text is legible, and grey buttons say why they are grey."""
+"""How pages look in a browser: nothing is cut off on a phone, text is legible, and grey buttons say why they are grey."""  # noqa: E501
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ CUT_OFF = """
   const scrolls = !['visible', 'clip'].includes(style.overflowX) && e.scrollWidth > e.clientWidth + 1;
   return scrolls || box.right > document.documentElement.clientWidth + 1;
 }).map((e) => `${e.tagName}.${e.className} ${e.textContent.trim().slice(0, 40)}`)
-"""
+"""  # noqa: E501
 #: A number and its unit in two lines: the rectangles of a range over both are then not on one line.
 TORN_UNITS = r"""
 (() => {
@@ -124,14 +124,18 @@ def test_on_a_phone_every_figure_of_a_table_has_its_name(pages: dict[str, Path],
             )
             assert len(cells) > 3
             assert all(re.fullmatch(r'"[^"]+"', text) for text in cells), name
-            roles = opened.page.evaluate("[...document.querySelectorAll('table td')].map((e) => e.getAttribute('role'))")
+            roles = opened.page.evaluate(
+                "[...document.querySelectorAll('table td')].map((e) => e.getAttribute('role'))"
+            )
             assert set(roles) == {"cell"}, "a grid is no table for screen readers without its roles"
 
 
 @pytest.mark.slow
 def test_a_wide_table_stays_a_table(pages: dict[str, Path], browser: Any) -> None:
     with visit(browser, pages["leaderboard"]) as opened:
-        assert opened.page.evaluate("getComputedStyle(document.querySelector('.ranking tbody tr')).display") == "table-row"
+        assert (
+            opened.page.evaluate("getComputedStyle(document.querySelector('.ranking tbody tr')).display") == "table-row"
+        )
 
 
 @pytest.fixture(scope="module")
@@ -187,7 +191,9 @@ def test_the_player_opens_on_a_frame_that_shows_something_audible(root: Path, tm
 
 
 @pytest.mark.slow
-def test_the_first_picture_in_the_browser_is_that_frame_and_the_sound_starts_there(root: Path, browser: Any, tmp_path: Path) -> None:
+def test_the_first_picture_in_the_browser_is_that_frame_and_the_sound_starts_there(
+    root: Path, browser: Any, tmp_path: Path
+) -> None:
     copy = tiny.clone(root, tmp_path / "copy")
 
     def late(record: dict[str, Any]) -> None:
@@ -255,7 +261,7 @@ CONTRAST = r"""
   }
   return found.sort((a, b) => a[0] - b[0]);
 }
-"""
+"""  # noqa: E501
 
 
 @pytest.mark.slow

@@ -224,7 +224,9 @@ def _map(axes: Any, observation: Observation, record: ObservationRecord, scene: 
         name = words(instance.category)
         if scene is not None:
             style, name = instance_style(scene, instance.id, sounding=instance.sounding), scene.names[instance.id]
-        axes.fill([x0, x1, x1, x0], [z0, z0, z1, z1], facecolor=_with_alpha(style, 0.25), edgecolor=style, linewidth=2.2)
+        axes.fill(
+            [x0, x1, x1, x0], [z0, z0, z1, z1], facecolor=_with_alpha(style, 0.25), edgecolor=style, linewidth=2.2
+        )
         text = f"{name} (sounds)" if instance.sounding else name
         labels.append(_Label((x0, z0, x1, z1), text, style if instance.sounding or scene is None else INK))
     if record.moves:
@@ -264,10 +266,18 @@ def _name_objects(figure: Figure, axes: Any, labels: Sequence[_Label]) -> None:
 
     texts = [
         axes.annotate(
-            label.text, (0, 0), xycoords="figure pixels", ha="left", va="top", fontsize=9, color=label.colour,
-            weight="bold", annotation_clip=False, zorder=7,
+            label.text,
+            (0, 0),
+            xycoords="figure pixels",
+            ha="left",
+            va="top",
+            fontsize=9,
+            color=label.colour,
+            weight="bold",
+            annotation_clip=False,
+            zorder=7,
             bbox={"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 1},
-        )  # fmt: skip
+        )
         for label in labels
     ]
     extents = [text.get_window_extent() for text in texts]

@@ -37,7 +37,12 @@ _WALL_HALF = 0.05
 #: Smaller pieces of furniture and of wall are not drawn (m²).
 _LEAST_AREA = 0.015
 #: RGB of the plan, for a light page.
-FLOOR_COLOUR, FURNITURE_COLOUR, EDGE_COLOUR, WALL_COLOUR = (255, 255, 255), (233, 229, 219), (163, 156, 141), (66, 62, 56)
+FLOOR_COLOUR, FURNITURE_COLOUR, EDGE_COLOUR, WALL_COLOUR = (
+    (255, 255, 255),
+    (233, 229, 219),
+    (163, 156, 141),
+    (66, 62, 56),
+)
 
 Outlines = tuple[NDArray[np.float64], ...]
 
@@ -141,7 +146,9 @@ def trace_plan(positions: NDArray[np.float64], bounds: Bounds, floor: float) -> 
         found, _ = cv2.findContours(grid, cv2.RETR_CCOMP if holes else cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         lines = (cv2.approxPolyDP(line, 1.5, True)[:, 0] for line in found if cv2.contourArea(line) * cell**2 >= least)
         # A contour passes through the middles of the cells.
-        return tuple((line + 0.5 - ring) * cell + (bounds.left, bounds.top) for line in lines if len(line) > 2)
+        return tuple(
+            np.asarray((v + 0.5 - ring) * cell + (bounds.left, bounds.top), np.float64) for v in lines if len(v) > 2
+        )
 
     head = EYES + HEAD
     ceiling = float(height.max(initial=head))
@@ -150,11 +157,11 @@ def trace_plan(positions: NDArray[np.float64], bounds: Bounds, floor: float) -> 
     high = cells((height >= reaching) & (height < max(head, ceiling - _BELOW_CEILING)))
     thick = square(_WALL_HALF)
     # Above a door there are points at the height of lintels alone: it stays open.
-    wall = cv2.dilate(high, thick) & cv2.dilate(low, thick)
-    wall = closed(np.asarray(wall, dtype=np.uint8), _WALL_GAP)
+    both = cv2.bitwise_and(cv2.dilate(high, thick), cv2.dilate(low, thick))
+    wall = closed(np.asarray(both, dtype=np.uint8), _WALL_GAP)
     wall = np.asarray(cv2.morphologyEx(wall, cv2.MORPH_OPEN, square(_WALL_HALF / 2)), dtype=np.uint8)
-    body = closed(low, _FURNITURE_GAP)
-    furniture = cv2.morphologyEx(body & ~cv2.dilate(wall, square(_WALL_HALF / 2)) & 1, cv2.MORPH_OPEN, square(0.02))
+    free = cv2.bitwise_and(closed(low, _FURNITURE_GAP), 1 - cv2.dilate(wall, square(_WALL_HALF / 2)))
+    furniture = cv2.morphologyEx(free, cv2.MORPH_OPEN, square(0.02))
     ground = closed(cells(height < head), _FLOOR_GAP) | wall
     return Plan(
         outlines(ground, 25 * _LEAST_AREA),

@@ -81,7 +81,8 @@ class Patches:
         if count <= NEIGHBOURS:
             none = np.zeros((count, 3))
             return cls(positions, none, np.zeros((count, 2, 3)), np.zeros((count, 2, 2)))
-        distance, near = KDTree(positions).query(positions, k=NEIGHBOURS + 1)
+        found = KDTree(positions).query(positions, k=NEIGHBOURS + 1)
+        distance, near = np.asarray(found[0]), np.asarray(found[1])
         spread = positions[near] - positions[near].mean(axis=1, keepdims=True)
         values, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))
         # Points on a line lie on many planes, and so on none.
@@ -99,7 +100,7 @@ class Patches:
         return cls(positions, normals, axes, np.clip(np.stack([low, high], axis=-1), -LONGEST, LONGEST))
 
     def corners(self, rows: NDArray[np.int64], camera: NDArray[np.float64], top: float) -> NDArray[np.float64]:
-        """The corners (M, 4, 3) of some patches, counter-clockwise as the camera at (3,) sees them, and cut at a height.
+        """The corners (M, 4, 3) of patches, counter-clockwise as the camera at (3,) sees them, cut at a height.
 
         Args:
             rows: (M,) which.
@@ -185,9 +186,7 @@ def _views(observation: Observation) -> list[View]:
     return views
 
 
-def _shared_out(
-    views: list[View], patches: Patches, wanted: NDArray[np.bool_]
-) -> list[tuple[View, NDArray[np.int64]]]:
+def _shared_out(views: list[View], patches: Patches, wanted: NDArray[np.bool_]) -> list[tuple[View, NDArray[np.int64]]]:
     """Which patches each view shows: every patch in the view that sees most of it, from near and from the front."""
     sharpest, owner = np.zeros(len(wanted)), np.full(len(wanted), -1)
     for number, view in enumerate(views):
