@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -13,6 +14,19 @@ MISSING = "–"
 def words(name: str | None) -> str:
     """``washing machine`` of ``washing_machine``; a dash of nothing."""
     return name.replace("_", " ") if name else MISSING
+
+
+_UNIT = re.compile(r"(?<=\d) (?=%|(?:dB|k?Hz|ms?|s|cm|px|pixels|bits|frames)\b)")
+
+
+def keep_units(text: str) -> str:
+    r"""Text whose numbers stay on one line with their units.
+
+    Examples:
+        >>> keep_units("0.8 to 3.5 m, 95 %") == "0.8 to 3.5\N{NO-BREAK SPACE}m, 95\N{NO-BREAK SPACE}%"
+        True
+    """
+    return _UNIT.sub("\N{NO-BREAK SPACE}", text)
 
 
 def template_environment(package: str) -> Environment:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import re
+import subprocess
+import sys
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -11,6 +14,7 @@ from typing import Any
 
 import pytest
 import yaml
+from browser import launch, visit
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -113,3 +117,67 @@ def test_lists_and_fences_are_what_github_shows(hooks: ModuleType) -> None:
     assert site(hooks, "a.md", "- one\n- two\n") == "- one\n- two\n"
     assert site(hooks, "a.md", "```figures twins\nTwo:\n- [a](docs/x)\n```\n") == "```text\nTwo:\n- [a](docs/x)\n```\n"
     assert site(hooks, "a.md", '```python title="a.py"\n```\n') == '```python title="a.py"\n```\n'
+
+
+# --- The theme -------------------------------------------------------------------------------------------------------
+
+#: Code whose lines are cut off: they go on beyond their box, which neither wraps nor shows a bar to scroll with.
+_CUT_OFF = """
+[...document.querySelectorAll('.md-content pre > code')].filter((e) => {
+  const style = getComputedStyle(e);
+  const bar = style.overflowX === 'auto' && style.scrollbarWidth !== 'none' && !style.scrollbarColor.includes('rgba(0, 0, 0, 0) rgba');
+  return e.scrollWidth > e.clientWidth + 1 && !(bar && style.whiteSpace === 'pre');
+}).map((e) => e.textContent.slice(0, 60))
+"""  # noqa: E501
+_COLOURS = """
+(() => {
+  const shown = (selector) => [...document.querySelectorAll(selector)].filter((e) => e.textContent.trim() && e.getBoundingClientRect().width);
+  const of = (e, name) => getComputedStyle(e)[name].match(/[\\d.]+/g).map(Number);
+  const ground = (e) => { for (let up = e; up; up = up.parentElement) { const c = of(up, 'backgroundColor'); if ((c[3] ?? 1) > 0.99) return c; } return [255, 255, 255]; };
+  return shown('.md-content p, .md-content a:not(.headerlink), .md-content h1, .md-content h2, .md-content code, .md-content code span, .md-nav__link, .md-header__title')
+    .map((e) => [of(e, 'color'), ground(e), e.textContent.trim().slice(0, 30)]);
+})()
+"""  # noqa: E501
+
+
+@pytest.fixture(scope="module")
+def built(hooks: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    pytest.importorskip("material", reason="the site needs the [docs] extra")
+    folder = tmp_path_factory.mktemp("site") / "site"
+    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--site-dir", str(folder)]
+    subprocess.run(command, cwd=ROOT, check=True, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"})
+    return folder
+
+
+def luminance(colour: list[float]) -> float:
+    linear = [c / 12.92 if c <= 0.03928 else ((c + 0.055) / 1.055) ** 2.4 for c in (v / 255 for v in colour[:3])]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+@pytest.mark.slow
+def test_the_site_has_a_switch_of_themes_legible_colours_and_no_code_that_is_cut_off(built: Path) -> None:
+    with launch() as browser:
+        for name in ("index.html", "metrics.html", "exports.html", "reference/evaluators.html"):
+            for width in (1280, 390):
+                with visit(browser, built / name, width=width) as opened:
+                    assert opened.overflow <= 0, name
+                    assert opened.page.evaluate(_CUT_OFF) == [], name
+                    assert not [a for a in opened.asked if not a.startswith("file:")], "all is of the site"
+        for dark in (False, True):
+            with visit(browser, built / "index.html", dark=dark) as opened:
+                page = opened.page
+                scheme = "document.body.getAttribute('data-md-color-scheme')"
+                paper = "getComputedStyle(document.body).backgroundColor"
+                assert page.evaluate(paper) == ("rgb(20, 21, 24)" if dark else "rgb(251, 250, 247)"), (
+                    "as the system has it"
+                )
+                found = page.evaluate(_COLOURS)
+                assert len(found) > 50
+                for ink, ground, text in found:
+                    high, low = sorted((luminance(ink), luminance(ground)), reverse=True)
+                    assert (high + 0.05) / (low + 0.05) >= 4.5, (text, ink, ground)
+                seen = set()
+                for _ in range(3):
+                    page.click(".md-header__option label:not([hidden])")
+                    seen.add(page.evaluate(scheme))
+                assert seen == {"default", "slate"}

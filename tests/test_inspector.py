@@ -36,7 +36,6 @@ from avs3d_bench.inspector import pictures, sound
 from avs3d_bench.inspector.build import Built, build_site
 from avs3d_bench.inspector.cli import view
 from avs3d_bench.inspector.facts import read_facts
-from avs3d_bench.inspector.floorplan import Bounds, rasterise
 from avs3d_bench.inspector.server import ViewServer
 from avs3d_bench.inspector.site import ObservationSite
 from avs3d_bench.inspector.submissions import ShownSubmission, open_submissions
@@ -188,24 +187,6 @@ def test_the_outline_encloses_the_mask() -> None:
     truth = cv2.resize(ring.astype(np.uint8), (1000, 1000), interpolation=cv2.INTER_NEAREST)
     assert len(contours) == 2  # the hole is one
     assert (drawn & truth).sum() / (drawn | truth).sum() > 0.94
-
-
-def test_a_floor_plan_shows_the_higher_point_and_nothing_far_from_any() -> None:
-    x, z = np.meshgrid(np.arange(0, 2, 0.1), np.arange(0, 2, 0.1))
-    floor = np.stack([x.ravel(), np.zeros(x.size), z.ravel()], axis=1)
-    table = floor[(floor[:, 0] > 1.2) & (floor[:, 2] > 1.2)] + (0.0, 0.8, 0.0)
-    ceiling = floor + (0.0, 2.5, 0.0)
-    colours = np.repeat(np.array([[200, 0, 0], [0, 200, 0], [0, 0, 200]], np.uint8),
-                        [len(floor), len(table), len(ceiling)], axis=0)  # fmt: skip
-    plan = rasterise(np.concatenate([floor, table, ceiling]), colours, Bounds(-1.0, -1.0, 4.0, 4.0), 0.0)
-    scale = plan.shape[0] / 4.0
-
-    def at(x: float, z: float) -> Any:
-        return plan[int((z + 1) * scale), int((x + 1) * scale)]
-
-    assert tuple(at(0.55, 0.55)) == (200, 0, 0, 255)
-    assert tuple(at(1.6, 1.6)) == (0, 200, 0, 255)
-    assert at(-0.7, 0.5)[3] == at(2.7, 2.7)[3] == 0
 
 
 # ---- facts -----------------------------------------------------------------------------------------------------
@@ -631,7 +612,7 @@ def test_the_gallery_loads_thumbnails_and_no_frames(many: Path, browser: Any) ->
         until(opened.page, "[...document.images].every(i => i.complete && i.naturalWidth)")
         assert len(shown(opened.page)) == 34
         assert {Path(address).name for address in opened.asked} <= {
-            "thumbnail.webp", "style.css", "theme.js", "gallery.js"
+            "thumbnail.webp", "style.css", "tables.css", "theme.js", "tables.js", "gallery.js"
         }  # fmt: skip
         assert sum(address.endswith("thumbnail.webp") for address in opened.asked) == 34
         assert not opened.said
@@ -678,7 +659,7 @@ def until(page: Any, condition: str, seconds: float = 10.0) -> None:
 
 @contextmanager
 def player(browser: Any, address: str, **options: Any) -> Iterator[tuple[Any, list[str], list[str]]]:
-    """(page, what the console said, what was asked for)."""
+    """(page, what the console said, what was asked for); the first frame is shown, where the address names none."""
     context = browser.new_context(viewport={"width": options.pop("width", 1280), "height": 900}, **options)
     page = context.new_page()
     said: list[str] = []
@@ -687,7 +668,7 @@ def player(browser: Any, address: str, **options: Any) -> Iterator[tuple[Any, li
     page.on("pageerror", lambda error: said.append(str(error)))
     page.on("request", lambda request: asked.append(request.url))
     try:
-        page.goto(address, wait_until="load")
+        page.goto(address if "#" in address else f"{address}#frame_000", wait_until="load")
         until(page, "Boolean(document.getElementById('screen').dataset.frame)")
         yield page, said, asked
     finally:
@@ -865,7 +846,7 @@ def test_submissions_are_switched_and_their_errors_coloured(
         assert np.ptp(rest) < 12  # grey: nothing is marked there any more
         page.keyboard.press("ArrowRight")
         drawn(page, 1)
-        assert "train frame" in page.text_content("#say")
+        assert "Train frame" in page.text_content("#say")
         layers(page, "frame")
         assert not said
 

@@ -673,7 +673,7 @@ def test_a_sibling_whose_data_is_missing_is_opened_as_a_page(site: Path, tmp_pat
     (copy / SECOND / "scene.js").unlink()
     with player(browser, (copy / FIRST / "index.html").as_uri()) as (page, _, _):
         page.keyboard.press("g")
-        page.wait_for_url("**/2/index.html")
+        page.wait_for_url("**/2/index.html#frame_000")
         assert page.text_content("#heading") == "Microwave #3"
 
 

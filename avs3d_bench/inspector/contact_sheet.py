@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,8 @@ from avs3d_bench.inspector.contact_scenes import (
     scene_summary,
     write_audible,
 )
+from avs3d_bench.inspector.floorplan import MARGIN, PIXELS_PER_METRE, Bounds, paint_plan, read_plan
+from avs3d_bench.inspector.labels import Box, place_labels
 from avs3d_bench.inspector.sound_scenes import ShownScene, read_sound_scene
 from avs3d_bench.layout import FRAME_RATE, is_test
 from avs3d_bench.levels import ild_db
@@ -38,6 +41,8 @@ MUTED = "#8a90a0"
 SOURCE = "#e4572e"
 SILENT = "#4b7bec"
 PATH = "#1b998b"
+#: Around the floor plan, and pixels of the plan a metre.
+OUTSIDE, PLAN_SCALE = "#ece9e2", 2 * PIXELS_PER_METRE
 #: Pixels per side of a thumbnail.
 THUMBNAIL = 320
 #: The brightest colour of the spectrogram stands for this density at least (dB re 1/Hz): silence is dark.
@@ -100,8 +105,13 @@ def draw_contact_sheet(observation: Observation, columns: int = 8) -> Figure:
         top, bottom = halves
         _frames(top, observation, record, columns, scene)
         left, right = bottom.subfigures(1, 2, width_ratios=[1.0, 1.35])
-        _map(left.subplots(), observation, record, scene)
+        plan = left.subplots()
+        labels = _map(plan, observation, record, scene)
         _sound(right, observation, record, scene)
+        # How many pixels a metre has is known once all is laid out; it stays as it is.
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")
+        _name_objects(figure, plan, labels)
     return figure
 
 
@@ -137,11 +147,37 @@ def _thumbnail(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(cv2.resize(pixels, (THUMBNAIL, THUMBNAIL), interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
+def chosen_frames(visible: Sequence[int], count: int) -> list[int]:
+    """The frames of a sheet: those that show the object, spread over time, then others if these are too few.
+
+    Args:
+        visible: pixels of the object in each frame.
+        count: how many frames are wanted.
+
+    Examples:
+        >>> chosen_frames([0, 0, 5, 5, 5, 0, 7, 0], 2)
+        [2, 6]
+        >>> chosen_frames([0, 9, 0, 0, 0], 3)
+        [1, 0, 4]
+    """
+    shows = [number for number, pixels in enumerate(visible) if pixels]
+    others = [number for number, pixels in enumerate(visible) if not pixels]
+    first = _spread(shows, count)
+    return first + _spread(others, count - len(first))
+
+
+def _spread(numbers: Sequence[int], count: int) -> list[int]:
+    """At most ``count`` of them, evenly."""
+    kept = min(count, len(numbers))
+    if kept < 1:
+        return []
+    return [numbers[at] for at in np.linspace(0, len(numbers) - 1, kept).round().astype(int)]
+
+
 def _frames(
     figure: Any, observation: Observation, record: ObservationRecord, columns: int, scene: ShownScene | None
 ) -> None:
-    count = min(columns, len(record.frames))
-    chosen = np.unique(np.linspace(0, len(record.frames) - 1, count).round().astype(int))
+    chosen = chosen_frames([frame.visible_pixels for frame in record.frames], columns)
     axes = figure.subplots(2, len(chosen), squeeze=False)
     for column, index in enumerate(chosen):
         frame = observation.frames[index]
@@ -162,57 +198,118 @@ def _frames(
             axes[row, column].set_axis_off()
 
 
-def _map(axes: Any, observation: Observation, record: ObservationRecord, scene: ShownScene | None) -> None:
-    """Top-down: x to the right, z downwards (as seen from above); surface points, path, headings, instances."""
-    points = observation.colmap.points
-    floor = min(frame.position[1] for frame in record.frames) - 1.5
-    # Below head height, so that the ceiling and lamps do not hide the room.
-    low = points.positions[:, 1] < floor + 1.9
-    order = np.argsort(points.positions[low, 1], kind="stable")
-    xyz, colours = points.positions[low][order], points.colours[low][order]
-    axes.scatter(xyz[:, 0], xyz[:, 2], c=colours / 255.0, s=7, linewidths=0)
-    path = np.array([frame.position for frame in record.frames])
-    heading = np.array([frame.pose.rotation_matrix @ (0.0, 0.0, -1.0) for frame in record.frames])
-    axes.plot(path[:, 0], path[:, 2], color=PATH, linewidth=2, label="path")
+@dataclass(frozen=True)
+class _Label:
+    """The name of an object on the map: its box (left, top, right, bottom) in metres, and the colour of the text."""
+
+    box: tuple[float, float, float, float]
+    text: str
+    colour: Any
+
+
+def _map(axes: Any, observation: Observation, record: ObservationRecord, scene: ShownScene | None) -> list[_Label]:
+    """The floor plan from above (x to the right, z downwards) with path, headings of test frames, and objects.
+
+    Returns:
+        The names of the objects, still to be written.
+    """
+    path = np.array([frame.position for frame in record.frames])[:, [0, 2]]
+    boxes = np.array([instance.bounds for instance in record.instances]).reshape(-1, 2, 3)[:, :, [0, 2]]
+    reach = np.concatenate([path, boxes.reshape(-1, 2)])
+    low, high = reach.min(axis=0) - MARGIN, reach.max(axis=0) + MARGIN
+    bounds = Bounds(*(float(v) for v in (*low, *(high - low))))
+    size = round(bounds.width * PLAN_SCALE), round(bounds.height * PLAN_SCALE)
+    axes.set_facecolor(OUTSIDE)
+    axes.imshow(
+        paint_plan(read_plan(observation, bounds), bounds, size),
+        extent=(low[0], high[0], high[1], low[1]), interpolation="antialiased", zorder=0,
+    )  # fmt: skip
+    axes.plot(*path.T, color="white", linewidth=5, solid_capstyle="round", zorder=2)
+    axes.plot(*path.T, color=PATH, linewidth=2.2, label="path", zorder=3)
+    axes.plot(*path[0], "o", color=PATH, markersize=8, markeredgecolor="white", label="start", zorder=4)
+    heading = np.array([frame.pose.rotation_matrix @ (0.0, 0.0, -1.0) for frame in record.frames])[:, [0, 2]]
     test = np.array([is_test(index) for index in range(len(path))])
-    for chosen, colour, label in ((~test, PATH, "heading, train"), (test, INK, "heading, test")):
-        axes.quiver(
-            *path[chosen][:, [0, 2]].T, *heading[chosen][:, [0, 2]].T,
-            color=colour, angles="xy", scale=28, width=0.003, label=label,
-        )  # fmt: skip
-    for instance in record.instances:
-        (x0, _, z0), (x1, _, z1) = instance.bounds
+    axes.quiver(
+        *path[test].T, *heading[test].T, color=INK, angles="xy", scale_units="xy", scale=2.5, width=0.0045,
+        label="heading in test frames", zorder=4,
+    )  # fmt: skip
+    labels: list[_Label] = []
+    for instance, ((x0, z0), (x1, z1)) in zip(record.instances, boxes.tolist(), strict=True):
         style: Any = SOURCE if instance.sounding else SILENT
         name = words(instance.category)
         if scene is not None:
             style, name = instance_style(scene, instance.id, sounding=instance.sounding), scene.names[instance.id]
-        axes.plot([x0, x1, x1, x0, x0], [z0, z0, z1, z1, z0], color=style, linewidth=2.5)
-        mark = " (sounds)" if instance.sounding else ""
-        axes.annotate(
-            f"{name}{mark}", ((x0 + x1) / 2, max(z0, z1)), xytext=(0, -14),
-            textcoords="offset points", ha="center", fontsize=9, color=style, weight="bold",
-            bbox={"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 1},
-        )  # fmt: skip
+        axes.fill(
+            [x0, x1, x1, x0], [z0, z0, z1, z1], facecolor=_with_alpha(style, 0.25), edgecolor=style, linewidth=2.2
+        )
+        text = f"{name} (sounds)" if instance.sounding else name
+        labels.append(_Label((x0, z0, x1, z1), text, style if instance.sounding or scene is None else INK))
     if record.moves:
         way = np.array([record.source_at(frame) for frame in record.frames])
-        axes.plot(way[:, 0], way[:, 2], color=SOURCE, linewidth=2, label="path of the source")
+        axes.plot(way[:, 0], way[:, 2], color=SOURCE, linewidth=2, label="path of the source", zorder=3)
     if record.source_position is not None and scene is None:
         label = "source at the first frame" if record.moves else "source"
-        axes.plot(record.source_position[0], record.source_position[2], "*", color=SOURCE, markersize=16, label=label)
-    reach = np.array([path[:, [0, 2]].min(axis=0) - 2.2, path[:, [0, 2]].max(axis=0) + 2.2])
-    if scene is not None:
-        bounds = np.array([instance.bounds for instance in record.instances])[:, :, [0, 2]]
-        reach = np.array(
-            [np.minimum(reach[0], bounds[:, 0].min(axis=0) - 1), np.maximum(reach[1], bounds[:, 1].max(axis=0) + 1)]
-        )
-    axes.set_xlim(reach[0, 0], reach[1, 0])
-    axes.set_ylim(reach[1, 1], reach[0, 1])
+        x, _, z = record.source_position
+        axes.plot(x, z, "*", color=SOURCE, markersize=16, markeredgecolor="white", label=label, zorder=5)
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(high[1], low[1])
     if scene is not None:
         mark_sources(axes, scene)
     axes.set_aspect("equal")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("z (m)")
-    axes.legend(loc="upper right", fontsize=9, framealpha=0.8)
+    # Beside the plan, which it would hide.
+    axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), fontsize=9, frameon=False, borderaxespad=0)
+    return labels
+
+
+def _with_alpha(colour: Any, alpha: float) -> Any:
+    """A colour of matplotlib's with an opacity."""
+    from matplotlib.colors import to_rgba
+
+    return to_rgba(colour, alpha)
+
+
+def _name_objects(figure: Figure, axes: Any, labels: Sequence[_Label]) -> None:
+    """Write names so that none overlaps another; a line leads to the object of one that lies further away."""
+    height = figure.bbox.height
+
+    def pixels(box: Sequence[float]) -> Box:
+        (x0, y0), (x1, y1) = axes.transData.transform(np.reshape(box, (2, 2)))
+        # matplotlib counts pixels from below.
+        return Box(min(x0, x1), height - max(y0, y1), max(x0, x1), height - min(y0, y1))
+
+    texts = [
+        axes.annotate(
+            label.text,
+            (0, 0),
+            xycoords="figure pixels",
+            ha="left",
+            va="top",
+            fontsize=9,
+            color=label.colour,
+            weight="bold",
+            annotation_clip=False,
+            zorder=7,
+            bbox={"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 1},
+        )
+        for label in labels
+    ]
+    extents = [text.get_window_extent() for text in texts]
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    marks = [pixels(label.box) for label in labels]
+    sizes = [(extent.width + 4, extent.height + 4) for extent in extents]
+    places = place_labels(marks, sizes, pixels((left, top, right, bottom)))
+    for label, text, mark, place in zip(labels, texts, marks, places, strict=True):
+        text.set_position((place.left + 2, height - place.top - 2))
+        text.xy = text.get_position()
+        start, end = mark.nearest(place), place.nearest(mark)
+        if np.hypot(end[0] - start[0], end[1] - start[1]) > 0.75 * (place.bottom - place.top):
+            axes.annotate(
+                "", (start[0], height - start[1]), xytext=(end[0], height - end[1]), xycoords="figure pixels",
+                textcoords="figure pixels", annotation_clip=False, zorder=6,
+                arrowprops={"arrowstyle": "-", "color": label.colour, "linewidth": 1, "shrinkA": 0, "shrinkB": 0},
+            )  # fmt: skip
 
 
 def _sound(figure: Any, observation: Observation, record: ObservationRecord, scene: ShownScene | None) -> None:

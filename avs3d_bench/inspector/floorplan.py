@@ -1,4 +1,9 @@
-"""The floor plan under the map: the sparse model seen from above, below head height."""
+"""The floor plan under every map: walls, furniture and floor, traced from the points of the sparse model.
+
+No dataset holds a mesh of the room. A wall has points one above the other from the furniture's height up to the
+lintels of the doors; furniture has points off the floor and below that height; floor lies around and below both. Each
+becomes a grid, small gaps are closed, and the outlines are traced.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +20,31 @@ from avs3d_bench.inspector.pictures import rgba_png
 
 #: Metres around the path and the objects that the map shows.
 MARGIN = 1.25
-#: The sensor's height above the floor, and what is left out above it: ceilings and lamps would hide the room.
+#: The sensor's height above the floor, and what is left out above it: ceilings and lamps would hide the room (m).
 EYES, HEAD = 1.5, 0.4
 PIXELS_PER_METRE = 96
 _MAX_SIDE = 1600
-#: Layers of the plan from below, metres: heights above the floor, how far a point spreads, how far colours blend.
-_LAYERS = ((-1.0, 0.1, 0.45, 0.05), (0.1, EYES + HEAD, 0.08, 0.012))
+#: Points below this height are floor (m).
+_LOW = 0.1
+#: Walls reach above head height; the ceiling and what hangs within this distance below it are no wall (m).
+_BELOW_CEILING = 0.12
+#: Side of a grid cell (m), and the most cells along a side of the map.
+_CELL, _MOST_CELLS = 0.025, 1200
+#: Gaps that are closed: points of the floor and of surfaces lie up to twice as far apart (m).
+_FLOOR_GAP, _WALL_GAP, _FURNITURE_GAP = 0.45, 0.2, 0.12
+#: How far points of one wall lie from one plane: skirting boards, door frames (m). Half of a drawn wall's thickness.
+_WALL_HALF = 0.05
+#: Smaller pieces of furniture and of wall are not drawn (m²).
+_LEAST_AREA = 0.015
+#: RGB of the plan, for a light page.
+FLOOR_COLOUR, FURNITURE_COLOUR, EDGE_COLOUR, WALL_COLOUR = (
+    (255, 255, 255),
+    (233, 229, 219),
+    (163, 156, 141),
+    (66, 62, 56),
+)
+
+Outlines = tuple[NDArray[np.float64], ...]
 
 
 @dataclass(frozen=True)
@@ -31,6 +55,21 @@ class Bounds:
     top: float
     width: float
     height: float
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A floor plan: closed outlines (N, 2) of x and z, metres. Within an odd number of them is inside.
+
+    Attributes:
+        floor: where there is a floor, or something on it.
+        furniture: what stands on the floor or hangs on a wall, below head height.
+        walls: what reaches above head height.
+    """
+
+    floor: Outlines
+    furniture: Outlines
+    walls: Outlines
 
 
 def map_bounds(facts: Facts) -> Bounds | None:
@@ -49,8 +88,18 @@ def map_bounds(facts: Facts) -> Bounds | None:
     return Bounds(*(round(float(v), 3) for v in (*low, *(high - low))))
 
 
+def read_plan(observation: Observation, bounds: Bounds) -> Plan:
+    """The floor plan of an observation whose frames have poses.
+
+    Raises:
+        Avs3dError: if the sparse model is missing or damaged.
+    """
+    floor = min(frame.pose.position[1] for frame in observation.frames if frame.has_pose) - EYES
+    return trace_plan(observation.colmap.points.positions, bounds, floor)
+
+
 def draw_floorplan(observation: Observation, facts: Facts) -> bytes:
-    """The points of `sparse/0` from above in their colours, as a transparent PNG that fills `map_bounds`.
+    """The floor plan as a PNG that fills `map_bounds`; transparent where nothing is known.
 
     Raises:
         Avs3dError: if the sparse model is missing or damaged, or no frame has a pose.
@@ -58,60 +107,89 @@ def draw_floorplan(observation: Observation, facts: Facts) -> bytes:
     bounds = map_bounds(facts)
     if bounds is None:
         raise Avs3dError(f"{observation.key}: no frame has a pose, so there is no map")
-    points = observation.colmap.points
-    return rgba_png(rasterise(points.positions, points.colours, bounds, _floor(facts)))
+    scale = min(PIXELS_PER_METRE, _MAX_SIDE / max(bounds.width, bounds.height))
+    size = max(1, round(bounds.width * scale)), max(1, round(bounds.height * scale))
+    return rgba_png(paint_plan(read_plan(observation, bounds), bounds, size))
 
 
-def _floor(facts: Facts) -> float:
-    return min(m.position[1] for m in facts.moments if m.position) - EYES
+def trace_plan(positions: NDArray[np.float64], bounds: Bounds, floor: float) -> Plan:
+    """Trace floor, furniture and walls.
+
+    Args:
+        positions: (N, 3) points of surfaces, metres, Y up.
+        bounds: the part that is wanted.
+        floor: its height, metres.
+    """
+    cell = max(_CELL, max(bounds.width, bounds.height) / _MOST_CELLS)
+    # Gaps at the border are closed with what lies just outside.
+    ring = int(np.ceil(2 * _FLOOR_GAP / cell))
+    shape = int(np.ceil(bounds.height / cell)) + 2 * ring, int(np.ceil(bounds.width / cell)) + 2 * ring
+    height = positions[:, 1] - floor
+    at = np.floor((positions[:, [0, 2]] - (bounds.left, bounds.top)) / cell).astype(np.int64) + ring
+    inside = ((at >= 0) & (at < shape[::-1])).all(axis=1) & (height > -1.0)
+    at, height = at[inside], height[inside]
+
+    def cells(chosen: NDArray[np.bool_]) -> NDArray[np.uint8]:
+        grid = np.zeros(shape, dtype=np.uint8)
+        grid[at[chosen, 1], at[chosen, 0]] = 1
+        return grid
+
+    def square(reach: float) -> NDArray[np.uint8]:
+        # Squares, not discs: corners stay corners.
+        side = 2 * max(1, round(reach / cell)) + 1
+        return np.ones((side, side), dtype=np.uint8)
+
+    def closed(grid: NDArray[np.uint8], gap: float) -> NDArray[np.uint8]:
+        return np.asarray(cv2.morphologyEx(grid, cv2.MORPH_CLOSE, square(gap)), dtype=np.uint8)
+
+    def outlines(grid: NDArray[np.uint8], least: float, holes: bool = False) -> Outlines:
+        found, _ = cv2.findContours(grid, cv2.RETR_CCOMP if holes else cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        lines = (cv2.approxPolyDP(line, 1.5, True)[:, 0] for line in found if cv2.contourArea(line) * cell**2 >= least)
+        # A contour passes through the middles of the cells.
+        return tuple(
+            np.asarray((v + 0.5 - ring) * cell + (bounds.left, bounds.top), np.float64) for v in lines if len(v) > 2
+        )
+
+    head = EYES + HEAD
+    ceiling = float(height.max(initial=head))
+    reaching = min(head, ceiling - 5 * _BELOW_CEILING)
+    low = cells((height >= _LOW) & (height < reaching))
+    high = cells((height >= reaching) & (height < max(head, ceiling - _BELOW_CEILING)))
+    thick = square(_WALL_HALF)
+    # Above a door there are points at the height of lintels alone: it stays open.
+    both = cv2.bitwise_and(cv2.dilate(high, thick), cv2.dilate(low, thick))
+    wall = closed(np.asarray(both, dtype=np.uint8), _WALL_GAP)
+    wall = np.asarray(cv2.morphologyEx(wall, cv2.MORPH_OPEN, square(_WALL_HALF / 2)), dtype=np.uint8)
+    free = cv2.bitwise_and(closed(low, _FURNITURE_GAP), 1 - cv2.dilate(wall, square(_WALL_HALF / 2)))
+    furniture = cv2.morphologyEx(free, cv2.MORPH_OPEN, square(0.02))
+    ground = closed(cells(height < head), _FLOOR_GAP) | wall
+    return Plan(
+        outlines(ground, 25 * _LEAST_AREA),
+        outlines(np.asarray(furniture, dtype=np.uint8), _LEAST_AREA),
+        outlines(wall, _LEAST_AREA, holes=True),
+    )
 
 
-def rasterise(
-    positions: NDArray[np.float64], colours: NDArray[np.uint8], bounds: Bounds, floor: float
-) -> NDArray[np.uint8]:
-    """A floor plan from points (N, 3) of RGB colours (N, 3): each pixel has the colour of the nearest point.
-
-    Points near the floor spread further than those of furniture and walls, which lie over them. Further away from any
-    point the plan is transparent.
+def paint_plan(plan: Plan, bounds: Bounds, size: tuple[int, int]) -> NDArray[np.uint8]:
+    """Draw a plan that fills a picture of ``size`` (width, height).
 
     Returns:
-        (H, W, 4) RGBA.
+        (H, W, 4) RGBA, transparent outside of floor and walls.
     """
-    scale = min(PIXELS_PER_METRE, _MAX_SIDE / max(bounds.width, bounds.height))
-    size = (max(1, round(bounds.height * scale)), max(1, round(bounds.width * scale)))
-    height = positions[:, 1] - floor
-    colour, cover = np.zeros((*size, 3), dtype=np.float32), np.zeros(size, dtype=np.float32)
-    for low, high, reach, blur in _LAYERS:
-        chosen = (height >= low) & (height < high)
-        # Lower points first: where two fall on one pixel the higher is seen.
-        order = np.argsort(height[chosen], kind="stable")
-        at = np.floor((positions[chosen][order][:, [0, 2]] - (bounds.left, bounds.top)) * scale).astype(int)
-        inside = ((at >= 0) & (at < size[::-1])).all(axis=1)
-        if not inside.any():
-            continue
-        upper, share = _spread(at[inside], colours[chosen][order][inside], size, reach * scale, blur * scale)
-        colour += share[..., None] * (upper - colour)
-        # Colours are kept apart from cover: a soft edge must not darken.
-        colour = np.where((cover == 0)[..., None], upper, colour)
-        cover = np.maximum(cover, share)
-    return np.dstack([np.rint(colour), np.rint(255 * cover)]).clip(0, 255).astype(np.uint8)
+    # Drawn at twice the size and averaged, with eight bits of fractions: even edges.
+    width, height = 2 * size[0], 2 * size[1]
+    scale = np.array([width / bounds.width, height / bounds.height])
 
+    def pixels(lines: Outlines) -> list[NDArray[np.int32]]:
+        return [np.rint(((line - (bounds.left, bounds.top)) * scale - 0.5) * 256).astype(np.int32) for line in lines]
 
-def _spread(
-    at: NDArray[np.int64], colours: NDArray[np.uint8], size: tuple[int, int], reach: float, blur: float
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Colours (H, W, 3) of the nearest of the points at (column, row), and how much each pixel is covered (H, W)."""
-    empty = np.ones(size, dtype=np.uint8)
-    empty[at[:, 1], at[:, 0]] = 0
-    seeds = np.zeros((*size, 3), dtype=np.float32)
-    seeds[at[:, 1], at[:, 0]] = colours
-    distance, labels = cv2.distanceTransformWithLabels(empty, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
-    table = np.zeros((int(labels.max()) + 1, 3), dtype=np.float32)
-    table[labels[empty == 0]] = seeds[empty == 0]
-    near = table[labels]
-    if blur > 0:
-        near = np.asarray(cv2.GaussianBlur(near, (0, 0), blur), dtype=np.float32)
-    # Gaps narrower than twice the reach are closed, but the outside is not pushed out (a morphological closing).
-    within = np.pad((distance <= reach).astype(np.uint8), 1, mode="edge")
-    depth = cv2.distanceTransform(within, cv2.DIST_L2, 5)[1:-1, 1:-1]
-    return near, np.clip(depth - 0.9 * reach + 0.5, 0, 1).astype(np.float32)
+    colour = np.full((height, width, 3), FLOOR_COLOUR, dtype=np.uint8)
+    cover = np.zeros((height, width), dtype=np.uint8)
+    for lines in (plan.floor, plan.walls):
+        cv2.fillPoly(cover, pixels(lines), 255, cv2.LINE_AA, 8)
+    thick = max(2, round(float(scale.min()) * 0.018))
+    cv2.fillPoly(colour, pixels(plan.furniture), FURNITURE_COLOUR, cv2.LINE_AA, 8)
+    cv2.polylines(colour, pixels(plan.furniture), True, EDGE_COLOUR, thick, cv2.LINE_AA, 8)
+    cv2.fillPoly(colour, pixels(plan.walls), WALL_COLOUR, cv2.LINE_AA, 8)
+    whole = np.dstack([colour, cover])
+    return np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)

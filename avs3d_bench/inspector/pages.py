@@ -22,7 +22,7 @@ from avs3d_bench.inspector.site import ObservationSite
 from avs3d_bench.inspector.sound_scenes import SCENE_KINDS, ShownSource
 from avs3d_bench.layout import BACKGROUND
 from avs3d_bench.taxonomy import PARTS, ROOMS
-from avs3d_bench.templates import MISSING, template_environment, words
+from avs3d_bench.templates import MISSING, keep_units, template_environment, words
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -65,7 +65,9 @@ def title(name: str | None) -> str:
 @lru_cache(maxsize=1)
 def _environment() -> Environment:
     environment = template_environment("avs3d_bench.inspector")
-    environment.filters |= {"words": words, "title_case": title, "minus": lambda text: text.replace("-", MINUS)}
+    environment.filters |= {
+        "words": words, "title_case": title, "units": keep_units, "minus": lambda text: text.replace("-", MINUS),
+    }  # fmt: skip
     environment.globals |= {"PART_TITLES": PART_TITLES, "MISSING": MISSING}
     return environment
 
@@ -212,6 +214,7 @@ def _player_data(site: ObservationSite, linked: bool) -> dict[str, Any]:
         ],
         "map": [bounds.left, bounds.top, bounds.width, bounds.height] if bounds else None,
         "moves": facts.moves,
+        "open": site.opening,
         "hfov": _round(facts.hfov, 2),
         "has": {"masks": facts.has_masks, "instances": facts.has_instances and bool(site.colours),
                 "sound": facts.has_sound, "full": linked},

@@ -50,6 +50,7 @@ THUMBNAIL, FLOOR, SOUND, PAGE = "thumbnail.webp", "floor.png", "sound.flac", "in
 SCENE, AMBISONICS = "scene.js", "ambisonics.js"
 SCRIPTS = (
     "theme.js",
+    "tables.js",
     "gallery.js",
     "map.js",
     "plots.js",
@@ -60,7 +61,7 @@ SCRIPTS = (
     "siblings.js",
     "player.js",
 )
-STYLES = ("style.css",)
+STYLES = ("style.css", "tables.css")
 MEDIA_TYPES = {
     ".html": "text/html; charset=utf-8",
     ".css": "text/css; charset=utf-8",
@@ -172,6 +173,17 @@ class ObservationSite:
             else:
                 return frame
         raise problem or Avs3dError(f"{self.observation.path}: no frames")
+
+    @cached_property
+    def opening(self) -> int:
+        """Number of the frame that the player opens on: that of the thumbnail if it shows the object, else the first.
+
+        Raises:
+            Avs3dError: as `poster`.
+        """
+        names = [moment.name for moment in self.facts.moments]
+        at = names.index(self.poster.name)
+        return at if self.facts.moments[at].visible else 0
 
     @cached_property
     def track(self) -> Track:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -10,7 +11,8 @@ import numpy as np
 
 from avs3d_bench.dataset import Observation
 from avs3d_bench.inspector.facts import Facts
-from avs3d_bench.inspector.floorplan import EYES, Bounds, map_bounds, rasterise
+from avs3d_bench.inspector.floorplan import Bounds, map_bounds, paint_plan, read_plan
+from avs3d_bench.inspector.labels import Box, place_labels
 from avs3d_bench.inspector.sound_scenes import ShownSource
 from avs3d_bench.inspector.video_drawing import GROUND, TRUTH
 from avs3d_bench.inspector.video_text import U8, Colour, at_pixel, halved, text_width, write_text
@@ -19,6 +21,8 @@ from avs3d_bench.inspector.video_text import U8, Colour, at_pixel, halved, text_
 SIDE = 0.3
 _AGENT: Colour = (0, 114, 178)
 _WAY, _SILENT = (150, 156, 164), (110, 116, 124)
+#: Outside of all floors.
+_OUTSIDE: Colour = (236, 233, 226)
 #: Length of the drawn field of view, metres.
 _REACH = 0.75
 
@@ -52,14 +56,10 @@ class MapInset:
         side = width * SIDE
         scale = 2 * side / max(bounds.width, bounds.height)
         size = (max(2, round(bounds.width * scale)) & ~1, max(2, round(bounds.height * scale)) & ~1)
-        ground = np.full((size[1], size[0], 3), 250, dtype=np.uint8)
-        floor = min(m.position[1] for m in facts.moments if m.position) - EYES
-        points = observation.colmap.points
-        dots = rasterise(points.positions, points.colours, bounds, floor)
-        how = cv2.INTER_AREA if dots.shape[1] > size[0] else cv2.INTER_LINEAR
-        dots = np.asarray(cv2.resize(dots, size, interpolation=how), np.uint8)
-        cover = dots[..., 3:].astype(np.float32) / 255 * 0.7
-        ground = np.rint(ground * (1 - cover) + dots[..., :3] * cover).astype(np.uint8)
+        ground = np.full((size[1], size[0], 3), _OUTSIDE, dtype=np.uint8)
+        plan = paint_plan(read_plan(observation, bounds), bounds, size)
+        cover = plan[..., 3:].astype(np.float32) / 255
+        ground = np.rint(ground * (1 - cover) + plan[..., :3] * cover).astype(np.uint8)
         inset = cls(facts, bounds, scale, ground)
         for instance in facts.instances:
             if instance.sounding and facts.moves:
@@ -71,6 +71,7 @@ class MapInset:
             cv2.rectangle(ground, corners[0], corners[1], colour, max(1, round(scale * 0.03)), cv2.LINE_AA)
         whole = [inset._pixel(m.position) for m in facts.moments if m.position]
         cv2.polylines(ground, [np.array(whole)], False, _WAY, inset._thick(0.03), cv2.LINE_AA)
+        inset._scale_bar()
         return inset
 
     def draw(self, number: int) -> U8:
@@ -90,13 +91,14 @@ class MapInset:
             cv2.circle(big, spot, self._thick(0.14), (255, 255, 255), -1, cv2.LINE_AA)
             cv2.circle(big, spot, self._thick(0.11), TRUTH, -1, cv2.LINE_AA)
             cv2.circle(big, spot, self._thick(0.24), TRUTH, self._thick(0.03), cv2.LINE_AA)
-        for source in self.facts.scene.sources if self.facts.scene else ():
-            self._source(big, source, audible=source.heard[number] is not None)
+        sources = self.facts.scene.sources if self.facts.scene else ()
+        spots = [self._source(big, source, audible=source.heard[number] is not None) for source in sources]
+        self._names(big, sources, spots)
         cv2.rectangle(big, (0, 0), (big.shape[1] - 1, big.shape[0] - 1), GROUND, 4)
         return halved(big, (big.shape[0] // 2, big.shape[1] // 2, 3))
 
-    def _source(self, big: U8, source: ShownSource, *, audible: bool) -> None:
-        """A source of a sound scene: filled while it is audible; at the border, with its name, if it is off the map."""
+    def _source(self, big: U8, source: ShownSource, *, audible: bool) -> tuple[int, int]:
+        """A source of a sound scene: filled while it is audible; at the border if it is off the map. Returns where."""
         height, width = big.shape[:2]
         inset = self._thick(0.3)
         x, y = self._pixel(source.record.position)
@@ -106,15 +108,46 @@ class MapInset:
         cv2.circle(big, spot, self._thick(0.11), colour, -1 if audible else ring, cv2.LINE_AA)
         if audible:
             cv2.circle(big, spot, self._thick(0.24), colour, ring, cv2.LINE_AA)
-        if spot != (x, y) or source.off_screen:
-            size = 0.032 * max(height, width) * 1.6
-            size *= min(1.0, 0.9 * width / text_width(source.name, size))
-            half = text_width(source.name, size) / 2
-            left = min(max(spot[0] - half, 8.0), width - 2 * half - 8)
-            below = spot[1] + inset + size if spot[1] < height / 2 else spot[1] - inset - 0.4 * size
-            panel = big[round(below - size) : round(below + 0.3 * size), round(left - 6) : round(left + 2 * half + 6)]
-            panel[:] = np.rint(panel * 0.3 + 250 * 0.7).astype(np.uint8)
-            write_text(big, source.name, (left, below), size, GROUND)
+        return spot
+
+    def _names(self, big: U8, sources: Sequence[ShownSource], spots: Sequence[tuple[int, int]]) -> None:
+        """Names of the sources that are off the map or in another room; the others have their colour in the legend."""
+        height, width = big.shape[:2]
+        reach = self._thick(0.24)
+        marks = [Box(x - reach, y - reach, x + reach, y + reach) for x, y in spots]
+        chosen = [
+            (source, mark)
+            for source, spot, mark in zip(sources, spots, marks, strict=True)
+            if source.off_screen or spot != self._pixel(source.record.position)
+        ]
+        size = 0.032 * max(height, width) * 1.6
+        sizes = [min(size, size * 0.9 * width / text_width(source.name, size)) for source, _ in chosen]
+        boxes = place_labels(
+            [mark for _, mark in chosen],
+            [(text_width(s.name, z) + 12, 1.3 * z) for (s, _), z in zip(chosen, sizes, strict=True)],
+            Box(4, 4, width - 4, height - 4),
+            taken=[self._bar],
+        )
+        for (source, _), letters, box in zip(chosen, sizes, boxes, strict=True):
+            panel = big[round(box.top) : round(box.bottom), round(box.left) : round(box.right)]
+            panel[:] = np.rint(panel * 0.2 + 250 * 0.8).astype(np.uint8)
+            write_text(big, source.name, (box.left + 6, box.top + letters), letters, GROUND)
+
+    @property
+    def _bar(self) -> Box:
+        """Where the scale is."""
+        edge, letters = 0.04 * self.ground.shape[1], 0.045 * max(self.ground.shape[:2])
+        bottom = self.ground.shape[0] - edge
+        return Box(edge, bottom - 1.6 * letters, edge + max(self.scale, text_width("1 m", letters)), bottom)
+
+    def _scale_bar(self) -> None:
+        """A metre, with ticks at its ends."""
+        bar, letters, thick = self._bar, 0.045 * max(self.ground.shape[:2]), max(2, round(0.004 * self.ground.shape[1]))
+        tick, right = 0.3 * letters, bar.left + self.scale
+        lines = [(bar.left, bar.bottom - tick), (bar.left, bar.bottom), (right, bar.bottom), (right, bar.bottom - tick)]
+        cv2.polylines(self.ground, [np.array([at_pixel(*at) for at in lines])], False, GROUND, thick, cv2.LINE_AA)
+        middle = (bar.left + right - text_width("1 m", letters)) / 2
+        write_text(self.ground, "1 m", (max(bar.left, middle), bar.bottom - 0.4 * letters), letters, GROUND)
 
     def _agent(self, big: U8, position: tuple[float, float, float], heading: tuple[float, float]) -> None:
         """A dot with the camera's view of 90° before it."""

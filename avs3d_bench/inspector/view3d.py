@@ -19,9 +19,11 @@ from __future__ import annotations
 import contextlib
 import errno
 import io
+import re
 import socket
 import time
 from collections.abc import Callable, Iterator, Sequence
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -29,8 +31,9 @@ from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import atomic_path
 from avs3d_bench.inspector.view3d_data import Scene3D, read_scene
-from avs3d_bench.inspector.view3d_stage import Stage
+from avs3d_bench.inspector.view3d_stage import Stage, legend
 from avs3d_bench.outputs import DRAWN_BY
+from avs3d_bench.templates import words
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -38,6 +41,7 @@ if TYPE_CHECKING:
 HOST = "127.0.0.1"
 #: Seconds that a frame of a recording lasts: quicker than it was walked.
 STEP_SECONDS = 0.4
+_TITLE = re.compile(r"<title>[^<]*</title>")
 
 
 def load_viser() -> ModuleType:
@@ -92,9 +96,7 @@ def save_view(
             recorder.insert_sleep(STEP_SECONDS)
         tell("compressing the recording")
         if target.suffix == ".html":
-            generator = f'<meta name="generator" content="{DRAWN_BY} view-3d">'
-            page = recorder.as_html().replace("<head>", f"<head>{generator}", 1)
-            temporary.write_text(page, encoding="utf-8")
+            temporary.write_text(_titled(recorder.as_html(), scene), encoding="utf-8")
         else:
             temporary.write_bytes(recorder.serialize())
     return target
@@ -161,14 +163,53 @@ def _no_sharing(*_: object, **__: object) -> None:
     """Replaces viser's tunnel to an external server: nothing leaves this computer."""
 
 
-def room_note(scene: Scene3D) -> str:
-    """One or two sentences for the page: what the room is drawn from."""
+def room_note(scene: Scene3D, *, recorded: bool = False) -> str:
+    """One or two sentences for the page: what the room is drawn from.
+
+    Args:
+        scene: what is shown.
+        recorded: the page has no switches.
+    """
     if scene.surfaces:
-        note = "The room: pictures of some frames on triangles between sparse points; the dataset holds no mesh of it."
-        return note if scene.dense is None else f"{note} Points from the depth of some frames can be switched on."
+        note = "The room: pictures of some frames on patches around sparse points; the dataset holds no mesh of it."
+        points = " Points from the depth of some frames can be switched on."
+        return note + (points if scene.dense is not None and not recorded else "")
     if scene.dense is not None:
         return "The room: points from the depth of some frames; the dataset holds no mesh of it."
     return "The room: sparse points. A dataset generated with `--with depth` has dense ones."
+
+
+def scene_title(scene: Scene3D) -> str:
+    """What sounds, and the observation's key."""
+    what = scene.scene.title if scene.scene is not None else words(scene.category) if scene.category else ""
+    return f"{what[:1].upper()}{what[1:]} · {scene.key}" if what else scene.key
+
+
+def legend_html(scene: Scene3D) -> str:
+    """The legend as a list."""
+    rows = "".join(
+        f'<li style="display:flex;gap:.5em;align-items:baseline"><i style="flex:none;width:.7em;height:.7em;'
+        f'border-radius:50%;background:rgb{colour};outline:1px solid #0006"></i>{escape(text)}</li>'
+        for colour, text in legend(scene)
+    )
+    return f'<ul style="list-style:none;margin:0;padding:0;overflow-wrap:anywhere">{rows}</ul>'
+
+
+def _titled(page: str, scene: Scene3D) -> str:
+    """A recording with its title, and a panel that says what it shows: viser's own has neither."""
+    title = escape(scene_title(scene))
+    panel = (
+        '<details open style="position:fixed;left:12px;top:12px;z-index:9;width:19em;max-width:calc(100vw - 24px);'
+        "box-sizing:border-box;padding:.7em .9em;border-radius:6px;background:#fffffff0;color:#1c1b19;"
+        "box-shadow:0 1px 6px #0003;font:14px/1.45 'Helvetica Neue','Segoe UI',Roboto,Arial,sans-serif\">"
+        f'<summary style="cursor:pointer;font-weight:600;overflow-wrap:anywhere">{title}</summary>'
+        f'<p style="margin:.5em 0">{escape(room_note(scene, recorded=True))}</p>{legend_html(scene)}</details>'
+    )
+    # The generator is what a rerun knows its own recording by.
+    heading = f'<meta name="generator" content="{DRAWN_BY} view-3d"><title>{title}</title>'
+    page, named = _TITLE.subn(lambda _: heading, page, count=1)
+    head, body, rest = page.rpartition("<body>")
+    return f"{'' if named else heading}{head}{body}{panel}{rest}"
 
 
 class Controls:
@@ -179,8 +220,9 @@ class Controls:
         server.gui.configure_theme(show_share_button=False, show_logo=False)
         server.gui.set_panel_label("avs3d view-3d")
         frames = stage.scene.frames
-        server.gui.add_markdown(f"**{stage.scene.key}**")
+        server.gui.add_html(f'<p style="margin:0 1em;font-weight:600">{escape(scene_title(stage.scene))}</p>')
         server.gui.add_markdown(room_note(stage.scene))
+        server.gui.add_html(f'<div style="margin:0 1em;font-size:.875em">{legend_html(stage.scene)}</div>')
         caption = server.gui.add_markdown(frames[0].caption)
         self._slider = server.gui.add_slider("frame", 0, max(1, len(frames) - 1), 1, 0)
         self._playing = server.gui.add_checkbox("play", False)

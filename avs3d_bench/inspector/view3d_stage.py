@@ -16,6 +16,7 @@ from avs3d_bench.inspector.view3d_data import Cloud, Scene3D
 from avs3d_bench.inspector.view3d_surfaces import Surface
 from avs3d_bench.ply import Ply
 from avs3d_bench.schema import InstanceRecord, Vector3
+from avs3d_bench.templates import words
 
 #: Pictures on the frusta, pixels a side: in the scene, and of the frame that is shown now.
 THUMB_SIDE, CURRENT_SIDE = 96, 320
@@ -27,6 +28,23 @@ _SOURCE_RADIUS, _NOT_AUDIBLE = 0.06, 0.5
 _TRUTH, _SILENT = (228, 87, 46), (120, 126, 134)
 #: Of submissions, in their order (Okabe & Ito 2008).
 PREDICTED = ((86, 180, 233), (204, 121, 167), (240, 228, 66), (0, 158, 115))
+
+
+Colour = tuple[int, int, int]
+
+
+def legend(scene: Scene3D) -> list[tuple[Colour, str]]:
+    """What the colours of the scene mean: (RGB, text), the objects first."""
+    rows: list[tuple[Colour, str]] = []
+    if scene.scene is not None:
+        rows += [(s.colour, f"{s.name} (off-screen)" if s.off_screen else s.name) for s in scene.scene.sources]
+    elif scene.category is not None or scene.mesh is not None:
+        rows.append((_TRUTH, f"{words(scene.category)} (sounding)" if scene.category else "sounding object"))
+    if any(not instance.sounding for instance in scene.instances):
+        rows.append((_SILENT, "silent objects"))
+    rows += [(PREDICTED[n % len(PREDICTED)], f"predicted: {p.method}") for n, p in enumerate(scene.predictions)]
+    rows += [(_NOW, "camera now"), (_TRAIN, "path"), (_TEST, "test cameras")]
+    return rows
 
 
 class Stage:
@@ -156,7 +174,7 @@ class Stage:
             self._add("source", ball)
         if self.scene.moves:
             # A source that does not move is named by its box.
-            what = f"{(self.scene.category or 'object').replace('_', ' ')} (sounding)"
+            what = f"{words(self.scene.category or 'object')} (sounding)"
             self._add("source", add.add_label("/source/name", what, anchor="bottom-center", position=(0.0, 0.1, 0.0)))
             self._add("source", self._polyline("/source_path", spots, _TRUTH))
 
@@ -185,7 +203,7 @@ class Stage:
 
     def _box(self, instance: InstanceRecord) -> None:
         low, high = (np.array(corner, dtype=np.float32) for corner in instance.bounds)
-        colour, name = _TRUTH if instance.sounding else _SILENT, instance.category.replace("_", " ")
+        colour, name = _TRUTH if instance.sounding else _SILENT, words(instance.category)
         if self.scene.scene is not None:
             name = self.scene.scene.names[instance.id]
             colour = self.scene.scene.colours[instance.id] if instance.sounding else _SILENT
@@ -210,6 +228,8 @@ class Stage:
                 _TEST_DEPTH if test else _TRAIN_DEPTH,
                 shrunk(self._picture(number), THUMB_SIDE),
             )
+            # 105 pictures of train frames hide the room: they can be switched on.
+            handle.visible = test
             self._add("test cameras" if test else "train cameras", handle)
 
     def _polyline(self, node: str, spots: Sequence[Any], colour: tuple[int, int, int]) -> Any:

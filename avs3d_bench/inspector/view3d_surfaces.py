@@ -1,8 +1,9 @@
-"""The surfaces of a room for `avs3d view-3d`: pictures of a few frames, on triangles between the sparse points.
+"""The surfaces of a room for `avs3d view-3d`: pictures of a few frames, on a patch of surface around each sparse point.
 
-No dataset holds a mesh of the room. In a frame, neighbouring points of `sparse/0` mostly lie on one surface. Their
-Delaunay triangulation in the picture, without the triangles that span a jump in depth, is a mesh of what the frame
-shows, with the frame as its texture (as in view-dependent texture mapping: Debevec, Taylor and Malik, SIGGRAPH 1996).
+No dataset holds a mesh of the room. The neighbours of a point of `sparse/0` mostly lie on one plane with it; the part
+of the plane that they span is a rectangle, which shows what a frame saw there (surface elements with projected
+textures: Pfister et al., SIGGRAPH 2000; Debevec, Taylor and Malik, SIGGRAPH 1996). Triangles between the points of a
+picture would span the gaps between near and far surfaces; patches end where their surface ends.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import Delaunay, QhullError
+from scipy.spatial import KDTree
 
 from avs3d_bench.dataset import Frame, Observation
 from avs3d_bench.geometry import Intrinsics
@@ -21,10 +22,21 @@ from avs3d_bench.inspector.pictures import shrunk
 MOST_FRAMES, SIDE = 12, 512
 #: A frame is used if it shows this share of all points that no frame before it shows.
 LEAST_NEW = 0.01
-#: An edge may be this many times longer than at the same depth across the line of sight: a floor seen at 10° reaches 6.
-STRETCH = 6.0
-#: The longest edge (metres).
-LONGEST = 1.0
+#: Neighbours of a point that its patch spans.
+NEIGHBOURS = 10
+#: Greatest share of the variance across a surface: above it, the neighbours lie on no plane, as at the edge of a table.
+FLAT = 0.02
+#: Least share of the variance along the shorter axis of a surface: below it, the neighbours lie on a line.
+LINE = 0.01
+#: Neighbours lie on the plane of a point up to this angle from it (sine).
+OFF_PLANE = 0.15
+#: How far a patch goes on beyond the neighbours that it spans, in distances to the nearest of them, and at most (m).
+#: Where a floor meets a wall, no point lies in the corner itself.
+BEYOND, MOST_BEYOND = 0.6, 0.06
+#: Patches that come nearer to their camera are left out: their picture would be stretched without bounds (m).
+LEAST_DEPTH = 0.05
+#: The farthest that a patch reaches from its point (m).
+LONGEST = 0.35
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,13 +59,92 @@ class Surface:
 
 
 @dataclass(frozen=True, eq=False)
+class Patches:
+    """A rectangle of surface around each of N points.
+
+    Attributes:
+        centres: (N, 3) the points, metres.
+        normals: (N, 3) unit vectors across the surface, to either side; zero where the neighbours lie on no plane.
+        axes: (N, 2, 3) unit vectors along the sides; undefined without a normal.
+        reach: (N, 2, 2) from the centre to the low and the high side along each axis, metres; signed.
+    """
+
+    centres: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    axes: NDArray[np.float64]
+    reach: NDArray[np.float64]
+
+    @classmethod
+    def around(cls, positions: NDArray[np.float64]) -> Patches:
+        """The patches of points (N, 3), from each point's neighbours: what these span along the surface."""
+        count = len(positions)
+        if count <= NEIGHBOURS:
+            none = np.zeros((count, 3))
+            return cls(positions, none, np.zeros((count, 2, 3)), np.zeros((count, 2, 2)))
+        found = KDTree(positions).query(positions, k=NEIGHBOURS + 1)
+        distance, near = np.asarray(found[0]), np.asarray(found[1])
+        spread = positions[near] - positions[near].mean(axis=1, keepdims=True)
+        values, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))
+        # Points on a line lie on many planes, and so on none.
+        flat = (values[:, 0] <= FLAT * values[:, 1]) & (values[:, 1] > LINE * values[:, 2])
+        normals = np.where(flat[:, None], vectors[:, :, 0], 0.0)
+        axes = _axes(normals)
+        away = positions[near[:, 1:]] - positions[:, None]
+        on_plane = np.abs(np.einsum("nki,ni->nk", away, normals)) <= OFF_PLANE * distance[:, 1:]
+        along = np.einsum("nki,nai->nka", away, axes) * (on_plane & flat[:, None])[..., None]
+        # Without a plane, a patch is a small square that faces the camera.
+        nearest = distance[:, 1 + NEIGHBOURS // 4]
+        beyond = np.minimum(BEYOND * nearest, MOST_BEYOND)
+        low = np.where(flat[:, None], along.min(axis=1), 0.0) - beyond[:, None]
+        high = np.where(flat[:, None], along.max(axis=1), 0.0) + beyond[:, None]
+        return cls(positions, normals, axes, np.clip(np.stack([low, high], axis=-1), -LONGEST, LONGEST))
+
+    def corners(self, rows: NDArray[np.int64], camera: NDArray[np.float64], top: float) -> NDArray[np.float64]:
+        """The corners (M, 4, 3) of patches, counter-clockwise as the camera at (3,) sees them, cut at a height.
+
+        Args:
+            rows: (M,) which.
+            camera: its position, metres.
+            top: height above which nothing is left (metres): walls end in a straight edge.
+        """
+        towards = camera - self.centres[rows]
+        towards /= np.maximum(np.linalg.norm(towards, axis=1), 1e-9)[:, None]
+        faced = np.where((self.normals[rows] != 0).any(axis=1)[:, None], self.normals[rows], towards)
+        axes = np.where((self.normals[rows] != 0).any(axis=1)[:, None, None], self.axes[rows], _axes(towards))
+        (left, right), (low, high) = self.reach[rows].transpose(1, 2, 0)
+        # The second axis of what stands upright points upwards.
+        rise = axes[:, 1, 1]
+        room = np.where(rise > 0.1, (top - self.centres[rows, 1]) / np.maximum(rise, 0.1), np.inf)
+        high = np.maximum(np.minimum(high, room), low)
+        sides = [(left, low), (right, low), (right, high), (left, high)]
+        out = np.stack(
+            [self.centres[rows] + a[:, None] * axes[:, 0] + b[:, None] * axes[:, 1] for a, b in sides], axis=1
+        )
+        across = np.cross(out[:, 1] - out[:, 0], out[:, 3] - out[:, 0])
+        away = (across * np.where((faced * towards).sum(axis=1) < 0, -1, 1)[:, None] * faced).sum(axis=1) < 0
+        out[away] = out[away, ::-1]
+        return np.asarray(out)
+
+
+def _axes(normals: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Two unit vectors (N, 2, 3) across each unit vector (N, 3): a horizontal one, and the other, which goes upwards.
+
+    Across an upright vector they are X and −Z.
+    """
+    across = np.cross([0.0, 1.0, 0.0], normals)
+    length = np.linalg.norm(across, axis=1, keepdims=True)
+    across = np.where(length > 0.1, across / np.maximum(length, 1e-9), [1.0, 0.0, 0.0])
+    up = np.cross(normals, across)
+    up = np.where(up[:, 1:2] < 0, -up, up)
+    return np.asarray(np.stack([across, up], axis=1))
+
+
+@dataclass(frozen=True, eq=False)
 class View:
-    """The points that a frame shows: their rows (N,) in the list of all points, places (N, 3) and pixels (N, 2)."""
+    """The points that a frame shows: their rows (N,) in the list of all points, sorted."""
 
     frame: Frame
     rows: NDArray[np.int64]
-    positions: NDArray[np.float64]
-    pixels: NDArray[np.float64]
 
 
 def room_surfaces(observation: Observation, top: float) -> tuple[Surface, ...]:
@@ -63,21 +154,20 @@ def room_surfaces(observation: Observation, top: float) -> tuple[Surface, ...]:
         Avs3dError: if a file is missing or damaged.
     """
     camera, views = observation.undistorted_intrinsics, _views(observation)
-    shown = np.zeros(1 + max((int(view.rows.max(initial=-1)) for view in views), default=-1), dtype=bool)
-    out: list[Surface] = []
-    while views and len(out) < MOST_FRAMES:
+    positions = observation.colmap.points.positions
+    patches = Patches.around(positions)
+    wanted = positions[:, 1] <= top
+    shown = ~wanted
+    chosen: list[View] = []
+    while views and len(chosen) < MOST_FRAMES:
         best = max(views, key=lambda view: int((~shown[view.rows]).sum()))
-        new = ~shown[best.rows]
-        if new.sum() < max(3, LEAST_NEW * len(shown)):
+        if (~shown[best.rows]).sum() < max(3, LEAST_NEW * wanted.sum()):
             break
         views.remove(best)
         shown[best.rows] = True
-        faces = triangles(best, camera)
-        # A triangle between points that an earlier frame shows is there already.
-        faces = faces[new[faces].any(axis=1) & (best.positions[faces, 1] <= top).all(axis=1)]
-        if len(faces):
-            out.append(_surface(best, camera, faces))
-    return tuple(out)
+        chosen.append(best)
+    surfaces = (_surface(view, rows, patches, camera, top) for view, rows in _shared_out(chosen, patches, wanted))
+    return tuple(surface for surface in surfaces if len(surface.faces))
 
 
 def _views(observation: Observation) -> list[View]:
@@ -92,39 +182,36 @@ def _views(observation: Observation) -> list[View]:
         rows = np.searchsorted(model.points.ids, image.point_ids)
         known = rows < len(model.points.ids)
         known[known] = model.points.ids[rows[known]] == image.point_ids[known]
-        rows = rows[known]
-        views.append(View(frame, rows, model.points.positions[rows], image.pixels[known]))
+        views.append(View(frame, np.unique(rows[known])))
     return views
 
 
-def triangles(view: View, camera: Intrinsics) -> NDArray[np.int32]:
-    """(M, 3) the Delaunay triangles whose edges lie on one surface, as far as one can tell."""
-    if len(view.pixels) < 3:
-        return np.zeros((0, 3), dtype=np.int32)
-    try:
-        faces = np.asarray(Delaunay(view.pixels).simplices, dtype=np.int32)
-    except QhullError:  # all on one line
-        return np.zeros((0, 3), dtype=np.int32)
-    ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1)
-    away = view.positions - np.asarray(view.frame.pose.position)
-    depth = -(away @ view.frame.pose.rotation_matrix)[:, 2]
-    length = np.linalg.norm(view.positions[ends[..., 0]] - view.positions[ends[..., 1]], axis=-1)
-    across = np.linalg.norm((view.pixels[ends[..., 0]] - view.pixels[ends[..., 1]]) / (camera.fx, camera.fy), axis=-1)
-    plain = across * depth[ends].min(axis=-1)
-    kept = ((length <= STRETCH * plain) & (length <= LONGEST)).all(axis=1)
-    # Rows grow downwards: what turns clockwise in (column, row) is counter-clockwise as the camera sees it.
-    one, two = (view.pixels[faces[:, k]] - view.pixels[faces[:, 0]] for k in (1, 2))
-    turned = one[:, 0] * two[:, 1] > one[:, 1] * two[:, 0]
-    faces[turned] = faces[turned, ::-1]
-    return np.asarray(faces[kept])
+def _shared_out(views: list[View], patches: Patches, wanted: NDArray[np.bool_]) -> list[tuple[View, NDArray[np.int64]]]:
+    """Which patches each view shows: every patch in the view that sees most of it, from near and from the front."""
+    sharpest, owner = np.zeros(len(wanted)), np.full(len(wanted), -1)
+    for number, view in enumerate(views):
+        away = np.asarray(view.frame.pose.position) - patches.centres[view.rows]
+        distance = np.maximum(np.linalg.norm(away, axis=1), 1e-6)
+        normals = patches.normals[view.rows]
+        facing = np.where((normals != 0).any(axis=1), np.abs((away * normals).sum(axis=1)) / distance, 0.5)
+        better = (facing / distance**2 > sharpest[view.rows]) & wanted[view.rows]
+        rows = view.rows[better]
+        sharpest[rows], owner[rows] = (facing / distance**2)[better], number
+    return [(view, np.flatnonzero(owner == number)) for number, view in enumerate(views)]
 
 
-def _surface(view: View, camera: Intrinsics, faces: NDArray[np.int32]) -> Surface:
-    used, renumbered = np.unique(faces, return_inverse=True)
+def _surface(view: View, rows: NDArray[np.int64], patches: Patches, camera: Intrinsics, top: float) -> Surface:
+    pose = view.frame.pose
+    corners = patches.corners(rows, np.asarray(pose.position, dtype=np.float64), top)
+    _, depth = camera.project(pose, corners.reshape(-1, 3))
+    corners = corners[(depth.reshape(-1, 4) > LEAST_DEPTH).all(axis=1)]
+    pixels, _ = camera.project(pose, corners.reshape(-1, 3))
+    first = 4 * np.arange(len(corners), dtype=np.int32)[:, None]
     return Surface(
         view.frame.name,
-        view.positions[used].astype(np.float32),
-        renumbered.reshape(faces.shape).astype(np.int32),
-        (view.pixels[used] / (camera.width, camera.height)).astype(np.float32),
+        corners.reshape(-1, 3).astype(np.float32),
+        np.concatenate([first + (0, 1, 2), first + (0, 2, 3)]).astype(np.int32),
+        # A patch at the border of the picture shows the border.
+        np.clip(pixels / (camera.width, camera.height), 0, 1).astype(np.float32),
         shrunk(view.frame.undistorted_rgb(), SIDE),
     )

@@ -115,7 +115,7 @@ def render(template: str, values: Mapping[str, Any]) -> str:
     """The page that a template in `evaluators/reporting/templates` makes of ``values``."""
     from markupsafe import Markup
 
-    style, script = Markup(_asset("page.css")), Markup(page_script())
+    style, script = Markup(_asset("page.css") + _shared("tables.css")), Markup(page_script())
     generator = GENERATORS.get(template, "avs3d-bench")
     page = _environment().get_template(template)
     return page.render(values, style=style, script=script, script_hash=_script_hash(), generator=generator)
@@ -129,7 +129,12 @@ def report_head() -> str:
 
 def page_script() -> str:
     """The one script of every page."""
-    return _asset("page.js")
+    return _asset("page.js") + _shared("tables.js")
+
+
+def _shared(name: str) -> str:
+    """A style or script that the viewer's pages have, too."""
+    return (files("avs3d_bench.inspector") / "templates" / name).read_text(encoding="utf-8")
 
 
 @lru_cache(maxsize=2)

@@ -1,5 +1,5 @@
 "use strict";
-// The map: floor plan, objects, the path with time as colour, and the camera's field of view at the current frame.
+// The map: floor plan, objects with their labels, the path with time as colour, and the camera's field of view at the current frame.
 window.AVS3D = window.AVS3D ?? {};
 (() => {
   const NS = "http://www.w3.org/2000/svg";
@@ -22,6 +22,44 @@ window.AVS3D = window.AVS3D ?? {};
     const length = i % 2 ? r * 0.45 : r, angle = (i * Math.PI) / 5 - Math.PI / 2;
     return `${x + length * Math.cos(angle)},${y + length * Math.sin(angle)}`;
   }).join(" ");
+
+  // Places for labels, as in labels.py: below, above or beside the mark, as near as it is free. Boxes are
+  // [left, top, right, bottom] in pixels.
+  const COVERS_LABEL = 1000, COVERS_MARK = 6, STEPS = 13;
+  const shared = (a, b) => Math.max(0, Math.min(a[2], b[2]) - Math.max(a[0], b[0])) * Math.max(0, Math.min(a[3], b[3]) - Math.max(a[1], b[1]));
+  const places = (mark, width, height, area) => {
+    const x = (mark[0] + mark[2]) / 2, y = (mark[1] + mark[3]) / 2, found = [];
+    for (let step = 0; step < STEPS; step += 1) {
+      const out = (0.2 + 0.5 * step) * height, beside = (mark[2] - mark[0] + width) / 2 + out, over = (mark[3] - mark[1] + height) / 2 + out;
+      for (const [across, down] of [[0, over], [0, -over], [beside, 0], [-beside, 0], [beside, over], [-beside, over], [beside, -over], [-beside, -over]]) {
+        const left = Math.max(area[0], Math.min(area[2] - width, x + across - width / 2));
+        const top = Math.max(area[1], Math.min(area[3] - height, y + down - height / 2));
+        const taste = down > 0 && !across ? 0 : across ? 0.4 : 0.15;
+        const moved = Math.abs(left + width / 2 - x - across) + Math.abs(top + height / 2 - y - down);
+        found.push([out + taste * height + moved, [left, top, left + width, top + height]]);
+      }
+    }
+    return found;
+  };
+  const placeLabels = (marks, sizes, area, taken) => {
+    const placed = [];
+    marks.forEach((mark, i) => {
+      const [width, height] = sizes[i];
+      let best = null, least = Infinity;
+      for (const [away, box] of places(mark, width, height, area)) {
+        let covered = 0;
+        for (const other of placed) covered += shared(box, other) * COVERS_LABEL;
+        for (const other of taken) covered += shared(box, other) * COVERS_LABEL;
+        for (const other of marks) covered += shared(box, other) * COVERS_MARK;
+        const cost = away / height + covered / (width * height);
+        if (cost < least) { least = cost; best = box; }
+      }
+      placed.push(best);
+    });
+    return placed;
+  };
+  // Height of a label, and how far its base lies above its lower edge (pixels).
+  const LABEL = 15, BASE = 4;
 
   class FloorMap {
     constructor(host, data, seek) {
@@ -82,31 +120,41 @@ window.AVS3D = window.AVS3D ?? {};
       this.wedge = make("path", { class: "wedge" }, this.svg);
       this.dot = make("circle", { r: 5.5, class: "listener" }, this.svg);
       this.source = make("polygon", { class: "source" }, this.svg);
-      const taken = [];
-      this.marks = (this.data.scene?.sources ?? []).map((source) => this.mark(source, w, h, taken));
+      this.marks = (this.data.scene?.sources ?? []).map((source) => this.mark(source, w, h));
+      const boxes = this.marks.map(({ x, y }) => [x - 10, y - 10, x + 10, y + 10]);
+      const wanted = [];
+      this.marks.forEach(({ source }, i) => { if (source.room) wanted.push([boxes[i], source.name, "label away"]); });
       for (const thing of this.data.instances) {
-        const [x0] = this.place(thing.box[0], thing.box[1]), [x1, y1] = this.place(thing.box[2], thing.box[3]);
+        const [x0, y0] = this.place(thing.box[0], thing.box[1]), [x1, y1] = this.place(thing.box[2], thing.box[3]);
         const named = this.data.scene?.sources.find((source) => source.instance === thing.id);
         const label = named ? named.name : thing.sounding ? `${thing.name}, sounds` : thing.twin ? `${thing.name}, silent twin` : thing.name;
         const kind = thing.sounding ? "sounds" : thing.twin ? "twin" : "other";
-        const text = make("text", { class: this.data.scene ? "label" : `label ${kind}` }, this.svg, label);
-        // Half the width of the text, which is measured as 0 while the page is hidden.
-        const half = Math.max(text.getComputedTextLength() / 2 + 2, label.length * 3.1);
-        const x = Math.min(w - half - 4, Math.max(half + 4, (x0 + x1) / 2));
-        let y = Math.min(h - 6, y1 + 15);
-        while (taken.some(([a, b, c]) => Math.abs(b - y) < 13 && Math.abs(a - x) < half + c)) y += 13;
-        taken.push([x, y, half]);
-        text.setAttribute("x", x);
-        text.setAttribute("y", y);
+        wanted.push([[x0, y0, x1, y1], label, this.data.scene ? "label" : `label ${kind}`]);
       }
+      this.label(wanted, [4, 4, w - 4, h - 4], [[6, h - 36, 18 + this.scale, h - 6]]);
       const bar = make("g", { class: "scale" }, this.svg);
       make("path", { d: `M12,${h - 17}v5h${this.scale}v-5` }, bar);
       make("text", { x: 12 + this.scale / 2, y: h - 18 }, bar, "1 m");
       this.show(this.index);
     }
 
-    // A source of a sound scene: a star, or for one outside of the map an arrow at its border with the name of its room.
-    mark(source, w, h, taken) {
+    // Write labels: a thin line leads to the mark of one that lies further away.
+    label(wanted, area, taken) {
+      const texts = wanted.map(([, label, kind]) => make("text", { class: kind }, this.svg, label));
+      // The width of a text is measured as 0 while the page is hidden.
+      const sizes = texts.map((text, i) => [Math.max(text.getComputedTextLength(), wanted[i][1].length * 6.2) + 4, LABEL]);
+      placeLabels(wanted.map(([box]) => box), sizes, area, taken).forEach((box, i) => {
+        const mark = wanted[i][0], x = (box[0] + box[2]) / 2, y = (box[1] + box[3]) / 2;
+        texts[i].setAttribute("x", x);
+        texts[i].setAttribute("y", box[3] - BASE);
+        const near = [Math.max(mark[0], Math.min(mark[2], x)), Math.max(mark[1], Math.min(mark[3], y))];
+        const end = [Math.max(box[0], Math.min(box[2], near[0])), Math.max(box[1], Math.min(box[3], near[1]))];
+        if (Math.hypot(end[0] - near[0], end[1] - near[1]) > 0.75 * LABEL) this.svg.insertBefore(make("line", { class: "leader", x1: end[0], y1: end[1], x2: near[0], y2: near[1] }), texts[0]);
+      });
+    }
+
+    // A source of a sound scene: a star, or for one outside of the map an arrow at its border.
+    mark(source, w, h) {
       let [x, y] = this.place(...source.at);
       const ray = make("line", { class: "ray" }, this.svg);
       const out = x < INSET || y < INSET || x > w - INSET || y > h - INSET;
@@ -119,15 +167,6 @@ window.AVS3D = window.AVS3D ?? {};
       }
       const shape = make("polygon", { class: out ? "source away" : "source", points }, this.svg);
       for (const element of [ray, shape]) element.style.setProperty("--colour", source.colour);
-      if (source.room) {
-        const text = make("text", { class: "label away" }, this.svg, source.name);
-        const half = Math.max(text.getComputedTextLength() / 2 + 2, source.name.length * 3.1);
-        const at = [Math.min(w - half - 4, Math.max(half + 4, x)), y > h - 40 ? y - 16 : y + 24];
-        while (taken.some(([a, b, c]) => Math.abs(b - at[1]) < 13 && Math.abs(a - at[0]) < half + c)) at[1] += y > h - 40 ? -13 : 13;
-        taken.push([...at, half]);
-        text.setAttribute("x", at[0]);
-        text.setAttribute("y", at[1]);
-      }
       return { source, ray, shape, x, y };
     }
 

@@ -225,7 +225,7 @@
     }
     const failed = names.filter((name) => addresses[name] && !got[name]);
     tell(failed.length ? `${failed.map((name) => addresses[name][1]).join(", ")} cannot be shown`
-      : state.submission && !predicted(index) ? (data.frames[index].split === "test" ? "the submission has no mask for this frame" : "train frame: submissions mark test frames only (T: next test frame)")
+      : state.submission && !predicted(index) ? (data.frames[index].split === "test" ? "The submission has no mask for this frame." : "Train frame: submissions mark test frames only.")
       : clock.silent && sound ? "The sound cannot be played in this browser; the pictures are shown without it." : "");
     screen.dataset.frame = data.frames[index].name;
     screen.dataset.layers = names.filter((name) => got[name]).join(" ");
@@ -310,8 +310,26 @@
       const entry = data.submissions.find((s) => s.number === Number(button.dataset.number));
       const iou = entry.iou[name];
       button.querySelector("small").textContent = iou === undefined || iou === null ? "" : `IoU ${iou.toFixed(2)}`;
-      button.classList.toggle("absent-here", !entry.frames.includes(name));
+      explain(button, "why-submissions", entry.frames.includes(name) ? "" : absence(data.frames[state.index]));
     }
+    const absent = buttons.some((button) => button.classList.contains("absent-here"));
+    by("why-submissions")?.classList.toggle("off", !absent);
+    if (absent) by("why-text").textContent = absence(data.frames[state.index]);
+  };
+  // A grey button says why, to the eye, to the mouse and to a screen reader.
+  const absence = (frame) => (frame.split === "test" ? "Grey: the submission has no mask for this frame." : "Grey: this is a train frame; submissions have masks for test frames only.");
+  const explain = (button, note, why) => {
+    button.classList.toggle("absent-here", Boolean(why));
+    if (why) { button.title = why; button.setAttribute("aria-describedby", note); }
+    else { button.removeAttribute("title"); button.removeAttribute("aria-describedby"); }
+  };
+  const explainLayers = () => {
+    const off = ["mask", "instances", "errors"].filter((name) => by(name)?.disabled);
+    const missing = [...new Set(off.map((name) => (name === "instances" ? "instance masks" : "masks of the truth")))];
+    const why = missing.length ? `Grey: the observation has no ${missing.join(" and no ")}.` : "";
+    for (const name of ["mask", "instances", "errors"]) if (by(name)) explain(by(name), "why-layers", by(name).disabled ? why : "");
+    by("why-layers").textContent = why;
+    by("why-layers").hidden = !why;
   };
   const tick = () => {
     if (!state.playing) return;
@@ -381,7 +399,8 @@
     press();
   };
   const nextTest = (step) => {
-    for (let i = state.index + step; i >= 0 && i < count; i += step) if (data.frames[i].split === "test") { seekFrame(i); return; }
+    for (let i = state.index + step; i >= 0 && i < count; i += step) if (data.frames[i].split === "test") { seekFrame(i); return true; }
+    return false;
   };
 
   // ---- the head that turns: ambisonics instead of the binaural track ---------------------------------------------
@@ -454,8 +473,10 @@
     by("key").textContent = data.key;
     document.title = `${payload.heading} · ${data.key}`;
     by("facts").innerHTML = payload.facts;
+    window.dispatchEvent(new CustomEvent("avs3d:tables"));
     document.querySelector(".bar nav").outerHTML = payload.nav;
     for (const [name, there] of [["mask", data.has.masks], ["instances", data.has.instances], ["errors", data.has.masks]]) if (by(name)) by(name).disabled = !there;
+    explainLayers();
     clock.change(new URL("sound.flac", folder).href);
     floorMap.renew(folder);
     plots.forEach((plot) => plot.renew());
@@ -533,9 +554,10 @@
   window.addEventListener("avs3d:theme", drawStrip);
 
   // The URL may name a frame: …#frame_007.
-  const linked = () => { const at = data.frames.findIndex((frame) => `#${frame.name}` === location.hash); if (at >= 0) seekFrame(at); };
+  const linked = () => { const at = data.frames.findIndex((frame) => `#${frame.name}` === location.hash); if (at >= 0) seekFrame(at); return at >= 0; };
   window.addEventListener("hashchange", linked);
-  sync();
+  by("next-test")?.addEventListener("click", () => { if (!nextTest(1)) nextTest(-1); });
+  explainLayers();
+  if (!linked()) seekFrame(data.open);
   press();
-  linked();
 })();

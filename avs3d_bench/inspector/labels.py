@@ -1,0 +1,79 @@
+"""Places for the labels of a map, so that no two overlap and each is inside; `map.js` does the same in the browser."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+#: Cost of covering a whole label, and a whole mark, in label heights of distance.
+_COVERS_LABEL, _COVERS_MARK = 1000.0, 6.0
+#: Distances from the mark that are tried (label heights).
+_STEPS = 13
+
+
+@dataclass(frozen=True)
+class Box:
+    """A rectangle in pixels; y grows downwards."""
+
+    left: float
+    top: float
+    right: float
+    bottom: float
+
+    @property
+    def area(self) -> float:
+        """In pixels²."""
+        return max(0.0, self.right - self.left) * max(0.0, self.bottom - self.top)
+
+    def nearest(self, other: Box) -> tuple[float, float]:
+        """The point of this rectangle that is nearest to the middle of another."""
+        x, y = (other.left + other.right) / 2, (other.top + other.bottom) / 2
+        return min(max(x, self.left), self.right), min(max(y, self.top), self.bottom)
+
+    def shared(self, other: Box) -> float:
+        """Area that both cover, pixels²."""
+        width = min(self.right, other.right) - max(self.left, other.left)
+        return max(0.0, width) * max(0.0, min(self.bottom, other.bottom) - max(self.top, other.top))
+
+
+def place_labels(
+    marks: Sequence[Box], sizes: Sequence[tuple[float, float]], area: Box, taken: Sequence[Box] = ()
+) -> list[Box]:
+    """A place for the label of each mark: below, above or beside it, as near as it is free.
+
+    Args:
+        marks: what is labelled; labels rather do not cover them.
+        sizes: (width, height) of the labels, pixels.
+        area: what labels stay within.
+        taken: where no label may be.
+    """
+    placed: list[Box] = []
+    for mark, (width, height) in zip(marks, sizes, strict=True):
+
+        def cost(place: tuple[float, Box], height: float = height) -> float:
+            away, box = place
+            covered = sum(box.shared(other) for other in (*placed, *taken)) * _COVERS_LABEL
+            covered += sum(box.shared(other) for other in marks) * _COVERS_MARK
+            return away / height + covered / max(1e-9, box.area)
+
+        placed.append(min(_places(mark, width, height, area), key=cost)[1])
+    return placed
+
+
+def _places(mark: Box, width: float, height: float, area: Box) -> list[tuple[float, Box]]:
+    """Possible places of a label and their distances from its mark, pixels."""
+    x, y = (mark.left + mark.right) / 2, (mark.top + mark.bottom) / 2
+    found = []
+    for step in range(_STEPS):
+        out = (0.2 + 0.5 * step) * height
+        beside, over = (mark.right - mark.left + width) / 2 + out, (mark.bottom - mark.top + height) / 2 + out
+        for across, down in ((0, over), (0, -over), (beside, 0), (-beside, 0),
+                             (beside, over), (-beside, over), (beside, -over), (-beside, -over)):  # fmt: skip
+            left = max(area.left, min(area.right - width, x + across - width / 2))
+            top = max(area.top, min(area.bottom - height, y + down - height / 2))
+            box = Box(left, top, left + width, top + height)
+            # Below is preferred to above, and both to the sides.
+            taste = 0.0 if down > 0 and not across else 0.15 if not across else 0.4
+            moved = abs(left + width / 2 - x - across) + abs(top + height / 2 - y - down)
+            found.append((out + taste * height + moved, box))
+    return found
