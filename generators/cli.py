@@ -168,6 +168,12 @@ def choose_tools(habitat_python: Path | None, scans: Path | None) -> None:
     show_default=True,
     help="A folder of files for each observation, or a tar file of samples for training.",
 )
+@click.option(
+    "--remake",
+    multiple=True,
+    metavar="KEY_GLOB",
+    help="Make these observations again even if they are there; repeatable.",
+)
 @scheduling_options
 def generate(
     manifest: Path,

@@ -726,8 +726,13 @@ def _finding(error: ValidationError) -> str:
     return f"{place}: {message}" + (f" (and {len(rest)} more)" if rest else "")
 
 
-def select(manifest: Manifest, patterns: Sequence[str]) -> tuple[ObservationSpec, ...]:
+def select(manifest: Manifest, patterns: Sequence[str], option: str = "--only") -> tuple[ObservationSpec, ...]:
     """The observations whose key matches one of the shell patterns (all without patterns), in the manifest's order.
+
+    Args:
+        manifest: with the observations.
+        patterns: as the user gave them.
+        option: that takes the patterns, for the message.
 
     Raises:
         UsageError: if a pattern matches nothing.
@@ -735,7 +740,7 @@ def select(manifest: Manifest, patterns: Sequence[str]) -> tuple[ObservationSpec
     for pattern in patterns:
         if not any(fnmatch.fnmatchcase(entry.key, pattern) for entry in manifest.observations):
             raise UsageError(
-                f"--only {pattern!r} matches no observation of {manifest.name}; "
+                f"{option} {excerpt(pattern)} matches no observation of {manifest.name}; "
                 f"keys look like {manifest.observations[0].key!r}"
             )
     return tuple(
