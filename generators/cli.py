@@ -11,6 +11,7 @@ from typing import Any, get_args
 
 import click
 
+from avs3d_bench import layout
 from avs3d_bench.groups import HELP, PATH, only_option
 from avs3d_bench.one_thread import ONE_THREAD
 from avs3d_bench.scheduling.options import Options, scheduling_options
@@ -198,9 +199,8 @@ def generate(
     source = read_manifest(manifest)
     plans = plans_of(source, options)
     outcome = generate_plans(source, plans, root, options, scheduling)
-    click.echo(f"{root}: {len(outcome.made)} made, {len(outcome.kept)} kept, {len(outcome.failed)} failed")
-    for key, message in outcome.failed:
-        click.echo(f"avs3d: error: {key}: {message}", err=True)
+    said = f" (see the messages above, and {root / layout.FAILURES_JSONL})" if outcome.failed else ""
+    click.echo(f"{root}: {len(outcome.made)} made, {len(outcome.kept)} kept, {len(outcome.failed)} failed{said}")
     if outcome.stopped:
         left = len(plans) - len(outcome.made) - len(outcome.kept) - len(outcome.failed)
         click.echo(

@@ -38,6 +38,7 @@ from generators.core.scene import Licence, Scene
 from generators.homes.store import open_home
 from generators.library import open_asset
 from generators.library.licences import spdx
+from generators.manifest import SoundSpec
 from generators.paths.stage import Camera, Stage
 from generators.paths.watcher import line_of_sight
 from generators.placement.placement import Placement
@@ -355,17 +356,31 @@ def choose_sound(plan: ObservationPlan, category: str, rng: np.random.Generator,
     files = plan.sounds.get(category, ())
     if files:
         chosen = files[int(rng.integers(len(files)))]
-        start = float(rng.random()) if shifted else 0.0
-        if chosen.asset is not None:
-            path, entry = open_asset(plan.lock, chosen.asset)
-            return Sound(
-                load_sound(path, seconds, start=start),
-                entry.id,
-                Licence(entry.licence, entry.author, entry.url or entry.ref),
-            )
-        path = resolve_file(plan.base, str(chosen.file), f"sound for {category}")
-        return Sound(load_sound(path, seconds, start=start), str(chosen.file), file_licence(chosen))
+        return recorded_sound(plan, category, chosen, seconds, start=float(rng.random()) if shifted else 0.0)
     return synthesised_sound(category, seconds, rng)
+
+
+def recorded_sound(
+    plan: ObservationPlan, category: str, chosen: SoundSpec, seconds: int, *, start: float = 0.0
+) -> Sound:
+    """The signal of a recording of the manifest.
+
+    Args:
+        plan: of the observation.
+        category: of the source.
+        chosen: an entry of the manifest's ``sounds``.
+        seconds: length of the signal.
+        start: where it begins, as a share of the recording.
+
+    Raises:
+        Avs3dError: if the file is missing or broken.
+    """
+    if chosen.asset is not None:
+        path, entry = open_asset(plan.lock, chosen.asset)
+        licence = Licence(entry.licence, entry.author, entry.url or entry.ref)
+        return Sound(load_sound(path, seconds, start=start), entry.id, licence)
+    path = resolve_file(plan.base, str(chosen.file), f"sound for {category}")
+    return Sound(load_sound(path, seconds, start=start), str(chosen.file), file_licence(chosen))
 
 
 def synthesised_sound(category: str, seconds: int, rng: np.random.Generator) -> Sound:

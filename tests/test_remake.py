@@ -10,7 +10,6 @@ import pytest
 import soundfile
 import yaml
 
-from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.observation_check import check_tars
 from avs3d_bench.validate import validate

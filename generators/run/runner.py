@@ -34,6 +34,7 @@ from generators.recording.output import sweep
 from generators.run.dataset_record import check
 from generators.run.finished import discard
 from generators.run.formats import FORMATS, DatasetFormat, find_finished, is_of_plan, refuse_other_form
+from generators.run.preflight import check_files
 from generators.run.worker import Place, load, make_observation, prepare
 
 #: A home is built and lit once for all its observations and has this many times their time limit, but at most so many
@@ -113,14 +114,16 @@ def run(
     Raises:
         UsageError: if ``root`` holds observations made from another plan or in another form, or files and no dataset;
             or the index could not hold what the manifest says.
-        Avs3dError: if no scan that ``plans`` need is there, the folder or the cache cannot be written, or another run
-            is at work in the folder.
+        Avs3dError: if no scan that ``plans`` need is there, another file that what is to be made needs is missing or
+            broken, the folder or the cache cannot be written, or another run is at work in the folder.
     """
     check(source)
     check_scans(plans)
     root, form = root.absolute(), FORMATS[settings.format]
     settings = replace(settings, cache=settings.cache.absolute())
     refuse_foreign(root, form)
+    new = [plan for plan in plans if plan.key in settings.remake or not form.path(root, plan.key).exists()]
+    check_files(source, new)  # before the folder is made
     with held(root) as me:
         sweep(root)
         # Existing observations must come from the same manifest and software, selected or not.
