@@ -264,8 +264,9 @@ def doctor(json_file: Path | None) -> None:
         write_json(json_file, as_dict(findings))
 
 
-def _fail(message: str, code: int, program: str) -> NoReturn:
-    click.echo(f"{program}: error: {printable(' '.join(message.split()))}", err=True)
+def _fail(code: int, program: str, *messages: object) -> NoReturn:
+    for message in messages:
+        click.echo(f"{program}: error: {printable(' '.join(str(message).split()))}", err=True)
     raise SystemExit(code)
 
 
@@ -297,14 +298,15 @@ def run(command: click.Command, arguments: Sequence[str] | None = None, *, progr
             args=None if arguments is None else list(arguments), prog_name=program, standalone_mode=False
         )
     except Avs3dError as error:
-        _fail(str(error), error.exit_code, program)
+        _fail(error.exit_code, program, *error.args)
     except NoArgsIsHelpError as error:
         error.show()  # a bare group: its help, on stderr
         raise SystemExit(error.exit_code) from None
     except click.ClickException as error:
-        _fail(error.format_message(), UsageError.exit_code if isinstance(error, click.UsageError) else 1, program)
+        code = UsageError.exit_code if isinstance(error, click.UsageError) else 1
+        _fail(code, program, error.format_message())
     except (KeyboardInterrupt, click.Abort):
-        _fail("interrupted", 130, program)
+        _fail(130, program, "interrupted")
     except BrokenPipeError:
         # The reader of our output has gone (`| head`): not an error; keep Python from complaining at exit.
         sys.stderr.close()
@@ -317,16 +319,16 @@ def run(command: click.Command, arguments: Sequence[str] | None = None, *, progr
         package = (error.name or "").split(".")[0]
         if package in ("avs3d_bench", "generators", "evaluators", "baselines", ""):
             raise
-        _fail(missing_extra(error, _package_of(error)), 1, program)
+        _fail(1, program, missing_extra(error, _package_of(error)))
     except (MemoryError, ImportError) as error:
         line = out_of_memory(error)
         if line is None:
             raise
-        _fail(line, 1, program)
+        _fail(1, program, line)
     except OSError as error:
         from avs3d_bench.files import os_error_line
 
-        _fail(os_error_line(error), 1, program)
+        _fail(1, program, os_error_line(error))
     raise SystemExit(code if isinstance(code, int) else 0)
 
 

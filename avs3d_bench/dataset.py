@@ -44,8 +44,6 @@ _NAMED_KEYS = 3
 class UnknownKeyError(UsageError, KeyError):
     """No observation of the dataset has this key."""
 
-    __str__ = Exception.__str__  # a KeyError would print the message as a quoted text
-
 
 class UnknownPlaceError(UsageError, IndexError):
     """The dataset has fewer observations than that."""

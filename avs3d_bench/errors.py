@@ -1,7 +1,8 @@
 """The one exception family of the toolkit.
 
-Every message is a single line that names the file or the field, what was found, what was expected and what to do.
-The command line prints it and exits with ``exit_code``; bad input never causes a traceback.
+Every message is a single line that names the file or the field, what was found, what was expected and what to do; an
+error with several problems has a message for each. The command line prints them and exits with ``exit_code``; bad input
+never causes a traceback.
 """
 
 from __future__ import annotations
@@ -14,9 +15,21 @@ _LONGEST_NAME = 100
 
 
 class Avs3dError(Exception):
-    """Something the user can fix: bad data, a missing asset, a full disk (exit code 1)."""
+    """Something the user can fix: bad data, a missing asset, a full disk (exit code 1).
+
+    Args:
+        args: the message; or several, one for each problem of one input. Its text has each in a line of its own.
+
+    Examples:
+        >>> print(UsageError("mine.yaml: seed is missing", "mine.yaml: scans is missing"))
+        mine.yaml: seed is missing
+        mine.yaml: scans is missing
+    """
 
     exit_code = 1
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self.args))
 
 
 class UsageError(Avs3dError):

@@ -11,8 +11,10 @@ Values are resolved as `yaml.safe_load` does, but dates stay text.
 
 from __future__ import annotations
 
+import io
+import itertools
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -103,6 +105,8 @@ def parse_yaml(data: bytes | str, where: str | Path, limits: Limits = LIMITS) ->
             # Newer parsers have a limit of their own, which they meet while they look ahead of the builder.
             builder.refuse_depth(mark)
         line = f" at line {mark.line + 1}" if mark is not None else ""
+        if mark is not None and _indented_with_a_tab(text, mark):
+            raise UsageError(f"{where}: line {mark.line + 1} is indented with a tab; indent with spaces") from None
         problem = getattr(error, "problem", None) or getattr(error, "reason", None) or error
         raise UsageError(f"{where}: not valid YAML{line}: {' '.join(str(problem).split())[:200]}") from None
     return builder.document
@@ -112,6 +116,45 @@ def _ends_in_brackets(text: str, depth: int) -> bool:
     """Whether more than ``depth`` opening brackets in a row end the text."""
     ending = "".join(text[-2000 - 2 * depth :].split())
     return len(ending) - len(ending.rstrip("[{")) > depth
+
+
+def _indented_with_a_tab(text: str, mark: Any) -> bool:
+    """Whether a tab is where the parser stops, or before the first character of that line."""
+    line = next(itertools.islice(io.StringIO(text), mark.line, None), "")
+    return "\t" in line[: len(line) - len(line.lstrip())] or line[mark.column : mark.column + 1] == "\t"
+
+
+def lines_of(text: str, places: Iterable[Sequence[str | int]]) -> list[int | None]:
+    r"""The line, from 1, of each of some fields of a document that `parse_yaml` has read.
+
+    Args:
+        text: of the file.
+        places: keys and indices from the top. Of a field that the text lacks (it is missing, or taken over by ``<<``),
+            the line is that of the record that it belongs to.
+
+    Returns:
+        None for a place of which nothing is there.
+
+    Examples:
+        >>> lines_of("seed: 1\nscans:\n  home: {seed: x}", [("scans", "home", "seed"), ("version",)])
+        [3, None]
+    """
+    root = yaml.compose(text, Loader=_Loader)
+    return [_line_of(root, place) for place in places]
+
+
+def _line_of(node: Any, place: Sequence[str | int]) -> int | None:
+    line = None
+    for each in place:
+        below: Any = None
+        if isinstance(node, yaml.MappingNode):
+            below = next((pair for pair in node.value if pair[0].value == str(each)), None)
+        elif isinstance(node, yaml.SequenceNode) and isinstance(each, int) and each < len(node.value):
+            below = (node.value[each], node.value[each])
+        if below is None:
+            break
+        line, node = below[0].start_mark.line + 1, below[1]
+    return line
 
 
 @lru_cache(maxsize=4096)

@@ -155,19 +155,34 @@ def _choose_model(plan: ObservationPlan, category: str, rng: Generator, variant:
     if files:
         chosen = files[int(rng.integers(len(files)))]
         own = plan.categories.get(category)
-        usual = Usual(float(rng.uniform(*own.height)), own.mount, own.source_height) if own else usual_of(category)
-        drawn = usual.height if own else None
-        if chosen.asset is not None:
-            path, entry = open_asset(plan.lock, chosen.asset)
-            licence = Licence(entry.licence, entry.author, entry.url or entry.ref)
-            usual = usual._replace(mount=entry.mount or usual.mount)
-            model = load_model(path, category, licence=licence, height=entry.height or drawn, usual=usual)
-            return replace(model, name=entry.id)
-        path = resolve_file(plan.base, str(chosen.file), f"mesh for {category}")
-        licence = file_licence(chosen)
-        return load_model(path, category, licence=licence, height=chosen.height or drawn, usual=usual)
+        return load_object(plan, category, chosen, float(rng.uniform(*own.height)) if own else None)
     known = plan.models.get(category) or variants(category)
     return build_model(category, variant or known[int(rng.integers(len(known)))], rng)
+
+
+def load_object(plan: ObservationPlan, category: str, chosen: ObjectSpec, height: float | None = None) -> Model:
+    """The model of a file or asset of the manifest.
+
+    Args:
+        plan: of the observation.
+        category: of the object.
+        chosen: an entry of the manifest's ``objects``.
+        height: of a category of the manifest's own: what is drawn for a file or asset that has no height (m).
+
+    Raises:
+        Avs3dError: if the file is missing or broken.
+    """
+    own = plan.categories.get(category)
+    usual = usual_of(category) if own is None else Usual(height or own.height[0], own.mount, own.source_height)
+    if chosen.asset is not None:
+        path, entry = open_asset(plan.lock, chosen.asset)
+        licence = Licence(entry.licence, entry.author, entry.url or entry.ref)
+        usual = usual._replace(mount=entry.mount or usual.mount)
+        model = load_model(path, category, licence=licence, height=entry.height or height, usual=usual)
+        return replace(model, name=entry.id)
+    path = resolve_file(plan.base, str(chosen.file), f"mesh for {category}")
+    licence = file_licence(chosen)
+    return load_model(path, category, licence=licence, height=chosen.height or height, usual=usual)
 
 
 def file_licence(spec: ObjectSpec | SoundSpec) -> Licence:

@@ -11,6 +11,7 @@ from typing import Any, get_args
 
 import click
 
+from avs3d_bench import layout
 from avs3d_bench.groups import HELP, PATH, only_option
 from avs3d_bench.one_thread import ONE_THREAD
 from avs3d_bench.outputs import OUTPUT_FOLDER
@@ -183,6 +184,12 @@ class _FormChoice(click.Choice[str]):
     show_default=True,
     help="A folder of files for each observation, or a tar file of samples for training.",
 )
+@click.option(
+    "--remake",
+    multiple=True,
+    metavar="KEY_GLOB",
+    help="Make these observations again even if they are there; repeatable.",
+)
 @scheduling_options
 def generate(
     manifest: Path,
@@ -207,9 +214,8 @@ def generate(
     source = read_manifest(manifest)
     plans = plans_of(source, options)
     outcome = generate_plans(source, plans, root, options, scheduling)
-    click.echo(f"{root}: {len(outcome.made)} made, {len(outcome.kept)} kept, {len(outcome.failed)} failed")
-    for key, message in outcome.failed:
-        click.echo(f"avs3d: error: {key}: {message}", err=True)
+    said = f" (see the messages above, and {root / layout.FAILURES_JSONL})" if outcome.failed else ""
+    click.echo(f"{root}: {len(outcome.made)} made, {len(outcome.kept)} kept, {len(outcome.failed)} failed{said}")
     if outcome.stopped:
         left = len(plans) - len(outcome.made) - len(outcome.kept) - len(outcome.failed)
         click.echo(

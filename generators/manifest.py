@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import fnmatch
 import hashlib
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -33,6 +33,7 @@ from avs3d_bench.taxonomy import MOST_OWN_CATEGORIES, SOUND_SCENES, check_room
 from avs3d_bench.yamlfile import read_yaml, step
 from generators.categories import CategoryName, CategorySpec, Number, check_name, declared, missing_files
 from generators.core.limits import FRAMES, MOST_INDEX, SIZE
+from generators.manifest_messages import Fault, FieldError, in_lines, messages
 
 #: Largest coordinate of a room's box (m): far beyond any home, and small enough for millimetres in single precision.
 FARTHEST = 10_000.0
@@ -44,6 +45,11 @@ MOST_COPIES, MOST_SOURCES = 4, 8
 ABSORPTION_SCALE, SNR_DB = (0.05, 20.0), (-30.0, 80.0)
 #: Shortest time for which a source sounds or pauses (s): far longer than the ramps at both ends.
 SHORTEST_SOUND = 0.05
+#: Largest number of intervals of a programme: more do not fit into the longest observation.
+MOST_INTERVALS = round(FRAMES[1] / SHORTEST_SOUND)
+#: Greatest length of a name.
+LONGEST_SLUG = 200
+_SLUG = re.compile(rf"[A-Za-z0-9][A-Za-z0-9._-]{{0,{LONGEST_SLUG - 1}}}")
 #: Tolerance of the shortest interval (s): 0.15 − 0.1 is a little less than 0.05 in floating point.
 ROUNDING = 1e-9
 
@@ -58,6 +64,26 @@ def _one_line(value: str) -> str:
 
 def _one_line_if_any(value: str) -> str:
     return _one_line(value) if value else value
+
+
+def check_slug(value: str) -> str:
+    """Return ``value`` if it may name a manifest, a home or an engine.
+
+    Raises:
+        ValueError: in words.
+    """
+    if not _SLUG.fullmatch(value):
+        raise ValueError(
+            f"{excerpt(value)} is no name; expected 1 to {LONGEST_SLUG} letters (a–z, A–Z), digits, '.', '_' or '-', "
+            "the first a letter or a digit"
+        )
+    return value
+
+
+def _axis(value: str) -> str:
+    if value.lstrip("+-") not in ("x", "y", "z") or len(value) > 2:
+        raise ValueError(f"{excerpt(value)} is no axis; expected x, y or z, with or without a sign, such as -z")
+    return value
 
 
 def _category(value: Any) -> Any:
@@ -81,10 +107,10 @@ def _named(check: Callable[[str], str], value: Any) -> str:
 
 
 Coordinate = Annotated[Number, Field(ge=-FARTHEST, le=FARTHEST)]
-Slug = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=200)]
+Slug = Annotated[str, AfterValidator(check_slug)]
 Line = Annotated[str, Field(max_length=1000), AfterValidator(_one_line)]
 Source = Annotated[str, Field(max_length=1000), AfterValidator(_one_line_if_any)]
-Axis = Annotated[str, Field(pattern=r"^[+-]?[xyz]$")]
+Axis = Annotated[str, AfterValidator(_axis)]
 RoomName = Annotated[Room, BeforeValidator(_room)]
 InstanceName = Annotated[str, BeforeValidator(_silent)]
 Corner = tuple[Coordinate, Coordinate, Coordinate]
@@ -259,7 +285,19 @@ def _intervals(value: tuple[tuple[float, float], ...]) -> tuple[tuple[float, flo
     return value
 
 
-Intervals = Annotated[tuple[tuple[Seconds, Seconds], ...], Field(min_length=1), AfterValidator(_intervals)]
+def _not_too_many(value: Any) -> Any:
+    """Refuse a list that is too long before each of its entries is looked at."""
+    if isinstance(value, list | tuple) and len(value) > MOST_INTERVALS:
+        raise ValueError(f"{len(value):,} intervals; expected at most {MOST_INTERVALS:,}")
+    return value
+
+
+Intervals = Annotated[
+    tuple[tuple[Seconds, Seconds], ...],
+    Field(min_length=1),
+    AfterValidator(_intervals),
+    BeforeValidator(_not_too_many),
+]
 
 
 class ProgrammeSpec(_Model):
@@ -404,27 +442,35 @@ class ObservationSpec(_Model):
         if self.source_motion != "static":
             raise ValueError("source_motion belongs to part_1 and part_2; in part_3 nothing moves")
         taken: dict[str, list[int | None]] = {}
-        for number, source in enumerate(self.sources):
-            where = f"sources.{number}"
-            if source.room is not None:
-                if source.room == self.room:
-                    raise ValueError(
-                        f"{where}: room {source.room} is the observation's own; name another, or leave it out"
-                    )
-                continue
-            there, among = self.instances.get(source.category, 0), taken.setdefault(source.category, [])
-            if not there:
-                found = _listed(tuple(self.instances))
-                raise ValueError(f"{where}: no {source.category} stands in this {self.room}; instances has {found}")
-            if source.instance is not None and source.instance > there:
-                raise ValueError(
-                    f"{where}: instance {source.instance} of {source.category} does not exist; expected 1 to {there}"
-                )
-            if source.instance is not None and source.instance in among:
-                raise ValueError(f"{where}: instance {source.instance} of {source.category} sounds already")
-            among.append(source.instance)
-            if len(among) > there:
-                raise ValueError(f"{where}: {len(among)} sources, but there is only {there} × {source.category}")
+        faults = [
+            (("sources", number), fault)
+            for number, source in enumerate(self.sources)
+            if (fault := self._fault_of(source, taken.setdefault(source.category, [])))
+        ]
+        if faults:
+            raise FieldError(*faults)
+
+    def _fault_of(self, source: SourceSpec, among: list[int | None]) -> str:
+        """What is wrong with a source; empty if nothing is.
+
+        Args:
+            source: one of ``sources``.
+            among: the instances of the sources of its category before it; its own is added.
+        """
+        assert isinstance(self.instances, dict)
+        if source.room is not None:
+            same = source.room == self.room
+            return f"room {source.room} is the observation's own; name another, or leave it out" if same else ""
+        there = self.instances.get(source.category, 0)
+        if not there:
+            found = _listed(tuple(self.instances))
+            return f"no {source.category} stands in this {self.room}; instances has {found}"
+        if source.instance is not None and source.instance > there:
+            return f"instance {source.instance} of {source.category} does not exist; expected 1 to {there}"
+        if source.instance is not None and source.instance in among:
+            return f"instance {source.instance} of {source.category} sounds already"
+        among.append(source.instance)
+        return f"{len(among)} sources, but there is only {there} × {source.category}" if len(among) > there else ""
 
     @property
     def is_sound_scene(self) -> bool:
@@ -521,15 +567,24 @@ class Manifest(_Model):
         shared = {name: document[name] for name in ("acoustics", "source_motion") if name in document}
         entries = [shared | entry if isinstance(entry, dict) else entry for entry in document["observations"]]
         originals = {_raw_key(entry): entry for entry in entries if isinstance(entry, dict) and "like" not in entry}
+        faults: list[Fault] = []
         for number, entry in enumerate(document["observations"]):
             if isinstance(entry, dict) and "like" in entry:
-                entries[number] = _original(entry, number, originals) | entry
+                try:
+                    entries[number] = _original(entry, originals) | entry
+                except ValueError as error:
+                    faults.append((("observations", number), str(error)))
         scenes = {_raw_key(one): one for one in entries if isinstance(one, dict) and "variant_of" not in one}
         for number, entry in enumerate(document["observations"]):
             if isinstance(entry, dict) and "variant_of" in entry:
-                entries[number] = _scene(entry, number, scenes) | entry
+                try:
+                    entries[number] = _scene(entry, scenes) | entry
+                except ValueError as error:
+                    faults.append((("observations", number), str(error)))
             if isinstance(entry, dict) and entries[number].get("part") == "part_3" and "source_motion" not in entry:
                 entries[number] = {name: value for name, value in entries[number].items() if name != "source_motion"}
+        if faults:
+            raise FieldError(*faults)
         return document | {"observations": entries}
 
     def engine(self, asked: str | None = None) -> str:
@@ -538,53 +593,52 @@ class Manifest(_Model):
 
     @model_validator(mode="after")
     def _consistent(self) -> Manifest:
+        """Refuse what no field shows by itself, all of it at once."""
+        faults = [*self._faults_of_models()]
         seen: set[str] = set()
-        for entry in self.observations:
-            if entry.scan not in self.scans:
-                raise ValueError(f"{entry.key}: unknown scan {entry.scan!r}; expected {_listed(tuple(self.scans))}")
+        for number, entry in enumerate(self.observations):
+            faults += [(("observations", number, *below), said) for below, said in self._faults_of(entry)]
             if entry.key in seen:
-                raise ValueError(f"{entry.key} is listed twice")
+                faults.append((("observations", number), f"{entry.key} is listed twice"))
             seen.add(entry.key)
-            for number, source in enumerate(entry.sources or ()):
-                try:
-                    if source.programme is not None:
-                        source.programme.check_within(self.camera.frames)
-                except ValueError as error:
-                    raise ValueError(f"{entry.key}: sources.{number}: {error}") from None
+        if faults:
+            raise FieldError(*faults)
         return self
 
-    @model_validator(mode="after")
-    def _own_categories(self) -> Manifest:
-        """Refuse a category of the manifest's own that is used without the files that it needs."""
-        for entry in self.observations:
-            for field, names, table in (
-                ("objects", entry.objects, self.objects),
-                ("sounds", entry.heard, self.sounds),
-            ):
-                for name in names:
-                    if name in self.categories and not table.get(name):
-                        raise ValueError(f"{entry.key}: {missing_files(name, field)}")
-        return self
+    def _faults_of(self, entry: ObservationSpec) -> Iterator[Fault]:
+        """What is wrong with an observation: its home, its programmes, the files of its categories, its variant."""
+        if entry.scan not in self.scans:
+            expected = _listed(tuple(self.scans))
+            yield ("scan",), f"{entry.key}: unknown scan {entry.scan!r}; expected {expected}"
+        for number, source in enumerate(entry.sources or ()):
+            try:
+                if source.programme is not None:
+                    source.programme.check_within(self.camera.frames)
+            except ValueError as error:
+                yield ("sources", number, "programme"), f"{entry.key}: {error}"
+        for field, names, table in (("objects", entry.objects, self.objects), ("sounds", entry.heard, self.sounds)):
+            for name in names:
+                if name in self.categories and not table.get(name):
+                    yield (), f"{entry.key}: {missing_files(name, field)}"
+        allowed = self.models.get(entry.category or "", ())
+        if allowed and entry.variant is not None and entry.variant not in allowed:
+            yield (
+                ("variant",),
+                f"{entry.key}: variant {entry.variant!r} is not among models of {entry.category}; "
+                f"expected one of {_listed(allowed)}",
+            )
 
-    @model_validator(mode="after")
-    def _procedural(self) -> Manifest:
-        """Refuse variants of a category whose models are files, and observations with another variant."""
+    def _faults_of_models(self) -> Iterator[Fault]:
+        """Variants of a category whose models are files, and those that are listed twice."""
         for name, allowed in self.models.items():
+            place = ("models", name)
             if name in self.categories:
-                raise ValueError(f"models: {name} is a category of this manifest and has no procedural models")
+                yield place, f"{name} is a category of this manifest and has no procedural models"
             if self.objects.get(name):
-                raise ValueError(f"models: the files in objects replace the models of {name}; leave out one of both")
+                yield place, f"the files in objects replace the models of {name}; leave out one of both"
             twice = next((variant for variant in allowed if allowed.count(variant) > 1), None)
             if twice is not None:
-                raise ValueError(f"models: {name}: {twice!r} is listed twice")
-        for entry in self.observations:
-            allowed = self.models.get(entry.category or "", ())
-            if allowed and entry.variant is not None and entry.variant not in allowed:
-                raise ValueError(
-                    f"{entry.key}: variant {entry.variant!r} is not among models of {entry.category}; "
-                    f"expected one of {_listed(allowed)}"
-                )
-        return self
+                yield place, f"{twice!r} is listed twice"
 
 
 #: The fields that an entry with ``like`` may have, and those that it may have in part_3 only.
@@ -601,7 +655,7 @@ def _raw_key(entry: dict[str, Any]) -> str:
     return "/".join(str(entry.get(name)) for name in ("part", "scan", "room", "index"))
 
 
-def _original(entry: dict[str, Any], number: int, originals: dict[str, dict[str, Any]]) -> dict[str, Any]:
+def _original(entry: dict[str, Any], originals: dict[str, dict[str, Any]]) -> dict[str, Any]:
     """Find the entry of which ``entry`` is a variant.
 
     Raises:
@@ -610,7 +664,7 @@ def _original(entry: dict[str, Any], number: int, originals: dict[str, dict[str,
     original = originals.get(str(entry["like"]))
     if original is None:
         raise ValueError(
-            f"observations.{number}: like {excerpt(entry['like'])} names no observation of this manifest that is not a "
+            f"like {excerpt(entry['like'])} names no observation of this manifest that is not a "
             f"variant itself; expected a key like {excerpt(next(iter(originals), 'part_1/scan/kitchen/1'))}"
         )
     scene = original.get("part") == SOUND_SCENES
@@ -619,14 +673,14 @@ def _original(entry: dict[str, Any], number: int, originals: dict[str, dict[str,
     if surplus:
         what = "index, acoustics, sources and background" if scene else "index and acoustics"
         raise ValueError(
-            f"observations.{number}: an entry with like cannot have {_listed(surplus)}; a variant takes "
+            f"an entry with like cannot have {_listed(surplus)}; a variant takes "
             f"everything except {what} from its original; leave them out"
         )
     left = {"index", "background"} if "sources" in entry else {"index"}
     return {name: value for name, value in original.items() if name not in left}
 
 
-def _scene(entry: dict[str, Any], number: int, scenes: dict[str, dict[str, Any]]) -> dict[str, Any]:
+def _scene(entry: dict[str, Any], scenes: dict[str, dict[str, Any]]) -> dict[str, Any]:
     """The fields that an entry with ``variant_of`` takes from its original.
 
     Raises:
@@ -636,13 +690,13 @@ def _scene(entry: dict[str, Any], number: int, scenes: dict[str, dict[str, Any]]
     original = scenes.get(key)
     if original is None or original.get("part") != SOUND_SCENES:
         raise ValueError(
-            f"observations.{number}: variant_of {excerpt(key)} names no observation of part_3 of this manifest that "
+            f"variant_of {excerpt(key)} names no observation of part_3 of this manifest that "
             "has no variant_of itself; in part_1 and part_2 write like"
         )
     surplus = sorted(step(name) for name in set(entry) - set(_SCENE_VARIANT_FIELDS))
     if surplus:
         raise ValueError(
-            f"observations.{number}: an entry with variant_of cannot have {_listed(surplus)}; it takes everything "
+            f"an entry with variant_of cannot have {_listed(surplus)}; it takes everything "
             "except index, acoustics and background from its original; leave them out"
         )
     return {name: value for name, value in original.items() if name != "index"} | {"like": original.get("like", key)}
@@ -662,12 +716,16 @@ class ManifestFile:
         """Folder that relative file names in the manifest refer to."""
         return self.path.parent
 
+    def refusal(self, faults: Sequence[Fault]) -> tuple[str, ...]:
+        """A message for each problem, with the manifest, the field and its line."""
+        return in_lines(faults, self.path, self.text)
+
 
 def read_manifest(path: str | Path) -> ManifestFile:
     """Read and check a manifest.
 
     Raises:
-        UsageError: one line with the file, the field, what was found and what was expected.
+        UsageError: for each problem a line with the file, the field, its line, what was found and what was expected.
     """
     path = Path(path)
     try:
@@ -683,51 +741,17 @@ def read_manifest(path: str | Path) -> ManifestFile:
     try:
         manifest = Manifest.model_validate(document)
     except ValidationError as error:
-        raise UsageError(f"{path}: {_finding(error)}") from None
+        raise UsageError(*messages(error, path, raw.decode("utf-8"), Manifest)) from None
     return ManifestFile(manifest, path.resolve(), raw.decode("utf-8"), hashlib.sha256(raw).hexdigest())
 
 
-def _fields() -> tuple[str, ...]:
-    """Names of the fields of every record of a manifest."""
-    records = [value for value in globals().values() if isinstance(value, type) and issubclass(value, BaseModel)]
-    return tuple(sorted({field for record in records for field in record.model_fields}))
-
-
-_FIELDS = _fields()
-
-
-#: Parts of pydantic's locations that are no fields of the file: a key that is wrong, the tags of `Instances`.
-_NO_STEPS = ("[key]", "[number]", "[objects]")
-#: Type of an error of pydantic → what a YAML file calls the type that was expected.
-_EXPECTED = {"dict_type": "a mapping", "model_type": "a mapping", "tuple_type": "a list", "list_type": "a list"}
-
-
-def _finding(error: ValidationError) -> str:
-    """Describe pydantic's first error in one line, and the number of further errors."""
-    found = error.errors(include_url=False)
-    # A list counts only its valid entries: it is not too short where one of them is wrong.
-    first, *rest = [one for one in found if one["type"] != "too_short"] or found
-    place = ".".join(step(key) for key in first["loc"] if str(key) not in _NO_STEPS) or "manifest"
-    kind, message = first["type"], first["msg"].removeprefix("Value error, ")
-    if kind == "extra_forbidden":
-        name = str(first["loc"][-1])
-        near = [] if name in _FIELDS else get_close_matches(name, _FIELDS, n=1)  # its own name: a field of another part
-        message = "unknown field; " + (f"did you mean {near[0]!r}?" if near else "correct its name, or leave it out")
-    elif kind == "missing":
-        message = "is missing"
-    elif kind in _EXPECTED:
-        message = f"expected {_EXPECTED[kind]}, found {excerpt(first['input'])}"
-    elif kind == "too_short":
-        message = f"too few entries; expected at least {first['ctx']['min_length']}"
-    elif kind == "too_long":
-        message = f"too many entries; expected at most {first['ctx']['max_length']}"
-    elif kind != "value_error":  # the project's own messages already contain the value found
-        message += f" (found {excerpt(first['input'])})"
-    return f"{place}: {message}" + (f" (and {len(rest)} more)" if rest else "")
-
-
-def select(manifest: Manifest, patterns: Sequence[str]) -> tuple[ObservationSpec, ...]:
+def select(manifest: Manifest, patterns: Sequence[str], option: str = "--only") -> tuple[ObservationSpec, ...]:
     """The observations whose key matches one of the shell patterns (all without patterns), in the manifest's order.
+
+    Args:
+        manifest: with the observations.
+        patterns: as the user gave them.
+        option: that takes the patterns, for the message.
 
     Raises:
         UsageError: if a pattern matches nothing.
@@ -735,7 +759,7 @@ def select(manifest: Manifest, patterns: Sequence[str]) -> tuple[ObservationSpec
     for pattern in patterns:
         if not any(fnmatch.fnmatchcase(entry.key, pattern) for entry in manifest.observations):
             raise UsageError(
-                f"--only {pattern!r} matches no observation of {manifest.name}; "
+                f"{option} {excerpt(pattern)} matches no observation of {manifest.name}; "
                 f"keys look like {manifest.observations[0].key!r}"
             )
     return tuple(

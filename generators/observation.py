@@ -38,6 +38,7 @@ from generators.core.scene import Licence, Scene
 from generators.homes.store import open_home
 from generators.library import open_asset
 from generators.library.licences import spdx
+from generators.manifest import SoundSpec
 from generators.paths.stage import Camera, Stage
 from generators.paths.watcher import line_of_sight
 from generators.placement.placement import Placement
@@ -354,13 +355,12 @@ class SoundFile:
         return Sound(load_sound(self.path, seconds, start=start), self.asset, self.licence)
 
 
-def sound_file(plan: ObservationPlan, category: str, number: int) -> SoundFile:
-    """The file of an entry of the manifest's ``sounds``, from 0.
+def sound_file(plan: ObservationPlan, category: str, spec: SoundSpec) -> SoundFile:
+    """The file of an entry of the manifest's ``sounds``.
 
     Raises:
         Avs3dError: if it is missing.
     """
-    spec = plan.sounds[category][number]
     if spec.asset is not None:
         path, entry = open_asset(plan.lock, spec.asset)
         return SoundFile(path, entry.id, Licence(entry.licence, entry.author, entry.url or entry.ref))
@@ -379,7 +379,7 @@ def choose_sound(plan: ObservationPlan, category: str, rng: np.random.Generator)
     seconds = plan.camera.frames + PRE_ROLL
     files = plan.sounds.get(category, ())
     if files:
-        return sound_file(plan, category, int(rng.integers(len(files)))).sound(seconds)
+        return sound_file(plan, category, files[int(rng.integers(len(files)))]).sound(seconds)
     return synthesised_sound(category, seconds, rng)
 
 

@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -171,7 +171,7 @@ class ObservationPlan:
             "home": self.home_digest,
             "camera": self.camera.model_dump(),
             "seed": self.seed,
-            "models": {name: [o.identity() for o in items] for name, items in self.objects.items()},
+            "models": _identities(self.objects, spec.objects),
             "categories": self._declarations(spec.objects),
             "vision": self.vision,
             "backends": self.backends,
@@ -183,15 +183,18 @@ class ObservationPlan:
 
     @cached_property
     def digest(self) -> str:
-        """sha256 of all that the bytes depend on; a finished observation with another digest is not reused."""
+        """sha256 of all that the bytes depend on; a finished observation with another digest is not reused.
+
+        Of the manifest it covers what this observation uses: the entries of other categories may change.
+        """
         document = {
             "spec": self.spec.identity(),
             "scan": self.scan.identity(),
             "camera": self.camera.model_dump(),
             "light": self.light,
             "seed": self.seed,
-            "objects": {name: [o.identity() for o in items] for name, items in self.objects.items()},
-            "sounds": {name: [s.identity() for s in items] for name, items in self.sounds.items()},
+            "objects": _identities(self.objects, self.spec.objects),
+            "sounds": _identities(self.sounds, self.spec.heard),
             "vision": self.vision,
             "audio": self.audio,
             "with": [self.depth, self.rirs, *(("stems",) if self.keeps_stems else ())],
@@ -213,6 +216,16 @@ class ObservationPlan:
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
     @property
+    def object_items(self) -> tuple[tuple[str, ObjectSpec], ...]:
+        """(category, entry) of all files and assets from which its objects are drawn."""
+        return tuple((name, item) for name in self.spec.objects for item in self.objects.get(name, ()))
+
+    @property
+    def sound_items(self) -> tuple[tuple[str, SoundSpec], ...]:
+        """(category, entry) of all files and assets from which its sounds are drawn."""
+        return tuple((name, item) for name in self.spec.heard for item in self.sounds.get(name, ()))
+
+    @property
     def _variants(self) -> dict[str, tuple[str, ...]]:
         """The entries of ``models`` that this observation draws from."""
         return {name: self.models[name] for name in self.spec.objects if name in self.models}
@@ -223,12 +236,7 @@ class ObservationPlan:
 
     def _file_digests(self, *, sounds: bool = True) -> dict[str, str]:
         """sha256 of every file that this observation may read; a missing file is reported when it is opened."""
-        spec = self.spec
-        items: list[AssetSpec] = []
-        for category in spec.heard if sounds else ():
-            items += self.sounds.get(category, ())
-        for category in spec.objects:
-            items += self.objects.get(category, ())
+        items = [item for _, item in (*self.object_items, *(self.sound_items if sounds else ()))]
         named = {item.file: locate(self.base, item.file) for item in items if item.file is not None}
         found = {name: files.sha256_file(path) for name, path in named.items() if path.is_file()}
         assets = [item.asset for item in items if item.asset is not None]
@@ -265,6 +273,19 @@ class ObservationPlan:
         name = self.scan.materials
         return resolve_file(self.base, name, f"material file of scan {self.spec.scan}") if name else None
 
+    def check_files(self) -> None:
+        """See whether all files that the observation may use are there; what they hold is not looked at.
+
+        Raises:
+            Avs3dError: naming the first one that is missing.
+        """
+        if self.scan.source == "scan":
+            _ = self.scan_files, self.material_file
+        for kind, items in (("mesh", self.object_items), ("sound", self.sound_items)):
+            for category, item in items:
+                if item.file is not None:
+                    resolve_file(self.base, item.file, f"{kind} for {category}")
+
     def _scan_digests(self) -> dict[str, str]:
         """sha256 of the files of its scan; a missing file is reported when it is opened."""
         if self.scan.source != "scan":
@@ -286,6 +307,11 @@ class ObservationPlan:
             # Rays differ by rounding: the bytes are those of this kind of device.
             document.append(self.backends[f"device {self.device}"])
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
+
+
+def _identities(table: Mapping[str, Sequence[AssetSpec]], used: Iterable[str]) -> dict[str, list[dict[str, Any]]]:
+    """The entries of ``objects`` or ``sounds`` of the categories ``used``, for digests."""
+    return {name: [item.identity() for item in table[name]] for name in used if table.get(name)}
 
 
 def derive_rng(seed: int, key: str, purpose: str) -> np.random.Generator:

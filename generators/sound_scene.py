@@ -378,7 +378,7 @@ def _sound(plan: ObservationPlan, category: str, nth: int) -> Sound:
 
 def _recordings(plan: ObservationPlan, category: str) -> tuple[list[SoundFile], list[float]]:
     """The recordings of a category, each once, and their lengths (s)."""
-    files = [sound_file(plan, category, number) for number in range(len(plan.sounds.get(category, ())))]
+    files = [sound_file(plan, category, spec) for spec in plan.sounds.get(category, ())]
     files = list({file.path: file for file in files}.values())
     return files, [recorded_seconds(file.path) for file in files]
 

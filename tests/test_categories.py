@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -60,11 +61,12 @@ def refusal(folder: Path, content: dict[str, Any]) -> str:
     path.write_text(yaml.safe_dump(content, sort_keys=False))
     with pytest.raises(UsageError) as caught:
         read_manifest(path)
-    line = str(caught.value)
-    assert line.startswith(f"{path}: ")
+    line = caught.value.args[0]
+    where = re.match(rf"{re.escape(str(path))}(, line \d+)?: ", line)
+    assert where is not None
     assert line.isprintable()
     assert len(line) < 1000
-    return line.removeprefix(f"{path}: ")
+    return line.removeprefix(where.group())
 
 
 # ---- what is declared -----------------------------------------------------------------------------------------------

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+import soundfile
 import trimesh
+import yaml
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.user_path import user_path
@@ -22,6 +25,7 @@ from generators.library.store import default_store
 from generators.manifest import LicenceSpec, ManifestFile, ScanSpec, read_manifest
 from generators.plan import make_plans, resolve_file
 from generators.run.dataset_record import check
+from generators.run.generation import generate
 from generators.run.runner import RunSettings, run
 from generators.scans import scan
 from tests.homes import write_manifest
@@ -180,3 +184,109 @@ def test_material_files_that_would_crash_the_reader_are_one_line(tmp_path: Path,
     with pytest.raises(Avs3dError) as caught:
         read_material_file(path)
     assert str(caught.value).isprintable()
+
+
+# ---- the files that a run reads --------------------------------------------------------------------------------------
+
+
+def with_files(tmp_path: Path, objects: dict[str, list[str]], sounds: dict[str, list[str]], **home: str) -> Path:
+    """The manifest of a microwave (part_1) and three clocks (part_2) with these files."""
+    path = write_manifest(tmp_path)
+    document = yaml.safe_load(path.read_text())
+    for field, table in (("objects", objects), ("sounds", sounds)):
+        document[field] = {name: [{"file": file, "licence": TERMS} for file in names] for name, names in table.items()}
+    document["scans"]["box"] |= home
+    path.write_text(yaml.safe_dump(document, sort_keys=False))
+    (tmp_path / "text.glb").write_text("no mesh")
+    (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n")
+    soundfile.write(tmp_path / "silent.wav", np.zeros(44_100), 44_100)
+    soundfile.write(tmp_path / "good.wav", np.random.default_rng(0).normal(0, 0.1, 44_100), 44_100)
+    (tmp_path / "cut.wav").write_bytes((tmp_path / "good.wav").read_bytes()[:3000])
+    (tmp_path / "materials.json").write_text("{")
+    return path
+
+
+def refuse_to_build(*_: object, **__: object) -> None:
+    raise AssertionError("a home was opened")
+
+
+@pytest.fixture
+def nothing_is_built(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("generators.run.runner._make", refuse_to_build)
+
+
+@pytest.mark.usefixtures("nothing_is_built")
+def test_every_file_is_read_before_the_first_home_is_built(tmp_path: Path) -> None:
+    objects = {"microwave": ["gone.glb", "text.glb"], "clock": ["flat.obj"], "toilet": ["of no observation.glb"]}
+    sounds = {"microwave": ["good.wav", "cut.wav", "~nobody-here/x.wav"], "clock": ["silent.wav"]}
+    path = with_files(tmp_path, objects, sounds, materials="materials.json")
+    with pytest.raises(Avs3dError) as caught:
+        generate(path, tmp_path / "data", audio="analytic", workers=1)
+    lines = path.read_text().splitlines()
+    expected = {
+        "objects.microwave.0": "gone.glb",
+        "objects.microwave.1": "text.glb",
+        "objects.clock.0": "flat.obj",
+        "sounds.microwave.1": "cut.wav",
+        "sounds.microwave.2": "~nobody-here/x.wav",
+        "sounds.clock.0": "silent.wav",
+        "scans.box.materials": "materials.json",
+    }
+    found = {}
+    for message in caught.value.args:
+        assert message.isprintable()
+        where, place, said = message.split(": ", 2)
+        number = int(where.removeprefix(f"{path}, line "))
+        found[place] = next(name for name in expected.values() if name in said)
+        assert found[place] in lines[number - 1], "the line is that of the file"
+    assert found == expected
+    assert not (tmp_path / "data").exists()
+
+
+@pytest.mark.usefixtures("nothing_is_built")
+def test_an_unknown_home_folder_leaves_no_empty_folder(tmp_path: Path) -> None:
+    path = with_files(tmp_path, {}, {"clock": ["~nobody-here/x.wav"]})
+    with pytest.raises(UsageError, match="no home folder is known for '~nobody-here'"):
+        generate(path, tmp_path / "data", audio="analytic", workers=1)
+    assert not (tmp_path / "data").exists()
+
+
+@pytest.mark.slow
+def test_files_that_the_chosen_observations_do_not_use_block_nothing(tmp_path: Path) -> None:
+    path = with_files(tmp_path, {"clock": ["gone.glb"]}, {"clock": ["cut.wav"], "microwave": ["good.wav"]})
+    small = {"audio": "analytic", "frames": 1, "size": 32, "workers": 1}
+    outcome = generate(path, tmp_path / "data", **small, only=["part_1/*"])  # type: ignore[arg-type]
+    assert (len(outcome.made), outcome.failed) == (1, ())
+
+
+def test_an_asset_of_another_category_may_be_missing_from_the_lock_file(tmp_path: Path) -> None:
+    path = write_manifest(tmp_path)
+    path.write_text(path.read_text() + "\nobjects: {clock: [{asset: folder/typo}]}\n")
+    assert len(make_plans(read_manifest(path), audio="analytic", only=["part_1/*"])) == 1
+    with pytest.raises(UsageError, match="no asset 'folder/typo'"):
+        make_plans(read_manifest(path), audio="analytic")
+
+
+def test_a_file_that_has_gone_since_is_named(tmp_path: Path) -> None:
+    """Its observation has another digest then; that it is from another manifest would be wrong."""
+    path = with_files(tmp_path, {}, {"microwave": ["good.wav"]})
+    (plan,) = make_plans(read_manifest(path), audio="analytic", only=["part_1/*"])
+    plan.check_files()
+    (tmp_path / "good.wav").unlink()
+    with pytest.raises(Avs3dError, match=r"good\.wav: sound for microwave not found"):
+        plan.check_files()
+
+
+@pytest.mark.slow
+def test_a_failure_is_printed_once(tmp_path: Path) -> None:
+    path = write_manifest(tmp_path)
+    document = yaml.safe_load(path.read_text())
+    document["observations"] = [document["observations"][0] | {"room": "bathroom"}]
+    path.write_text(yaml.safe_dump(document))
+    command = [sys.executable, "-m", "avs3d_bench", "generate", path, "-o", tmp_path / "data"]
+    command += ["--audio", "analytic", "--frames", "1", "--size", "32", "--workers", "1"]
+    done = subprocess.run([*map(str, command)], capture_output=True, text=True, check=False, timeout=240)
+    assert done.returncode == 1
+    assert (done.stdout + done.stderr).count("no room 'bathroom'") == 1
+    assert "avs3d: error: part_1/box/bathroom/1: " in done.stderr
+    assert str(tmp_path / "data/failures.jsonl") in done.stdout

@@ -37,7 +37,7 @@ def check_assets(lock: Path, objects: Table, sounds: Table, categories: Iterable
         lock: the lock file beside the manifest.
         objects: the field of the manifest.
         sounds: the field of the manifest.
-        categories: the categories that will be generated; only their files must be in the store.
+        categories: the categories that will be generated; the others are not looked at.
 
     Raises:
         UsageError: if the lock file lacks one, or it is of another kind or category than the manifest says.
@@ -47,7 +47,7 @@ def check_assets(lock: Path, objects: Table, sounds: Table, categories: Iterable
     tables: tuple[tuple[Kind, Table], ...] = (("object", objects), ("sound", sounds))
     for kind, table in tables:
         for category, items in table.items():
-            for item in items:
+            for item in items if category in wanted else ():
                 if item.asset is None:
                     continue
                 entry = find_entry(lock, item.asset)
@@ -56,7 +56,7 @@ def check_assets(lock: Path, objects: Table, sounds: Table, categories: Iterable
                         f"{lock}: {entry.id} is the {entry.kind} of a {entry.category}, but the manifest needs the "
                         f"{kind} of a {category}; name another asset, or correct its entry"
                     )
-                if category in wanted and not store.path(entry).is_file():
+                if not store.path(entry).is_file():
                     missing.append(entry.id)
     if missing:
         more = f" and {len(missing) - 3} more" if len(missing) > 3 else ""

@@ -212,6 +212,20 @@ def find_entry(lock: Path, asset: str) -> AssetEntry:
     return entry
 
 
+def check_asset(lock: Path, asset: str, store: Store | None = None) -> AssetEntry:
+    """The entry of an asset whose file in the store is the pinned one.
+
+    Raises:
+        UsageError: if the lock file does not contain it.
+        Avs3dError: if its file is missing or differs from the pinned one, with the command that fetches it.
+    """
+    entry = find_entry(lock, asset)
+    problem = (store or Store.default()).problem(entry)
+    if problem:
+        raise Avs3dError(f"{asset}: {problem}; run: avs3d assets fetch --lock {lock} --id {asset}")
+    return entry
+
+
 def open_asset(lock: Path, asset: str, store: Store | None = None) -> tuple[Path, AssetEntry]:
     """The file that generation reads for an asset: a sound as delivered, an object's cleaned GLB.
 
@@ -224,12 +238,8 @@ def open_asset(lock: Path, asset: str, store: Store | None = None) -> tuple[Path
         The path, and the entry with licence and provenance.
 
     Raises:
-        UsageError: if the lock file does not contain it.
-        Avs3dError: if its file is missing or differs from the pinned one, with the command that fetches it.
+        UsageError, Avs3dError: see `check_asset`.
     """
-    entry = find_entry(lock, asset)
     store = store or Store.default()
-    problem = store.problem(entry)
-    if problem:
-        raise Avs3dError(f"{asset}: {problem}; run: avs3d assets fetch --lock {lock} --id {asset}")
+    entry = check_asset(lock, asset, store)
     return (store.mesh(entry) if entry.kind == "object" else store.path(entry)), entry

@@ -74,6 +74,10 @@ class Output(Protocol):
         """
 
 
+#: End of the name that a folder has while another takes its place.
+_EARLIER = ".earlier"
+
+
 def hidden_name(place: Path, what: str) -> Path:
     """A name beside ``place`` that no other process or attempt uses."""
     stem = place.name.strip(".").partition(".")[0]
@@ -82,11 +86,15 @@ def hidden_name(place: Path, what: str) -> Path:
 
 
 def sweep(root: Path) -> None:
-    """Remove what interrupted attempts left below a dataset's folder.
+    """Remove what interrupted attempts left below a dataset's folder; put back what one was about to replace.
 
     Each is renamed before it is deleted: an attempt that still runs somewhere can then no longer give its name to a
     folder that is half gone.
     """
+    for earlier in root.glob(f"part_*/*/*/.*{_EARLIER}"):
+        place = earlier.with_name(earlier.name.removeprefix(".").removesuffix(_EARLIER))
+        with suppress(OSError):
+            earlier.rename(hidden_name(place, "replaced") if place.exists() else place)
     for partial in root.glob("part_*/*/*/.*.partial"):
         doomed = hidden_name(partial, "swept")
         with suppress(OSError):
@@ -108,10 +116,12 @@ class FolderOutput:
 
     Args:
         place: the observation's final folder.
+        replaces: whether it takes the place of a finished observation; that one stays until this one is whole.
     """
 
-    def __init__(self, place: Path) -> None:
+    def __init__(self, place: Path, *, replaces: bool = False) -> None:
         self._final = place
+        self._replaces = replaces
         self.folder = hidden_name(place, "new")
 
     def open(self) -> None:
@@ -165,10 +175,25 @@ class FolderOutput:
         """Write observation.json and rename the folder."""
         files.write_json(self.folder / layout.OBSERVATION_JSON, record)
         try:
-            self.folder.rename(self._final)
+            if self._replaces and self._final.exists():
+                self._replace()
+            else:
+                self.folder.rename(self._final)
         except OSError as error:
             if not self._is_there(record):
                 raise Avs3dError(files.os_error_line(error, self._final, "write")) from error
+
+    def _replace(self) -> None:
+        """Take the place of the earlier folder, of which `sweep` knows the name in between."""
+        earlier = self._final.with_name(f".{self._final.name}{_EARLIER}")
+        self._final.rename(earlier)
+        try:
+            self.folder.rename(self._final)
+        except OSError:
+            with suppress(OSError):
+                earlier.rename(self._final)
+            raise
+        remove(earlier)
 
     def _is_there(self, record: ObservationRecord) -> bool:
         """Whether another attempt at the same plan has come first."""

@@ -1,14 +1,47 @@
-"""The options that a finished observation was made with against those of a run, for the message that refuses it."""
+"""What a finished observation was made with against what a run asks for, for the message that refuses it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
-from avs3d_bench import layout
-from avs3d_bench.schema import AcousticsRecord, ArrayRecord, ObservationRecord
+from avs3d_bench import __version__, layout
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.schema import AcousticsRecord, ArrayRecord, DatasetRecord, ObservationRecord
 from avs3d_bench.text import readable
+from generators.backends import observation_provenance
 from generators.plan import ObservationPlan
 from generators.receivers import Receivers
+
+
+def describe_mismatch(plan: ObservationPlan, record: ObservationRecord, read_index: Callable[[], DatasetRecord]) -> str:
+    """How an observation that is not the plan's was made, and what to do: the end of the message that refuses it.
+
+    Args:
+        plan: what the run asks for.
+        record: of the finished observation.
+        read_index: reads the record of the dataset.
+
+    Raises:
+        Avs3dError: if a file that the plan names is missing: then this is the difference.
+    """
+    plan.check_files()
+    known = describe_differences(plan, record)
+    how = f"with other options or versions: {known}" if known else _other_source(plan, read_index)
+    return f"was generated {how}; choose another folder with -o, or make it again with --remake {plan.key!r}"
+
+
+def _other_source(plan: ObservationPlan, read_index: Callable[[], DatasetRecord]) -> str:
+    """Whether the software is another one or the manifest is, if the dataset's index tells."""
+    try:
+        index = read_index()
+    except Avs3dError:  # of a run that was interrupted
+        return "from another manifest or by another version"
+    there, here = index.provenance, observation_provenance(plan.vision, plan.audio, plan.device)
+    if there is None or there.digest != here.digest:
+        other = index.toolkit_version != __version__
+        which = f"version {index.toolkit_version}, not {__version__}" if other else "its sources or libraries differ"
+        return f"by other software ({which})"
+    return "from another manifest, or with other contents of the files that it names"
 
 
 def describe_differences(plan: ObservationPlan, record: ObservationRecord) -> str:

@@ -1,4 +1,4 @@
-"""Observations of an earlier run: are they what this run would make, and are they whole?"""
+"""Observations of an earlier run: are they whole?"""
 
 from __future__ import annotations
 
@@ -6,33 +6,9 @@ import stat
 from pathlib import Path
 
 from avs3d_bench import files
-from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.errors import Avs3dError
 from avs3d_bench.schema import ObservationRecord
-from generators.plan import ObservationPlan
 from generators.recording.output import hidden_name, remove
-from generators.run.differences import describe_differences
-
-
-def check_plan(path: Path, record: ObservationRecord, plan: ObservationPlan, digest: str) -> None:
-    """Refuse an observation that is not the one of the plan.
-
-    Args:
-        path: the observation's folder or tar.
-        record: its record.
-        plan: what should be there.
-        digest: the ``plan_sha256`` that its record should have.
-
-    Raises:
-        UsageError: if it was made from another plan or by other software.
-    """
-    if record.plan_sha256 != digest:
-        if plan.scan.source == "scan":
-            _ = plan.scan_files  # a scan that is not there has another digest, too: that is what is to be said then
-        known = describe_differences(plan, record)
-        how = f"with other options or versions: {known}" if known else "from another manifest or by another version"
-        raise UsageError(
-            f"{path}: was generated {how}; choose another folder with -o, or delete it to have it made again"
-        )
 
 
 def find_damage(folder: Path, record: ObservationRecord) -> str:

@@ -5,26 +5,28 @@ A form says where an observation lies, whether an earlier run has made it, and w
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
 from avs3d_bench import files, layout
-from avs3d_bench.errors import UsageError
+from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports import observation_tar
-from avs3d_bench.exports.observation_index import FORMAT, describe_shards
+from avs3d_bench.exports.observation_index import FORMAT, ObservationShardIndex, describe_shards
 from avs3d_bench.exports.shards import SHARDS_JSON
 from avs3d_bench.outputs import Signature
 from avs3d_bench.parallel import available_cores
 from avs3d_bench.provenance import Provenance
-from avs3d_bench.schema import ObservationRecord
+from avs3d_bench.schema import DatasetRecord, ObservationRecord
 from generators.manifest import ManifestFile
 from generators.plan import ObservationPlan
 from generators.recording.output import FolderOutput, Output
 from generators.recording.tar_output import TarOutput, tar_plan_digest
 from generators.run.dataset_record import describe_dataset, read_observation
-from generators.run.finished import check_plan, find_damage
+from generators.run.differences import describe_mismatch
+from generators.run.finished import find_damage
 
 
 class DatasetFormat(Protocol):
@@ -41,8 +43,13 @@ class DatasetFormat(Protocol):
     def name_of(self, index: Any) -> Any:
         """The name of the dataset in an index with the signature (JSON)."""
 
-    def output(self, place: Path) -> Output:
-        """The output of the files of an observation whose folder is, or would be, ``place``."""
+    def output(self, place: Path, *, replaces: bool = False) -> Output:
+        """The output of the files of an observation whose folder is, or would be, ``place``.
+
+        Args:
+            place: the folder.
+            replaces: whether it takes the place of a finished observation, which stays until the new one is whole.
+        """
 
     def path(self, root: Path, key: str) -> Path:
         """The folder or file of an observation."""
@@ -60,11 +67,26 @@ class DatasetFormat(Protocol):
     def find_damage(self, root: Path, record: ObservationRecord) -> str:
         """What is wrong with a finished observation; empty if nothing is."""
 
-    def seal(self, source: ManifestFile, root: Path, software: Provenance) -> None:
-        """Write the index over every observation of the manifest that is there; nothing if there is none.
+    def seal(
+        self, source: ManifestFile, root: Path, software: Provenance, without: Collection[str] = frozenset()
+    ) -> None:
+        """Write the index over every observation of the manifest that is there; none if there is no observation.
+
+        Args:
+            source: the manifest.
+            root: the dataset's folder.
+            software: what made the observations.
+            without: keys of observations that are there, but from another manifest or by other software.
 
         Raises:
             Avs3dError: if an observation cannot be read, or the folder not be written.
+        """
+
+    def read_index(self, root: Path) -> DatasetRecord:
+        """The dataset's record in the index.
+
+        Raises:
+            Avs3dError: if it cannot be read.
         """
 
 
@@ -78,9 +100,9 @@ class FolderFormat:
         """As the index has it."""
         return index["name"]
 
-    def output(self, place: Path) -> Output:
+    def output(self, place: Path, *, replaces: bool = False) -> Output:
         """A folder."""
-        return FolderOutput(place)
+        return FolderOutput(place, replaces=replaces)
 
     def path(self, root: Path, key: str) -> Path:
         """The folder."""
@@ -99,11 +121,19 @@ class FolderFormat:
         """What is missing, or of another size: contents are not read."""
         return find_damage(root / record.key, record)
 
-    def seal(self, source: ManifestFile, root: Path, software: Provenance) -> None:
+    def seal(
+        self, source: ManifestFile, root: Path, software: Provenance, without: Collection[str] = frozenset()
+    ) -> None:
         """Write dataset.json."""
-        record = describe_dataset(source, _found(self, source, root), software)
+        record = describe_dataset(source, _found(self, source, root, without), software)
         if record is not None:
             files.write_json(root / self.index, record)
+        else:
+            (root / self.index).unlink(missing_ok=True)
+
+    def read_index(self, root: Path) -> DatasetRecord:
+        """dataset.json."""
+        return files.read_record(root / self.index, DatasetRecord)
 
 
 class TarFormat:
@@ -116,9 +146,9 @@ class TarFormat:
         """As the dataset's record in the index has it."""
         return index["dataset"]["name"]
 
-    def output(self, place: Path) -> Output:
+    def output(self, place: Path, *, replaces: bool = False) -> Output:
         """A tar."""
-        return TarOutput(place)
+        return TarOutput(place)  # a rename replaces a file
 
     def path(self, root: Path, key: str) -> Path:
         """The tar."""
@@ -136,26 +166,49 @@ class TarFormat:
         """Whether the tar's bytes are those of its digest."""
         return observation_tar.find_fault(self.path(root, record.key))
 
-    def seal(self, source: ManifestFile, root: Path, software: Provenance) -> None:
+    def seal(
+        self, source: ManifestFile, root: Path, software: Provenance, without: Collection[str] = frozenset()
+    ) -> None:
         """Write shards.json."""
-        found = list(_found(self, source, root))
+        found = list(_found(self, source, root, without))
         dataset = describe_dataset(source, found, software)
         if dataset is not None:
             records = [record for record, _ in found]
             with ThreadPoolExecutor(available_cores()) as pool:
                 digests = pool.map(files.sha256_file, [self.path(root, record.key) for record in records])
                 files.write_json(root / self.index, describe_shards(root, dataset, zip(records, digests, strict=True)))
+        else:
+            (root / self.index).unlink(missing_ok=True)
+
+    def read_index(self, root: Path) -> DatasetRecord:
+        """That in shards.json."""
+        return files.read_record(root / self.index, ObservationShardIndex).dataset
 
 
 #: Name on the command line → form.
 FORMATS: dict[str, DatasetFormat] = {"folders": FolderFormat(), "tar": TarFormat()}
 
 
-def _found(form: DatasetFormat, source: ManifestFile, root: Path) -> Iterator[tuple[ObservationRecord, str]]:
+def _found(
+    form: DatasetFormat, source: ManifestFile, root: Path, without: Collection[str]
+) -> Iterator[tuple[ObservationRecord, str]]:
     """Record and digest of every observation of the manifest that is there, sorted by key."""
     for spec in sorted(source.manifest.observations, key=lambda spec: spec.key):
-        if form.path(root, spec.key).exists():
+        if spec.key not in without and form.path(root, spec.key).exists():
             yield form.read(root, spec.key)
+
+
+def refuse_other_form(form: DatasetFormat, root: Path, key: str) -> None:
+    """Refuse an observation that was made in another form.
+
+    Raises:
+        UsageError: naming its folder or tar.
+    """
+    for other in FORMATS.values():
+        if other is not form and other.path(root, key).exists():
+            raise UsageError(
+                f"{other.path(root, key)}: was generated with another --format; choose another folder with -o"
+            )
 
 
 def find_finished(form: DatasetFormat, root: Path, plan: ObservationPlan) -> ObservationRecord | None:
@@ -166,13 +219,18 @@ def find_finished(form: DatasetFormat, root: Path, plan: ObservationPlan) -> Obs
         Avs3dError: if its record is missing or damaged.
     """
     path = form.path(root, plan.key)
-    for other in FORMATS.values():
-        if other is not form and other.path(root, plan.key).exists():
-            raise UsageError(
-                f"{other.path(root, plan.key)}: was generated with another --format; choose another folder with -o"
-            )
+    refuse_other_form(form, root, plan.key)
     if not path.exists():
         return None
     record, _ = form.read(root, plan.key)
-    check_plan(path, record, plan, form.plan_digest(plan))
+    if record.plan_sha256 != form.plan_digest(plan):
+        raise UsageError(f"{path}: {describe_mismatch(plan, record, partial(form.read_index, root))}")
     return record
+
+
+def is_of_plan(form: DatasetFormat, root: Path, plan: ObservationPlan) -> bool:
+    """Whether the observation that is there, if there is one, is what the plan would make."""
+    try:
+        return form.read(root, plan.key)[0].plan_sha256 == form.plan_digest(plan)
+    except Avs3dError:
+        return False

@@ -7,6 +7,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
+from avs3d_bench.errors import UsageError, excerpt
 from avs3d_bench.one_thread import ONE_THREAD
 from avs3d_bench.parallel import available_cores
 from avs3d_bench.scheduling.options import Options as Scheduling
@@ -16,7 +17,7 @@ from avs3d_bench.user_path import user_path
 from generators.backends import RENDERERS
 from generators.core.cuda import most_workers
 from generators.core.folders import default_cache
-from generators.manifest import ManifestFile, read_manifest
+from generators.manifest import ManifestFile, read_manifest, select
 from generators.plan import ObservationPlan, make_plans
 from generators.receivers import choose_receivers
 from generators.run.options import Audio, Device, Extra, Form, GenerateOptions, Vision
@@ -41,6 +42,7 @@ def generate(
     array: str | Path | None = None,
     device: Device = "cpu",
     format: Form = "folders",
+    remake: Sequence[str] = (),
 ) -> Outcome:
     """Generate the dataset that a manifest describes into a folder, as `avs3d generate` does.
 
@@ -65,6 +67,8 @@ def generate(
         device: what draws the pictures, bakes the light and, with the tracer, traces the sound; cuda needs ``[cuda]``.
         format: ``folders``, a dataset as `avs3d_bench.Dataset` reads it; or ``webdataset``, a tar file of samples for
             each observation and ``shards.json``: see `avs3d_bench.exports.observation_tar`.
+        remake: shell patterns of the keys of observations that are made again even if they are there, from whatever
+            manifest or version. Each stays until the new one is whole.
 
     Returns:
         The keys that were made, kept from an earlier call, and failed with their message.
@@ -97,6 +101,7 @@ def generate(
         array=None if array is None else user_path(array),
         device=device,
         format=format,
+        remake=remake,
     )
     source = manifest if isinstance(manifest, ManifestFile) else read_manifest(Path(manifest))
     return generate_plans(source, plans_of(source, options), Path(root), options, progress=progress)
@@ -153,10 +158,29 @@ def generate_plans(
         limit=where.limit(default_limit(plans[0].camera)),
         max_failures=where.max_failures,
         format=options.format,
+        remake=_to_remake(source, plans, options.remake),
     )
     shown: AbstractContextManager[Listener] = reporting(plans) if progress else nullcontext(_ignore)
     with shown as listen:
         return run(source, plans, root, settings, listen)
+
+
+def _to_remake(source: ManifestFile, plans: Sequence[ObservationPlan], patterns: Sequence[str]) -> frozenset[str]:
+    """The keys of ``plans`` that match a pattern.
+
+    Raises:
+        UsageError: if a pattern matches none of them.
+    """
+    chosen = {plan.key for plan in plans}
+    found: set[str] = set()
+    for pattern in patterns:
+        named = {spec.key for spec in select(source.manifest, (pattern,), "--remake")}
+        if named.isdisjoint(chosen):
+            raise UsageError(
+                f"--remake {excerpt(pattern)} matches no observation that --only chooses; leave out --only"
+            )
+        found |= named & chosen
+    return frozenset(found)
 
 
 def _workers(options: GenerateOptions) -> int:

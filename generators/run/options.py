@@ -37,6 +37,7 @@ class GenerateOptions:
         array: file with the microphones of an array; None: there is none.
         device: what draws the pictures, bakes the light and, with the tracer, traces the sound.
         format: form of the dataset.
+        remake: shell patterns of the keys of observations that are made again even if they are there.
     """
 
     only: Sequence[str] = ()
@@ -52,6 +53,7 @@ class GenerateOptions:
     array: Path | None = None
     device: Device = "cpu"
     format: Form = "folders"
+    remake: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         """Refuse what is out of range.
@@ -63,7 +65,11 @@ class GenerateOptions:
         for name, number, (low, high) in numbers:
             if number is not None and not low <= number <= high:
                 raise UsageError(f"{name} {number}: expected {low} to {high}")
-        for name, texts, what in (("only", self.only, "patterns"), ("extras", self.extras, "names")):
+        for name, texts, what in (
+            ("only", self.only, "patterns"),
+            ("extras", self.extras, "names"),
+            ("remake", self.remake, "patterns"),
+        ):
             if isinstance(texts, str):
                 raise UsageError(f"{name}: {texts!r}: expected a list of {what}")
         if self.format not in get_args(Form):

@@ -90,7 +90,10 @@ class _Display:
             self._to_make -= rest
             self._bar.update(self._task, total=self._to_make)
         self._drawn[key] = self._frames[key]
-        self._say(f"{event.kind:6} {key}" + (f"  {event.text}" if event.text else ""))
+        if event.kind == "failed":
+            self._say(f"avs3d: error: {key}: {event.text}")
+        else:
+            self._say(f"{event.kind:6} {key}" + (f"  {event.text}" if event.text else ""))
 
     def _say(self, line: str) -> None:
         console = self._bar.console if self._console.is_terminal else self._console

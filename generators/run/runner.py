@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
@@ -35,7 +35,8 @@ from generators.plan import ObservationPlan, check_scans
 from generators.recording.output import sweep
 from generators.run.dataset_record import check
 from generators.run.finished import discard
-from generators.run.formats import FORMATS, DatasetFormat, find_finished
+from generators.run.formats import FORMATS, DatasetFormat, find_finished, is_of_plan, refuse_other_form
+from generators.run.preflight import check_files
 from generators.run.worker import Place, load, make_observation, prepare
 
 #: A home is built and lit once for all its observations and has this many times their time limit, but at most so many
@@ -84,6 +85,7 @@ class RunSettings:
         limit: seconds for an observation, of which a home has `HOME_FACTOR` times as many; None: no limit.
         max_failures: end the run when more than so many have failed; None: go on whatever fails.
         format: of what is written: a name of `FORMATS`.
+        remake: keys of observations that are made again even if they are there; each stays until the new one is whole.
     """
 
     cache: Path
@@ -94,6 +96,7 @@ class RunSettings:
     limit: float | None = None
     max_failures: int | None = None
     format: str = "folders"
+    remake: frozenset[str] = frozenset()
 
 
 def run(
@@ -113,18 +116,23 @@ def run(
     Raises:
         UsageError: if ``root`` holds observations made from another plan or in another form, or files and no dataset;
             or the index could not hold what the manifest says.
-        Avs3dError: if no scan that ``plans`` need is there, the folder or the cache cannot be written, or another run
-            is at work in the folder.
+        Avs3dError: if no scan that ``plans`` need is there, another file that what is to be made needs is missing or
+            broken, the folder or the cache cannot be written, or another run is at work in the folder.
     """
     check(source)
     check_scans(plans)
     root, form = root.absolute(), FORMATS[settings.format]
     settings = replace(settings, cache=settings.cache.absolute())
     refuse_foreign(root, form, source.manifest.name)
+    new = [plan for plan in plans if plan.key in settings.remake or not form.path(root, plan.key).exists()]
+    check_files(source, new)  # before the folder is made
     with held(root) as me:
         sweep(root)
         # Existing observations must come from the same manifest and software, selected or not.
-        done = _finished(form, source, plans, root, listen)
+        done = _finished(form, source, plans, root, listen, settings.remake)
+        software = observation_provenance(plans[0].vision, plans[0].audio, plans[0].device)
+        if without := _of_other_plans(form, root, plans, settings.remake):
+            form.seal(source, root, software, without)  # the index lists them no longer: the run may be killed
         log = FailureLog(root, {spec.key: plans[0].seed for spec in source.manifest.observations})
         log.tidy(done)
         todo = [plan for plan in plans if plan.key not in done]
@@ -139,8 +147,8 @@ def run(
             finally:
                 sweep(root)
         log.tidy({*done, *outcome.made})
-        _await(form, root, outcome.made)
-        form.seal(source, root, observation_provenance(plans[0].vision, plans[0].audio, plans[0].device))
+        _await(form, root, [plan for plan in plans if plan.key in outcome.made], settings.remake)
+        form.seal(source, root, software, _of_other_plans(form, root, plans, settings.remake))
         return outcome
 
 
@@ -159,7 +167,8 @@ def _make(
     failed: list[tuple[str, str]] = []
     stopped = False
     with (settings.scheduler or (lambda: LocalScheduler(settings.workers)))() as pool:
-        tasks = _tasks(todo, place, threads=1 if settings.shared else settings.workers, limit=settings.limit)
+        threads = 1 if settings.shared else settings.workers
+        tasks = _tasks(todo, place, threads=threads, limit=settings.limit, remake=settings.remake)
         policy = replace(
             settings.policy,
             warm_up=Task("load", load, (todo[0].vision, todo[0].audio, todo[0].receivers, todo[0].device)),
@@ -170,9 +179,12 @@ def _make(
                 if result.task.after is None:
                     continue  # a home; the observations that waited for it tell the rest
                 if isinstance(result, Failure):
-                    failed.append((key, result.message))
+                    message = result.message
+                    if key in settings.remake and FORMATS[settings.format].path(place.root, key).exists():
+                        message += " (the earlier observation is left as it was)"
+                    failed.append((key, message))
                     log.add(key, result.attempts)
-                    listen(Event("failed", key, result.message))
+                    listen(Event("failed", key, message))
                     stopped = settings.max_failures is not None and len(failed) > settings.max_failures
                     if stopped:
                         break
@@ -232,7 +244,9 @@ def _check_cache(cache: Path, todo: Sequence[ObservationPlan]) -> None:
         check_writable(cache)
 
 
-def _tasks(todo: Sequence[ObservationPlan], place: Place, *, threads: int, limit: float | None) -> list[Task]:
+def _tasks(
+    todo: Sequence[ObservationPlan], place: Place, *, threads: int, limit: float | None, remake: Collection[str]
+) -> list[Task]:
     """A task for each home, and one for each observation, which waits for its home or for its first sibling."""
     homes: dict[str, list[ObservationPlan]] = {}
     for plan in todo:
@@ -245,7 +259,8 @@ def _tasks(todo: Sequence[ObservationPlan], place: Place, *, threads: int, limit
         home = Task(f"home {digest[:16]}", prepare, (group[0], place, each), limit=home_limit)
         tasks.append(home)
         for plan in group:
-            task = Task(plan.key, make_observation, (plan, place), after=home.name, limit=limit, most_cores=MOST_CORES)
+            own = replace(place, replaces=plan.key in remake)
+            task = Task(plan.key, make_observation, (plan, own), after=home.name, limit=limit, most_cores=MOST_CORES)
             if plan.first is not None and plan.first.key in keys:
                 # It links the pictures of the first of its group, or renders them if that one has failed.
                 task = replace(task, after=plan.first.key, after_any=True)
@@ -258,15 +273,24 @@ def _named(event: Event) -> Event:
     return Event("home", event.text, "") if event.kind == "home" else event
 
 
-def _await(form: DatasetFormat, root: Path, made: Sequence[str]) -> None:
+def _of_other_plans(
+    form: DatasetFormat, root: Path, plans: Sequence[ObservationPlan], remake: Collection[str]
+) -> frozenset[str]:
+    """Keys of the observations to be made again that are there, but from another manifest or by other software."""
+    there = [plan for plan in plans if plan.key in remake and form.path(root, plan.key).exists()]
+    return frozenset(plan.key for plan in there if not is_of_plan(form, root, plan))
+
+
+def _await(form: DatasetFormat, root: Path, made: Sequence[ObservationPlan], remake: Collection[str]) -> None:
     """Wait until everything that other machines have made is to be seen from here.
 
     Raises:
         Avs3dError: if it does not come.
     """
     deadline = time.monotonic() + VISIBLE_WITHIN
-    for key in made:
-        while not form.path(root, key).exists():
+    for plan in made:
+        key = plan.key
+        while not (is_of_plan(form, root, plan) if key in remake else form.path(root, key).exists()):
             if time.monotonic() > deadline:
                 raise Avs3dError(
                     f"{form.path(root, key)}: made on another machine, but not to be seen here; "
@@ -279,11 +303,23 @@ def _await(form: DatasetFormat, root: Path, made: Sequence[str]) -> None:
 
 
 def _finished(
-    form: DatasetFormat, source: ManifestFile, plans: Sequence[ObservationPlan], root: Path, listen: Listener
+    form: DatasetFormat,
+    source: ManifestFile,
+    plans: Sequence[ObservationPlan],
+    root: Path,
+    listen: Listener,
+    remake: Collection[str],
 ) -> set[str]:
-    """Keys of the manifest's observations that are there; what is damaged among ``plans`` is removed, and said."""
+    """Keys of the manifest's observations that are there; what is damaged among ``plans`` is removed, and said.
+
+    Those of ``remake`` count as not there, whatever they are.
+    """
+    for key in remake:
+        refuse_other_form(form, root, key)
     every = (
-        replace(plans[0], spec=spec, scan=source.manifest.scans[spec.scan]) for spec in source.manifest.observations
+        replace(plans[0], spec=spec, scan=source.manifest.scans[spec.scan])
+        for spec in source.manifest.observations
+        if spec.key not in remake
     )
     found = {plan.key: record for plan in every if (record := find_finished(form, root, plan)) is not None}
     # Nothing is removed before everything has been found to be of one piece.

@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 from avs3d_bench.cli import missing_extra
@@ -38,12 +38,14 @@ class Place:
         cache: folder of baked homes.
         token: of the run that holds ``root``, where workers may be on other machines; None: this machine.
         format: of what is written: a name of `FORMATS`.
+        replaces: whether the observation takes the place of a finished one.
     """
 
     root: Path
     cache: Path
     token: str | None = None
     format: str = "folders"
+    replaces: bool = False
 
 
 def prepare(context: Context, plan: ObservationPlan, place: Place, threads: int) -> None:
@@ -73,7 +75,8 @@ def make_observation(context: Context, plan: ObservationPlan, place: Place) -> s
         def on_frame(index: int) -> None:
             context.report("frame", str(index))
 
-        where, cores, output = (place.root, place.cache), context.cores, FORMATS[place.format].output
+        where, cores = (place.root, place.cache), context.cores
+        output = partial(FORMATS[place.format].output, replaces=place.replaces)
         make = generate_sound_scene if plan.spec.is_sound_scene else generate_observation
         record = make(plan, *where, on_frame, cores=cores, pictures=_pictures(plan, place), output=output)
     what = describe_sound(record) or record.category
