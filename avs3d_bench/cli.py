@@ -62,6 +62,8 @@ SUMMARIES = {
     "baseline": "Run a baseline on a dataset and write its submission.",
     "train": "Train the network that looks and listens.",
 }
+#: Greatest length of a message of click (characters).
+_LONGEST = 600
 #: The extra that installs a package which the core install lacks; other packages are named themselves.
 _EXTRA_OF = {"generators": "generate", "baselines": "baselines", "evaluators": "generate"}
 
@@ -86,6 +88,11 @@ def _load(point: metadata.EntryPoint) -> click.Command:
 def missing_extra(error: ModuleNotFoundError, package: str) -> str:
     """One line for a module that is not installed, on the way into ``package``."""
     missing = (error.name or str(error)).split(".")[0]
+    if missing in sys.stdlib_module_names:
+        return (
+            f"{error.name} is a part of Python, but cannot be imported; check that the files below {sys.base_prefix} "
+            "are complete and may be read"
+        )
     extra = _EXTRA_OF.get(package)
     if missing == "rlr_audio_propagation":
         extra = "soundspaces"
@@ -304,7 +311,8 @@ def run(command: click.Command, arguments: Sequence[str] | None = None, *, progr
         raise SystemExit(error.exit_code) from None
     except click.ClickException as error:
         code = UsageError.exit_code if isinstance(error, click.UsageError) else 1
-        _fail(code, program, error.format_message())
+        text = error.format_message()  # repeats what was given, however long that is
+        _fail(code, program, text if len(text) <= _LONGEST else f"{text[:_LONGEST]} …")
     except (KeyboardInterrupt, click.Abort):
         _fail(130, program, "interrupted")
     except BrokenPipeError:

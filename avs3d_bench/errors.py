@@ -69,7 +69,8 @@ def excerpt(value: object) -> str:
 def near_names(value: object, known: Iterable[str], count: int = 1) -> list[str]:
     """The names most like ``value``, best first.
 
-    If no name is similar as a whole, the names that have ``value`` between slashes, as a key has its room.
+    If no name is similar as a whole, the names that have ``value`` between slashes, as a key has its room; else those
+    that begin with it, and those that it abbreviates: the first letter and others in order.
 
     Args:
         value: the name that was given; anything but a short text is similar to no name.
@@ -81,6 +82,8 @@ def near_names(value: object, known: Iterable[str], count: int = 1) -> list[str]
         ['microwave']
         >>> near_names("kitchen", ["part_1/a/bathroom/1", "part_1/a/kitchen/1"])
         ['part_1/a/kitchen/1']
+        >>> near_names("hf", ["webdataset", "huggingface"])
+        ['huggingface']
     """
     from difflib import get_close_matches
 
@@ -88,7 +91,18 @@ def near_names(value: object, known: Iterable[str], count: int = 1) -> list[str]
         return []
     names = list(known)
     found = get_close_matches(value, names, n=count)
-    return found or [name for name in names if f"/{value.strip('/')}/" in f"/{name}/"][:count]
+    found = found or [name for name in names if f"/{value.strip('/')}/" in f"/{name}/"]
+    if not found and len(value) > 1:
+        found = [name for name in names if name.startswith(value)] or [
+            name for name in names if _stands_for(value, name)
+        ]
+    return found[:count]
+
+
+def _stands_for(short: str, name: str) -> bool:
+    """Whether a name begins with the first letter of ``short`` and has the others in the same order."""
+    letters = iter(name)
+    return name[:1] == short[0] and all(letter in letters for letter in short)
 
 
 def did_you_mean(value: object, known: Iterable[str], *, otherwise: str = "", count: int = 1) -> str:

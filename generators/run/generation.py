@@ -20,7 +20,7 @@ from generators.core.folders import default_cache
 from generators.manifest import ManifestFile, read_manifest, select
 from generators.plan import ObservationPlan, make_plans
 from generators.receivers import choose_receivers
-from generators.run.options import Audio, Device, Extra, Form, GenerateOptions, Vision
+from generators.run.options import Audio, Device, Extra, Form, GenerateOptions, Vision, check_path
 from generators.run.progress import reporting
 from generators.run.runner import Outcome, RunSettings, default_limit, run
 
@@ -88,6 +88,11 @@ def generate(
             assert not outcome.failed
             print(Dataset("data/small")[0].frames[0].audio().shape)
     """
+    for name, path in (("root", root), ("hrtf", hrtf), ("array", array)):
+        if path is not None or name == "root":
+            check_path(name, path)
+    if not isinstance(manifest, ManifestFile):
+        check_path("manifest", manifest)
     options = GenerateOptions(
         only,
         workers,

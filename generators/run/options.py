@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
-from avs3d_bench.errors import UsageError, did_you_mean
+from avs3d_bench.errors import UsageError, did_you_mean, excerpt
 from generators.core.limits import FRAMES, SIZE, WORKERS
 
 #: Renderers, acoustic engines, devices, and optional folders of an observation.
@@ -17,6 +18,8 @@ Device = Literal["cpu", "cuda"]
 Extra = Literal["depth", "rirs", "stems"]
 #: Forms of a dataset: a folder of files for each observation, or a tar file of samples.
 Form = Literal["folders", "tar"]
+#: Least and greatest order of ambisonic clips.
+ORDERS = (1, 3)
 
 
 @dataclass(frozen=True)
@@ -61,21 +64,46 @@ class GenerateOptions:
         Raises:
             UsageError: one line.
         """
-        numbers = (("frames", self.frames, FRAMES), ("size", self.size, SIZE), ("workers", self.workers, WORKERS))
-        for name, number, (low, high) in numbers:
-            if number is not None and not low <= number <= high:
-                raise UsageError(f"{name} {number}: expected {low} to {high}")
-        for name, texts, what in (
-            ("only", self.only, "patterns"),
-            ("extras", self.extras, "names"),
-            ("remake", self.remake, "patterns"),
-        ):
-            if isinstance(texts, str):
-                raise UsageError(f"{name}: {texts!r}: expected a list of {what}")
-        if self.format not in get_args(Form):
-            raise UsageError(f"format: {self.format!r}: expected one of {', '.join(get_args(Form))}")
-        known = get_args(Extra)
+        for name, limits in (("frames", FRAMES), ("size", SIZE), ("workers", WORKERS), ("ambisonics", ORDERS)):
+            _check_whole(name, getattr(self, name), *limits)
+        for name, known in (("vision", Vision), ("audio", Audio), ("device", Device), ("format", Form)):
+            _check_word(name, getattr(self, name), get_args(known), optional=name in ("vision", "audio"))
+        for name, what in (("only", "patterns"), ("remake", "patterns"), ("extras", "names")):
+            _check_texts(name, getattr(self, name), what)
+        for name in ("cache", "hrtf", "array"):
+            if getattr(self, name) is not None:
+                check_path(name, getattr(self, name))
+        known_extras = get_args(Extra)
         for extra in self.extras:
-            if extra not in known:
-                hint = did_you_mean(extra, known)
-                raise UsageError(f"extras: unknown folder {extra!r}: expected some of {', '.join(known)}{hint}")
+            if extra not in known_extras:
+                hint = did_you_mean(extra, known_extras)
+                raise UsageError(f"extras: unknown folder {extra!r}: expected some of {', '.join(known_extras)}{hint}")
+
+
+def check_path(name: str, value: object) -> None:
+    """Refuse what is no path; the name of the argument is for the message.
+
+    Raises:
+        UsageError: one line.
+    """
+    if not isinstance(value, str | os.PathLike):
+        raise UsageError(f"{name}: found {excerpt(value)}; expected the path of a file or folder")
+
+
+def _check_whole(name: str, value: object, low: int, high: int) -> None:
+    if value is None:
+        return
+    whole = not isinstance(value, bool) and hasattr(value, "__index__")
+    if not whole or not low <= value <= high:  # type: ignore[operator]  # it is a whole number there
+        raise UsageError(f"{name}: found {excerpt(value)}; expected a whole number from {low} to {high}")
+
+
+def _check_word(name: str, value: object, known: Sequence[str], *, optional: bool) -> None:
+    if (value is None and optional) or (isinstance(value, str) and value in known):
+        return
+    raise UsageError(f"{name}: found {excerpt(value)}; expected one of {', '.join(known)}{did_you_mean(value, known)}")
+
+
+def _check_texts(name: str, value: object, what: str) -> None:
+    if isinstance(value, str) or not isinstance(value, Collection) or not all(isinstance(one, str) for one in value):
+        raise UsageError(f"{name}: found {excerpt(value)}; expected a list of {what}")

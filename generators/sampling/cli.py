@@ -14,11 +14,14 @@ from avs3d_bench.outputs import OutputFile
 from avs3d_bench.taxonomy import PARTS
 from generators.core.limits import FRAMES, SIZE
 from generators.sampling.document import SAMPLED
+from generators.sampling.name_option import name_option
 
 #: Least number of frames: the programmes of several sources must fit.
 LEAST_FRAMES = 8
 #: Largest numbers of homes and observations; a manifest of 100,000 observations has 13 MB.
 MOST_HOMES, MOST_OBSERVATIONS = 10_000, 100_000
+#: Largest seed; beyond 64 bits a seed is a secret (`generators.plan.SECRET_SEEDS`), which no command line should show.
+MOST_SEED = 2**64 - 1
 
 
 def _parts(_: click.Context, __: click.Parameter, value: str) -> tuple[str, ...]:
@@ -45,7 +48,9 @@ def manifest() -> None:
 @click.option(
     "--observations", type=click.IntRange(1, MOST_OBSERVATIONS), required=True, metavar="M", help="Number of them."
 )
-@click.option("--seed", type=click.IntRange(0), required=True, metavar="S", help="Seed of the draws and the manifest.")
+@click.option(
+    "--seed", type=click.IntRange(0, MOST_SEED), required=True, metavar="S", help="Seed of the draws and the manifest."
+)
 @click.option(
     "--parts", callback=_parts, default=",".join(PARTS), show_default=True, metavar="PARTS", help="Parts to sample."
 )
@@ -61,7 +66,7 @@ def manifest() -> None:
     is_flag=True,
     help="Draw only training variants of the objects, and none that an excluded manifest draws.",
 )
-@click.option("--name", default=None, metavar="NAME", help="Name of the manifest (default: sampled-S).")
+@name_option("sampled-S")
 @click.option("--size", type=click.IntRange(*SIZE), default=252, show_default=True, help="Pixels per side.")
 @click.option(
     "--frames",

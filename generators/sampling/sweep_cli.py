@@ -10,6 +10,7 @@ import click
 from avs3d_bench.groups import HELP, PATH, only_option
 from avs3d_bench.outputs import OutputFile
 from generators.sampling.document import SWEPT
+from generators.sampling.name_option import name_option
 
 
 @click.command(context_settings=HELP, short_help="Vary the acoustics of a manifest's observations over a grid.")
@@ -23,7 +24,7 @@ from generators.sampling.document import SWEPT
 )
 @click.option("-o", "--output", type=OutputFile(SWEPT), required=True, metavar="FILE", help="The manifest to write.")
 @only_option
-@click.option("--name", default=None, metavar="NAME", help="Name of the manifest (default: NAME-sweep).")
+@name_option("NAME-sweep")
 def sweep(manifest: Path, over: tuple[str, ...], output: Path, only: tuple[str, ...], name: str | None) -> None:
     """Write a manifest with variants of the observations of MANIFEST that share their pictures.
 
@@ -32,7 +33,7 @@ def sweep(manifest: Path, over: tuple[str, ...], output: Path, only: tuple[str, 
     """
     from avs3d_bench import files
     from avs3d_bench.yamlfile import read_yaml
-    from generators.manifest import Manifest, read_manifest
+    from generators.manifest import read_manifest
     from generators.sampling.document import manifest_text
     from generators.sampling.sweep import check_place, grid_of, parse_axis
     from generators.sampling.sweep import sweep as make
@@ -44,7 +45,6 @@ def sweep(manifest: Path, over: tuple[str, ...], output: Path, only: tuple[str, 
     document = make(source, read_yaml(manifest)[0], axes, only)
     if name is not None:
         document["name"] = name
-        Manifest.model_validate(document)
     words = ["avs3d", "sweep", manifest.name]
     words += [word for text in over for word in ("--over", text)] + [word for text in only for word in ("--only", text)]
     files.write_bytes(output, manifest_text(document, shlex.join(words)).encode())

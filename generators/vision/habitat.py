@@ -199,8 +199,8 @@ def probe(interpreter: str | None = None) -> tuple[bool, str]:
     from generators.assets.shapes import MeshBuilder
 
     mesh = MeshBuilder().box((1, 1, 1), (0, 0, -2), Material("grey", "plaster", colour=(0.5, 0.5, 0.5))).build()
-    backend = HabitatBackend(interpreter)
     try:
+        backend = HabitatBackend(interpreter)
         session = backend.open(Scene("probe", (Part("box", mesh, instance_id=1),), (), ()), Intrinsics.from_fov(16))
         try:
             frame, found = session.render(Pose.from_yaw((0, 0, 0), 0.0)), session.about

@@ -67,9 +67,13 @@ def find_interpreter(named: str | None = None) -> str:
     chosen = named or os.environ.get(VARIABLE)
     if not chosen:
         raise Avs3dError(f"vision backend habitat: no interpreter is named; {HOW}")
-    path = user_path(chosen)
-    if not path.is_file() or not os.access(path, os.X_OK):
-        found = "is not there" if not path.exists() else "is no program that can be run"
+    path, found = user_path(chosen), ""
+    try:
+        if not path.is_file() or not os.access(path, os.X_OK):
+            found = "is not there" if not path.exists() else "is no program that can be run"
+    except OSError as error:  # of a folder on the way that may not be read
+        found = f"cannot be looked at ({error.strerror})"
+    if found:
         raise Avs3dError(f"vision backend habitat: the interpreter {chosen} {found}; {HOW}")
     # Not resolved: a virtual environment's python is a link, and works by where it lies.
     return str(path.absolute())
