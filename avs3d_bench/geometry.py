@@ -77,7 +77,8 @@ class Pose:
 
     def to_world(self, points: ArrayLike) -> Array:
         """Points (..., 3) in camera coordinates, in the world: the inverse of `to_camera`."""
-        return times_matrix(np.asarray(points, dtype=np.float64), self.rotation_matrix.T) + np.asarray(self.position)
+        turned = times_matrix(np.asarray(points, dtype=np.float64), self.rotation_matrix.T)
+        return np.asarray(turned + np.asarray(self.position))
 
 
 @dataclass(frozen=True)

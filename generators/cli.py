@@ -216,6 +216,8 @@ def generate(
     outcome = generate_plans(source, plans, root, options, scheduling)
     said = f" (see the messages above, and {root / layout.FAILURES_JSONL})" if outcome.failed else ""
     click.echo(f"{root}: {len(outcome.made)} made, {len(outcome.kept)} kept, {len(outcome.failed)} failed{said}")
+    if outcome.warning:
+        click.echo(f"avs3d generate: warning: {outcome.warning}", err=True)
     if outcome.stopped:
         left = len(plans) - len(outcome.made) - len(outcome.kept) - len(outcome.failed)
         click.echo(

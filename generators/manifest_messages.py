@@ -115,7 +115,7 @@ def _hint(place: Place, record: type[BaseModel]) -> str:
         return f"{name} belongs in {named}"
     if own is not None and (near := get_close_matches(name, own.model_fields, n=1)):
         return f"did you mean {near[0]!r}?"
-    others = {field: at for at, found in reversed(records.items()) for field in found.model_fields}
+    others = {field: at for at, found in reversed(list(records.items())) for field in found.model_fields}
     if near := get_close_matches(name, others, n=1):
         return f"did you mean {near[0]!r}, which belongs in {_home(others[near[0]])}?"
     return "correct its name, or leave it out"

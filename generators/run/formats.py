@@ -5,7 +5,7 @@ A form says where an observation lies, whether an earlier run has made it, and w
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -68,7 +68,12 @@ class DatasetFormat(Protocol):
         """What is wrong with a finished observation; empty if nothing is."""
 
     def seal(
-        self, source: ManifestFile, root: Path, software: Provenance, without: Collection[str] = frozenset()
+        self,
+        source: ManifestFile,
+        root: Path,
+        software: Provenance,
+        without: Collection[str] = frozenset(),
+        see: Callable[[ObservationRecord], object] = lambda _: None,
     ) -> None:
         """Write the index over every observation of the manifest that is there; none if there is no observation.
 
@@ -77,6 +82,7 @@ class DatasetFormat(Protocol):
             root: the dataset's folder.
             software: what made the observations.
             without: keys of observations that are there, but from another manifest or by other software.
+            see: called with the record of each.
 
         Raises:
             Avs3dError: if an observation cannot be read, or the folder not be written.
@@ -122,10 +128,15 @@ class FolderFormat:
         return find_damage(root / record.key, record)
 
     def seal(
-        self, source: ManifestFile, root: Path, software: Provenance, without: Collection[str] = frozenset()
+        self,
+        source: ManifestFile,
+        root: Path,
+        software: Provenance,
+        without: Collection[str] = frozenset(),
+        see: Callable[[ObservationRecord], object] = lambda _: None,
     ) -> None:
         """Write dataset.json."""
-        record = describe_dataset(source, _found(self, source, root, without), software)
+        record = describe_dataset(source, _found(self, source, root, without, see), software)
         if record is not None:
             files.write_json(root / self.index, record)
         else:
@@ -167,10 +178,15 @@ class TarFormat:
         return observation_tar.find_fault(self.path(root, record.key))
 
     def seal(
-        self, source: ManifestFile, root: Path, software: Provenance, without: Collection[str] = frozenset()
+        self,
+        source: ManifestFile,
+        root: Path,
+        software: Provenance,
+        without: Collection[str] = frozenset(),
+        see: Callable[[ObservationRecord], object] = lambda _: None,
     ) -> None:
         """Write shards.json."""
-        found = list(_found(self, source, root, without))
+        found = list(_found(self, source, root, without, see))
         dataset = describe_dataset(source, found, software)
         if dataset is not None:
             records = [record for record, _ in found]
@@ -190,12 +206,18 @@ FORMATS: dict[str, DatasetFormat] = {"folders": FolderFormat(), "tar": TarFormat
 
 
 def _found(
-    form: DatasetFormat, source: ManifestFile, root: Path, without: Collection[str]
+    form: DatasetFormat,
+    source: ManifestFile,
+    root: Path,
+    without: Collection[str],
+    see: Callable[[ObservationRecord], object],
 ) -> Iterator[tuple[ObservationRecord, str]]:
     """Record and digest of every observation of the manifest that is there, sorted by key."""
     for spec in sorted(source.manifest.observations, key=lambda spec: spec.key):
         if spec.key not in without and form.path(root, spec.key).exists():
-            yield form.read(root, spec.key)
+            record, digest = form.read(root, spec.key)
+            see(record)
+            yield record, digest
 
 
 def refuse_other_form(form: DatasetFormat, root: Path, key: str) -> None:

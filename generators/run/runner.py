@@ -26,6 +26,7 @@ from avs3d_bench.scheduling.failures import FailureLog
 from avs3d_bench.scheduling.local import LocalScheduler
 from avs3d_bench.scheduling.lock import held
 from avs3d_bench.scheduling.tasks import Event, Failure, Listener, Policy, Scheduler, Task
+from avs3d_bench.schema import CameraSplits, ObservationRecord
 from avs3d_bench.taxonomy import PARTS
 from generators.backends import observation_provenance
 from generators.core.limits import MOST_CORES
@@ -56,6 +57,10 @@ def default_limit(camera: CameraSpec) -> float:
     return max(LEAST_LIMIT, FRAME_LIMIT * camera.frames * (camera.size / layout.IMAGE_SIZE) ** 2)
 
 
+#: Number of observations that a warning names.
+_NAMED = 3
+
+
 @dataclass(frozen=True)
 class Outcome:
     """What a run did: keys that were made, kept from an earlier run, and failed (with their message).
@@ -63,12 +68,28 @@ class Outcome:
     Attributes:
         made, kept, failed: see above.
         stopped: whether it ended early because too much failed.
+        present: number of observations of the manifest that are there now.
+        unseen: keys of those whose sounding object is in no test frame: strict IoU, F and boundary F leave them out.
     """
 
     made: tuple[str, ...]
     kept: tuple[str, ...]
     failed: tuple[tuple[str, str], ...]
     stopped: bool = False
+    present: int = 0
+    unseen: tuple[str, ...] = ()
+
+    @property
+    def warning(self) -> str | None:
+        """One line on what no test frame shows; None if there is nothing to say."""
+        if not self.unseen:
+            return None
+        few = ", ".join(self.unseen[:_NAMED]) + (", …" if len(self.unseen) > _NAMED else "")
+        return (
+            f"{len(self.unseen)} of {self.present} observations never show{'s' if len(self.unseen) == 1 else ''} the "
+            f"object in a test frame ({few}); scores leave them out. Every eighth frame is a test frame: more frames "
+            "(--frames) or another index show it"
+        )
 
 
 @dataclass(frozen=True)
@@ -148,8 +169,16 @@ def run(
                 sweep(root)
         log.tidy({*done, *outcome.made})
         _await(form, root, [plan for plan in plans if plan.key in outcome.made], settings.remake)
-        form.seal(source, root, software, _of_other_plans(form, root, plans, settings.remake))
-        return outcome
+        records: list[str] = []
+        unseen: list[str] = []
+
+        def see(record: ObservationRecord) -> None:
+            records.append(record.key)
+            if never_in_a_test_frame(record):
+                unseen.append(record.key)
+
+        form.seal(source, root, software, _of_other_plans(form, root, plans, settings.remake), see)
+        return replace(outcome, unseen=tuple(unseen), present=len(records))
 
 
 def _make(
@@ -192,6 +221,14 @@ def _make(
                     made.append(key)
                     listen(Event("done", key, result.value))
     return Outcome(tuple(made), kept, tuple(failed), stopped)
+
+
+def never_in_a_test_frame(record: ObservationRecord) -> bool:
+    """Whether something that sounds could be seen, but no test frame shows any of it while it is audible."""
+    if record.sources is not None and not any(source.instance is not None for source in record.sources):
+        return False  # silence, or sound from other rooms alone, is the task
+    test = frozenset(CameraSplits.of(len(record.frames)).test)
+    return not any(frame.visible_pixels for frame in record.frames if frame.name in test)
 
 
 #: What the failures of an earlier run say about themselves.
