@@ -94,7 +94,7 @@ def test_a_function_is_not_replaced_by_the_module_of_its_name() -> None:
 
 def test_help_shows_the_public_functions_with_their_signatures() -> None:
     text = pydoc.plain(pydoc.render_doc(evaluators))
-    assert "evaluate(submission: 'str | Path', dataset: 'str | Path'" in text
+    assert "evaluate(submission: 'str | Path', dataset: 'str | Path | Dataset'" in text
     assert "check_submission(path: 'str | Path'" in text
     assert "class InvalidSubmission" in text
 

@@ -453,7 +453,7 @@ def test_a_long_report_is_cut_with_a_count(tmp_path: Path):
     stream = io.StringIO()
     print_report(Report(tmp_path, False, 1, 1, problems), Console(file=stream, width=60))
     text = stream.getvalue()
-    assert "… and 1 notes more" in text
+    assert "… and 1 more note" in text
     assert "grave" in text  # errors are never what is cut first
 
 

@@ -102,10 +102,11 @@ def side_level(samples: NDArray[np.floating]) -> SideLevel | None:
     onset = np.maximum(total[1:] - left[:-1] * fall[1], 0.0) / np.maximum(total[1:], 1e-30)
     ears = (power[:, 1:] * onset).sum(axis=1)
     whole = total.sum(axis=0)
-    sounds = (whole > whole.max() * _FLOOR) & (ears.min(axis=0) > 0)
+    sounds = (whole > whole.max() * _FLOOR) & (ears.max(axis=0) > 0)
     if not sounds.any():
         return None
-    bands = np.clip(10 * np.log10(ears[1, sounds] / ears[0, sounds]), -_MOST_DB, _MOST_DB)
+    ears = np.maximum(ears[:, sounds], 1e-30)  # one side may be digital silence
+    bands = np.clip(10 * np.log10(ears[1] / ears[0]), -_MOST_DB, _MOST_DB)
     count = len(bands)
     scatter = float(bands.var(ddof=1)) if count > 1 else _BAND_DB**2
     return SideLevel(float(bands.mean()), count, scatter / count, int((whole > whole.max() * 1e-4).sum()))

@@ -95,6 +95,7 @@ def seal(
         Avs3dError: if no home has room for the observations, or some cannot be made.
     """
     check_template(template)
+    _check_place(folder, secret_file)
     _refuse_seal(folder / PUBLIC)
     _refuse_others(folder / PRIVATE)
     check_takes(plans_of(template, options))
