@@ -134,14 +134,15 @@ HOUSE = {
         "placement": "core assets",
         "paths": "core assets vision lighting placement",
         "categories": "core",
-        "manifest": "core categories",
+        "manifest_messages": "",
+        "manifest": "core categories manifest_messages",
         "library": "core assets vision lighting manifest",
         "plan": "assets receivers backends scans categories manifest library",
         "homes": "core assets apartments scans lighting plan",
         "recording": "core vision acoustics receivers backends",
         "arrangement": "core assets placement paths manifest library plan",
-        "observation": "core assets vision acoustics receivers backends placement paths library plan homes recording "
-        "arrangement",
+        "observation": "core assets vision acoustics receivers backends placement paths manifest library plan homes "
+        "recording arrangement",
         "programme": "manifest",
         "sound_scene": "core assets vision acoustics backends placement paths plan recording arrangement programme "
         "observation",

@@ -105,6 +105,15 @@ def print_scores(scores: Scores, console: Console | None = None) -> None:
     # Whole on a narrow terminal too, which wraps its lines: cut to its width there would be no figure left.
     table.width = out.measure(table, options=out.options.update(max_width=_WIDEST)).maximum
     out.print(table, soft_wrap=True)
+    _print_notes(scores, out)
+    versions = ", ".join(f"{name} {version}" for name, version in wanted.items())
+    out.print(Text(f"protocols {versions}; avs3d-bench {scores.avs3d_eval.version}", style="dim"))
+
+
+def _print_notes(scores: Scores, out: Console) -> None:
+    """What the reference rows are, and which figures are missing or leave observations out."""
+    from rich.text import Text
+
     deaf = [f"{name.replace('_', ' ')}, {masks}" for name, masks in _DEAF_MASKS.items() if name in scores.references]
     if deaf:
         out.print(Text(f"deaf: true masks, chosen without the sound ({'; '.join(deaf)})", style="dim"), soft_wrap=True)
@@ -124,8 +133,6 @@ def print_scores(scores: Scores, console: Console | None = None) -> None:
             out.print(Text(f"{metric.title}: not available ({reasons[metric.name]})", style="dim"))
     for reference, why in scores.references_unavailable.items():
         out.print(Text(f"{reference.replace('_', ' ')}: no such row ({why})", style="dim"))
-    versions = ", ".join(f"{name} {version}" for name, version in wanted.items())
-    out.print(Text(f"protocols {versions}; avs3d-bench {scores.avs3d_eval.version}", style="dim"))
 
 
 def _known(scores: Scores, metric: Metric) -> bool:

@@ -49,8 +49,6 @@ def seal(
     only_commit: bool,
     secret_file: Path | None,
     exclude: tuple[Path, ...],
-    habitat_python: Path | None,
-    scans: Path | None,
     scheduling: Options,
     beside: Beside,
     **chosen: Any,
@@ -62,7 +60,7 @@ def seal(
     are not used. --with train-truth publishes the masks of train frames; --with depth publishes depth pictures; stems
     and impulse responses stay private.
     """
-    choose_tools(habitat_python, scans)
+    choose_tools(chosen.pop("habitat_python"), chosen.pop("scans"))
     from avs3d_bench.errors import UsageError
     from generators.manifest import read_manifest
     from generators.run.options import GenerateOptions
