@@ -576,7 +576,7 @@ class Manifest(_Model):
                     faults.append((("observations", number), str(error)))
         scenes = {_raw_key(one): one for one in entries if isinstance(one, dict) and "variant_of" not in one}
         for number, entry in enumerate(document["observations"]):
-            if isinstance(entry, dict) and "variant_of" in entry:
+            if isinstance(entry, dict) and "variant_of" in entry and "like" not in entry:
                 try:
                     entries[number] = _scene(entry, scenes) | entry
                 except ValueError as error:

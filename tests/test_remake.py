@@ -91,7 +91,7 @@ def test_a_wrong_file_name_of_one_category_does_not_block_the_others(tmp_path: P
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("form", ["folders", "webdataset"])
+@pytest.mark.parametrize("form", ["folders", "tar"])
 def test_remake_replaces_the_named_observations_and_touches_no_other(tmp_path: Path, form: Any) -> None:
     root, form_of = tmp_path / "data", FORMATS[form]
     chosen = SMALL | {"format": form}
@@ -114,7 +114,7 @@ def test_remake_replaces_the_named_observations_and_touches_no_other(tmp_path: P
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("form", ["folders", "webdataset"])
+@pytest.mark.parametrize("form", ["folders", "tar"])
 def test_an_observation_stays_as_it_was_if_it_cannot_be_made_again(tmp_path: Path, form: Any) -> None:
     root, form_of = tmp_path / "data", FORMATS[form]
     chosen = SMALL | {"format": form}
