@@ -129,12 +129,29 @@ def raising(error: BaseException) -> click.Command:
         (ModuleNotFoundError("…", name="rlr_audio_propagation"), 1,
          "avs3d: error: rlr_audio_propagation is not installed; "
          "this command needs pip install 'avs3d-bench[soundspaces]'"),
+        (ModuleNotFoundError("No module named 'importlib.resources'", name="importlib.resources"), 1,
+         "avs3d: error: importlib.resources is a part of Python, but cannot be imported; check that the files below "
+         f"{sys.base_prefix} are complete and may be read"),
+        (UsageError("a: wrong", "b: wrong"), 2, "avs3d: error: a: wrong\navs3d: error: b: wrong"),
+        (click.UsageError("x" * 5000), 2, f"avs3d: error: {'x' * 600} …"),
     ],
 )  # fmt: skip
 def test_errors_become_one_line(error: BaseException, code: int, line: str, capsys: pytest.CaptureFixture[str]):
     found, _, err = call(capsys, command=raising(error))
     assert found == code
     assert err.lstrip("\n") == line + "\n"  # click ends the line of the ^C first
+
+
+@pytest.mark.parametrize(
+    ("words", "name"), [(["gen"], "generate"), (["export", "hf"], "huggingface"), (["valdate"], "validate")]
+)
+def test_an_abbreviated_or_misspelt_command_gets_the_nearest_one(
+    words: list[str], name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, _, err = call(capsys, *words)
+    assert code == UsageError.exit_code
+    assert err.endswith(f"; did you mean '{name}'?\n")
+    assert err.count("\n") == 1
 
 
 def test_a_bug_keeps_its_traceback():

@@ -68,19 +68,31 @@ def test_the_same_call_keeps_what_is_finished_and_prints_nothing(
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"frames": 0}, "frames 0: expected 1 to 999"),
-        ({"frames": 1000}, "frames 1000: expected 1 to 999"),
-        ({"size": 8}, "size 8: expected 16 to 8192"),
-        ({"workers": 0}, "workers 0: expected 1 to 256"),
+        ({"frames": 0}, "frames: found 0; expected a whole number from 1 to 999"),
+        ({"frames": 1000}, "frames: found 1000; expected a whole number from 1 to 999"),
+        ({"frames": 8.5}, "frames: found 8.5; expected a whole number from 1 to 999"),
+        ({"size": 8}, "size: found 8; expected a whole number from 16 to 8192"),
+        ({"size": "128"}, "size: found '128'; expected a whole number from 16 to 8192"),
+        ({"size": True}, "size: found True; expected a whole number"),
+        ({"workers": 0}, "workers: found 0; expected a whole number from 1 to 256"),
+        ({"ambisonics": "2"}, "ambisonics: found '2'; expected a whole number from 1 to 3"),
+        ({"device": "gpu"}, "device: found 'gpu'; expected one of cpu, cuda"),
+        ({"device": None}, "device: found None; expected one of cpu, cuda"),
+        ({"vision": ["embree"]}, "vision: found ['embree']; expected one of embree, cuda, habitat"),
+        ({"format": "folder"}, "format: found 'folder'; expected one of folders, tar; did you mean 'folders'?"),
+        ({"hrtf": 5}, "hrtf: found 5; expected the path of a file or folder"),
+        ({"only": [1]}, "only: found [1]; expected a list of patterns"),
+        ({"only": 5}, "only: found 5; expected a list of patterns"),
+        ({"remake": "part_1/*"}, "remake: found 'part_1/*'; expected a list of patterns"),
         (
             {"extras": ["deptth"]},
             "extras: unknown folder 'deptth': expected some of depth, rirs, stems; did you mean 'depth'",
         ),
-        ({"extras": "depth"}, "extras: 'depth': expected a list of names"),
-        ({"only": "part_1/*"}, "only: 'part_1/*': expected a list of patterns"),
+        ({"extras": "depth"}, "extras: found 'depth'; expected a list of names"),
+        ({"only": "part_1/*"}, "only: found 'part_1/*'; expected a list of patterns"),
         ({"only": ["part_9/*"]}, "part_9"),
-        ({"vision": "povray"}, "unknown vision backend 'povray': expected embree, cuda or habitat"),
-        ({"audio": "loud"}, "unknown acoustic backend 'loud': expected soundspaces, tracer or analytic"),
+        ({"vision": "povray"}, "vision: found 'povray'; expected one of embree, cuda, habitat"),
+        ({"audio": "loud"}, "audio: found 'loud'; expected one of soundspaces, tracer, analytic"),
     ],
 )
 def test_wrong_arguments_are_one_line_before_anything_is_made(
@@ -91,6 +103,12 @@ def test_wrong_arguments_are_one_line_before_anything_is_made(
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "tiny").exists()
+
+
+@pytest.mark.parametrize(("manifest", "root"), [(None, "data"), ("m.yaml", None), (5, "data")])
+def test_what_is_no_path_is_one_line(manifest: Any, root: Any) -> None:
+    with pytest.raises(UsageError, match=r"(manifest|root): found (None|5); expected the path of a file or folder"):
+        generate(manifest, root)
 
 
 def test_a_manifest_that_does_not_exist_is_named(tmp_path: Path) -> None:

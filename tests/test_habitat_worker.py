@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import errno
 import io
 import os
 import signal
@@ -25,7 +26,15 @@ from generators.vision import habitat_worker
 from generators.vision.base import Navigable
 from generators.vision.embree import EmbreeBackend
 from generators.vision.habitat import HabitatBackend, probe
-from generators.vision.habitat_process import GPU_VARIABLE, VARIABLE, Client, Limits, graphics_device, start
+from generators.vision.habitat_process import (
+    GPU_VARIABLE,
+    VARIABLE,
+    Client,
+    Limits,
+    find_interpreter,
+    graphics_device,
+    start,
+)
 from generators.vision.habitat_worker import Channel, Display
 
 WORKER = Path(habitat_worker.__file__)
@@ -158,6 +167,24 @@ def test_an_interpreter_that_will_not_do_is_one_line(tmp_path: Path, make: objec
     ok, text = probe(chosen)
     assert not ok
     assert "\n" not in text
+
+
+def test_an_interpreter_in_a_folder_that_may_not_be_read_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Looked at by a stand-in, because root may read every folder."""
+
+    def refused(self: Path) -> bool:
+        raise PermissionError(errno.EACCES, "Permission denied", str(self))
+
+    monkeypatch.setattr(Path, "is_file", refused)
+    chosen = str(tmp_path / "locked/bin/python")
+    with pytest.raises(Avs3dError, match=r"cannot be looked at \(Permission denied\)") as caught:
+        find_interpreter(chosen)
+    assert chosen in one_line(caught.value)
+    ok, text = probe(chosen)
+    assert not ok
+    assert text == str(caught.value)
 
 
 def test_an_interpreter_without_habitat_sim_says_so(tmp_path: Path) -> None:

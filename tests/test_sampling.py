@@ -26,6 +26,7 @@ from generators.sampling.rooms import MOST
 from generators.sampling.sample import MOST_INDEX, SEEDS, Unit, Wanted, sample, shares
 from generators.sampling.siblings import GROUP, siblings
 from generators.sampling.statistics import sounding
+from generators.sampling.sweep_cli import sweep
 
 MANIFESTS = Path(__file__).parent.parent / "scenes_manifest"
 TRAIN = MANIFESTS / "train.yaml"
@@ -63,6 +64,31 @@ def message(result: Any) -> str:
     text = str(result.exception) if isinstance(result.exception, Avs3dError) else result.output.splitlines()[-1]
     assert "\n" not in text
     return text
+
+
+@pytest.mark.parametrize("name", ["../x", "\x1b[31mred", "", "a b", "a" * 201])
+def test_a_name_that_no_manifest_may_have_is_refused_before_anything_is_written(tmp_path: Path, name: str) -> None:
+    for words, group in ((("--name", name), command), ((tmp_path / "m.yaml", "--name", name), None)):
+        if group is not None:
+            result = run(tmp_path, *words)
+        else:
+            shutil.copy(MANIFESTS / "demo.yaml", tmp_path / "m.yaml")
+            over = ["--over", "acoustics.absorption_scale=1,2", "-o", tmp_path / "out.yaml"]
+            result = CliRunner().invoke(sweep, [str(word) for word in (*words, *over)])
+        assert result.exit_code != 0
+        text = message(result)
+        assert text.startswith("--name: ")
+        assert "is no name; expected 1 to 200 letters" in text
+        assert text.isprintable()
+        assert not (tmp_path / "out.yaml").exists()
+
+
+@pytest.mark.parametrize("digits", [20, 400, 5000])
+def test_a_seed_beyond_64_bits_is_a_usage_error(tmp_path: Path, digits: int) -> None:
+    result = run(tmp_path, seed="9" * digits)  # type: ignore[arg-type]  # the words of a command
+    assert result.exit_code == UsageError.exit_code
+    assert "--seed" in message(result)
+    assert not (tmp_path / "out.yaml").exists()
 
 
 def test_every_home_is_new_and_has_about_as_many_observations_as_any_other(large) -> None:
@@ -376,14 +402,14 @@ def test_models_count_in_the_digests_of_the_observations_that_draw_them(tmp_path
         ({"models": {"cluck": ["station"]}}, ["models", "unknown category 'cluck'", "did you mean 'clock'?"]),
         ({"models": {"clock": []}}, ["models.clock: too few entries; expected at least 1"]),
         ({"models": {"clock": "station"}}, ["models.clock: expected a list"]),
-        ({"models": {"clock": ["station", "station"]}}, ["models: clock: 'station' is listed twice"]),
+        ({"models": {"clock": ["station", "station"]}}, ["models.clock: 'station' is listed twice"]),
         (
             {"models": {"fan": ["big"]}, "categories": {"fan": {"stands_on": ["floor"], "height": [0.4, 0.5]}}},
-            ["models: fan is a category of this manifest and has no procedural models"],
+            ["models.fan: fan is a category of this manifest and has no procedural models"],
         ),
         (
             {"models": {"clock": ["station"]}, "objects": {"clock": [{"asset": "sketchfab/1"}]}},
-            ["models: the files in objects replace the models of clock"],
+            ["models.clock: the files in objects replace the models of clock"],
         ),
     ],
 )
