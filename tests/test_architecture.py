@@ -146,8 +146,8 @@ HOUSE = {
         "programme": "manifest",
         "sound_scene": "core assets vision acoustics backends placement paths plan recording arrangement programme "
         "observation",
-        "run": "core assets vision receivers backends scans manifest library plan homes recording observation "
-        "sound_scene",
+        "run": "core assets vision acoustics receivers backends scans manifest library plan homes recording "
+        "arrangement observation sound_scene",
         "regenerate": "core acoustics receivers backends paths manifest plan recording observation sound_scene",
         "sampling": "core assets apartments placement library manifest plan arrangement",
         "cli": "core manifest run",

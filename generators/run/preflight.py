@@ -9,7 +9,7 @@ from generators.acoustics.materialfile import read_material_file
 from generators.arrangement import load_object
 from generators.assets.meshcheck import check_file
 from generators.library.store import check_asset
-from generators.manifest import AssetSpec, ManifestFile
+from generators.manifest import AssetSpec, ManifestFile, ObjectSpec, SoundSpec
 from generators.observation import sound_file
 from generators.plan import ObservationPlan
 from generators.recording.hearing import PRE_ROLL
@@ -64,15 +64,15 @@ def _assets(field: str, plans: Sequence[ObservationPlan]) -> Iterator[_Fault]:
                 if (category, item) in seen:
                     continue
                 seen.add((category, item))
-                yield from _faults((field, category, number), _read, field, plan, category, item)
+                yield from _faults((field, category, number), _read, plan, category, item)
 
 
-def _read(field: str, plan: ObservationPlan, category: str, item: AssetSpec) -> None:
+def _read(plan: ObservationPlan, category: str, item: AssetSpec) -> None:
     if item.asset is not None:
         check_asset(plan.lock, item.asset)
-    elif field == "objects":
+    elif isinstance(item, ObjectSpec):
         load_object(plan, category, item)
-    else:
+    elif isinstance(item, SoundSpec):
         sound_file(plan, category, item).sound(plan.camera.frames + PRE_ROLL)
 
 
