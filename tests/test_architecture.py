@@ -150,7 +150,7 @@ HOUSE = {
         "regenerate": "core acoustics receivers backends paths manifest plan recording observation sound_scene",
         "sampling": "core assets apartments placement library manifest plan arrangement",
         "cli": "core manifest run",
-        "sealing": "backends manifest plan run sampling cli",
+        "sealing": "backends manifest plan arrangement recording sound_scene run sampling cli",
     },
     "evaluators": {
         "bootstrap": "",

@@ -230,7 +230,7 @@ def test_a_screenful_and_then_a_count(data: Path, submission: Path, capsys: pyte
     print_report(report, shown=40)
     said = capsys.readouterr().out
     assert said.count("surplus file") == 40
-    assert "and 60 errors more" in said
+    assert "and 60 more errors" in said
 
 
 def test_an_endless_tree_is_not_walked(data: Path, submission: Path, monkeypatch: pytest.MonkeyPatch):
