@@ -116,14 +116,18 @@ def test_truth_that_was_changed_before_the_seal_is_noticed_when_it_is_generated_
         data["sizes"][name] = len(other)
 
     tiny.edit_record(whole, key, change, rehash=False)
+    dataset = files.read_json(whole / "dataset.json")
+    for entry in dataset["observations"]:
+        entry["digest"] = files.sha256_file(whole / entry["key"] / layout.OBSERVATION_JSON)
+    tiny.write_sealed(whole, dataset)
     private, test = folder / "test" / "private", tmp_path / "test"
     drawn = read_manifest(private / "manifest.yaml")
     draws = files.read_record(private / "draws.json", DrawsRecord).draws
     settings = files.read_json(folder / "test" / "public" / "seal.json")["settings"]
     record = files.read_record(folder / "test" / "commitment.json", SecretCommitment)
-    key = working_key(SECRET, record)
-    assert key is not None
-    bound = CommittedSecret(key, record)
+    working = working_key(SECRET, record)
+    assert working is not None
+    bound = CommittedSecret(working, record)
     sealing = Sealing((private / "template.yaml").read_text(), drawn, draws, bound, False, settings)
     for each in ("public", "private"):
         (test / each).mkdir(parents=True)
