@@ -104,12 +104,11 @@ def test_a_sealed_test_is_made_scored_and_opened(folder: Path, capsys: pytest.Ca
 def test_truth_that_was_changed_before_the_seal_is_noticed_when_it_is_generated_again(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Hashes cannot know: the organiser committed to the changed file."""
+    """Hashes and records cannot know: the organiser committed to the changed clip, and nothing contradicts it."""
     whole, key = _merged(folder / "test", tmp_path / "whole"), "part_1/home_1/bathroom/1"
-    name = f"{layout.SEMANTIC_MASKS}/frame_000.png"
-    other = (whole / key / layout.SEMANTIC_MASKS / "frame_001.png").read_bytes()
-    if other == (whole / key / name).read_bytes():
-        other += b" "
+    name = layout.audio_path(layout.BINAURAL, 0)
+    other = (whole / key / layout.audio_path(layout.BINAURAL, 1)).read_bytes()
+    assert other != (whole / key / name).read_bytes()
     tiny.replace(whole / key / name, other)
 
     def change(data: dict[str, dict[str, object]]) -> None:
@@ -117,14 +116,18 @@ def test_truth_that_was_changed_before_the_seal_is_noticed_when_it_is_generated_
         data["sizes"][name] = len(other)
 
     tiny.edit_record(whole, key, change, rehash=False)
+    dataset = files.read_json(whole / "dataset.json")
+    for entry in dataset["observations"]:
+        entry["digest"] = files.sha256_file(whole / entry["key"] / layout.OBSERVATION_JSON)
+    tiny.write_sealed(whole, dataset)
     private, test = folder / "test" / "private", tmp_path / "test"
     drawn = read_manifest(private / "manifest.yaml")
     draws = files.read_record(private / "draws.json", DrawsRecord).draws
     settings = files.read_json(folder / "test" / "public" / "seal.json")["settings"]
     record = files.read_record(folder / "test" / "commitment.json", SecretCommitment)
-    key = working_key(SECRET, record)
-    assert key is not None
-    bound = CommittedSecret(key, record)
+    working = working_key(SECRET, record)
+    assert working is not None
+    bound = CommittedSecret(working, record)
     sealing = Sealing((private / "template.yaml").read_text(), drawn, draws, bound, False, settings)
     for each in ("public", "private"):
         (test / each).mkdir(parents=True)
