@@ -261,7 +261,7 @@ DEEP: dict[str, tuple[Change, str, str]] = {
     "NaN in a clip": (then_rehash(wav(CLIP3, NOISE * np.where(np.arange(44100) == 3, np.nan, 1))), CLIP3, "NaN"),
     "channels swapped": (each_clip(lambda s: s[::-1]), f"{KEY}/audio_clips_binaural", "channels swapped?"),
     "level difference gone": (each_clip(lambda s: s.mean(axis=0) * [[1.01], [1]]), f"{KEY}/audio_clips_binaural",
-                              "wrong side"),
+                              "both ears hear the same"),
     "mono of another frame": (mono_of_frame(3, lambda f: np.concatenate([mix(f, 5), mix(f, 6)])), MONO3,
                               "does not hold the mix of audio_clips_binaural/frame_3.wav"),
     "mono leaks the test frame": (mono_of_frame(7, lambda f: np.concatenate([mix(f, 6)[22050:], mix(f, 7),
