@@ -58,7 +58,7 @@ _ELSEWHERE_SHARE, _ELSEWHERE_SURE = 0.4, 6.0
 #: Least standard deviation of the sines: sources that stay in one direction have no order.
 _ORDER_SPREAD = 0.25
 #: Ears whose levels differ by less than this in the mean (dB) hear the same.
-_ALIKE_DB = 0.05
+_ALIKE_DB = 0.1
 #: In part_3 a frame is judged by its source if everything else in the clip is this much quieter (dB).
 ALONE_SNR_DB = 20.0
 #: The source whose direction the frames of part_3 record.
