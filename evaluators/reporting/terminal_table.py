@@ -116,11 +116,9 @@ def _print_notes(scores: Scores, out: Console) -> None:
 
     deaf = [f"{name.replace('_', ' ')}, {masks}" for name, masks in _DEAF_MASKS.items() if name in scores.references]
     if deaf:
-        out.print(Text(f"deaf: true masks, chosen without the sound ({'; '.join(deaf)})", style="dim"), soft_wrap=True)
+        out.print(Text(f"deaf: true masks, chosen without the sound ({'; '.join(deaf)})", style="dim"))
         if "deaf_category" in scores.references:
-            out.print(
-                Text("in part_1 nothing else could sound, so that they are the truth", style="dim"), soft_wrap=True
-            )
+            out.print(Text("in part_1 nothing else could sound, so that they are the truth", style="dim"))
     part = scores.dataset
     if part.scored < part.observations:
         out.print(Text(f"{part.scored} of {part.observations} observations were asked for: no score of the benchmark"))
