@@ -101,22 +101,20 @@ lock: setup ## resolve the tested set of versions again and print what changed; 
 LOCK_OPTIONS ?= --upgrade
 
 # The submissions of the demo: `avs3d baseline` with these arguments.
-BASELINE_all-black := all-black
-BASELINE_all-white := all-white
 BASELINE_centre-box := centre-box
 BASELINE_oracle := oracle
 BASELINE_oracle-sounding := oracle --instance sounding --points
 BASELINE_oracle-with-errors := oracle --instance sounding --drop 0.1 --swap 0.5 --dilate 4 --confuse 0.5 --seed 1
 DEMO_SCORES := $(patsubst BASELINE_%,demo-score-%,$(filter BASELINE_%,$(.VARIABLES)))
 # Only where it can run: `demo-listener`.
-BASELINE_listener := listener --device cpu
+BASELINE_listener := listener --device cpu --looks one
 
-demo: $(DEMO_STAMP) ## generate a small dataset, score six submissions and the listener, write reports
+demo: $(DEMO_STAMP) ## generate a small dataset, score four submissions and the listener, write reports
 	@echo "generating data/demo …"
 	$(BIN)/avs3d generate scenes_manifest/demo.yaml -o data/demo --workers $(WORKERS) $(WITH_AUDIO)
 	@mkdir -p data/demo-scores
 	@echo "validating, drawing contact sheets, writing and scoring submissions, $(WORKERS) at a time …"
-	@$(MAKE) --no-print-directory --output-sync -j $(WORKERS) demo-validate demo-sheets $(DEMO_SCORES) demo-listener
+	@$(MAKE) --no-print-directory --output-sync -j $(WORKERS) demo-validate demo-sheets demo-listener $(DEMO_SCORES)
 	$(BIN)/avs3d leaderboard data/demo-scores/*.json -o data/demo-leaderboard
 	@echo
 	@echo "Sheets: data/demo-sheets/*.png. Scores: data/demo-scores/oracle.html, data/demo-leaderboard/index.html."

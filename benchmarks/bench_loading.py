@@ -45,7 +45,7 @@ def make_example(root: Path, frames: int = 48) -> None:
     from generators.run.runner import RunSettings, run
 
     source = read_manifest(Path(__file__).parent.parent / "scenes_manifest" / "demo.yaml")
-    plans = make_plans(source, frames=frames, audio="analytic")
+    plans = make_plans(source, frames=frames, size=1008, audio="analytic")
     run(source, plans, root, RunSettings(default_cache(), WORKERS), lambda _: None)
 
 

@@ -32,6 +32,8 @@ from generators.run.runner import RunSettings, run
 MANIFEST = Path(__file__).parent.parent / "scenes_manifest" / "demo.yaml"
 #: Number of frames, fewer than in an observation: the cost per frame does not depend on it.
 FRAMES = 24
+#: Pixels per side, those of the benchmark.
+SIZE = 1008
 REPEATS = 5
 
 
@@ -181,7 +183,7 @@ def peak_memory(frames: int = 8, repeats: int = REPEATS) -> dict[str, float]:
 
 def one_observation(frames: int) -> None:
     """Make the demo's first observation at full size, and discard it."""
-    plan = make_plans(read_manifest(MANIFEST), frames=frames)[0]
+    plan = make_plans(read_manifest(MANIFEST), frames=frames, size=SIZE)[0]
     with tempfile.TemporaryDirectory() as folder:
         story.generate_observation(plan, Path(folder), default_cache())
 
@@ -189,7 +191,7 @@ def one_observation(frames: int) -> None:
 def run_all(repeats: int = REPEATS) -> dict[str, float]:
     """Every figure of this file."""
     source = read_manifest(MANIFEST)
-    plans = make_plans(source, frames=FRAMES)
+    plans = make_plans(source, frames=FRAMES, size=SIZE)
     cache = default_cache()
     prepare_home(plans[0], cache, workers=available_cores())
     per_frame(plans[0], cache, repeats=1)  # compiles and warms up

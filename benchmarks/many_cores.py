@@ -126,7 +126,7 @@ def main(workers: tuple[int, ...], frames: int, audio: str, output: Path | None)
     from generators.homes.store import prepare_home
     from generators.plan import make_plans, read_manifest
 
-    plan = make_plans(read_manifest(MANIFEST), frames=frames, audio=audio)[0]
+    plan = make_plans(read_manifest(MANIFEST), frames=frames, size=1008, audio=audio)[0]
     cache = default_cache()
     prepare_home(plan, cache, workers=os.cpu_count() or 1)
     figures = {str(count): measure(plan, cache, count) for count in workers}

@@ -72,10 +72,11 @@ def draw_contact_sheets(
             advance(number, len(chosen))
         path = output / f"{observation.key.replace('/', '_')}.png"
         check_replaceable(path, (PNG_OF_OURS,))
-        figure = draw_contact_sheet(observation, columns)
+        canvas: Any = draw_contact_sheet(observation, columns).canvas
         with files.atomic_path(path) as temporary:
             # No creation date, no version: the same observation gives the same picture.
-            figure.savefig(temporary, format="png", dpi=100, metadata=PNG_METADATA)
+            # `savefig` would lay out all once more, without drawing it.
+            canvas.print_png(temporary, metadata=PNG_METADATA)
         drawn.append(path)
     return drawn
 
