@@ -474,7 +474,9 @@ def test_cardioids_to_the_sides_tell_the_side_of_a_wave() -> None:
         sine = np.sin(np.radians(azimuth))
         found = cardioid_level(np.stack([wave, -sine * wave, 0 * wave, 0 * wave]))  # Y to the left
         assert found is not None
-        assert found.db == pytest.approx(np.clip(20 * np.log10((1 + sine) / max(1 - sine, 1e-9)), -10, 10), abs=0.1)
+        assert found.db == pytest.approx(
+            np.clip(20 * np.log10(max(1 + sine, 1e-9) / max(1 - sine, 1e-9)), -10, 10), abs=0.1
+        )
 
 
 def test_coherence_tells_a_sound_field_from_another() -> None:

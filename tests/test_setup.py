@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 import shutil
 import subprocess
@@ -10,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from makefile import environment
 from markdown_code import ROOT
 
 pytestmark = pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
@@ -40,9 +40,8 @@ def installed(folder: Path, *arguments: str, other: bool = False) -> list[list[s
     python = folder / "python"
     python.write_text(PROGRAM.format(log=shlex.quote(str(log)), other=int(other)))
     python.chmod(0o755)
-    environment = {name: value for name, value in os.environ.items() if name not in ("MAKEFLAGS", "MAKELEVEL")}
     command = ["make", "-s", f"PYTHON={python}", *arguments]
-    subprocess.run(command, cwd=folder, env=environment, check=True, timeout=60, capture_output=True)
+    subprocess.run(command, cwd=folder, env=environment(), check=True, timeout=60, capture_output=True)
     calls = [shlex.split(line) for line in log.read_text().splitlines()] if log.exists() else []
     return [[word for word in call if word not in ("--quiet", "--disable-pip-version-check")] for call in calls]
 
