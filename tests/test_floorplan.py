@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 import tiny
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -102,6 +102,7 @@ def test_a_plan_of_hardly_any_points_is_empty(points: NDArray[np.float64]) -> No
 
 
 @settings(max_examples=60, deadline=None)
+@example([(0.0, 39.0, 4), (0.0, 32.9921875, 4), (4.0, 67.0, 2), (0.0, 0.0, 2)])  # where a sliver was free to cover
 @given(st.lists(st.tuples(st.floats(0, 560), st.floats(0, 360), st.integers(2, 18)), min_size=1, max_size=8))
 def test_labels_are_inside_and_do_not_overlap(objects: list[tuple[float, float, int]]) -> None:
     area = Box(0, 0, 600, 400)

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-#: Cost of covering a whole label, and a whole mark, in label heights of distance.
-_COVERS_LABEL, _COVERS_MARK = 1000.0, 6.0
+#: Cost of covering any of a label, and in addition a whole label or a whole mark, in label heights of distance.
+_TOUCHES_LABEL, _COVERS_LABEL, _COVERS_MARK = 1000.0, 1000.0, 6.0
+#: What two labels share by rounding (pixels²).
+_ROUNDING = 1e-9
 #: Distances from the mark that are tried (label heights).
 _STEPS = 13
 
@@ -52,9 +54,10 @@ def place_labels(
 
         def cost(place: tuple[float, Box], height: float = height) -> float:
             away, box = place
-            covered = sum(box.shared(other) for other in (*placed, *taken)) * _COVERS_LABEL
-            covered += sum(box.shared(other) for other in marks) * _COVERS_MARK
-            return away / height + covered / max(1e-9, box.area)
+            shared = [box.shared(other) for other in (*placed, *taken)]
+            covered = sum(shared) * _COVERS_LABEL + sum(box.shared(other) for other in marks) * _COVERS_MARK
+            touched = _TOUCHES_LABEL if max(shared, default=0.0) > _ROUNDING else 0.0
+            return away / height + touched + covered / max(1e-9, box.area)
 
         placed.append(min(_places(mark, width, height, area), key=cost)[1])
     return placed

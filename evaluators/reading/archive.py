@@ -61,7 +61,7 @@ def check_directory(path: Path) -> None:
 def vet(archive: zipfile.ZipFile) -> Iterator[Problem]:
     """Everything that speaks against unpacking an archive, by member."""
     for fault in faults(archive, LIMITS):
-        yield Problem("error", printable(fault.member.filename) if fault.member else ".", _message(fault))
+        yield Problem("error", printable(fault.member.orig_filename) if fault.member else ".", _message(fault))
 
 
 def _message(fault: Fault) -> str:

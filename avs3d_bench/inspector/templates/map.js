@@ -25,7 +25,7 @@ window.AVS3D = window.AVS3D ?? {};
 
   // Places for labels, as in labels.py: below, above or beside the mark, as near as it is free. Boxes are
   // [left, top, right, bottom] in pixels.
-  const COVERS_LABEL = 1000, COVERS_MARK = 6, STEPS = 13;
+  const TOUCHES_LABEL = 1000, COVERS_LABEL = 1000, COVERS_MARK = 6, STEPS = 13, ROUNDING = 1e-9;
   const shared = (a, b) => Math.max(0, Math.min(a[2], b[2]) - Math.max(a[0], b[0])) * Math.max(0, Math.min(a[3], b[3]) - Math.max(a[1], b[1]));
   const places = (mark, width, height, area) => {
     const x = (mark[0] + mark[2]) / 2, y = (mark[1] + mark[3]) / 2, found = [];
@@ -47,11 +47,14 @@ window.AVS3D = window.AVS3D ?? {};
       const [width, height] = sizes[i];
       let best = null, least = Infinity;
       for (const [away, box] of places(mark, width, height, area)) {
-        let covered = 0;
-        for (const other of placed) covered += shared(box, other) * COVERS_LABEL;
-        for (const other of taken) covered += shared(box, other) * COVERS_LABEL;
+        let covered = 0, touched = 0;
+        for (const other of [...placed, ...taken]) {
+          const both = shared(box, other);
+          covered += both * COVERS_LABEL;
+          if (both > ROUNDING) touched = TOUCHES_LABEL;
+        }
         for (const other of marks) covered += shared(box, other) * COVERS_MARK;
-        const cost = away / height + covered / (width * height);
+        const cost = away / height + touched + covered / (width * height);
         if (cost < least) { least = cost; best = box; }
       }
       placed.push(best);
