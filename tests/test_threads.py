@@ -21,7 +21,7 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.scheduling.local import LocalScheduler, divide
 from avs3d_bench.scheduling.tasks import Context, Policy, Task
 from generators.observation import generate_observation
-from generators.paths.stage import MOST_THREADS, Camera
+from generators.paths.stage import MOST_THREADS, StageRenderer
 from generators.plan import make_plans, read_manifest
 from generators.recording import hearing
 from generators.recording.writer import ObservationWriter
@@ -84,7 +84,7 @@ def test_frames_are_drawn_on_as_many_cores_as_there_are_now() -> None:
     cores = [at[max(start for start in at if start <= n)] for n in range(50)]
     given, finished = iter(cores), list[int]()
     still = SimpleNamespace(moves=False, scene=lambda _: None)
-    with closing(Camera(_Drawing([], drawn), still, None)) as camera:  # type: ignore[arg-type]
+    with closing(StageRenderer(_Drawing([], drawn), still, None)) as camera:  # type: ignore[arg-type]
         shown = list(camera.frames(range(50), lambda second, _: finished.append(second), lambda: next(given)))  # type: ignore[arg-type]
     assert shown == sorted(finished) == list(range(50))
     assert finished[:10] == list(range(10))
@@ -98,7 +98,7 @@ def test_frames_are_drawn_on_fewer_cores_when_they_are_needed_elsewhere() -> Non
     cores = [*repeat(4, 10), *repeat(2, 20), *repeat(3, 15), *repeat(1, 25)]
     given = iter(cores)
     still = SimpleNamespace(moves=False, scene=lambda _: None)
-    with closing(Camera(_Drawing([], drawn), still, None)) as camera:  # type: ignore[arg-type]
+    with closing(StageRenderer(_Drawing([], drawn), still, None)) as camera:  # type: ignore[arg-type]
         assert list(camera.frames(range(70), lambda *_: None, lambda: next(given))) == list(range(70))  # type: ignore[arg-type]
     # Frames that were begun before the change, at most two per thread, are still drawn as before.
     assert max(drawn[:10]) == 4

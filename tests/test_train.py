@@ -25,8 +25,16 @@ from baselines.echosegnet.rasteriser.default import TorchRasteriser
 from baselines.echosegnet.rasteriser.projection import rotation_matrices
 from baselines.echosegnet.rasteriser.rendering import Splat
 from baselines.echosegnet.similarity import psnr, ssim
-from baselines.echosegnet.train import Checkpoint, Pace, Report, TrainingSettings, load_pictures, train, view_psnr
-from baselines.echosegnet.views import View, load_points, load_views, test_views, train_views
+from baselines.echosegnet.train import (
+    Checkpoint,
+    Pace,
+    TrainingSettings,
+    TrainingState,
+    load_pictures,
+    train,
+    view_psnr,
+)
+from baselines.echosegnet.views import RegisteredView, load_points, load_views, test_views, train_views
 
 torch.set_num_threads(1)
 CPU = TorchRasteriser("cpu")
@@ -278,7 +286,7 @@ def _same(a: Gaussians, b: Gaussians) -> bool:
 @pytest.mark.slow
 def test_training_reaches_a_picture_of_views_it_never_saw(room: SimpleNamespace) -> None:
     """300 iterations: test views gain more than 8 dB, past 22 dB; reports count up and improve."""
-    reports: list[Report] = []
+    reports: list[TrainingState] = []
     first = train(room.views, room.xyz, room.rgb, CPU, replace(SHORT, iterations=1))
     settings = TrainingSettings(iterations=300, density=DensityControl(pixels_per_gaussian=20))
     trained = train(room.views, room.xyz, room.rgb, CPU, settings, progress=reports.append)
@@ -307,7 +315,7 @@ def test_a_resumed_run_is_the_uninterrupted_one(room: SimpleNamespace, tmp_path:
     class PowerCutError(Exception):
         pass
 
-    def fail(report: Report) -> None:
+    def fail(report: TrainingState) -> None:
         if report.iteration == 35:
             raise PowerCutError
 
@@ -344,7 +352,7 @@ def test_where_memory_is_nearly_used_growth_ends_and_the_report_says_when(
 ) -> None:
     most = len(room.xyz) + 40
     monkeypatch.setattr(training, "room_for", lambda count, device: max(0, most - count))
-    reports: list[Report] = []
+    reports: list[TrainingState] = []
     settings = replace(SHORT, density=DensityControl())
     trained = train(room.views, room.xyz, room.rgb, CPU, settings, progress=reports.append, pace=Pace(5))
     assert len(trained) <= most
@@ -400,7 +408,7 @@ def test_only_train_pictures_are_read(room: SimpleNamespace, monkeypatch: pytest
 # --- faults
 
 
-def _with_picture(view: View, pixels: np.ndarray) -> View:
+def _with_picture(view: RegisteredView, pixels: np.ndarray) -> RegisteredView:
     frame = SimpleNamespace(undistorted_rgb=lambda: pixels, observation=view.frame.observation, name=view.name)
     return replace(view, frame=frame)  # type: ignore[arg-type]
 

@@ -24,7 +24,7 @@ from typing import Any, Self
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.scheduling.jobqueue import Jobs, start_cluster
 from avs3d_bench.scheduling.ledger import Ledger, Next
-from avs3d_bench.scheduling.on_worker import TOPIC, AttemptError, Terms, attempt, busy
+from avs3d_bench.scheduling.on_worker import TOPIC, AttemptError, TaskSettings, attempt, busy
 from avs3d_bench.scheduling.tasks import Attempt, Event, Failure, Listener, Policy, Success, Task
 
 #: Of what Dask logs, this and worse is shown.
@@ -141,7 +141,7 @@ class DaskScheduler:
         """
         # Of a cluster that runs, all are there; one that is started here has its workers come one by one.
         wanted = self._workers if self._address is None else 0
-        run = _Run(
+        run = _DaskRun(
             self._client, tasks, policy, listen, gpus=self._gpus, where=self._where, wanted=wanted, jobs=self._jobs
         )
         if self.dashboard:
@@ -152,7 +152,7 @@ class DaskScheduler:
             run.stop()
 
 
-class _Run:
+class _DaskRun:
     """One call of `DaskScheduler.run`."""
 
     def __init__(
@@ -267,7 +267,7 @@ class _Run:
         window = slots
         if slots and self._ledger.left > max(_LEAST, _WINDOW * max(slots, self._wanted)):
             window = max(_LEAST, _WINDOW * slots)
-        terms = Terms(self._name, self._policy.environment, max(1.0, slots / _EVENTS))
+        terms = TaskSettings(self._name, self._policy.environment, max(1.0, slots / _EVENTS))
         while len(self._open) < window and (item := self._ledger.take()):
             task = item.task
             elsewhere = self._elsewhere(item)

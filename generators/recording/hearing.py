@@ -46,7 +46,7 @@ class Recording:
 
 
 @dataclass(frozen=True, eq=False)
-class Heard:
+class ReceiverClips:
     """What is heard in one second.
 
     Attributes:
@@ -98,7 +98,7 @@ class Listening:
         )
 
 
-def hear(listening: Listening) -> Generator[Heard]:
+def hear(listening: Listening) -> Generator[ReceiverClips]:
     """What is heard in each second, in order: an engine's responses depend on the sequence of calls."""
     session = listening.engine().open(
         listening.scene, listening.sources[0], room=listening.room, sample_rate=layout.SAMPLE_RATE
@@ -137,14 +137,14 @@ def responses_at(session: AcousticSession, pose: Pose) -> dict[str, NDArray[np.f
     return found | session.other_responses(pose) if isinstance(session, ReceiverSession) else found
 
 
-def hear_still(session: AcousticSession, listening: Listening, index: int) -> Heard:
+def hear_still(session: AcousticSession, listening: Listening, index: int) -> ReceiverClips:
     """What is heard in second ``index`` of a source that stands still."""
     responses = responses_at(session, listening.poses[index])
     samples, second = listening.samples, index + PRE_ROLL
     return _heard({name: Recording(receiver_clip(samples, one, second), one) for name, one in responses.items()})
 
 
-def _hear_moving(session: AcousticSession, listening: Listening, index: int) -> Heard:
+def _hear_moving(session: AcousticSession, listening: Listening, index: int) -> ReceiverClips:
     """The same of a source that moves: it is heard from where it was when the sound left it."""
     pose = listening.poses[index]
     # Before the first frame the source stands where it begins.
@@ -161,5 +161,5 @@ def _hear_moving(session: AcousticSession, listening: Listening, index: int) -> 
     return _heard(recordings)
 
 
-def _heard(recordings: dict[str, Recording]) -> Heard:
-    return Heard(recordings[HEAD], {name: one for name, one in recordings.items() if name != HEAD})
+def _heard(recordings: dict[str, Recording]) -> ReceiverClips:
+    return ReceiverClips(recordings[HEAD], {name: one for name, one in recordings.items() if name != HEAD})
