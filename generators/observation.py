@@ -44,7 +44,7 @@ from generators.paths.watcher import line_of_sight
 from generators.placement.placement import Placement
 from generators.plan import ObservationPlan, resolve_file
 from generators.receivers import Receivers
-from generators.recording.hearing import PRE_ROLL, Listening, ReceiverClips, hear, heard_ahead
+from generators.recording.hearing import PRE_ROLL, AcousticJob, ReceiverClips, hear, hear_in_background
 from generators.recording.output import FolderOutput, ObservationOutput
 from generators.recording.surface_points import SurfaceSampler
 from generators.recording.writer import ObservationWriter
@@ -103,11 +103,13 @@ def generate_observation(
     frames: list[FrameRecord] = []
     clips: list[NDArray[np.float32]] = []
     decays: list[NDArray[np.float32]] = []
-    lent = Lent(cores)
+    lent = CoreBudget(cores)
     with (
         ObservationWriter(output(root / plan.key), **plan.optional_files) as writer,
-        heard_ahead(hear(ready.listening), ready.listening.device, lambda: lent.ask() > 1) as sounds,
-        closing(_share(ready, writer, pictures) if pictures else _render(ready, writer, points, lent)) as masks,
+        hear_in_background(hear(ready.listening), ready.listening.device, lambda: lent.ask() > 1) as sounds,
+        closing(
+            _reuse_pictures(ready, writer, pictures) if pictures else _render(ready, writer, points, lent)
+        ) as masks,
     ):
         # The sound first: its process must start before there are threads.
         for index, (pose, sound, mask) in enumerate(zip(poses, sounds, masks, strict=False)):
@@ -129,7 +131,7 @@ def generate_observation(
 
 
 def _render(
-    ready: PreparedObservation, writer: ObservationWriter, points: SurfaceSampler, lent: Lent
+    ready: PreparedObservation, writer: ObservationWriter, points: SurfaceSampler, lent: CoreBudget
 ) -> Generator[NDArray[np.bool_]]:
     """Render and write the pictures; give the mask (H, W) of each frame, and add its surface points."""
     stage, poses = ready.stage, ready.seen.poses
@@ -144,7 +146,9 @@ def _render(
             yield frame.instance_ids == ready.sounding
 
 
-def _share(ready: PreparedObservation, writer: ObservationWriter, original: Path) -> Generator[NDArray[np.bool_]]:
+def _reuse_pictures(
+    ready: PreparedObservation, writer: ObservationWriter, original: Path
+) -> Generator[NDArray[np.bool_]]:
     """Take over the pictures of the original; give the mask (H, W) of each frame."""
     writer.share_pictures(original)
     for index in range(len(ready.seen.poses)):
@@ -162,7 +166,7 @@ def check_heard(sound: ReceiverClips, where: str, *, silence: bool = False) -> N
         check_clip(one.clip, f"{where}, {name}", silence=silence)
 
 
-class Lent:
+class CoreBudget:
     """The number of cores that may be used, asked once for each frame.
 
     Args:
@@ -204,7 +208,7 @@ class PreparedObservation:
     intrinsics: Intrinsics
     sight: VisionBackend
     engine: AcousticBackend
-    listening: Listening
+    listening: AcousticJob
 
     @property
     def instances(self) -> tuple[InstanceRecord, ...]:
@@ -227,7 +231,7 @@ def prepare_observation(plan: ObservationPlan, cache: Path) -> PreparedObservati
     assert plan.spec.category is not None
     sound = choose_sound(plan, plan.spec.category, plan.rng("sound"))
     seconds = range(len(seen.poses) + 1 if stage.moves else 1)
-    listening = Listening(
+    listening = AcousticJob(
         backend=plan.audio,
         absorption_scale=plan.spec.acoustics.absorption_scale,
         scene=stage.scene(0),

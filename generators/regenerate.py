@@ -32,7 +32,7 @@ from generators.observation import describe_frame, licence_record, prepare_obser
 from generators.paths.stage import Stage, StageRenderer
 from generators.plan import ObservationPlan, make_plans
 from generators.receivers import Receivers, choose_receivers
-from generators.recording.hearing import hear, heard_ahead
+from generators.recording.hearing import hear, hear_in_background
 from generators.recording.output import FolderOutput
 from generators.recording.scene_writer import SceneWriter
 from generators.recording.stems import hear_sources
@@ -242,7 +242,7 @@ def _compare(
     with (
         ObservationWriter(made, **plan.optional_files) as writer,
         closing(StageRenderer(ready.sight, stage, ready.intrinsics)) as view,
-        heard_ahead(hear(ready.listening), ready.listening.device) as sounds,
+        hear_in_background(hear(ready.listening), ready.listening.device) as sounds,
     ):
         for index, sound in zip(range(max(needed) + 1), sounds, strict=False):
             clip = clips[index] = sound.head.clip

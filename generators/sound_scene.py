@@ -45,7 +45,7 @@ from generators.core.rays import RayCaster
 from generators.core.scene import Scene
 from generators.observation import (
     T30_RESPONSES,
-    Lent,
+    CoreBudget,
     SoundFile,
     SourceSignal,
     arranged,
@@ -61,7 +61,7 @@ from generators.paths.watcher import line_of_sight, point_in_sight
 from generators.placement.placement import Placement
 from generators.plan import ObservationPlan, derive_rng
 from generators.programme import Interval, gated, intervals_of
-from generators.recording.hearing import PRE_ROLL, Listening, heard_ahead
+from generators.recording.hearing import PRE_ROLL, AcousticJob, hear_in_background
 from generators.recording.output import FolderOutput, ObservationOutput
 from generators.recording.scene_writer import SceneWriter
 from generators.recording.stems import Clip, HeardSource, audible_sources, decibels, hear_sources, mixture, power
@@ -164,10 +164,10 @@ class PreparedScene:
         placed = enumerate(self.seen.placements, start=1)
         return tuple(describe_instance(number, placement, number in self.sounding) for number, placement in placed)
 
-    def listenings(self, plan: ObservationPlan) -> tuple[Listening, ...]:
+    def listenings(self, plan: ObservationPlan) -> tuple[AcousticJob, ...]:
         """The inputs of the acoustic simulation, one per source."""
         return tuple(
-            Listening(
+            AcousticJob(
                 backend=plan.audio,
                 absorption_scale=plan.spec.acoustics.absorption_scale,
                 scene=self.scene,
@@ -208,8 +208,8 @@ def generate_sound_scene(
         Avs3dError: one line: no place for an object, a room that does not exist, a missing or broken file, …
     """
     ready = prepare_scene(plan, cache)
-    lent = Lent(cores)
-    sounds = heard_ahead(hear_sources(ready.listenings(plan)), plan.device, lambda: lent.ask() > 1)
+    lent = CoreBudget(cores)
+    sounds = hear_in_background(hear_sources(ready.listenings(plan)), plan.device, lambda: lent.ask() > 1)
     with SceneWriter(output(root / plan.key), contents_of(plan, ready), **plan.optional_files) as writer:
         with sounds as seconds:
             if pictures is None:
@@ -462,7 +462,7 @@ def _render(
     writer: SceneWriter,
     seconds: Iterator[tuple[HeardSource, ...]],
     on_frame: Callable[[int], None],
-    lent: Lent,
+    lent: CoreBudget,
 ) -> list[tuple[HeardSource, ...]]:
     """Render and write the pictures, and hear the sources meanwhile."""
     poses = ready.seen.poses

@@ -361,7 +361,7 @@ class A:
 #: Class names with two meanings, and why they stay.
 TWICE = {
     "Settings": "the public face of two methods: `baselines.echosegnet.Settings` and `baselines.listener.Settings`",
-    "Prediction": "the public face: `avs3d_bench.Prediction` of a frame, `baselines.echosegnet.Prediction` of an observation",
+    "Prediction": "the public face: of a frame in `avs3d_bench`, of an observation in `baselines.echosegnet`",
 }
 
 

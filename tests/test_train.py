@@ -19,7 +19,7 @@ from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from baselines.echosegnet import memory, pictures
 from baselines.echosegnet import train as training
-from baselines.echosegnet.densify import PARAMETERS, DensityControl, Pull, densify, parameters, reset_opacities
+from baselines.echosegnet.densify import PARAMETERS, DensityControl, GradientStats, densify, parameters, reset_opacities
 from baselines.echosegnet.gaussians import Gaussians
 from baselines.echosegnet.rasteriser.default import TorchRasteriser
 from baselines.echosegnet.rasteriser.projection import rotation_matrices
@@ -101,9 +101,11 @@ def _values(sizes: list[float], alphas: list[float]) -> dict[str, Tensor]:
     return out
 
 
-def _pull(gradients: list[float]) -> Pull:
+def _pull(gradients: list[float]) -> GradientStats:
     """As if seen in four views each, with a radius of 5 pixels."""
-    return Pull(torch.tensor(gradients) * 4, torch.full((len(gradients),), 4.0), torch.full((len(gradients),), 5.0))
+    return GradientStats(
+        torch.tensor(gradients) * 4, torch.full((len(gradients),), 4.0), torch.full((len(gradients),), 5.0)
+    )
 
 
 def test_small_ones_are_cloned_large_ones_split_transparent_ones_removed() -> None:
@@ -210,7 +212,7 @@ def test_pull_is_measured_in_half_widths_of_the_picture() -> None:
     means.grad = torch.tensor([[3e-4, 0.0], [0.0, 1e-4]])
     seen, conics = torch.tensor([True, False]), torch.tensor([[0.25, 0.0, 1.0], [0.01, 0.0, 0.01]])
     splat = Splat(torch.zeros(10, 20, 3), torch.zeros(10, 20), means, seen, conics)
-    pull = Pull.zeros(torch.zeros(2, 3))
+    pull = GradientStats.zeros(torch.zeros(2, 3))
     pull.add(splat)
     pull.add(replace(splat, conics=4 * conics))
     torch.testing.assert_close(pull.total, torch.tensor([6e-3, 1e-3]))

@@ -83,12 +83,12 @@ class DaskScheduler:
             if error.name not in ("dask", "distributed"):
                 raise
             raise Avs3dError("--scheduler dask needs distributed: pip install 'avs3d-bench[cluster]'") from None
-        _hush()
+        _mute_dask()
         with ExitStack() as stack:
             # A task that is tried again elsewhere must not be drawn back to where it failed.
             stack.enter_context(dask.config.set({"distributed.scheduler.work-stealing": False}))
             if self._address is None:
-                with _deaf():
+                with _without_interrupts():
                     cluster = self._start(distributed)
                     stack.callback(_close, cluster)
                 target: Any = cluster
@@ -437,7 +437,7 @@ def _line(error: BaseException) -> str:
 
 
 @contextmanager
-def _deaf() -> Iterator[None]:
+def _without_interrupts() -> Iterator[None]:
     """Delay Ctrl-C until the end; the processes that are started meanwhile never receive it.
 
     It reaches every process of a terminal, but only the first one decides what it means. A blocked signal stays blocked
@@ -460,7 +460,7 @@ def _deaf() -> Iterator[None]:
             raise KeyboardInterrupt
 
 
-def _hush() -> None:
+def _mute_dask() -> None:
     """Hide Dask's log of lost connections with tracebacks: this module reports them in one line."""
     for name in ["asyncio", "tornado", *logging.root.manager.loggerDict]:
         if name.partition(".")[0] in ("distributed", "asyncio", "tornado"):

@@ -46,7 +46,7 @@ class TaskSettings:
     tick: float
 
 
-class _Nursery:
+class _WorkerPool:
     """The supervised processes of this worker: one for each thread that runs a task, kept between tasks."""
 
     def __init__(self) -> None:
@@ -74,7 +74,7 @@ class _Nursery:
             self.runs[terms.run] -= 1
 
 
-_NURSERY = _Nursery()
+_NURSERY = _WorkerPool()
 
 
 def dask_setup(_: Any) -> None:

@@ -37,7 +37,7 @@ from scipy.spatial import cKDTree
 
 from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.file_lock import turn
+from avs3d_bench.file_lock import wait_for_lock
 from avs3d_bench.geometry import flip_world
 from avs3d_bench.schema import Scalar
 from baselines.echosegnet import aisrm, clusters, spatial
@@ -146,7 +146,7 @@ def predict(
         masks = _masks(observation, train_views(input_views(views)), source) if may_be_empty else []
     if may_be_empty and not any(mask.any() for mask in masks):
         return _nothing(observation, source, clock)
-    with clock("train"), turn(stages.folder / "training.lock"):
+    with clock("train"), wait_for_lock(stages.folder / "training.lock"):
         gaussians, key, full_at = trained(observation, views, rasteriser, settings.training, stages, progress)
     views = input_views(views)
     seen = train_views(views)

@@ -24,7 +24,7 @@ from torch import Tensor
 
 from avs3d_bench.errors import Avs3dError
 from baselines.echosegnet import checkpoint as saving
-from baselines.echosegnet.densify import DensityControl, Pull, densify, parameters, reset_opacities
+from baselines.echosegnet.densify import DensityControl, GradientStats, densify, parameters, reset_opacities
 from baselines.echosegnet.gaussians import Gaussians, from_points
 from baselines.echosegnet.memory import begin, release, room_for
 from baselines.echosegnet.pictures import load_pictures, out_of_memory, view_psnr
@@ -165,7 +165,7 @@ class _Job:
         start = start.to(rasteriser.device)
         values = (start.means, start.log_scales, start.rotations, start.opacities, start.sh[:, :1], start.sh[:, 1:])
         self.optimiser = _optimiser(values, settings, self.extent)
-        self.pull = Pull.zeros(start.means)
+        self.pull = GradientStats.zeros(start.means)
         self._sums = start.means.new_zeros(2)
         self._seen = 0
 

@@ -105,7 +105,7 @@ class _OfBatch(torch.nn.Module):
 
 
 @dataclass(frozen=True)
-class _Taken:
+class _PendingStep:
     """The last step: its number, its batch and its losses, which may still be under way on the device."""
 
     step: int
@@ -138,7 +138,7 @@ class Run:
         self.model, self.optimiser = fabric.setup(model, state.optimiser)
         self.validation: dict[str, float | None] = {}
         self.began, self.before = time.monotonic(), state.seconds
-        self.pending: _Taken | None = None
+        self.pending: _PendingStep | None = None
 
     def go(self) -> Result:
         """Take the steps that are left."""
@@ -193,7 +193,7 @@ class Run:
         # The loss of the step before is read only now, so that the device never waits for this process.
         self._check()
         norm = torch.nn.utils.clip_grad_norm_(self.model.parameters(), GRADIENT_NORM)
-        self.pending = _Taken(step, plan, terms.detached(), total.detach(), norm.detach())
+        self.pending = _PendingStep(step, plan, terms.detached(), total.detach(), norm.detach())
         self.optimiser.step()
         self.state.average.update_parameters(self.state.network)
         self.state.step = step + 1

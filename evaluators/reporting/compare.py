@@ -29,7 +29,7 @@ from avs3d_bench.scores import PROTOCOL_PARTS, PROTOCOLS, Metric, Protocol, metr
 from evaluators.bootstrap import RESAMPLES, SEED
 from evaluators.comparison import WARN_BELOW, compare_figure, metric_of
 from evaluators.reporting.leaderboard import read_entry
-from evaluators.reporting.ranking import Ruler, ScoresEntry, dataset_identity, rulers_of, truth_figures
+from evaluators.reporting.ranking import ScoresEntry, ScoringRule, dataset_identity, rulers_of, truth_figures
 from evaluators.sign_flips import LEVEL, flips_for
 
 #: Characters of a list of names in a message.
@@ -131,7 +131,7 @@ def _dataset_text(entry: ScoresEntry) -> str:
     return printable(f"{data.name} {version} ({data.observations} observations{digest})")
 
 
-def _rulers(entries: Mapping[str, ScoresEntry], wanted: Iterable[Protocol]) -> tuple[Ruler, ...]:
+def _rulers(entries: Mapping[str, ScoresEntry], wanted: Iterable[Protocol]) -> tuple[ScoringRule, ...]:
     """The protocols to compare, which all files have in one version.
 
     Raises:
@@ -162,12 +162,12 @@ def _rulers(entries: Mapping[str, ScoresEntry], wanted: Iterable[Protocol]) -> t
     return tuple(first[1][name] for name in chosen)
 
 
-def _ruler_text(ruler: Ruler) -> str:
+def _ruler_text(ruler: ScoringRule) -> str:
     voxels = "" if ruler.voxel_size is None else f" with voxels of {ruler.voxel_size:g} m"
     return f"protocol {ruler.protocol} {ruler.version}{voxels}"
 
 
-def _check_truth(entries: Mapping[str, ScoresEntry], ruler: Ruler) -> None:
+def _check_truth(entries: Mapping[str, ScoresEntry], ruler: ScoringRule) -> None:
     """The reference rows depend on the truth alone: those of files with the same observations must be equal."""
     first: dict[object, tuple[ScoresEntry, object]] = {}
     for entry in entries.values():

@@ -80,7 +80,7 @@ class ScoresEntry:
 
 
 @dataclass(frozen=True, order=True)
-class Ruler:
+class ScoringRule:
     """What figures are measured with: a protocol, its version, and the voxels of the 3D figures where it has them."""
 
     protocol: str
@@ -150,7 +150,7 @@ class RankingView:
     """
 
     part: str
-    ruler: Ruler
+    ruler: ScoringRule
     tables: tuple[RankingTable, ...]
     left_out: tuple[str, ...]
 
@@ -207,18 +207,19 @@ def leaderboard_values(entries: Sequence[ScoresEntry]) -> dict[str, Any]:
     }
 
 
-def rulers_of(entry: ScoresEntry) -> tuple[Ruler, ...]:
+def rulers_of(entry: ScoresEntry) -> tuple[ScoringRule, ...]:
     """The protocols of a file of scores, each with its version and the size of the voxels."""
     said = entry.scores.avs3d_eval
     return tuple(
-        Ruler(name, version, said.voxel_size if name == "strict" else None) for name, version in said.protocols.items()
+        ScoringRule(name, version, said.voxel_size if name == "strict" else None)
+        for name, version in said.protocols.items()
     )
 
 
-def _ordered(rulers: Iterable[Ruler]) -> list[Ruler]:
+def _ordered(rulers: Iterable[ScoringRule]) -> list[ScoringRule]:
     """Listen before strict before official, the newest version first."""
 
-    def order(ruler: Ruler) -> tuple[Any, ...]:
+    def order(ruler: ScoringRule) -> tuple[Any, ...]:
         numbers = tuple(-int(piece) for piece in re.findall(r"\d+", ruler.version))
         return (_PROTOCOLS.index(ruler.protocol), numbers, ruler.version, ruler.voxel_size or 0.0)
 
@@ -237,7 +238,7 @@ def dataset_identity(entry: ScoresEntry) -> tuple[str, str, str, int]:
 
 
 def _sections(
-    entries: Sequence[ScoresEntry], rulers: Sequence[Ruler], parts: Sequence[PartOrOverall]
+    entries: Sequence[ScoresEntry], rulers: Sequence[ScoringRule], parts: Sequence[PartOrOverall]
 ) -> tuple[DatasetRanking, ...]:
     """The datasets, the one with the most entries first."""
     found: dict[tuple[str, str, str, int], list[ScoresEntry]] = {}
@@ -256,7 +257,7 @@ def _sections(
     return tuple(sections)
 
 
-def _tables(entries: Iterable[ScoresEntry], ruler: Ruler, part: PartOrOverall) -> tuple[RankingTable, ...]:
+def _tables(entries: Iterable[ScoresEntry], ruler: ScoringRule, part: PartOrOverall) -> tuple[RankingTable, ...]:
     """Usually one; the entries without the part or the ruler are left out."""
     members = [entry for entry in entries if ruler in rulers_of(entry) and _scored(_group(entry, part), ruler)]
     truths: dict[Any, list[ScoresEntry]] = {}
@@ -270,16 +271,16 @@ def _tables(entries: Iterable[ScoresEntry], ruler: Ruler, part: PartOrOverall) -
     return tuple(_table(group, [] if number else partial, ruler, part) for number, group in enumerate(ordered))
 
 
-def _scored(group: GroupScores | None, ruler: Ruler) -> bool:
+def _scored(group: GroupScores | None, ruler: ScoringRule) -> bool:
     """Whether a group has scores of the ruler's protocol."""
     return getattr(group, ruler.protocol, None) is not None
 
 
-def _left_out(entries: Iterable[ScoresEntry], ruler: Ruler) -> tuple[str, ...]:
+def _left_out(entries: Iterable[ScoresEntry], ruler: ScoringRule) -> tuple[str, ...]:
     return tuple(entry.scores.submission.method for entry in entries if ruler not in rulers_of(entry))
 
 
-def truth_figures(entry: ScoresEntry, ruler: Ruler) -> tuple[Any, ...]:
+def truth_figures(entry: ScoresEntry, ruler: ScoringRule) -> tuple[Any, ...]:
     """The figures of the blind reference rows: they depend only on the dataset and the protocol.
 
     The observations belong to it, because a dataset without a sha256 may share its name with another. The deaf rows do
@@ -295,7 +296,7 @@ def truth_figures(entry: ScoresEntry, ruler: Ruler) -> tuple[Any, ...]:
 
 
 def _table(
-    entries: Sequence[ScoresEntry], partial: Sequence[ScoresEntry], ruler: Ruler, part: PartOrOverall
+    entries: Sequence[ScoresEntry], partial: Sequence[ScoresEntry], ruler: ScoringRule, part: PartOrOverall
 ) -> RankingTable:
     rows: Sequence[RankingRow] = [_row(entry, part) for entry in entries]
     below = [_row(entry, part) for entry in partial]

@@ -11,7 +11,7 @@ from avs3d_bench.scores import metrics_of
 from evaluators.reading.archive import printable
 from evaluators.reporting import paper
 from evaluators.reporting.pages import figure
-from evaluators.reporting.ranking import Ruler, ScoresEntry, dataset_identity, rulers_of, truth_figures
+from evaluators.reporting.ranking import ScoresEntry, ScoringRule, dataset_identity, rulers_of, truth_figures
 from evaluators.reporting.report import headline
 
 #: Settings in ``runtime`` of submission.json that a series shares, with the method's name.
@@ -24,7 +24,7 @@ _DECIMALS = 6
 Series = dict[float, ScoresEntry]
 
 
-def comparable(entries: Iterable[ScoresEntry]) -> tuple[tuple[tuple[Ruler, ...], tuple[ScoresEntry, ...]], ...]:
+def comparable(entries: Iterable[ScoresEntry]) -> tuple[tuple[tuple[ScoringRule, ...], tuple[ScoresEntry, ...]], ...]:
     """Groups of scores on the same data, the same observations and with the same protocols.
 
     Returns:

@@ -15,7 +15,7 @@ from avs3d_bench.taxonomy import PARTS
 from avs3d_bench.text import no_formula
 from evaluators.reporting import paper
 from evaluators.reporting.pages import REFERENCE_TITLES, figure, interval
-from evaluators.reporting.ranking import Ruler, ScoresEntry, references_of
+from evaluators.reporting.ranking import ScoresEntry, ScoringRule, references_of
 from evaluators.reporting.series import SETTINGS, THRESHOLD, comparable, series_of, titles_of
 
 #: The figures in both tables.
@@ -65,7 +65,7 @@ class PaperSection:
     """
 
     number: int
-    rulers: tuple[Ruler, ...]
+    rulers: tuple[ScoringRule, ...]
     rows: tuple[PaperRow, ...]
     swept: int = 0
 
