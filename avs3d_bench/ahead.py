@@ -17,7 +17,7 @@ Result = TypeVar("Result")
 
 
 @contextmanager
-def moved_beside(results: Generator[Result], wanted: Callable[[], bool]) -> Iterator[Iterator[Result]]:
+def continue_in_fork(results: Generator[Result], wanted: Callable[[], bool]) -> Iterator[Iterator[Result]]:
     """The same results in the same order; from the moment they are ``wanted`` there, from a process beside this one.
 
     The process is a fork of this one: it inherits whatever state the iterator has reached (an engine that no other

@@ -251,13 +251,13 @@ def doctor(json_file: Path | None) -> None:
     """
     from rich.console import Console
 
-    from avs3d_bench.doctor import Finding, all_checks, as_dict, examine, print_finding, print_summary
+    from avs3d_bench.doctor import CheckResult, all_checks, as_dict, examine, print_finding, print_summary
     from avs3d_bench.files import write_json
 
     console = Console(highlight=False)
     group = ""
 
-    def show(finding: Finding) -> None:
+    def show(finding: CheckResult) -> None:
         nonlocal group
         if finding.group != group:
             group = finding.group

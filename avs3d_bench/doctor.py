@@ -51,7 +51,7 @@ _MOST_VERSIONS = 5
 
 
 @dataclass(frozen=True)
-class Finding:
+class CheckResult:
     """The result of a check.
 
     Attributes:
@@ -75,15 +75,15 @@ class Check:
 
     group: str
     name: str
-    run: Callable[[], Iterable[Finding]]
+    run: Callable[[], Iterable[CheckResult]]
 
 
-def examine(checks: Iterable[Check], listen: Callable[[Finding], None] = lambda _: None) -> tuple[Finding, ...]:
+def examine(checks: Iterable[Check], listen: Callable[[CheckResult], None] = lambda _: None) -> tuple[CheckResult, ...]:
     """Run all checks side by side; the findings in the order of the checks.
 
     A check that raises is itself a finding: nothing here ends the doctor.
     """
-    found: list[Finding] = []
+    found: list[CheckResult] = []
     checks = list(checks)
     with ThreadPoolExecutor(max(2, available_cores())) as pool:
         for result in pool.map(_run, checks):
@@ -93,12 +93,12 @@ def examine(checks: Iterable[Check], listen: Callable[[Finding], None] = lambda 
     return tuple(found)
 
 
-def _run(check: Check) -> tuple[Finding, ...]:
+def _run(check: Check) -> tuple[CheckResult, ...]:
     try:
         return tuple(check.run())
     except Exception as error:
         text = " ".join(f"{type(error).__name__}: {error}".split())
-        return (Finding(check.group, check.name, "broken", text, "please report it"),)
+        return (CheckResult(check.group, check.name, "broken", text, "please report it"),)
 
 
 def all_checks() -> tuple[Check, ...]:
@@ -115,7 +115,7 @@ def all_checks() -> tuple[Check, ...]:
 
 def constant(group: str, name: str, state: State, found: str, fix: str = "") -> Check:
     """A check whose finding is known already."""
-    return Check(group, name, lambda: (Finding(group, name, state, found, fix),))
+    return Check(group, name, lambda: (CheckResult(group, name, state, found, fix),))
 
 
 # What checks are made of
@@ -135,7 +135,7 @@ def package_check(
     """A check that a Python package is there and that a small program with it ends well.
 
     Args:
-        group: see `Finding`.
+        group: see `CheckResult`.
         name: of the distribution, for its version.
         module: that it is imported by.
         fix: the line that installs it.
@@ -144,16 +144,16 @@ def package_check(
         needed: what for, shown where it is missing.
     """
 
-    def run() -> tuple[Finding, ...]:
+    def run() -> tuple[CheckResult, ...]:
         if not has_module(module):
             why = f"not installed; {needed}" if needed else "not installed"
-            return (Finding(group, name, "missing", why, fix),)
+            return (CheckResult(group, name, "missing", why, fix),)
         return (package_finding(group, name, fix, run_python(program or f"import {module}", limit=limit)),)
 
     return Check(group, name, run)
 
 
-def package_finding(group: str, name: str, fix: str, result: tuple[bool, str]) -> Finding:
+def package_finding(group: str, name: str, fix: str, result: tuple[bool, str]) -> CheckResult:
     """The finding on an installed package with which a program was run; see `package_check` and `run_python`."""
     try:
         version = metadata.version(name)
@@ -162,8 +162,8 @@ def package_finding(group: str, name: str, fix: str, result: tuple[bool, str]) -
     works, said = result
     if not works:
         mend = f"{fix} --force-reinstall" if fix.endswith(("'", name)) else fix  # what follows a remark is no option
-        return Finding(group, name, "broken", f"{version}: {said}", mend)
-    return Finding(group, name, "ok", f"{version}, {said}" if said else version)
+        return CheckResult(group, name, "broken", f"{version}: {said}", mend)
+    return CheckResult(group, name, "ok", f"{version}, {said}" if said else version)
 
 
 def run_in_turn(programs: Sequence[str], *, limit: float = TIME_LIMIT) -> list[tuple[bool, str]]:
@@ -236,7 +236,7 @@ def core_checks() -> tuple[Check, ...]:
     )
 
 
-def _core() -> tuple[Finding, ...]:
+def _core() -> tuple[CheckResult, ...]:
     version = ".".join(map(str, sys.version_info[:3]))
     lacking = []
     for requirement in metadata.requires("avs3d-bench") or ():
@@ -249,11 +249,11 @@ def _core() -> tuple[Finding, ...]:
     found = f"{__version__}, Python {version} ({sys.executable})"
     if lacking:
         fix = "pip install --upgrade avs3d-bench"
-        return (Finding("core", "avs3d-bench", "broken", f"{found}: lacks {', '.join(lacking)}", fix),)
-    return (Finding("core", "avs3d-bench", "ok", found),)
+        return (CheckResult("core", "avs3d-bench", "broken", f"{found}: lacks {', '.join(lacking)}", fix),)
+    return (CheckResult("core", "avs3d-bench", "ok", found),)
 
 
-def _versions() -> tuple[Finding, ...]:
+def _versions() -> tuple[CheckResult, ...]:
     """Whether what is installed is the tested set; a package that is not installed does not count."""
     tested = dict(re.findall(r"^([^#\s=]+)==(\S+)$", TESTED_VERSIONS.read_text(encoding="utf-8"), re.MULTILINE))
     installed = {}
@@ -264,7 +264,7 @@ def _versions() -> tuple[Finding, ...]:
     others = [f"{name} {version} ({tested[name]})" for name, version in differ.items()]
     if not others:
         found = f"{len(installed)} packages as in the tested set"
-        return (Finding("core", "versions", "ok", found),)
+        return (CheckResult("core", "versions", "ok", found),)
     more = f" and {len(others) - _MOST_VERSIONS} more" if len(others) > _MOST_VERSIONS else ""
     found = (
         f"{len(others)} of {len(installed)} packages differ from the tested set, whose version is in brackets: "
@@ -274,43 +274,47 @@ def _versions() -> tuple[Finding, ...]:
         fix = "pip install " + " ".join(f"{name}=={tested[name]}" for name in differ)
     else:
         fix = f"make setup, or in a new environment: pip install --constraint {TESTED_VERSIONS} avs3d-bench"
-    return (Finding("core", "versions", "note", found, fix),)
+    return (CheckResult("core", "versions", "note", found, fix),)
 
 
-def _machine() -> tuple[Finding, ...]:
+def _machine() -> tuple[CheckResult, ...]:
     cores = available_cores()
     found = f"{cores} core{'s' if cores != 1 else ''}"
     try:
         memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
     except (AttributeError, ValueError, OSError):
-        return (Finding("core", "machine", "ok", found),)
+        return (CheckResult("core", "machine", "ok", found),)
     found += f", {memory:.0f} GiB of memory"
     if memory < 2 * cores:
         fix = f"avs3d generate --workers {max(1, int(memory // 2))}"
-        return (Finding("core", "machine", "note", f"{found}; a worker takes up to 1.5 GB", fix),)
-    return (Finding("core", "machine", "ok", found),)
+        return (CheckResult("core", "machine", "note", f"{found}; a worker takes up to 1.5 GB", fix),)
+    return (CheckResult("core", "machine", "ok", found),)
 
 
-def _disk() -> tuple[Finding, ...]:
+def _disk() -> tuple[CheckResult, ...]:
     try:
         free = shutil.disk_usage(Path.cwd()).free / 1e9
     except OSError as error:
-        return (Finding("core", "disk", "broken", (error.strerror or str(error)).lower(), "work in another folder"),)
+        return (
+            CheckResult("core", "disk", "broken", (error.strerror or str(error)).lower(), "work in another folder"),
+        )
     found = f"{free:.0f} GB free in {Path.cwd()}: about {int(free / _OBSERVATION_GB)} observations of 120 frames"
     if free < _LEAST_FREE_GB:
-        return (Finding("core", "disk", "note", found, "free some space, or name a folder on another disk with -o"),)
-    return (Finding("core", "disk", "ok", found),)
+        return (
+            CheckResult("core", "disk", "note", found, "free some space, or name a folder on another disk with -o"),
+        )
+    return (CheckResult("core", "disk", "ok", found),)
 
 
 # What the user sees
 
 
-def as_dict(findings: Iterable[Finding]) -> dict[str, Any]:
+def as_dict(findings: Iterable[CheckResult]) -> dict[str, Any]:
     """The findings as ``--json`` writes them."""
     return {"toolkit_version": __version__, "findings": [asdict(finding) for finding in findings]}
 
 
-def print_finding(finding: Finding, console: Console) -> None:
+def print_finding(finding: CheckResult, console: Console) -> None:
     """One line, and below it the command that fixes it."""
     word, colour = _MARK[finding.state]
     line = Text("  ").append(f"{word:<8}", style=colour).append(f"{finding.name}: ").append(finding.found)
@@ -319,7 +323,7 @@ def print_finding(finding: Finding, console: Console) -> None:
         console.print(Text(f"          → {finding.fix}", style="bold"), soft_wrap=True)
 
 
-def print_summary(findings: Iterable[Finding], console: Console) -> None:
+def print_summary(findings: Iterable[CheckResult], console: Console) -> None:
     """What can be done here and what cannot."""
     bad: dict[str, list[str]] = {}
     groups = dict.fromkeys(finding.group for finding in findings)

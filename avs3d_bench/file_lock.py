@@ -93,7 +93,7 @@ def open_locked(
 
 
 @contextmanager
-def turn(path: Path, waiting: Callable[[], None] = lambda: None) -> Iterator[None]:
+def wait_for_lock(path: Path, waiting: Callable[[], None] = lambda: None) -> Iterator[None]:
     """Hold the lock file ``path``, after waiting until no other process holds it; the file stays.
 
     For what several processes need and one should make, such as compiled kernels: who comes second finds it made.

@@ -36,7 +36,7 @@ _DIRECTIVE = re.compile(r"^%TAG\b", re.MULTILINE)
 
 
 @dataclass(frozen=True)
-class Limits:
+class YamlLimits:
     """The largest document that is read.
 
     Attributes:
@@ -52,10 +52,10 @@ class Limits:
     digits: int = 60
 
 
-LIMITS = Limits()
+LIMITS = YamlLimits()
 
 
-def read_yaml(path: str | Path, limits: Limits = LIMITS) -> tuple[Any, bytes]:
+def read_yaml(path: str | Path, limits: YamlLimits = LIMITS) -> tuple[Any, bytes]:
     """Read a YAML file.
 
     Returns:
@@ -69,7 +69,7 @@ def read_yaml(path: str | Path, limits: Limits = LIMITS) -> tuple[Any, bytes]:
     return parse_yaml(data, path, limits), data
 
 
-def read_data(path: str | Path, limits: Limits = LIMITS) -> bytes:
+def read_data(path: str | Path, limits: YamlLimits = LIMITS) -> bytes:
     """The bytes of a YAML file, for `parse_yaml`: no more of them than it needs to see that they are too many.
 
     Raises:
@@ -81,7 +81,7 @@ def read_data(path: str | Path, limits: Limits = LIMITS) -> bytes:
         return stream.read(limits.bytes + 1)
 
 
-def parse_yaml(data: bytes | str, where: str | Path, limits: Limits = LIMITS) -> Any:
+def parse_yaml(data: bytes | str, where: str | Path, limits: YamlLimits = LIMITS) -> Any:
     """The document in the YAML text of the file ``where``; None if there is none.
 
     Raises:
@@ -196,7 +196,7 @@ _MERGE = object()
 class _Builder:
     """Builds the document from events, in the order in which they come."""
 
-    def __init__(self, where: str, limits: Limits) -> None:
+    def __init__(self, where: str, limits: YamlLimits) -> None:
         self.document: Any = None
         self._where = where
         self._limits = limits

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from avs3d_bench.doctor import Check, Finding, constant, has_module, package_check, package_finding, run_in_turn
+from avs3d_bench.doctor import Check, CheckResult, constant, has_module, package_check, package_finding, run_in_turn
 from avs3d_bench.errors import Avs3dError
 
 _EXTRA = "pip install 'avs3d-bench[baselines]'"
@@ -52,32 +52,32 @@ def checks() -> tuple[Check, ...]:
     )
 
 
-def _torch() -> tuple[Finding, ...]:
+def _torch() -> tuple[CheckResult, ...]:
     """PyTorch, its device, and gsplat, which imports it: in one process, since the import takes seconds."""
     if not has_module("torch"):
         return (
-            Finding("baselines", "torch", "missing", "not installed; every learned baseline", _EXTRA),
-            Finding("baselines", "CUDA", "missing", "PyTorch is not installed", _EXTRA),
-            Finding("baselines", "gsplat", "missing", "tried once PyTorch is there; EchoSegnet on a GPU", _EXTRA),
+            CheckResult("baselines", "torch", "missing", "not installed; every learned baseline", _EXTRA),
+            CheckResult("baselines", "CUDA", "missing", "PyTorch is not installed", _EXTRA),
+            CheckResult("baselines", "gsplat", "missing", "tried once PyTorch is there; EchoSegnet on a GPU", _EXTRA),
         )
     there = has_module("gsplat")
     torch, cuda, *gsplat = run_in_turn(["import torch", _CUDA, *([_GSPLAT] if there else [])])
     last = (
         package_finding("baselines", "gsplat", _EXTRA, gsplat[0])
         if there
-        else Finding("baselines", "gsplat", "missing", "not installed; EchoSegnet on a GPU", _EXTRA)
+        else CheckResult("baselines", "gsplat", "missing", "not installed; EchoSegnet on a GPU", _EXTRA)
     )
     return (package_finding("baselines", "torch", _EXTRA, torch), *_cuda(*cuda), last)
 
 
-def _cuda(works: bool, said: str) -> tuple[Finding, ...]:
+def _cuda(works: bool, said: str) -> tuple[CheckResult, ...]:
     fix = "install a PyTorch build for your driver: https://pytorch.org/get-started/locally"
     state, _, text = said.partition(";")
     if not works:
-        return (Finding("baselines", "CUDA", "broken", said, fix),)
+        return (CheckResult("baselines", "CUDA", "broken", said, fix),)
     if state == "ok":
-        return (Finding("baselines", "CUDA", "ok", text),)
-    return (Finding("baselines", "CUDA", "missing", f"{text}; EchoSegnet at full size needs a GPU", fix),)
+        return (CheckResult("baselines", "CUDA", "ok", text),)
+    return (CheckResult("baselines", "CUDA", "missing", f"{text}; EchoSegnet at full size needs a GPU", fix),)
 
 
 def _checkpoints() -> tuple[Check, ...]:
@@ -98,7 +98,7 @@ def _checkpoints() -> tuple[Check, ...]:
     return tuple(Check("checkpoints", kind, lambda kind=kind: _checkpoint(kind, root / kind)) for kind in CHECKPOINTS)  # type: ignore[misc]
 
 
-def _checkpoint(kind: str, folder: Path) -> tuple[Finding, ...]:
+def _checkpoint(kind: str, folder: Path) -> tuple[CheckResult, ...]:
     from baselines.networks.checkpoints import CHECKPOINTS, find_checkpoint, has_package
 
     checkpoint = CHECKPOINTS[kind]
@@ -107,10 +107,10 @@ def _checkpoint(kind: str, folder: Path) -> tuple[Finding, ...]:
     except Avs3dError as error:
         said, _, _ = str(error).partition("; put ")
         state = "broken" if "empty" in said else "missing"
-        return (Finding("checkpoints", checkpoint.name, state, said, f"in {folder}: {checkpoint.advice}"),)  # type: ignore[arg-type]
+        return (CheckResult("checkpoints", checkpoint.name, state, said, f"in {folder}: {checkpoint.advice}"),)  # type: ignore[arg-type]
     size = sum(path.stat().st_size for path in found.values()) / 1e9
     lacking = [package for package in checkpoint.packages if not has_package(package)]
     if lacking:
         said = f"{folder} ({size:.1f} GB), but the package {lacking[0]} is not installed"
-        return (Finding("checkpoints", checkpoint.name, "missing", said, checkpoint.install),)
-    return (Finding("checkpoints", checkpoint.name, "ok", f"{folder} ({size:.1f} GB)"),)
+        return (CheckResult("checkpoints", checkpoint.name, "missing", said, checkpoint.install),)
+    return (CheckResult("checkpoints", checkpoint.name, "ok", f"{folder} ({size:.1f} GB)"),)

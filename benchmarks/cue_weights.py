@@ -26,7 +26,7 @@ from rich.table import Table
 
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.parallel import process_each
-from baselines.echosegnet.spatial import CueWeights, Evidence, gather
+from baselines.echosegnet.spatial import CueEvidence, CueWeights, gather
 from benchmarks.instance_selection import cases_of, observed, room_of
 
 GRID = {
@@ -49,7 +49,7 @@ class Trial:
     key: str
     experiment: str
     share: float
-    evidence: Evidence
+    evidence: CueEvidence
 
 
 def collect_one(item: tuple[Path, str]) -> list[Trial]:
@@ -93,7 +93,7 @@ def load(path: Path) -> list[Trial]:
         return [
             Trial(
                 key, experiment, share,
-                Evidence(
+                CueEvidence(
                     np.arange(len(stored[f"{n}.count"])), stored[f"{n}.count"], stored[f"{n}.start"],
                     stored[f"{n}.resultant"].astype(np.float64), kappa, stored[f"{n}.ild"].astype(np.float64),
                     stored[f"{n}.level"].astype(np.float64), np.zeros(0),

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from baselines.echosegnet.lift import pixels_of
-from baselines.echosegnet.views import View
+from baselines.echosegnet.views import RegisteredView
 
 Array = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ _STRIDE = 2
 _TOLERANCE = 0.03
 
 
-def surface_points(views: Sequence[View]) -> Array:
+def surface_points(views: Sequence[RegisteredView]) -> Array:
     """(N, 3) metres, Y down: the centre of each cube of `VOXEL` in which a depth picture shows a surface."""
     found: set[tuple[int, int, int]] = set()
     for view in views:
@@ -37,7 +37,7 @@ def surface_points(views: Sequence[View]) -> Array:
     return (np.array(sorted(found), np.float64).reshape(-1, 3) + 0.5) * VOXEL
 
 
-def visible_votes(points: Array, views: Iterable[tuple[View, NDArray[np.float32]]]) -> NDArray[np.float64]:
+def visible_votes(points: Array, views: Iterable[tuple[RegisteredView, NDArray[np.float32]]]) -> NDArray[np.float64]:
     """(N, C) sums over the views of the values of (H, W, C) pictures at each point, where nothing hides it.
 
     A point counts for as many pixels as its cube covers, so that sums compare with the contributions of a Gaussian.

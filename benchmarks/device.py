@@ -59,7 +59,7 @@ BUILDING = {
 }
 #: Stages of lighting it.
 LIGHTING = {
-    "gather the faces, reduce the textures": "generators.lighting.bake:Surfaces.of",
+    "gather the faces, reduce the textures": "generators.lighting.bake:LitSurfaces.of",
     "open the tracer": "generators.lighting.bake:open_tracer",
     "find the emitters": "generators.lighting.bake:find_emitters",
     "find the sun": "generators.lighting.bake:find_sun",

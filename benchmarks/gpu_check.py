@@ -32,15 +32,15 @@ from baselines.echosegnet.densify import DensityControl
 from baselines.echosegnet.gaussians import Gaussians, write_ply
 from baselines.echosegnet.rasteriser.default import GsplatRasteriser, Rasteriser, TorchRasteriser, contributions
 from baselines.echosegnet.similarity import ssim
-from baselines.echosegnet.train import Report, TrainingSettings, train, view_psnr
-from baselines.echosegnet.views import View, load_points, load_views, test_views, train_views
+from baselines.echosegnet.train import TrainingSettings, TrainingState, train, view_psnr
+from baselines.echosegnet.views import RegisteredView, load_points, load_views, test_views, train_views
 
 _NAMES = ("means", "log_scales", "rotations", "opacities", "sh")
 #: Tolerance relative to the reference's norm, for single precision and for pairs on either side of the 1/255 threshold.
 TOLERANCE = {"picture": 2e-3, "gradient": 1e-2}
 
 
-def _scene(count: int, size: int, seed: int) -> tuple[Gaussians, View]:
+def _scene(count: int, size: int, seed: int) -> tuple[Gaussians, RegisteredView]:
     rng = np.random.default_rng(seed)
     depth = rng.uniform(0.5, 6.0, count)
     xy = rng.uniform(-1.2, 1.2, (count, 2)) * depth[:, None]
@@ -49,11 +49,11 @@ def _scene(count: int, size: int, seed: int) -> tuple[Gaussians, View]:
         rng.normal(0.0, 2.0, count), 0.3 * rng.normal(size=(count, 16, 3)),
     )  # fmt: skip
     camera = Intrinsics(size, size, size / 2, size / 2, size / 2, size / 2)
-    view = View("frame_001", "train", camera, np.eye(3), np.zeros(3), None)  # type: ignore[arg-type]
+    view = RegisteredView("frame_001", "train", camera, np.eye(3), np.zeros(3), None)  # type: ignore[arg-type]
     return Gaussians(*(torch.tensor(part, dtype=torch.float32, device="cuda") for part in parts)), view
 
 
-def _draw(rasteriser: Rasteriser, scene: Gaussians, view: View, weights: Tensor) -> dict[str, Tensor]:
+def _draw(rasteriser: Rasteriser, scene: Gaussians, view: RegisteredView, weights: Tensor) -> dict[str, Tensor]:
     parts = {name: getattr(scene, name).clone().requires_grad_() for name in _NAMES}
     r = rasteriser.render(Gaussians(**parts), view, background=weights.new_tensor([0.2, 0.4, 0.6]))
     loss = (
@@ -99,7 +99,7 @@ def _milliseconds(work: Callable[[], object], repeats: int = 50) -> float:
     return round(float(np.median(times)), 3)
 
 
-def stages(gaussians: Gaussians, view: View, rasteriser: Rasteriser) -> dict[str, float]:
+def stages(gaussians: Gaussians, view: RegisteredView, rasteriser: Rasteriser) -> dict[str, float]:
     """Milliseconds of the parts of one training step with these Gaussians."""
     parts = [getattr(gaussians, name).clone().requires_grad_() for name in _NAMES]
     moving = Gaussians(*parts)
@@ -155,7 +155,7 @@ def training(
     course: list[dict[str, float | None]] = []
     begin = time.perf_counter()
 
-    def say(report: Report) -> None:
+    def say(report: TrainingState) -> None:
         if report.iteration % max(1, iterations // 30) == 0:
             course.append(
                 {

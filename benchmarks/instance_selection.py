@@ -36,7 +36,7 @@ from avs3d_bench.geometry import Intrinsics, Pose, flip_world
 from avs3d_bench.yamlfile import parse_yaml
 from baselines.echosegnet import binaural, spatial
 from baselines.echosegnet.spatial import CueWeights
-from baselines.echosegnet.views import View, load_points, load_views, train_views
+from baselines.echosegnet.views import RegisteredView, load_points, load_views, train_views
 from generators.acoustics.analytic import AnalyticBackend
 from generators.acoustics.clips import binaural_clip
 from generators.assets.shapes import MeshBuilder
@@ -62,7 +62,7 @@ class Heard:
     """The inputs in one place: train views, their sound and cues, and points of the scene for `official`."""
 
     key: str
-    views: list[View]
+    views: list[RegisteredView]
     clips: NDArray[np.float32]
     scene: Array
     cues: binaural.Cues = field(init=False)
@@ -217,7 +217,8 @@ def simulated(seed: int, spacing: float, count: int = 105) -> tuple[Heard, list[
         flip = np.diag([1.0, -1.0, -1.0])
         position = flip_world(np.array(pose.position))
         camera = Intrinsics.from_fov(64)
-        views.append(View(f"frame_{i:03d}", "train", camera, flip @ pose.rotation_matrix @ flip, position, None))  # type: ignore[arg-type]
+        rotation = flip @ pose.rotation_matrix @ flip
+        views.append(RegisteredView(f"frame_{i:03d}", "train", camera, rotation, position, None))  # type: ignore[arg-type]
         clips.append(binaural_clip(source, session.impulse_response(pose), i))
     grid = rng.uniform((0, 0, 0), size, (20000, 3))
     heard = Heard(f"room {seed}", views, np.stack(clips), flip_world(grid))

@@ -37,7 +37,7 @@ from generators.placement.placement import Placement
 from generators.placement.site import Site
 from generators.plan import ObservationPlan
 from generators.recording.surface_points import SurfaceSampler
-from generators.vision.base import Frame
+from generators.vision.base import RenderedView
 
 Array = NDArray[np.float64]
 
@@ -146,7 +146,7 @@ def _pictures(
         flat[hit] = number[caster.face_part[face[hit]]]
         ids[index] = flat.reshape(size, size)
         shown = np.where(hit, depth, 0.0).astype(np.float32).reshape(size, size)
-        sampler.add(Frame(np.zeros((size, size, 3), dtype=np.uint8), shown, ids[index]), pose)
+        sampler.add(RenderedView(np.zeros((size, size, 3), dtype=np.uint8), shown, ids[index]), pose)
     linked = sampler.link(poses, lambda _, origins, ways, distance: caster.occluded(origins, ways, distance))
     return ids, linked.positions
 

@@ -46,7 +46,7 @@ from baselines.echosegnet.sound_scenes import work_folder
 from baselines.echosegnet.sources import OracleMasks
 from baselines.echosegnet.train import TrainingSettings
 from baselines.echosegnet.training_stage import trained
-from baselines.echosegnet.views import View, input_views, load_views, train_views
+from baselines.echosegnet.views import RegisteredView, input_views, load_views, train_views
 from baselines.listener.losses import RIGHT_IOU
 from baselines.listener.marks import load_marker
 from benchmarks.depth_points import surface_points, visible_votes
@@ -193,7 +193,7 @@ def lifted(observation: Observation, job: Job, rasteriser: Rasteriser) -> Cloud:
     )  # fmt: skip
 
 
-def _ballot(view: View, marks: KeptMasks) -> NDArray[np.float32]:
+def _ballot(view: RegisteredView, marks: KeptMasks) -> NDArray[np.float32]:
     """(H, W, 3) what the network marks in a train frame, what sounds there, and 1."""
     own, true = marks.mask(view.frame), OracleMasks("sounding").mask(view.frame)
     return np.stack([own, true, np.ones_like(own)], axis=-1).astype(np.float32)

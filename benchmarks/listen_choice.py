@@ -41,7 +41,7 @@ from avs3d_bench.submission import Prediction
 from baselines.echosegnet import activity, aisrm, clusters
 from baselines.echosegnet.activity import Activity, ActivityWeights
 from baselines.echosegnet.pipeline import clips_of
-from baselines.echosegnet.views import View, load_points, load_views, train_views
+from baselines.echosegnet.views import RegisteredView, load_points, load_views, train_views
 from baselines.oracle_scenes import paint
 from benchmarks.instance_selection import visible_faces
 from evaluators import evaluate
@@ -89,21 +89,23 @@ def kind_of(record: ObservationRecord) -> str:
     return "one source" if len(sources) == 1 else "several"
 
 
-def candidate_points(record: ObservationRecord, views: Sequence[View]) -> list[Array]:
+def candidate_points(record: ObservationRecord, views: Sequence[RegisteredView]) -> list[Array]:
     """Points (N, 3) on the visible faces of every instance that can sound, in the views' world."""
     cameras = flip_world(np.stack([view.position for view in views]))
     rng = np.random.default_rng
     return [visible_faces(np.array(one.bounds), cameras, rng(0)) for one in can_sound(record)]
 
 
-def spatial_choice(points: Sequence[Array], views: Sequence[View], weights: ActivityWeights | None = None) -> Activity:
+def spatial_choice(
+    points: Sequence[Array], views: Sequence[RegisteredView], weights: ActivityWeights | None = None
+) -> Activity:
     """`activity.infer` on all frames."""
     places = [clusters.representatives(each) for each in points]
     rotation, position = (np.stack([getattr(view, name) for view in views]) for name in ("rotation", "position"))
     return activity.infer(places, rotation, position, clips_of(views), weights=weights)
 
 
-def published_centre(observation: Observation, views: Sequence[View]) -> Array | None:
+def published_centre(observation: Observation, views: Sequence[RegisteredView]) -> Array | None:
     """(3,) the published audio centre, in the views' world; None if nothing was heard."""
     seen = train_views(views)
     scene, _ = load_points(observation)

@@ -14,7 +14,7 @@ from typing import Any
 
 from baselines.listener.augment import Bank
 from baselines.listener.card import WEIGHTS
-from baselines.listener.job import Job, make_fabric
+from baselines.listener.job import TrainingOptions, make_fabric
 from baselines.listener.shards import open_store
 from baselines.listener.training import CACHE
 from baselines.listener.validation import validate
@@ -29,7 +29,7 @@ def table(folder: Path, weights: Path | None = None) -> list[dict[str, Any]]:
     store = open_store(folder / CACHE)
     if store is None:
         raise SystemExit(f"{folder / CACHE}: no frames; expected the folder of a run of `avs3d train listener`")
-    fabric = make_fabric(Job(data=folder, folder=folder, epochs=1), "32-true")
+    fabric = make_fabric(TrainingOptions(data=folder, folder=folder, epochs=1), "32-true")
     network, _ = load_listener(weights or folder / WEIGHTS, device=fabric.device)
     found = validate(network, store, Bank(store, fabric.device), fabric, THRESHOLDS)
     return [{"threshold": threshold, **row} for threshold, row in zip(THRESHOLDS, found, strict=True)]

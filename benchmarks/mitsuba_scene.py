@@ -28,7 +28,7 @@ from generators.core.rays import Tracer
 from generators.core.scene import Material, Room, Scene
 from generators.lighting.form_factors import LOBE
 from generators.lighting.sun import SUN_RADIUS, Sun, find_sun
-from generators.lighting.surfaces import Surfaces, srgb_to_linear
+from generators.lighting.surfaces import LitSurfaces, srgb_to_linear
 
 F32 = NDArray[np.float32]
 
@@ -113,7 +113,7 @@ class ReferenceScene:
         self._bitmaps: dict[tuple[Any, ...], Any] = {}
         self._bsdfs: dict[tuple[Any, ...], Any] = {}
         self._lobe = None if mi.variant().startswith("scalar") else normal_lobe(mi)
-        surfaces = Surfaces.of(scene.parts)
+        surfaces = LitSurfaces.of(scene.parts)
         sun = find_sun(scene.name, surfaces, Tracer(surfaces.triangles))
         pane = np.zeros(len(surfaces.triangles), dtype=bool) if sun is None else sun.pane
         everything, rest = _groups(scene, np.ones(len(pane), dtype=bool)), _groups(scene, ~pane)

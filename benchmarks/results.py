@@ -62,7 +62,7 @@ def train_one(context: Context, job: TrainJob) -> dict[str, Any]:
     from baselines.echosegnet.jobs import device_of
     from baselines.echosegnet.pictures import view_psnr
     from baselines.echosegnet.sound_scenes import work_folder
-    from baselines.echosegnet.train import Report
+    from baselines.echosegnet.train import TrainingState
     from baselines.echosegnet.training_stage import trained
     from baselines.echosegnet.views import load_views, test_views, train_views
 
@@ -72,7 +72,7 @@ def train_one(context: Context, job: TrainJob) -> dict[str, Any]:
     start = time.perf_counter()
     said: list[tuple[int, float, float, int]] = []
 
-    def say(report: Report) -> None:
+    def say(report: TrainingState) -> None:
         said.append((report.iteration, round(time.perf_counter() - start, 1), round(report.psnr, 2), report.gaussians))
         if report.iteration % 5_000 == 0:
             context.report("training", f"{job.key}: {report.iteration:,}, {report.psnr:.1f} dB, {report.gaussians:,}")

@@ -29,7 +29,7 @@ from avs3d_bench.report import Problem, printable, shorten
 from avs3d_bench.scores import PROTOCOLS, Protocol, Scores
 from evaluators.reading.submission import open_submission
 from evaluators.records import InvalidSubmission
-from evaluators.reporting.competition_page import SHOWN, Row, results_page
+from evaluators.reporting.competition_page import SHOWN, CompetitionRow, results_page
 from evaluators.score import score
 
 SCORES_JSON = "scores.json"
@@ -138,7 +138,7 @@ def leaderboard_row(task: CompetitionTask, scores: Scores) -> dict[str, float]:
     return row
 
 
-def _rows(task: CompetitionTask, scores: Scores) -> tuple[Row, ...]:
+def _rows(task: CompetitionTask, scores: Scores) -> tuple[CompetitionRow, ...]:
     """The overall figures, one row each, in the order of the leaderboard."""
     found = []
     for column in task.columns:
@@ -148,7 +148,7 @@ def _rows(task: CompetitionTask, scores: Scores) -> tuple[Row, ...]:
         value = getattr(summary, column.figure) if summary is not None else None
         interval = summary.intervals.get(column.figure) if summary is not None else None
         reason = getattr(summary, "unavailable", {}).get(column.figure) if summary is not None else None
-        found.append(Row(column.title, value, interval if value is not None else None, reason))
+        found.append(CompetitionRow(column.title, value, interval if value is not None else None, reason))
     return tuple(found)
 
 

@@ -107,7 +107,7 @@ FACTORS: tuple[Factor, ...] = (
 
 
 @dataclass(frozen=True)
-class Point:
+class FactorPoint:
     """A figure in one bin.
 
     Attributes:
@@ -124,7 +124,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Difference:
+class BinDifference:
     """First method minus second in one bin, over observations (pair accuracy: groups).
 
     Attributes:
@@ -147,12 +147,12 @@ class Bin:
     """
 
     label: str
-    points: tuple[Point | None, ...]
-    difference: Difference | None = None
+    points: tuple[FactorPoint | None, ...]
+    difference: BinDifference | None = None
 
 
 @dataclass(frozen=True)
-class Curve:
+class FactorCurve:
     """A figure against a factor.
 
     Attributes:
@@ -199,7 +199,7 @@ def has_figure(row: FrameRow, metric: Metric) -> bool:
     return bool(row.pairs) if metric.name == "pair_accuracy" else row.IoU is not None
 
 
-def point(rows: Sequence[FrameRow], metric: Metric, *, intervals: bool = True) -> Point | None:
+def point(rows: Sequence[FrameRow], metric: Metric, *, intervals: bool = True) -> FactorPoint | None:
     """A figure over some frames that have it; None of none."""
     values = values_of(rows, metric)
     clusters = [list(each.values()) for each in values.values()]
@@ -212,10 +212,10 @@ def point(rows: Sequence[FrameRow], metric: Metric, *, intervals: bool = True) -
         # With one value per cluster, the very interval of the file of scores.
         single = metric.protocol == "strict"
         found = interval(flat) if single else clustered_interval(clusters)
-    return Point(value, found, len(flat), len(rows))
+    return FactorPoint(value, found, len(flat), len(rows))
 
 
-def difference(first: Sequence[FrameRow], second: Sequence[FrameRow], metric: Metric) -> Difference | None:
+def difference(first: Sequence[FrameRow], second: Sequence[FrameRow], metric: Metric) -> BinDifference | None:
     """First minus second over what both have values for; None of nothing."""
     mine, theirs = values_of(first, metric), values_of(second, metric)
     clusters = [
@@ -224,10 +224,10 @@ def difference(first: Sequence[FrameRow], second: Sequence[FrameRow], metric: Me
         if unit in theirs
     ]
     value = mean(each for cluster in clusters for each in cluster)
-    return None if value is None else Difference(value, difference_interval(clusters))
+    return None if value is None else BinDifference(value, difference_interval(clusters))
 
 
-def curve(tables: Sequence[Sequence[FrameRow]], factor: Factor, metric: Metric) -> Curve:
+def curve(tables: Sequence[Sequence[FrameRow]], factor: Factor, metric: Metric) -> FactorCurve:
     """A figure of one or more methods against a factor.
 
     Args:
@@ -249,7 +249,9 @@ def curve(tables: Sequence[Sequence[FrameRow]], factor: Factor, metric: Metric) 
                 unknown[row.unavailable.get(factor.name, "not known")] += 1
         binned.append(bins)
     labels = _occurring(factor, {label for bins in binned for label in bins})
-    return Curve(factor, metric, tuple(_bin(label, binned, metric) for label in labels), dict(sorted(unknown.items())))
+    return FactorCurve(
+        factor, metric, tuple(_bin(label, binned, metric) for label in labels), dict(sorted(unknown.items()))
+    )
 
 
 def _bin(label: str, binned: Sequence[Mapping[str, Sequence[FrameRow]]], metric: Metric) -> Bin:
@@ -267,7 +269,7 @@ def _occurring(factor: Factor, found: set[str]) -> list[str]:
     return list(factor.labels[places[0] : places[-1] + 1]) if places else []
 
 
-def curves(tables: Sequence[Sequence[FrameRow]]) -> tuple[Curve, ...]:
+def curves(tables: Sequence[Sequence[FrameRow]]) -> tuple[FactorCurve, ...]:
     """Every figure that some frame has against every factor that is known for some frame, figure by figure."""
     found = [
         curve(tables, factor, metric)

@@ -148,7 +148,7 @@ class SiblingFrame:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ScoredObservation:
     """What scoring one observation gave.
 
     Attributes:

@@ -54,7 +54,7 @@ from evaluators.records import (
     FrameScore,
     FrameTally,
     InvalidSubmission,
-    Outcome,
+    ScoredObservation,
     Submission,
     best_frames,
     worst_frames,
@@ -70,7 +70,7 @@ SHOWN_FRAMES = 12
 
 
 @dataclass(frozen=True)
-class Unit:
+class ScoringJob:
     """What one process scores at a time: an observation, or the siblings of a group of part_3.
 
     Attributes:
@@ -167,7 +167,7 @@ def score(
         raise InvalidSubmission(check_contents(submission, observations, problems, workers=workers, progress=progress))
     points, categories = has_points(submission, observations), has_categories(submission, observations)
     job = partial(_score_unit, dataset.open, submission, wanted, points, categories)
-    outcomes: dict[str, Outcome] = {}
+    outcomes: dict[str, ScoredObservation] = {}
     groups: dict[str, GroupOutcome] = {}
     worst: tuple[FrameScore, ...] = ()
     best: tuple[FrameScore, ...] = ()
@@ -200,14 +200,14 @@ def score(
     return Evaluation(record, worst, best, tuple(shown), tuple(ordered([*problems, *warnings])), tallies)
 
 
-def _units(observations: Sequence[Observation]) -> list[Unit]:
+def _units(observations: Sequence[Observation]) -> list[ScoringJob]:
     """What is scored together, in the order of the first observation of each."""
     found: dict[tuple[bool, str], list[Observation]] = {}
     for o in observations:
         group = o.group if o.is_sound_scene else None  # which reads observation.json
         found.setdefault((o.is_sound_scene, group or o.key), []).append(o)
     return [
-        Unit(tuple(o.key for o in some), sum(len(o.test) for o in some), name if is_scene else None)
+        ScoringJob(tuple(o.key for o in some), sum(len(o.test) for o in some), name if is_scene else None)
         for (is_scene, name), some in found.items()
     ]
 
@@ -218,7 +218,7 @@ def _score_unit(
     wanted: Sequence[Protocol],
     points: bool,
     categories: bool,
-    unit: Unit,
+    unit: ScoringJob,
 ) -> GroupOutcome:
     observations = [opener(key) for key in unit.keys]
     if unit.group is not None:
@@ -228,7 +228,7 @@ def _score_unit(
 
 def score_observation(
     observation: Observation, submission: Submission, wanted: Sequence[Protocol], points: bool
-) -> Outcome:
+) -> ScoredObservation:
     """Score one observation of part_1 or part_2: every mask decoded once, one frame in memory at a time.
 
     Args:
@@ -272,7 +272,7 @@ def score_observation(
     cloud = reader.points() if points else None
     volume = _volume(observation, cloud) if strict and cloud is not None else None
     if reader.problems:
-        return Outcome(None, problems=tuple(reader.problems), files=reader.files)
+        return ScoredObservation(None, problems=tuple(reader.problems), files=reader.files)
     scored = _observation_scores(observation, figures, volume, wanted, points)
     references |= deaf_references(deaf) if deaf else {}
     beside = {
@@ -280,7 +280,7 @@ def score_observation(
     }
     scored = scored.model_copy(update={"digests": observation_digests(observation, reader.digests)})
     best = best_frames(frames)
-    return Outcome(scored, beside, worst_frames(frames), best, files=reader.files, frames=tuple(tallies))
+    return ScoredObservation(scored, beside, worst_frames(frames), best, files=reader.files, frames=tuple(tallies))
 
 
 def _twin_ids(observation: Observation) -> tuple[int, ...] | None:

@@ -31,7 +31,15 @@ from evaluators.metrics import U8, FrameCounts, as_bytes, frame_counts
 from evaluators.origin import observation_digests
 from evaluators.pairs import CrossCounts, differ, right_pair, sibling_scores
 from evaluators.reading.reader import Reader
-from evaluators.records import FrameScore, FrameTally, Outcome, SiblingFrame, Submission, best_frames, worst_frames
+from evaluators.records import (
+    FrameScore,
+    FrameTally,
+    ScoredObservation,
+    SiblingFrame,
+    Submission,
+    best_frames,
+    worst_frames,
+)
 
 
 @dataclass(frozen=True)
@@ -45,7 +53,7 @@ class GroupOutcome:
         shown: a frame for the report; None if the truths of no pair differ.
     """
 
-    outcomes: Mapping[str, Outcome]
+    outcomes: Mapping[str, ScoredObservation]
     siblings: SiblingScores | None = None
     references: Mapping[str, SiblingScores] = field(default_factory=dict)
     shown: SiblingFrame | None = None
@@ -188,7 +196,9 @@ def score_group(
     for reader in readers if points else ():
         reader.points()
     if any(reader.problems for reader in readers):
-        return GroupOutcome({r.key: Outcome(None, problems=tuple(r.problems), files=r.files) for r in readers})
+        return GroupOutcome(
+            {r.key: ScoredObservation(None, problems=tuple(r.problems), files=r.files) for r in readers}
+        )
     return _judge(group, observations, frames, counts, readers, {number: name for name, number in ids.items()})
 
 
@@ -213,7 +223,7 @@ def _judge(
         ]
         beside = {name: _scores(observation, index, each, pairs[name], names) for name, each in references.items()}
         digests = observation_digests(observation, reader.digests)
-        outcomes[observation.key] = Outcome(
+        outcomes[observation.key] = ScoredObservation(
             _scores(observation, index, own, siblings, names).model_copy(update={"digests": digests}),
             beside,
             worst_frames(shown),

@@ -27,7 +27,7 @@ from avs3d_bench.taxonomy import PARTS, ROOMS, class_ids
 from evaluators import bootstrap
 from evaluators.origin import this_machine, totals
 from evaluators.protocols import NO_INSTANCE_MASKS, summarise
-from evaluators.records import Outcome, Submission
+from evaluators.records import ScoredObservation, Submission
 from evaluators.sound_scenes import GroupOutcome
 from evaluators.volume import VOXEL_SIZE
 
@@ -37,7 +37,7 @@ def score_record(
     dataset: Dataset,
     wanted: Sequence[Protocol],
     points: bool,
-    outcomes: Sequence[Outcome],
+    outcomes: Sequence[ScoredObservation],
     groups: Sequence[GroupOutcome],
     software: ProvenanceRecord,
 ) -> Scores:
@@ -103,7 +103,7 @@ def score_record(
     )
 
 
-def _references(outcomes: Sequence[Outcome]) -> tuple[list[str], list[str]]:
+def _references(outcomes: Sequence[ScoredObservation]) -> tuple[list[str], list[str]]:
     """Names of the reference rows, and of those that some observation lacks.
 
     A row covers all observations of its protocol or is left out, because it is printed beside means over all of them.

@@ -16,7 +16,7 @@ from numpy.random import Generator
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
 from generators.assets.catalogue import build_model, variants
-from generators.assets.meshfile import Usual, load_model, usual_of
+from generators.assets.meshfile import CategoryDefaults, load_model, usual_of
 from generators.assets.model import Model
 from generators.core.freespace import Navigable
 from generators.core.scene import Licence, Scene
@@ -173,7 +173,9 @@ def load_object(plan: ObservationPlan, category: str, chosen: ObjectSpec, height
         Avs3dError: if the file is missing or broken.
     """
     own = plan.categories.get(category)
-    usual = usual_of(category) if own is None else Usual(height or own.height[0], own.mount, own.source_height)
+    usual = (
+        usual_of(category) if own is None else CategoryDefaults(height or own.height[0], own.mount, own.source_height)
+    )
     if chosen.asset is not None:
         path, entry = open_asset(plan.lock, chosen.asset)
         licence = Licence(entry.licence, entry.author, entry.url or entry.ref)

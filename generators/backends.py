@@ -9,7 +9,7 @@ from avs3d_bench import __version__
 from avs3d_bench.errors import UsageError
 from avs3d_bench.provenance import Provenance, provenance
 from generators.acoustics.base import AcousticBackend, CompiledBackend
-from generators.core.by_name import load
+from generators.core.by_name import import_by_name
 from generators.core.cuda import cuda_version
 from generators.core.rays import TRACERS
 from generators.receivers import ENGINE, PARTS, Receivers, check_engine
@@ -45,7 +45,7 @@ def vision_backend(name: str) -> VisionBackend:
     """
     if name not in VISION:
         raise UsageError(f"unknown vision backend {name!r}: expected {_any_of(VISION)}")
-    backend: VisionBackend = load(VISION[name])()
+    backend: VisionBackend = import_by_name(VISION[name])()
     return backend
 
 
@@ -80,7 +80,7 @@ def acoustic_backend(
         options["device"] = device
     if seed is not None and name in SEEDED:
         options["seed"] = seed
-    backend: AcousticBackend = load(ACOUSTIC[name])(**options)
+    backend: AcousticBackend = import_by_name(ACOUSTIC[name])(**options)
     return backend
 
 

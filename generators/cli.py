@@ -25,7 +25,7 @@ _RECEIVERS = ("ambisonics", "array")
 
 
 @dataclass(frozen=True)
-class Beside:
+class ExtraOutputs:
     """What `--with` adds.
 
     Attributes:
@@ -41,9 +41,9 @@ class Beside:
     more: tuple[str, ...] = ()
 
 
-def _beside(_: click.Context, __: click.Parameter, values: tuple[str, ...], more: tuple[str, ...] = ()) -> Beside:
+def _beside(_: click.Context, __: click.Parameter, values: tuple[str, ...], more: tuple[str, ...] = ()) -> ExtraOutputs:
     """Values of `--with`: a folder, ``ambisonics``, ``ambisonics=ORDER``, ``array=FILE``, a word of ``more``."""
-    found = Beside()
+    found = ExtraOutputs()
     for value in values:
         name, given, text = value.partition("=")
         folders = [folder for folder in _FOLDERS if folder == value]
@@ -197,7 +197,7 @@ def generate(
     habitat_python: Path | None,
     scans: Path | None,
     scheduling: Options,
-    beside: Beside,
+    beside: ExtraOutputs,
     **chosen: Any,
 ) -> None:
     """Generate the dataset that MANIFEST describes into a folder; run it again to continue after an interruption.

@@ -571,14 +571,14 @@ class Manifest(_Model):
         for number, entry in enumerate(document["observations"]):
             if isinstance(entry, dict) and "like" in entry:
                 try:
-                    entries[number] = _original(entry, originals) | entry
+                    entries[number] = _sibling_base(entry, originals) | entry
                 except ValueError as error:
                     faults.append((("observations", number), str(error)))
         scenes = {_raw_key(one): one for one in entries if isinstance(one, dict) and "variant_of" not in one}
         for number, entry in enumerate(document["observations"]):
             if isinstance(entry, dict) and "variant_of" in entry and "like" not in entry:
                 try:
-                    entries[number] = _scene(entry, scenes) | entry
+                    entries[number] = _variant_base(entry, scenes) | entry
                 except ValueError as error:
                     faults.append((("observations", number), str(error)))
             if isinstance(entry, dict) and entries[number].get("part") == "part_3" and "source_motion" not in entry:
@@ -655,7 +655,7 @@ def _raw_key(entry: dict[str, Any]) -> str:
     return "/".join(str(entry.get(name)) for name in ("part", "scan", "room", "index"))
 
 
-def _original(entry: dict[str, Any], originals: dict[str, dict[str, Any]]) -> dict[str, Any]:
+def _sibling_base(entry: dict[str, Any], originals: dict[str, dict[str, Any]]) -> dict[str, Any]:
     """Find the entry of which ``entry`` is a variant.
 
     Raises:
@@ -680,7 +680,7 @@ def _original(entry: dict[str, Any], originals: dict[str, dict[str, Any]]) -> di
     return {name: value for name, value in original.items() if name not in left}
 
 
-def _scene(entry: dict[str, Any], scenes: dict[str, dict[str, Any]]) -> dict[str, Any]:
+def _variant_base(entry: dict[str, Any], scenes: dict[str, dict[str, Any]]) -> dict[str, Any]:
     """The fields that an entry with ``variant_of`` takes from its original.
 
     Raises:

@@ -39,23 +39,23 @@ from generators.homes.store import open_home
 from generators.library import open_asset
 from generators.library.licences import spdx
 from generators.manifest import SoundSpec
-from generators.paths.stage import Camera, Stage
+from generators.paths.stage import Stage, StageRenderer
 from generators.paths.watcher import line_of_sight
 from generators.placement.placement import Placement
 from generators.plan import ObservationPlan, resolve_file
 from generators.receivers import Receivers
-from generators.recording.hearing import PRE_ROLL, Heard, Listening, hear, heard_ahead
-from generators.recording.output import FolderOutput, Output
+from generators.recording.hearing import PRE_ROLL, AcousticJob, ReceiverClips, hear, hear_in_background
+from generators.recording.output import FolderOutput, ObservationOutput
 from generators.recording.surface_points import SurfaceSampler
 from generators.recording.writer import ObservationWriter
-from generators.vision.base import Frame, VisionBackend
+from generators.vision.base import RenderedView, VisionBackend
 
 #: Number of impulse responses from which an observation's reverberation time is measured.
 T30_RESPONSES = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Sound:
+class SourceSignal:
     """The source signal: mono samples at the benchmark's sample rate, and their origin."""
 
     samples: NDArray[np.float32]
@@ -76,7 +76,7 @@ def generate_observation(
     *,
     cores: Callable[[], int] = lambda: 1,
     pictures: Path | None = None,
-    output: Callable[[Path], Output] = FolderOutput,
+    output: Callable[[Path], ObservationOutput] = FolderOutput,
 ) -> ObservationRecord:
     """Make one observation below ``root``; it gets its final name only when it is complete.
 
@@ -87,8 +87,8 @@ def generate_observation(
         on_frame: called with the index of each finished frame.
         cores: how many cores may be used, called before each frame; the bytes do not depend on it. With more than one,
             several frames are rendered at the same time, and the sound is computed in another process.
-        pictures: the finished original of an acoustic variant, whose pictures are taken over (see `Output.share`);
-            None: they are rendered.
+        pictures: the finished original of an acoustic variant, whose pictures `ObservationOutput.share` takes
+            over; None: they are rendered.
         output: makes the output of the files from the observation's final folder.
 
     Returns:
@@ -103,11 +103,13 @@ def generate_observation(
     frames: list[FrameRecord] = []
     clips: list[NDArray[np.float32]] = []
     decays: list[NDArray[np.float32]] = []
-    lent = Lent(cores)
+    lent = CoreBudget(cores)
     with (
         ObservationWriter(output(root / plan.key), **plan.optional_files) as writer,
-        heard_ahead(hear(ready.listening), ready.listening.device, lambda: lent.ask() > 1) as sounds,
-        closing(_share(ready, writer, pictures) if pictures else _render(ready, writer, points, lent)) as masks,
+        hear_in_background(hear(ready.listening), ready.listening.device, lambda: lent.ask() > 1) as sounds,
+        closing(
+            _reuse_pictures(ready, writer, pictures) if pictures else _render(ready, writer, points, lent)
+        ) as masks,
     ):
         # The sound first: its process must start before there are threads.
         for index, (pose, sound, mask) in enumerate(zip(poses, sounds, masks, strict=False)):
@@ -129,29 +131,31 @@ def generate_observation(
 
 
 def _render(
-    ready: PreparedObservation, writer: ObservationWriter, points: SurfaceSampler, lent: Lent
+    ready: PreparedObservation, writer: ObservationWriter, points: SurfaceSampler, lent: CoreBudget
 ) -> Generator[NDArray[np.bool_]]:
     """Render and write the pictures; give the mask (H, W) of each frame, and add its surface points."""
     stage, poses = ready.stage, ready.seen.poses
 
-    def write_pictures(index: int, frame: Frame) -> None:
+    def write_pictures(index: int, frame: RenderedView) -> None:
         writer.add_pictures(index, frame, frame.instance_ids == ready.sounding)
 
-    with closing(Camera(ready.sight, stage, ready.intrinsics)) as view:
+    with closing(StageRenderer(ready.sight, stage, ready.intrinsics)) as view:
         for pose, frame in zip(poses, view.frames(poses, write_pictures, lambda: lent.cores), strict=False):
             if writer.keeps(layout.COLMAP):
                 points.add(frame, pose, instances=not stage.moves)
             yield frame.instance_ids == ready.sounding
 
 
-def _share(ready: PreparedObservation, writer: ObservationWriter, original: Path) -> Generator[NDArray[np.bool_]]:
+def _reuse_pictures(
+    ready: PreparedObservation, writer: ObservationWriter, original: Path
+) -> Generator[NDArray[np.bool_]]:
     """Take over the pictures of the original; give the mask (H, W) of each frame."""
     writer.share_pictures(original)
     for index in range(len(ready.seen.poses)):
         yield writer.add_mask_of(index, ready.sounding)
 
 
-def check_heard(sound: Heard, where: str, *, silence: bool = False) -> None:
+def check_heard(sound: ReceiverClips, where: str, *, silence: bool = False) -> None:
     """Refuse clips that are not finite, clip or are silent (see `check_clip`), of any receiver.
 
     Raises:
@@ -162,7 +166,7 @@ def check_heard(sound: Heard, where: str, *, silence: bool = False) -> None:
         check_clip(one.clip, f"{where}, {name}", silence=silence)
 
 
-class Lent:
+class CoreBudget:
     """The number of cores that may be used, asked once for each frame.
 
     Args:
@@ -200,11 +204,11 @@ class PreparedObservation:
     seen: Arrangement
     sounding: int
     stage: Stage
-    sound: Sound
+    sound: SourceSignal
     intrinsics: Intrinsics
     sight: VisionBackend
     engine: AcousticBackend
-    listening: Listening
+    listening: AcousticJob
 
     @property
     def instances(self) -> tuple[InstanceRecord, ...]:
@@ -227,7 +231,7 @@ def prepare_observation(plan: ObservationPlan, cache: Path) -> PreparedObservati
     assert plan.spec.category is not None
     sound = choose_sound(plan, plan.spec.category, plan.rng("sound"))
     seconds = range(len(seen.poses) + 1 if stage.moves else 1)
-    listening = Listening(
+    listening = AcousticJob(
         backend=plan.audio,
         absorption_scale=plan.spec.acoustics.absorption_scale,
         scene=stage.scene(0),
@@ -350,9 +354,9 @@ class SoundFile:
     asset: str
     licence: Licence
 
-    def sound(self, seconds: float, start: float = 0.0) -> Sound:
+    def sound(self, seconds: float, start: float = 0.0) -> SourceSignal:
         """The recording as a source of so many seconds; ``start``: see `load_sound`."""
-        return Sound(load_sound(self.path, seconds, start=start), self.asset, self.licence)
+        return SourceSignal(load_sound(self.path, seconds, start=start), self.asset, self.licence)
 
 
 def sound_file(plan: ObservationPlan, category: str, spec: SoundSpec) -> SoundFile:
@@ -368,7 +372,7 @@ def sound_file(plan: ObservationPlan, category: str, spec: SoundSpec) -> SoundFi
     return SoundFile(path, str(spec.file), file_licence(spec))
 
 
-def choose_sound(plan: ObservationPlan, category: str, rng: np.random.Generator) -> Sound:
+def choose_sound(plan: ObservationPlan, category: str, rng: np.random.Generator) -> SourceSignal:
     """The signal of the one source, as long as the observation and the pre-roll before its first frame.
 
     Args:
@@ -383,9 +387,9 @@ def choose_sound(plan: ObservationPlan, category: str, rng: np.random.Generator)
     return synthesised_sound(category, seconds, rng)
 
 
-def synthesised_sound(category: str, seconds: int, rng: np.random.Generator) -> Sound:
+def synthesised_sound(category: str, seconds: int, rng: np.random.Generator) -> SourceSignal:
     """A procedural signal, the same for the same state of ``rng``."""
-    return Sound(synthesise(category, seconds, rng), f"procedural:{category}", Licence(source="synthesised"))
+    return SourceSignal(synthesise(category, seconds, rng), f"procedural:{category}", Licence(source="synthesised"))
 
 
 def describe_frame(

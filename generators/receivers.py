@@ -16,7 +16,7 @@ from avs3d_bench import layout
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.schema import AmbisonicsRecord, ArrayRecord
 from avs3d_bench.user_path import user_path
-from generators.core.by_name import load
+from generators.core.by_name import import_by_name
 
 if TYPE_CHECKING:
     from generators.acoustics.tracer.receivers.base import FreeFieldReceiver
@@ -93,9 +93,9 @@ class Receivers:
         """Name → receiver, in the order of `channels`."""
         found: dict[str, FreeFieldReceiver] = {}
         if self.ambisonics:
-            found[layout.AMBISONICS] = load(PARTS["ambisonics"])(self.ambisonics)
+            found[layout.AMBISONICS] = import_by_name(PARTS["ambisonics"])(self.ambisonics)
         if self.array is not None:
-            found[layout.ARRAY] = load(PARTS["array"])(self.array)
+            found[layout.ARRAY] = import_by_name(PARTS["array"])(self.array)
         return found
 
 
@@ -106,7 +106,7 @@ OWN_HEAD = Receivers()
 @lru_cache(maxsize=1)
 def _head(path: Path, _state: tuple[int, int] | None) -> SofaHead:
     """The head of a file, read once in a process as long as the file's size and time stay the same."""
-    head: SofaHead = load(PARTS["head"])(path)
+    head: SofaHead = import_by_name(PARTS["head"])(path)
     return head
 
 
@@ -131,14 +131,16 @@ def choose_receivers(
     """
     check_engine(audio, hrtf=hrtf, ambisonics=ambisonics, array=array)
     microphones: ArrayRecord | None = (
-        array if array is None or isinstance(array, ArrayRecord) else load(PARTS["array file"])(user_path(array))
+        array
+        if array is None or isinstance(array, ArrayRecord)
+        else import_by_name(PARTS["array file"])(user_path(array))
     )
     if ambisonics is not None:
-        load(PARTS["ambisonics"])(ambisonics)  # checks the order
+        import_by_name(PARTS["ambisonics"])(ambisonics)  # checks the order
     if hrtf is None:
         return Receivers(ambisonics=ambisonics or 0, array=microphones)
     path = user_path(hrtf).absolute()
-    head: SofaHead = load(PARTS["head"])(path)
+    head: SofaHead = import_by_name(PARTS["head"])(path)
     return Receivers(path, head.hrirs.sha256, ambisonics or 0, microphones)
 
 

@@ -29,10 +29,10 @@ from generators.backends import observation_provenance
 from generators.core.folders import default_cache
 from generators.manifest import ManifestFile, read_manifest
 from generators.observation import describe_frame, licence_record, prepare_observation
-from generators.paths.stage import Camera, Stage
+from generators.paths.stage import Stage, StageRenderer
 from generators.plan import ObservationPlan, make_plans
 from generators.receivers import Receivers, choose_receivers
-from generators.recording.hearing import hear, heard_ahead
+from generators.recording.hearing import hear, hear_in_background
 from generators.recording.output import FolderOutput
 from generators.recording.scene_writer import SceneWriter
 from generators.recording.stems import hear_sources
@@ -241,8 +241,8 @@ def _compare(
     made = FolderOutput(scratch / plan.key)
     with (
         ObservationWriter(made, **plan.optional_files) as writer,
-        closing(Camera(ready.sight, stage, ready.intrinsics)) as view,
-        heard_ahead(hear(ready.listening), ready.listening.device) as sounds,
+        closing(StageRenderer(ready.sight, stage, ready.intrinsics)) as view,
+        hear_in_background(hear(ready.listening), ready.listening.device) as sounds,
     ):
         for index, sound in zip(range(max(needed) + 1), sounds, strict=False):
             clip = clips[index] = sound.head.clip
@@ -279,7 +279,7 @@ def _compare_scene(
     made = FolderOutput(scratch / plan.key)
     with (
         SceneWriter(made, contents_of(plan, ready), **plan.optional_files) as writer,
-        closing(Camera(ready.sight, Stage(ready.home, ready.seen.placements), ready.intrinsics)) as view,
+        closing(StageRenderer(ready.sight, Stage(ready.home, ready.seen.placements), ready.intrinsics)) as view,
         closing(hear_sources(ready.listenings(plan))) as seconds,
     ):
         heard = [next_second(plan, ready, writer, seconds, index) for index in range(last)]

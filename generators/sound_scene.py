@@ -45,9 +45,9 @@ from generators.core.rays import RayCaster
 from generators.core.scene import Scene
 from generators.observation import (
     T30_RESPONSES,
-    Lent,
-    Sound,
+    CoreBudget,
     SoundFile,
+    SourceSignal,
     arranged,
     describe_acoustics,
     describe_instance,
@@ -56,17 +56,17 @@ from generators.observation import (
     sound_file,
     synthesised_sound,
 )
-from generators.paths.stage import Camera, Stage
+from generators.paths.stage import Stage, StageRenderer
 from generators.paths.watcher import line_of_sight, point_in_sight
 from generators.placement.placement import Placement
 from generators.plan import ObservationPlan, derive_rng
 from generators.programme import Interval, gated, intervals_of
-from generators.recording.hearing import PRE_ROLL, Listening, heard_ahead
-from generators.recording.output import FolderOutput, Output
+from generators.recording.hearing import PRE_ROLL, AcousticJob, hear_in_background
+from generators.recording.output import FolderOutput, ObservationOutput
 from generators.recording.scene_writer import SceneWriter
 from generators.recording.stems import Clip, HeardSource, audible_sources, decibels, hear_sources, mixture, power
 from generators.recording.surface_points import SurfaceSampler
-from generators.vision.base import Frame, VisionBackend
+from generators.vision.base import RenderedView, VisionBackend
 
 Vector = tuple[float, float, float]
 
@@ -101,7 +101,7 @@ class SceneSource:
     position: Vector
     intervals: tuple[Interval, ...]
     gain_db: float
-    sound: Sound
+    sound: SourceSignal
 
     @property
     def samples(self) -> NDArray[np.float32]:
@@ -164,10 +164,10 @@ class PreparedScene:
         placed = enumerate(self.seen.placements, start=1)
         return tuple(describe_instance(number, placement, number in self.sounding) for number, placement in placed)
 
-    def listenings(self, plan: ObservationPlan) -> tuple[Listening, ...]:
+    def listenings(self, plan: ObservationPlan) -> tuple[AcousticJob, ...]:
         """The inputs of the acoustic simulation, one per source."""
         return tuple(
-            Listening(
+            AcousticJob(
                 backend=plan.audio,
                 absorption_scale=plan.spec.acoustics.absorption_scale,
                 scene=self.scene,
@@ -191,7 +191,7 @@ def generate_sound_scene(
     *,
     cores: Callable[[], int] = lambda: 1,
     pictures: Path | None = None,
-    output: Callable[[Path], Output] = FolderOutput,
+    output: Callable[[Path], ObservationOutput] = FolderOutput,
 ) -> ObservationRecord:
     """Make one observation of part_3 below ``root``.
 
@@ -201,15 +201,15 @@ def generate_sound_scene(
         cache: folder of baked homes.
         on_frame: called with the index of each finished frame.
         cores: see `generators.observation.generate_observation`.
-        pictures: a finished sibling, whose pictures are taken over (see `Output.share`); None: they are rendered.
+        pictures: a finished sibling, whose pictures `ObservationOutput.share` takes over; None: they are rendered.
         output: see `generators.observation.generate_observation`.
 
     Raises:
         Avs3dError: one line: no place for an object, a room that does not exist, a missing or broken file, …
     """
     ready = prepare_scene(plan, cache)
-    lent = Lent(cores)
-    sounds = heard_ahead(hear_sources(ready.listenings(plan)), plan.device, lambda: lent.ask() > 1)
+    lent = CoreBudget(cores)
+    sounds = hear_in_background(hear_sources(ready.listenings(plan)), plan.device, lambda: lent.ask() > 1)
     with SceneWriter(output(root / plan.key), contents_of(plan, ready), **plan.optional_files) as writer:
         with sounds as seconds:
             if pictures is None:
@@ -361,7 +361,7 @@ def draw_instances(plan: ObservationPlan, categories: Sequence[str]) -> tuple[in
     return tuple(found)
 
 
-def _sound(plan: ObservationPlan, category: str, nth: int) -> Sound:
+def _sound(plan: ObservationPlan, category: str, nth: int) -> SourceSignal:
     """The signal of the ``nth`` source of a category.
 
     Siblings never share a take, and nor do twins in one observation: who finds the same samples in two clips knows
@@ -403,7 +403,7 @@ def check_takes(plans: Iterable[ObservationPlan]) -> None:
 
 
 @lru_cache(maxsize=MOST_SIGNALS)
-def _synthesised(seed: int, key: str, purpose: str, category: str, seconds: int) -> Sound:
+def _synthesised(seed: int, key: str, purpose: str, category: str, seconds: int) -> SourceSignal:
     """A procedural signal: variants play the same ones, and often follow one another in a process."""
     sound = synthesised_sound(category, seconds, derive_rng(seed, key, purpose))
     sound.samples.setflags(write=False)
@@ -462,15 +462,15 @@ def _render(
     writer: SceneWriter,
     seconds: Iterator[tuple[HeardSource, ...]],
     on_frame: Callable[[int], None],
-    lent: Lent,
+    lent: CoreBudget,
 ) -> list[tuple[HeardSource, ...]]:
     """Render and write the pictures, and hear the sources meanwhile."""
     poses = ready.seen.poses
     stage = Stage(ready.home, ready.seen.placements)
     points = SurfaceSampler(ready.intrinsics, plan.rng("points"))
     heard = []
-    with closing(Camera(ready.sight, stage, ready.intrinsics)) as view:
-        frames: Iterator[Frame] = view.frames(poses, writer.add_pictures, lambda: lent.cores)
+    with closing(StageRenderer(ready.sight, stage, ready.intrinsics)) as view:
+        frames: Iterator[RenderedView] = view.frames(poses, writer.add_pictures, lambda: lent.cores)
         for index, pose in enumerate(poses):
             # The sound first: its process must start before there are threads.
             heard.append(next_second(plan, ready, writer, seconds, index))

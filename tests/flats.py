@@ -15,7 +15,7 @@ from generators.core.scene import Scene
 from generators.lighting.bake import bake, insert
 from generators.placement.placement import Placement, place
 from generators.placement.site import Site
-from generators.vision.base import Frame, VisionBackend
+from generators.vision.base import RenderedView, VisionBackend
 
 ROOMS = ("kitchen", "bathroom")
 
@@ -49,7 +49,7 @@ def looks(home: Scene, target: NDArray[np.float64], room: str = "kitchen", count
     return [Pose.from_yaw(eye, yaw + turn, -0.25) for turn in np.linspace(0, 2 * np.pi, count, endpoint=False)]
 
 
-def render(backend: VisionBackend, scene: Scene, poses: list[Pose], camera: Intrinsics) -> list[Frame]:
+def render(backend: VisionBackend, scene: Scene, poses: list[Pose], camera: Intrinsics) -> list[RenderedView]:
     """Frames of ``scene`` from ``poses``."""
     session = backend.open(scene, camera)
     try:

@@ -20,7 +20,7 @@ from generators.core.scene import Scene
 from generators.core.tone import srgb_encode, tone_curve
 from generators.lighting.gather import cells_at
 from generators.lighting.lit_scene import LitScene
-from generators.lighting.surfaces import Surfaces
+from generators.lighting.surfaces import LitSurfaces
 from generators.lighting.texels import Sheet, rasterise
 from generators.lighting.unwrap import unwrap
 
@@ -136,7 +136,7 @@ def _split(corners: Array, uv: Array, edge: float) -> tuple[Array, Array, NDArra
 
 def _atlas(scene: Scene, layout) -> NDArray[np.uint8]:
     """What the camera would see of every texel."""
-    surfaces = replace(Surfaces.of(scene.parts, 1024), part=np.zeros(0, dtype=np.int32))
+    surfaces = replace(LitSurfaces.of(scene.parts, 1024), part=np.zeros(0, dtype=np.int32))
     surfaces = replace(surfaces, part=np.zeros(len(surfaces.triangles), dtype=np.int32))
     sheet = Sheet.of([layout])
     texels = rasterise(surfaces, sheet)

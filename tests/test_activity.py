@@ -15,7 +15,7 @@ from avs3d_bench.errors import Avs3dError
 from baselines.echosegnet import cells, mixture, sources_of_sound
 from baselines.echosegnet.activity import ActivityWeights, infer
 from baselines.echosegnet.chains import Chains
-from baselines.echosegnet.sources_of_sound import Heard
+from baselines.echosegnet.sources_of_sound import HeardFrames
 
 SPOTS = [np.array([[2.0, -0.9, 1.0]]), np.array([[-1.8, -0.5, 2.0]]), np.array([[0.3, -1.0, -2.5]])]
 
@@ -185,7 +185,7 @@ def test_mixtures_are_those_of_the_formula(seed: int):
     """p = (s_0 + Σ s_k·n_k·A_k) / (s_0 + Σ s_k·n_k) in every cell, over that of diffuse sound."""
     rng = np.random.default_rng(seed)
     frames, places, bands, width = 5, 3, 4, 6
-    heard = Heard(
+    heard = HeardFrames(
         weights=rng.random((frames, bands * width)) * (rng.random((frames, bands * width)) > 0.3),
         places=rng.uniform(0.1, 3.0, (frames, places, bands * width)),
         bands=np.arange(bands) * width,
@@ -209,7 +209,7 @@ def test_mixtures_are_those_of_the_formula(seed: int):
 def test_every_step_of_the_shares_raises_the_likelihood(seed: int):
     rng = np.random.default_rng(seed)
     frames, places, bands, width = 6, 2, 3, 8
-    heard = Heard(
+    heard = HeardFrames(
         weights=rng.random((frames, bands * width)),
         places=rng.uniform(0.1, 3.0, (frames, places, bands * width)),
         bands=np.arange(bands) * width,

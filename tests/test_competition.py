@@ -29,7 +29,7 @@ from avs3d_bench.competition import CompetitionTask, columns_of, task_protocols
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.cli import export
-from avs3d_bench.exports.codabench import Settings, write_codabench
+from avs3d_bench.exports.codabench import CompetitionSettings, write_codabench
 from avs3d_bench.exports.codabench_files import scoring_program
 from avs3d_bench.exports.codabench_format import KNOWN, MOST_COLUMN, MOST_KEY, check_bundle
 from avs3d_bench.submission import SubmissionWriter
@@ -38,7 +38,7 @@ from evaluators.score import evaluate
 
 ROOT = Path(__file__).parent.parent
 TRUTH = ("semantic_masks", "instance_masks", "category_masks", "gt_3d", "stems", "observation.json")
-SETTINGS = Settings(
+SETTINGS = CompetitionSettings(
     title="Tiny <competition> & more",
     docker_image="someone/avs3d-evaluator:0.1.0",
     start=datetime(2027, 1, 1),

@@ -12,7 +12,7 @@ import pytest
 
 from generators.core.cuda import OutOfDeviceMemoryError, cuda_problem
 from generators.vision import cuda as gpu
-from generators.vision.base import Frame
+from generators.vision.base import RenderedView
 
 TRIAL = Path(__file__).with_name("cuda_vision_trial.py")
 #: What the GPU renderer is held to: share of equal ids, depth (m), PSNR (dB).
@@ -53,11 +53,11 @@ def test_frames_are_those_of_the_cpu_on_a_device() -> None:
 def test_agreement_counts_ids_metres_and_decibels() -> None:
     rgb = np.zeros((10, 10, 3), np.uint8)
     depth, ids = np.ones((10, 10), np.float32), np.zeros((10, 10), np.uint16)
-    other = Frame(rgb.copy(), depth.copy(), ids.copy())
+    other = RenderedView(rgb.copy(), depth.copy(), ids.copy())
     other.rgb[...] = 1
     other.depth[...] += np.float32(0.5)
     other.instance_ids[0, :5] = 3
-    equal, apart, psnr = gpu.agreement(Frame(rgb, depth, ids), other)
+    equal, apart, psnr = gpu.agreement(RenderedView(rgb, depth, ids), other)
     assert equal == 0.95
     assert apart == 0.5
     assert psnr == pytest.approx(10 * np.log10(255**2))

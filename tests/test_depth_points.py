@@ -9,7 +9,7 @@ from avs3d_bench.dataset import Dataset
 from avs3d_bench.geometry import flip_world
 from baselines.echosegnet.lift import vote_share
 from baselines.echosegnet.sources import OracleMasks
-from baselines.echosegnet.views import View, input_views, load_views, train_views
+from baselines.echosegnet.views import RegisteredView, input_views, load_views, train_views
 from benchmarks.depth_points import VOXEL, surface_points, visible_votes
 from tests import tiny
 
@@ -17,7 +17,7 @@ ROOM = np.array([[-3.0, 0.0, -4.0], [3.0, 2.6, 3.0]])
 
 
 @pytest.fixture(scope="module")
-def seen(tmp_path_factory: pytest.TempPathFactory) -> tuple[View, ...]:
+def seen(tmp_path_factory: pytest.TempPathFactory) -> tuple[RegisteredView, ...]:
     """The train views of two microwaves of which one sounds."""
     root = tiny.write_dataset(tmp_path_factory.mktemp("depth"), extras=True, keys=(tiny.MULTI,))
     return train_views(input_views(load_views(Dataset(root)[tiny.MULTI])))
@@ -30,7 +30,7 @@ def to_surface(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndar
     return np.where(outside > 0, outside, inside)
 
 
-def test_points_lie_on_the_surfaces_of_the_room_and_of_its_objects(seen: tuple[View, ...]) -> None:
+def test_points_lie_on_the_surfaces_of_the_room_and_of_its_objects(seen: tuple[RegisteredView, ...]) -> None:
     points = flip_world(surface_points(seen))
     boxes = [ROOM, *(np.array([box.low, box.high]) for box in tiny.BOXES[tiny.MULTI])]
     distance = np.min([to_surface(points, *box) for box in boxes], axis=0)
@@ -41,7 +41,7 @@ def test_points_lie_on_the_surfaces_of_the_room_and_of_its_objects(seen: tuple[V
         assert (to_surface(points, low, high) < VOXEL).sum() > 20
 
 
-def test_votes_of_true_masks_are_those_of_the_object_alone(seen: tuple[View, ...]) -> None:
+def test_votes_of_true_masks_are_those_of_the_object_alone(seen: tuple[RegisteredView, ...]) -> None:
     points = surface_points(seen)
     ballots = (
         (view, np.stack([OracleMasks("sounding").mask(view.frame), np.ones((64, 64), bool)], -1)) for view in seen
@@ -57,7 +57,7 @@ def test_votes_of_true_masks_are_those_of_the_object_alone(seen: tuple[View, ...
     assert (marked & (distance < 0.02)).sum() > 0.8 * ((distance < 0.02) & (total > 0)).sum()
 
 
-def test_a_point_counts_for_the_pixels_that_it_covers(seen: tuple[View, ...]) -> None:
+def test_a_point_counts_for_the_pixels_that_it_covers(seen: tuple[RegisteredView, ...]) -> None:
     view = seen[0]
     points = surface_points([view])
     (total,) = visible_votes(points, [(view, np.ones((64, 64, 1), np.float32))]).T

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from avs3d_bench import doctor
-from avs3d_bench.doctor import Check, Finding, all_checks, constant, examine, package_check, run_in_turn
+from avs3d_bench.doctor import Check, CheckResult, all_checks, constant, examine, package_check, run_in_turn
 
 VARIABLES = (
     "AVS3D_HABITAT_PYTHON",
@@ -31,7 +31,7 @@ def _no_variables(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delenv(name, raising=False)
 
 
-def found(findings: tuple[Finding, ...], name: str) -> Finding:
+def found(findings: tuple[CheckResult, ...], name: str) -> CheckResult:
     return next(finding for finding in findings if finding.name == name)
 
 
@@ -77,7 +77,7 @@ def test_versions_that_differ_from_the_tested_set_are_one_line(tmp_path: Path, m
     installed = {name: metadata.version(name) for name in ("numpy", "scipy", "click")}
     lines = ["# a comment", "no-such-package==1.0", *(f"{name}=={version}" for name, version in installed.items())]
     doctor.TESTED_VERSIONS.write_text("\n".join(lines))
-    assert check.run() == (Finding("core", "versions", "ok", "3 packages as in the tested set"),)
+    assert check.run() == (CheckResult("core", "versions", "ok", "3 packages as in the tested set"),)
     doctor.TESTED_VERSIONS.write_text("\n".join(lines).replace(f"numpy=={installed['numpy']}", "numpy==1.0.0"))
     (finding,) = check.run()
     assert finding.state == "note"
@@ -87,7 +87,7 @@ def test_versions_that_differ_from_the_tested_set_are_one_line(tmp_path: Path, m
 
 
 def test_a_check_that_raises_is_a_finding_and_the_others_go_on():
-    def bad() -> tuple[Finding, ...]:
+    def bad() -> tuple[CheckResult, ...]:
         raise ValueError("two\nlines")
 
     findings = examine([Check("a", "first", bad), constant("b", "second", "ok", "there")])

@@ -30,7 +30,7 @@ from baselines.echosegnet.pipeline import Settings
 from baselines.echosegnet.rasteriser.default import TorchRasteriser
 from baselines.echosegnet.rasteriser.rendering import Splat
 from baselines.echosegnet.render import amodal_mask
-from baselines.echosegnet.run import Job, method_name, predict_one, software, write_echosegnet, write_sweep
+from baselines.echosegnet.run import ObservationJob, method_name, predict_one, software, write_echosegnet, write_sweep
 from baselines.echosegnet.sources import FolderMasks, OracleMasks, mask_source
 from baselines.echosegnet.train import TrainingSettings
 from baselines.echosegnet.views import input_views, load_views, train_views
@@ -314,7 +314,7 @@ def test_a_damaged_stage_is_made_again(tmp_path: Path):
 
 def test_a_worker_with_other_sources_is_refused(tmp_path: Path):
     mine = software(OracleMasks())
-    job = Job(
+    job = ObservationJob(
         tmp_path, tiny.SINGLE, (), OracleMasks(), tmp_path, ("cpu",), tuple((mine | {"software": "0" * 64}).items())
     )
     with pytest.raises(

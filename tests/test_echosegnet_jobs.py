@@ -15,7 +15,7 @@ import torch
 
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.file_lock import turn
+from avs3d_bench.file_lock import wait_for_lock
 from avs3d_bench.scheduling.errors import UnfitError
 from avs3d_bench.scheduling.options import Options
 from baselines.echosegnet import memory, training_stage
@@ -107,13 +107,13 @@ def test_a_turn_is_taken_one_after_the_other_and_dies_with_its_process(tmp_path:
         said.append("waited")
         process.kill()
 
-    with turn(path, waiting):
+    with wait_for_lock(path, waiting):
         said.append("mine")
     process.wait()
     process.stdout.close()
     assert said == ["waited", "mine"]
     (tmp_path / "file").touch()
-    with turn(tmp_path / "file/below"):  # nothing can be locked there
+    with wait_for_lock(tmp_path / "file/below"):  # nothing can be locked there
         pass
 
 

@@ -19,7 +19,7 @@ from avs3d_bench.geometry import Intrinsics, Pose
 from generators.assets.shapes import MeshBuilder, rotation
 from generators.core.scene import LightMap, Material, Mesh, Part, Scene, Texture
 from generators.core.tone import WHITE, develop, inverse_tone_curve, srgb_decode, tone_curve
-from generators.vision.base import Frame
+from generators.vision.base import RenderedView
 from generators.vision.embree import EmbreeBackend, warm_up
 from generators.vision.textures_pool import build_pool, distinct, mip_chain
 
@@ -41,7 +41,7 @@ def _scene(*meshes: Mesh, exposure: float = 1.0) -> Scene:
     return Scene("test", tuple(Part(f"p{i}", m, instance_id=i) for i, m in enumerate(meshes)), (), (), exposure)
 
 
-def _render(scene: Scene, pose: Pose = ORIGIN, size: int = 96, camera: Intrinsics | None = None) -> Frame:
+def _render(scene: Scene, pose: Pose = ORIGIN, size: int = 96, camera: Intrinsics | None = None) -> RenderedView:
     session = EmbreeBackend().open(scene, camera or Intrinsics.from_fov(size))
     try:
         return session.render(pose)
@@ -58,7 +58,7 @@ def _box(size: ArrayLike, centre: ArrayLike, material: Material = GREY, **option
     return MeshBuilder().box(np.asarray(size), np.asarray(centre), material, **options).build()  # type: ignore[arg-type]
 
 
-def _display(frame: Frame) -> NDArray[np.float64]:
+def _display(frame: RenderedView) -> NDArray[np.float64]:
     return srgb_decode(frame.rgb / 255.0)
 
 
@@ -356,7 +356,7 @@ def _busy() -> Scene:
     return _scene(_wall(checker, z=-8), builder.build(), exposure=1.7)
 
 
-def _digest(frame: Frame) -> str:
+def _digest(frame: RenderedView) -> str:
     return hashlib.sha256(frame.rgb.tobytes() + frame.depth.tobytes() + frame.instance_ids.tobytes()).hexdigest()
 
 

@@ -20,11 +20,11 @@ from avs3d_bench.inspector.floorplan import (
     FURNITURE_COLOUR,
     WALL_COLOUR,
     Bounds,
-    Plan,
+    PlanOutlines,
     paint_plan,
     trace_plan,
 )
-from avs3d_bench.inspector.labels import Box, place_labels
+from avs3d_bench.inspector.labels import LabelBox, place_labels
 
 BOUNDS = Bounds(-1.0, -1.0, 6.0, 5.0)
 
@@ -48,7 +48,7 @@ def room() -> NDArray[np.float64]:
 
 
 @pytest.fixture(scope="module")
-def plan(room: NDArray[np.float64]) -> Plan:
+def plan(room: NDArray[np.float64]) -> PlanOutlines:
     return trace_plan(room, BOUNDS, 0.0)
 
 
@@ -58,7 +58,7 @@ def inside(outlines: tuple[NDArray[np.float64], ...], x: float, z: float) -> boo
     return sum(winding) % 2 == 1
 
 
-def test_walls_are_walls_and_the_door_is_open(plan: Plan) -> None:
+def test_walls_are_walls_and_the_door_is_open(plan: PlanOutlines) -> None:
     for x, z in ((0.7, 0.0), (3.3, 0.0), (2.0, 3.0), (0.0, 1.5), (4.0, 1.5)):
         assert inside(plan.walls, x, z), (x, z)
     for x, z in ((2.0, 0.0), (2.0, 1.0), (1.5, 1.5), (3.15, 2.0), (-0.5, 1.0)):
@@ -69,19 +69,19 @@ def test_walls_are_walls_and_the_door_is_open(plan: Plan) -> None:
     assert len(corners) < 40, "walls are straight"
 
 
-def test_furniture_is_outlined_and_lamps_and_ceilings_are_left_out(plan: Plan) -> None:
+def test_furniture_is_outlined_and_lamps_and_ceilings_are_left_out(plan: PlanOutlines) -> None:
     (table,) = plan.furniture
     assert table.min(axis=0) == pytest.approx((1.0, 1.2), abs=0.06)
     assert table.max(axis=0) == pytest.approx((2.0, 1.8), abs=0.06)
 
 
-def test_the_floor_ends_at_the_walls(plan: Plan) -> None:
+def test_the_floor_ends_at_the_walls(plan: PlanOutlines) -> None:
     assert inside(plan.floor, 3.5, 2.5)
     assert inside(plan.floor, 1.5, 1.5), "below the table, too"
     assert not any(inside(plan.floor, x, z) for x, z in ((-0.4, 1.0), (4.4, 1.0), (2.0, 3.5), (2.0, -0.4)))
 
 
-def test_a_painted_plan_shows_each_where_it_is(plan: Plan) -> None:
+def test_a_painted_plan_shows_each_where_it_is(plan: PlanOutlines) -> None:
     picture = paint_plan(plan, BOUNDS, (600, 500))
     assert picture.shape == (500, 600, 4)
 
@@ -105,8 +105,8 @@ def test_a_plan_of_hardly_any_points_is_empty(points: NDArray[np.float64]) -> No
 @example([(0.0, 39.0, 4), (0.0, 32.9921875, 4), (4.0, 67.0, 2), (0.0, 0.0, 2)])  # where a sliver was free to cover
 @given(st.lists(st.tuples(st.floats(0, 560), st.floats(0, 360), st.integers(2, 18)), min_size=1, max_size=8))
 def test_labels_are_inside_and_do_not_overlap(objects: list[tuple[float, float, int]]) -> None:
-    area = Box(0, 0, 600, 400)
-    marks = [Box(x, y, x + 40, y + 40) for x, y, _ in objects]
+    area = LabelBox(0, 0, 600, 400)
+    marks = [LabelBox(x, y, x + 40, y + 40) for x, y, _ in objects]
     places = place_labels(marks, [(7.0 * letters, 15.0) for *_, letters in objects], area)
     for number, place in enumerate(places):
         assert place.left >= -1e-6
@@ -117,10 +117,10 @@ def test_labels_are_inside_and_do_not_overlap(objects: list[tuple[float, float, 
 
 
 def test_a_label_is_below_its_mark_and_not_where_something_is() -> None:
-    (place,) = place_labels([Box(100, 100, 140, 140)], [(50, 15)], Box(0, 0, 300, 300))
+    (place,) = place_labels([LabelBox(100, 100, 140, 140)], [(50, 15)], LabelBox(0, 0, 300, 300))
     assert 140 < place.top < 150
     assert (place.left + place.right) / 2 == pytest.approx(120)
-    (moved,) = place_labels([Box(100, 100, 140, 140)], [(50, 15)], Box(0, 0, 300, 300), taken=[place])
+    (moved,) = place_labels([LabelBox(100, 100, 140, 140)], [(50, 15)], LabelBox(0, 0, 300, 300), taken=[place])
     assert moved.bottom < 100
 
 

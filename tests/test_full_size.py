@@ -17,7 +17,7 @@ from generators.paths.trajectory import WalkTask, plan_walk
 from generators.placement.placement import Placement, place
 from generators.placement.site import Site
 from generators.plan import make_plans, read_manifest
-from generators.vision.base import Frame
+from generators.vision.base import RenderedView
 from generators.vision.embree import EmbreeBackend
 
 MANIFEST = Path(__file__).parent.parent / "scenes_manifest" / "demo.yaml"
@@ -27,7 +27,7 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def view() -> tuple[Scene, tuple[Placement, ...], Pose, Frame]:
+def view() -> tuple[Scene, tuple[Placement, ...], Pose, RenderedView]:
     """The demo's kitchen in quickly baked light, from the pose that sees most of the sounding microwave."""
     (plan,) = make_plans(read_manifest(MANIFEST), only=["part_2/*/kitchen/1"], audio="analytic")
     assert plan.scan.seed is not None
@@ -41,7 +41,9 @@ def view() -> tuple[Scene, tuple[Placement, ...], Pose, Frame]:
     return scene, placed, pose, EmbreeBackend().open(scene, CAMERA).render(pose)
 
 
-def test_a_room_is_closed_and_exposed_like_a_photograph(view: tuple[Scene, tuple[Placement, ...], Pose, Frame]) -> None:
+def test_a_room_is_closed_and_exposed_like_a_photograph(
+    view: tuple[Scene, tuple[Placement, ...], Pose, RenderedView],
+) -> None:
     frame = view[3]
     assert frame.rgb.shape == (1008, 1008, 3)
     assert (frame.depth > 0).all()
@@ -55,7 +57,7 @@ def test_a_room_is_closed_and_exposed_like_a_photograph(view: tuple[Scene, tuple
 
 
 def test_ids_and_depth_are_those_of_the_rays_through_the_pixel_centres(
-    view: tuple[Scene, tuple[Placement, ...], Pose, Frame],
+    view: tuple[Scene, tuple[Placement, ...], Pose, RenderedView],
 ) -> None:
     scene, placed, pose, frame = view
     caster = RayCaster(scene)
@@ -70,7 +72,7 @@ def test_ids_and_depth_are_those_of_the_rays_through_the_pixel_centres(
     assert (frame.instance_ids > 0).sum() > 5000
 
 
-def test_the_same_pose_gives_the_same_bytes(view: tuple[Scene, tuple[Placement, ...], Pose, Frame]) -> None:
+def test_the_same_pose_gives_the_same_bytes(view: tuple[Scene, tuple[Placement, ...], Pose, RenderedView]) -> None:
     scene, _, pose, frame = view
     again = EmbreeBackend().open(scene, CAMERA).render(pose)
     assert np.array_equal(again.rgb, frame.rgb)

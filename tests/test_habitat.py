@@ -27,11 +27,11 @@ from generators.core.scene import Material, Part, Scene, StageFile
 from generators.paths.trajectory import WalkTask, plan_walk
 from generators.placement.placement import place
 from generators.placement.site import Site
-from generators.vision.base import Frame
+from generators.vision.base import RenderedView
 from generators.vision.embree import EmbreeBackend, warm_up
 from generators.vision.glb import write_glb
 from generators.vision.habitat import HabitatBackend, HabitatSession, probe
-from generators.vision.habitat_process import GPU_VARIABLE, VARIABLE, Limits
+from generators.vision.habitat_process import GPU_VARIABLE, VARIABLE, WorkerTimeouts
 
 ROOT = Path(__file__).parents[1]
 BUILT = ROOT / ".habitat" / "bin" / "python"
@@ -65,7 +65,7 @@ def scan(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     return replace(home, parts=(part,), stage=StageFile(path), exposure=1.0)
 
 
-def agreement(first: list[Frame], second: list[Frame]) -> tuple[float, float, float]:
+def agreement(first: list[RenderedView], second: list[RenderedView]) -> tuple[float, float, float]:
     """Over all frames: the share of pixels with equal ids, of those within 2 mm, and the worst frame's PSNR, dB."""
     ids = np.mean([(a.instance_ids == b.instance_ids).mean() for a, b in zip(first, second, strict=True)])
     depth = np.mean([(np.abs(a.depth - b.depth) <= 0.002).mean() for a, b in zip(first, second, strict=True)])
@@ -145,7 +145,7 @@ def test_a_stage_whose_file_has_z_up_stands_upright(tmp_path: Path, backend: Hab
 # --- it dies --------------------------------------------------------------------------------------------------------
 
 
-def in_mid_render(session: HabitatSession, pose: Pose, how: signal.Signals | None) -> Frame:
+def in_mid_render(session: HabitatSession, pose: Pose, how: signal.Signals | None) -> RenderedView:
     """Render while the worker is held, and then send it ``how``; None leaves it held."""
     pid = session.worker_pid
     assert pid is not None
@@ -155,14 +155,14 @@ def in_mid_render(session: HabitatSession, pose: Pose, how: signal.Signals | Non
     return session.render(pose)
 
 
-def same(first: Frame, second: Frame) -> bool:
+def same(first: RenderedView, second: RenderedView) -> bool:
     pairs = ((first.rgb, second.rgb), (first.depth, second.depth), (first.instance_ids, second.instance_ids))
     return all(a.dtype == b.dtype and np.array_equal(a, b) for a, b in pairs)
 
 
 @pytest.mark.slow
 def test_a_worker_killed_in_mid_render_loses_nothing_and_the_second_death_is_one_line() -> None:
-    backend = HabitatBackend(INTERPRETER, Limits(render=8.0))
+    backend = HabitatBackend(INTERPRETER, WorkerTimeouts(render=8.0))
     scene = box_scene(box((0, 0, -3), 1), box((0.5, 0.2, -5), 0, 3.0, RED))
     here, there = Pose.from_yaw((0, 0.1, 0), 0.1), Pose.from_yaw((0.4, 0, 0), -0.2)
     session = backend.open(scene, Intrinsics.from_fov(96))

@@ -30,7 +30,7 @@ from generators.vision.habitat_process import (
     GPU_VARIABLE,
     VARIABLE,
     Client,
-    Limits,
+    WorkerTimeouts,
     find_interpreter,
     graphics_device,
     start,
@@ -61,7 +61,7 @@ def interpreter(folder: Path, *, habitat_sim: str | None = None, shell: str = ""
 
 
 def hello(interpreter: str) -> dict[str, Any]:
-    worker, about = start(interpreter, Limits())
+    worker, about = start(interpreter, WorkerTimeouts())
     worker.close()
     return about
 
@@ -202,7 +202,7 @@ def test_no_interpreter_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_an_interpreter_that_hangs_is_given_up(tmp_path: Path) -> None:
     began = time.monotonic()
     with pytest.raises(Avs3dError, match=r"did not answer within 0\.5 s"):
-        _ = HabitatBackend(interpreter(tmp_path, shell="exec sleep 60"), Limits(hello=0.5)).version
+        _ = HabitatBackend(interpreter(tmp_path, shell="exec sleep 60"), WorkerTimeouts(hello=0.5)).version
     assert time.monotonic() - began < 10
 
 
@@ -235,7 +235,7 @@ def test_the_worker_ends_with_its_parent_even_if_that_is_killed(tmp_path: Path) 
 
 def test_a_client_whose_second_worker_does_not_start_is_closed(tmp_path: Path) -> None:
     path = interpreter(tmp_path, habitat_sim="__version__ = '1'")
-    client = Client(path, "the flat", [], Limits(hello=60.0))
+    client = Client(path, "the flat", [], WorkerTimeouts(hello=60.0))
     assert client.worker is not None
     os.kill(client.worker.pid, signal.SIGKILL)
     Path(path).write_text("#!/bin/sh\nexit 3\n")
@@ -254,7 +254,7 @@ def alive(pid: int) -> bool:
 
 
 def test_a_worker_ignores_the_terminals_interrupt(tmp_path: Path) -> None:
-    worker, _ = start(interpreter(tmp_path, habitat_sim="__version__ = '1'"), Limits())
+    worker, _ = start(interpreter(tmp_path, habitat_sim="__version__ = '1'"), WorkerTimeouts())
     try:
         os.kill(worker.pid, signal.SIGINT)
         assert worker.ask({"command": "hello"}, 20.0)[0]["version"] == "1"
@@ -264,7 +264,7 @@ def test_a_worker_ignores_the_terminals_interrupt(tmp_path: Path) -> None:
 
 
 def test_a_failed_request_is_an_error_and_the_worker_lives_on(tmp_path: Path) -> None:
-    worker, _ = start(interpreter(tmp_path, habitat_sim="__version__ = '1'"), Limits())
+    worker, _ = start(interpreter(tmp_path, habitat_sim="__version__ = '1'"), WorkerTimeouts())
     try:
         with pytest.raises(Avs3dError, match=r"render.* before any scene was opened"):
             worker.ask({"command": "render"}, 20.0)

@@ -23,7 +23,7 @@ from safetensors.torch import save_file
 from avs3d_bench.cli import main
 from avs3d_bench.errors import Avs3dError
 from baselines.echosegnet import checkpoint
-from baselines.echosegnet.densify import PARAMETERS, Pull
+from baselines.echosegnet.densify import PARAMETERS, GradientStats
 from baselines.listener import weights
 from baselines.networks.checkpoints import load_pretrained
 
@@ -172,7 +172,7 @@ def no_tensor(content: dict[str, Any]) -> None:
 )
 def test_a_checkpoint_whose_parts_do_not_belong_together_is_one_line(tmp_path: Path, spoil: Any) -> None:
     path, optimiser = tmp_path / "checkpoint.pt", start()
-    pull = Pull.zeros(optimiser.param_groups[0]["params"][0])
+    pull = GradientStats.zeros(optimiser.param_groups[0]["params"][0])
     checkpoint.save(path, optimiser, pull, 7, None, "digest")
     if spoil is None:
         assert checkpoint.load(path, start(3), "digest", torch.device("cpu"))[0] == 7, (

@@ -19,7 +19,7 @@ import sealed_trees
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from avs3d_bench.exports.codabench import Settings, write_codabench
+from avs3d_bench.exports.codabench import CompetitionSettings, write_codabench
 from avs3d_bench.sealed import open_sealed
 from avs3d_bench.submission import SubmissionWriter
 from evaluators.verify import verify
@@ -167,7 +167,7 @@ def test_a_sealed_test_is_scored_by_the_image_or_in_a_clean_root(tmp_path: Path)
     if not has_engine() and not can_unshare():
         pytest.skip("neither a container engine nor user namespaces")
     sealed = sealed_trees.write_seal(tmp_path / "sealed", frames=9)
-    settings = Settings(
+    settings = CompetitionSettings(
         title="Sealed", docker_image="avs3d-evaluator:test", start=datetime(2027, 1, 1), data_url="https://example.org"
     )
     write_codabench(sealed / "public", sealed / "private", tmp_path / "bundle.zip", settings)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from avs3d_bench import layout
 from avs3d_bench.geometry import Pose, direction_to
 from avs3d_bench.validation.interaural import SURE, Hearing, SideFit, SideLevel, check_sides, side_level
-from avs3d_bench.validation.sound import Sound
+from avs3d_bench.validation.sound import BinauralClip
 from generators.acoustics.clips import receiver_clip
 from generators.acoustics.materials import spectral_label
 from generators.assets.sounds import synthesise
@@ -98,7 +98,7 @@ def hearings(engine: str, room: str, kind: str, *, swapped: tuple[int, ...] = ()
     found = []
     for index, (azimuth, distance, clip) in enumerate(heard(engine, room, kind)):
         samples = np.ascontiguousarray(clip[::-1]) if index in swapped else clip
-        sound = Sound(samples, np.sqrt(np.mean(np.square(samples.astype(float)), axis=1)))
+        sound = BinauralClip(samples, np.sqrt(np.mean(np.square(samples.astype(float)), axis=1)))
         found.append(Hearing(SimpleNamespace(index=index), sound, azimuth, distance))  # type: ignore[arg-type]
     return found
 

@@ -19,7 +19,7 @@ from avs3d_bench.scores import DEAF_REFERENCES, REFERENCES, Scores, metrics_of
 from evaluators.reporting import standings
 from evaluators.reporting.leaderboard import read_entries, write_leaderboard
 from evaluators.reporting.pages import interval
-from evaluators.reporting.ranking import Entry, leaderboard_values
+from evaluators.reporting.ranking import ScoresEntry, leaderboard_values
 
 VISIBLE = ".dataset > div:not([hidden]) table.ranking"
 
@@ -324,7 +324,7 @@ def test_nothing_to_rank_is_a_usage_error(tmp_path: Path) -> None:
 
 def test_an_entry_is_whole_only_with_every_observation() -> None:
     scores = example_scores(8, dataset={"observations": 9})
-    assert not Entry(scores, Path("x"), "0", None).whole
+    assert not ScoresEntry(scores, Path("x"), "0", None).whole
 
 
 # In a browser ---------------------------------------------------------------------------------------------------------

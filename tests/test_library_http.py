@@ -22,8 +22,8 @@ from avs3d_bench.errors import Avs3dError
 from generators.library.download import download
 from generators.library.http import (
     CutError,
+    FetchLimits,
     HttpError,
-    Limits,
     Request,
     check_url,
     get_json,
@@ -33,7 +33,7 @@ from tests.library_server import TOKEN, Reply, Server, json_reply, serving
 
 DATA = bytes(range(256)) * 400
 SHA = hashlib.sha256(DATA).hexdigest()
-FAST = Limits(timeout=0.4, total=5.0, backoff=0.01, attempts=3, max_wait=1.5)
+FAST = FetchLimits(timeout=0.4, total=5.0, backoff=0.01, attempts=3, max_wait=1.5)
 ETAG = {"ETag": '"v1"'}
 
 
@@ -140,7 +140,7 @@ def test_retry_after_is_honoured(server: Server, tmp_path: Path, date: bool) -> 
     value = email.utils.formatdate(time.time() + 2, usegmt=True) if date else "1"
     server.on("/file", Reply(b"", 429, {"Retry-After": value}), Reply(DATA))
     said: list[str] = []
-    limits = Limits(timeout=1, total=10, backoff=60, max_wait=3)  # an own pause would take a minute
+    limits = FetchLimits(timeout=1, total=10, backoff=60, max_wait=3)  # an own pause would take a minute
     started = time.monotonic()
     download(request(server), tmp_path / "x.bin", limits, say=said.append)
     assert 0.9 <= time.monotonic() - started < 30
@@ -204,7 +204,7 @@ def test_a_file_that_is_not_the_pinned_one_is_thrown_away(
 @pytest.mark.parametrize("honest", [True, False], ids=["announced", "unannounced"])
 def test_a_file_that_is_too_large_is_not_stored(server: Server, tmp_path: Path, honest: bool) -> None:
     server.on("/file", Reply(DATA, length=honest))
-    small = Limits(timeout=1, max_bytes=50_000)
+    small = FetchLimits(timeout=1, max_bytes=50_000)
     with pytest.raises(Avs3dError) as caught:
         download(request(server), tmp_path / "x.bin", small)
     size = "0.1 MB" if honest else "more than promised"
@@ -224,7 +224,7 @@ def test_an_empty_file_is_none(server: Server, tmp_path: Path) -> None:
 def test_a_server_that_does_not_answer_is_given_up(server: Server, tmp_path: Path) -> None:
     server.on("/file", Reply(DATA, hang=3))
     with pytest.raises(CutError) as caught:
-        download(request(server), tmp_path / "x.bin", Limits(timeout=0.2, attempts=2, backoff=0.01))
+        download(request(server), tmp_path / "x.bin", FetchLimits(timeout=0.2, attempts=2, backoff=0.01))
     assert "did not answer within 0.2 s" in one_line(caught.value)
     assert leftovers(tmp_path) == []
 
@@ -233,13 +233,13 @@ def test_a_server_that_drips_is_given_up_after_the_total_time(server: Server, tm
     server.on("/file", Reply(DATA, drip=0.05))
     started = time.monotonic()
     with pytest.raises(CutError) as caught:
-        download(request(server), tmp_path / "x.bin", Limits(timeout=1, total=0.4, backoff=0.01))
+        download(request(server), tmp_path / "x.bin", FetchLimits(timeout=1, total=0.4, backoff=0.01))
     assert time.monotonic() - started < 30
     assert "--max-time" in one_line(caught.value)
 
 
 def _child(url: str, target: Path) -> None:
-    download(Request(url, "asset/one", "The Service"), target, Limits())
+    download(Request(url, "asset/one", "The Service"), target, FetchLimits())
 
 
 def test_a_process_that_is_killed_leaves_a_part_that_the_next_one_goes_on_with(server: Server, tmp_path: Path) -> None:
@@ -384,7 +384,7 @@ def test_two_processes_do_not_write_into_the_same_file(server: Server, tmp_path:
 
     def fetch() -> None:
         try:
-            results.append(download(request(server), tmp_path / "x.bin", Limits(timeout=5)).sha256)
+            results.append(download(request(server), tmp_path / "x.bin", FetchLimits(timeout=5)).sha256)
         except Avs3dError as error:
             results.append(one_line(error))
 

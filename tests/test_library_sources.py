@@ -16,7 +16,7 @@ from generators.assets.meshfile import load_mesh
 from generators.library import read_lock
 from generators.library.cli import assets
 from generators.library.folder import mesh_files
-from generators.library.http import Limits
+from generators.library.http import FetchLimits
 from generators.library.lock import AssetEntry
 from generators.library.session import Session, Stance
 from generators.library.sources import fetch_new, fetch_pinned
@@ -37,7 +37,7 @@ from tests.library_server import (
     wav,
 )
 
-FAST = Limits(timeout=0.5, total=5.0, backoff=0.01, attempts=3, max_wait=0.5)
+FAST = FetchLimits(timeout=0.5, total=5.0, backoff=0.01, attempts=3, max_wait=0.5)
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from generators.core.scene import LightMap, Material, Mesh, Part, Room, Scene, T
 from generators.core.tone import develop, inverse_tone_curve, srgb_decode, tone_curve
 from generators.lighting.bake import QUALITIES, bake, insert
 from generators.lighting.sun import find_sun, sun_light
-from generators.lighting.surfaces import Surfaces
+from generators.lighting.surfaces import LitSurfaces
 from generators.lighting.texels import Sheet, rasterise
 from generators.lighting.unwrap import unwrap
 
@@ -186,7 +186,7 @@ def test_bounces_go_on_although_one_place_is_very_bright() -> None:
 
 def test_texels_stand_for_the_whole_surface() -> None:
     part = Part("room", box_room(matte(0.5)).build())
-    surfaces = Surfaces.of([part])
+    surfaces = LitSurfaces.of([part])
     texels = rasterise(surfaces, Sheet.of([unwrap(part.mesh.positions, 0.04, normals=part.mesh.normals)]))
     assert texels.area.sum() == pytest.approx(area_of(part.mesh), rel=0.03)
 
@@ -274,7 +274,7 @@ def window_room(glass: str = "glass") -> Scene:
 
 def test_sun_draws_the_window_on_the_floor() -> None:
     scene = window_room()
-    surfaces = Surfaces.of(scene.parts)
+    surfaces = LitSurfaces.of(scene.parts)
     sun = find_sun(scene.name, surfaces, Tracer(surfaces.triangles))
     assert sun is not None
     assert sun.pane.sum() == 2
@@ -297,7 +297,7 @@ def test_sun_draws_the_window_on_the_floor() -> None:
 def test_sunlight_of_a_texel_does_not_depend_on_the_texels_around() -> None:
     """On the floor with leaning normals; a matrix product of normals and the sun's direction would fail here."""
     scene = window_room()
-    surfaces = Surfaces.of(scene.parts)
+    surfaces = LitSurfaces.of(scene.parts)
     tracer = Tracer(surfaces.triangles)
     sun = find_sun(scene.name, surfaces, tracer)
     assert sun is not None
@@ -324,7 +324,7 @@ def test_sunlight_of_a_texel_does_not_depend_on_the_texels_around() -> None:
 def test_screen_before_a_wall_is_no_window() -> None:
     screen = Material("screen", "glass", (0.0, 0.0, 0.0), emission=(2.0, 2.0, 2.0))
     mesh = MeshBuilder().box((1.2, 0.7, 0.05), (2.0, 1.2, 0.1), screen).build()
-    surfaces = Surfaces.of(scene_of(box_room(matte(0.5)).build(), mesh).parts)
+    surfaces = LitSurfaces.of(scene_of(box_room(matte(0.5)).build(), mesh).parts)
     assert find_sun("test", surfaces, Tracer(surfaces.triangles)) is None
 
 

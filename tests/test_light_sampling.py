@@ -17,7 +17,7 @@ from generators.lighting.gather import open_texels
 from generators.lighting.interpolation import BlockLight, Slow
 from generators.lighting.radiosity import LinkTracer
 from generators.lighting.sun import SUN_RADIUS, Sun, _beam_points, sun_light
-from generators.lighting.surfaces import Surfaces
+from generators.lighting.surfaces import LitSurfaces
 from generators.lighting.texels import Sheet, Texels, rasterise
 from generators.lighting.unwrap import unwrap
 
@@ -31,7 +31,7 @@ def lamp(half: float = 0.5, height: float = 2.0) -> Emitters:
     """A square of side 2 · half that shines down, with 16 targets."""
     corners = [(-half, height, -half), (half, height, -half), (half, height, half), (-half, height, half)]
     glow = Material("lamp", "plastic", (0.0, 0.0, 0.0), emission=(8.0, 8.0, 8.0))
-    return find_emitters(Surfaces.of([Part("lamp", MeshBuilder().quad(corners, glow).build())]), 16)
+    return find_emitters(LitSurfaces.of([Part("lamp", MeshBuilder().quad(corners, glow).build())]), 16)
 
 
 class Floor:
@@ -172,7 +172,7 @@ def ball(radius: float, centre: tuple[float, float, float]) -> Emitters:
     """A ball that shines with 8."""
     glow = Material("glass", "glass", (0.0, 0.0, 0.0), emission=(8.0, 8.0, 8.0))
     mesh = MeshBuilder().sphere(radius, centre, glow, segments=32, rings=24).build()
-    return find_emitters(Surfaces.of([Part("ball", mesh)]), 16)
+    return find_emitters(LitSurfaces.of([Part("ball", mesh)]), 16)
 
 
 @pytest.mark.parametrize("distance", [0.4, 1.0, 3.0])
@@ -237,7 +237,7 @@ def test_the_edge_of_the_sun_is_the_same_with_and_without_blocks() -> None:
     # A pane over the half x < 0 of the floor, the sun in the zenith.
     pane = [(-1.0, 1.0, -1.0), (0.0, 1.0, -1.0), (0.0, 1.0, 1.0), (-1.0, 1.0, 1.0)]
     wall = [(0.0, 1.0, -1.0), (1.0, 1.0, -1.0), (1.0, 1.0, 1.0), (0.0, 1.0, 1.0)]
-    surfaces = Surfaces.of([Part("roof", MeshBuilder().quad(pane, GREY).quad(wall, GREY).build())])
+    surfaces = LitSurfaces.of([Part("roof", MeshBuilder().quad(pane, GREY).quad(wall, GREY).build())])
     sun = Sun(np.array([0.05, 1.0, 0.02]), np.ones(3, dtype=np.float32), np.array([True, True, False, False]))
     floor = Floor()
     across = np.tile(np.array([[STEP, 0, 0], [0, 0, STEP]], dtype=np.float32), (len(floor.position), 1, 1))
@@ -248,8 +248,8 @@ def test_the_edge_of_the_sun_is_the_same_with_and_without_blocks() -> None:
     assert np.abs(whole - saved).mean() < 0.001
 
 
-def plain(mesh: Mesh, texel: float) -> tuple[Surfaces, Sheet, Texels]:
-    surfaces = Surfaces.of([Part("plain", mesh)])
+def plain(mesh: Mesh, texel: float) -> tuple[LitSurfaces, Sheet, Texels]:
+    surfaces = LitSurfaces.of([Part("plain", mesh)])
     sheet = Sheet.of([unwrap(mesh.positions, texel)])
     return surfaces, sheet, rasterise(surfaces, sheet)
 
@@ -307,7 +307,7 @@ def test_every_other_texel_takes_the_mean_of_its_neighbours_where_something_is_r
 def test_an_enclosed_block_is_interpolated() -> None:
     floor = MeshBuilder().quad([(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)], GREY).build()
     lid = MeshBuilder().quad([(-1, 0.02, -1), (0, 0.02, -1), (0, 0.02, 1), (-1, 0.02, 1)], GREY).build()
-    surfaces = Surfaces.of([Part("floor", floor), Part("lid", lid)])
+    surfaces = LitSurfaces.of([Part("floor", floor), Part("lid", lid)])
     sheet = Sheet.of([unwrap(floor.positions, 0.04), unwrap(lid.positions, 0.04)])
     texels = rasterise(surfaces, sheet, surfaces.part == 0)
     blocks = make_blocks(surfaces, sheet, texels)
@@ -364,7 +364,7 @@ def test_buried_texels_are_found_with_few_probes() -> None:
     # A floor with a closed box on it that hides a part of it.
     floor = MeshBuilder().quad([(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)], GREY).build()
     box = MeshBuilder().box((0.6, 0.4, 0.6), (0.1, 0.15, -0.2), GREY).build()
-    surfaces = Surfaces.of([Part("floor", floor), Part("box", box)])
+    surfaces = LitSurfaces.of([Part("floor", floor), Part("box", box)])
     sheet = Sheet.of([unwrap(floor.positions, 0.02), unwrap(box.positions, 0.02)])
     texels = rasterise(surfaces, sheet)
     tiles = make_blocks(surfaces, sheet, texels)

@@ -25,7 +25,7 @@ torch = pytest.importorskip("torch", reason="torch is not installed: the listene
 pytest.importorskip("lightning_fabric", reason="lightning-fabric is not installed: the listener cannot be trained")
 
 from baselines.listener import augment, losses, shards, steps, training, validation, weights  # noqa: E402
-from baselines.listener.batches import COUNTERFACTUAL, SOUNDS, Kind, Sampler, split_homes  # noqa: E402
+from baselines.listener.batches import COUNTERFACTUAL, SOUNDS, Sampler, SoundKind, split_homes  # noqa: E402
 from baselines.listener.checkpoint import CHECKPOINT, Settings, new_state  # noqa: E402
 from baselines.listener.model import CLASSES, Listener, hear, match_map, parameter_count  # noqa: E402
 from baselines.listener.steps import Schedule  # noqa: E402
@@ -52,7 +52,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def store(data: Path) -> shards.Store:
+def store(data: Path) -> shards.ShardStore:
     return shards.read_store(data, data.parent / "store", workers=1)
 
 
@@ -68,7 +68,7 @@ def fabric() -> Any:
 # ---- data
 
 
-def test_siblings_share_one_picture_and_keep_their_own_sounds_and_masks(store: shards.Store) -> None:
+def test_siblings_share_one_picture_and_keep_their_own_sounds_and_masks(store: shards.ShardStore) -> None:
     table = store.table
     assert len(table.groups) == 2
     assert len(table.keys) == 10
@@ -84,7 +84,7 @@ def test_siblings_share_one_picture_and_keep_their_own_sounds_and_masks(store: s
     assert table.audible[silent[0]] == []
 
 
-def test_pixels_and_samples_are_those_of_the_frames(data: Path, store: shards.Store) -> None:
+def test_pixels_and_samples_are_those_of_the_frames(data: Path, store: shards.ShardStore) -> None:
     from avs3d_bench.dataset import Dataset
 
     frame = Dataset(data.parent / "set")[tiny_scenes.SECOND].frames[1]
@@ -99,7 +99,7 @@ def test_pixels_and_samples_are_those_of_the_frames(data: Path, store: shards.St
     assert (classes[mask == 1] == 1 + CATEGORIES.index("microwave")).all()
 
 
-def test_the_lateral_angle_of_the_only_source_lies_on_its_mask(store: shards.Store) -> None:
+def test_the_lateral_angle_of_the_only_source_lies_on_its_mask(store: shards.ShardStore) -> None:
     found = 0
     for sound, lateral in enumerate(store.table.lateral):
         if lateral is not None and store.marked[sound]:
@@ -149,7 +149,7 @@ def test_a_folder_without_shards_is_a_usage_error(tmp_path: Path) -> None:
 # ---- batches
 
 
-def test_the_mask_must_follow_the_sound_in_every_batch(store: shards.Store) -> None:
+def test_the_mask_must_follow_the_sound_in_every_batch(store: shards.ShardStore) -> None:
     sampler = Sampler(store, batch=2, seed=3)
     kinds = set()
     for step in range(20):
@@ -159,15 +159,15 @@ def test_the_mask_must_follow_the_sound_in_every_batch(store: shards.Store) -> N
         assert plan.sounds.shape == (2 * SOUNDS, 2)
         kinds |= set(plan.kinds.tolist())
         for row, kind in enumerate(plan.kinds):
-            if kind in COUNTERFACTUAL and kind != Kind.SWAPPED:
+            if kind in COUNTERFACTUAL and kind != SoundKind.SWAPPED:
                 assert not any(store.marked[sound] for sound in plan.truths[row] if sound >= 0)
-            if kind in (Kind.OWN, Kind.SWAPPED):
+            if kind in (SoundKind.OWN, SoundKind.SWAPPED):
                 assert store.table.view[plan.sounds[row, 0]] == plan.views[row // SOUNDS]
                 assert plan.truths[row].tolist() == plan.sounds[row].tolist()
-    assert {Kind.OWN, Kind.SWAPPED, Kind.SILENT, Kind.OFF_SCREEN, Kind.MIXED} <= kinds
+    assert {SoundKind.OWN, SoundKind.SWAPPED, SoundKind.SILENT, SoundKind.OFF_SCREEN, SoundKind.MIXED} <= kinds
 
 
-def test_a_sound_from_elsewhere_comes_from_no_visible_instance(store: shards.Store) -> None:
+def test_a_sound_from_elsewhere_comes_from_no_visible_instance(store: shards.ShardStore) -> None:
     sampler = Sampler(store, batch=2, seed=0)
     rng = np.random.default_rng(0)
     for view in sampler.visible:
@@ -180,7 +180,7 @@ def test_a_sound_from_elsewhere_comes_from_no_visible_instance(store: shards.Sto
             assert not low - 0.5 < lateral < high + 0.5
 
 
-def test_plans_depend_on_seed_step_and_rank_alone(store: shards.Store) -> None:
+def test_plans_depend_on_seed_step_and_rank_alone(store: shards.ShardStore) -> None:
     one, other = Sampler(store, 1, 5, ranks=2), Sampler(store, 1, 5, ranks=2)
     one.plan(0)  # the order of calls does not matter
     for step, rank in ((7, 1), (3, 0), (7, 0)):
@@ -203,7 +203,7 @@ def test_homes_are_split_by_their_names() -> None:
     assert same == kept
 
 
-def test_a_mirrored_picture_has_its_ears_swapped(store: shards.Store, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_mirrored_picture_has_its_ears_swapped(store: shards.ShardStore, monkeypatch: pytest.MonkeyPatch) -> None:
     bank = augment.Bank(store, "cpu")
     plan = Sampler(store, 1).plan(0)
     plain = bank.gather(plan, None)
@@ -460,7 +460,9 @@ def test_a_deaf_answer_is_never_a_right_pair() -> None:
 # ---- training
 
 
-def run(store: shards.Store, folder: Path, fabric: Any, wanted: Settings, schedule: Schedule = RARELY) -> steps.Result:
+def run(
+    store: shards.ShardStore, folder: Path, fabric: Any, wanted: Settings, schedule: Schedule = RARELY
+) -> steps.Result:
     folder.mkdir(exist_ok=True)
     return training.train(store, folder, wanted, fabric=fabric, schedule=schedule)
 
@@ -471,7 +473,7 @@ def weights_of(result: steps.Result) -> list[Any]:
 
 @pytest.mark.parametrize("early", [0, 3])
 def test_a_run_that_goes_on_gives_the_same_weights(
-    early: int, store: shards.Store, fabric: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    early: int, store: shards.ShardStore, fabric: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     wanted = settings(picture_steps=early)
     whole = run(store, tmp_path / "whole", fabric, wanted)
@@ -489,7 +491,7 @@ def test_a_run_that_goes_on_gives_the_same_weights(
 
 
 def test_pictures_alone_teach_what_is_seen_and_leave_the_rest_as_it_was(
-    store: shards.Store, fabric: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    store: shards.ShardStore, fabric: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(steps, "REPORT_STEPS", 1)
     wanted = settings(steps=41, picture_steps=40, rate=1e-2, batch=2 * SOUNDS)
@@ -509,7 +511,7 @@ def test_pictures_alone_teach_what_is_seen_and_leave_the_rest_as_it_was(
 
 
 def test_steps_to_come_may_change_while_pictures_alone_are_learnt(
-    store: shards.Store, fabric: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    store: shards.ShardStore, fabric: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(steps, "REPORT_STEPS", 1)
     stopped = run(store, tmp_path, fabric, settings(steps=9, picture_steps=3), replace(RARELY, minutes=1e-9))
@@ -520,7 +522,7 @@ def test_steps_to_come_may_change_while_pictures_alone_are_learnt(
         run(store, tmp_path, fabric, settings(steps=6, picture_steps=4))
 
 
-def test_another_run_is_not_gone_on_with(store: shards.Store, fabric: Any, tmp_path: Path) -> None:
+def test_another_run_is_not_gone_on_with(store: shards.ShardStore, fabric: Any, tmp_path: Path) -> None:
     run(store, tmp_path, fabric, settings(steps=1))
     with pytest.raises(UsageError, match=r"a run with seed 0, asked for 1; use the same, or another folder"):
         run(store, tmp_path, fabric, settings(steps=1, seed=1))
@@ -530,7 +532,7 @@ def test_another_run_is_not_gone_on_with(store: shards.Store, fabric: Any, tmp_p
 
 
 def test_a_loss_that_is_no_number_stops_with_step_and_batch(
-    store: shards.Store, fabric: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    store: shards.ShardStore, fabric: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before, calls = steps.losses, []
 
@@ -549,7 +551,7 @@ def test_a_loss_that_is_no_number_stops_with_step_and_batch(
 
 
 def test_too_little_memory_is_one_line(
-    store: shards.Store, fabric: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    store: shards.ShardStore, fabric: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*_: Any) -> None:
         raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate …\nmore")
@@ -559,7 +561,7 @@ def test_too_little_memory_is_one_line(
         run(store, tmp_path, fabric, settings())
 
 
-def test_validation_looks_at_homes_that_are_kept(store: shards.Store) -> None:
+def test_validation_looks_at_homes_that_are_kept(store: shards.ShardStore) -> None:
     assert validation.validation_views(store.table) == [0, 1]  # one home alone
     homes = replace(store.table, homes=["a", "b"])
     _, kept = split_homes(homes.homes)
@@ -567,7 +569,7 @@ def test_validation_looks_at_homes_that_are_kept(store: shards.Store) -> None:
 
 
 def test_the_table_of_thresholds_marks_less_with_a_higher_one(
-    store: shards.Store, fabric: Any, tmp_path: Path, data: Path
+    store: shards.ShardStore, fabric: Any, tmp_path: Path, data: Path
 ) -> None:
     from benchmarks import listener_thresholds
 
@@ -685,7 +687,9 @@ training.train(store, folder, test_listener.settings(steps=6), fabric=fabric, sc
 
 
 @pytest.mark.slow
-def test_a_killed_run_goes_on_to_the_same_weights(data: Path, store: shards.Store, fabric: Any, tmp_path: Path) -> None:
+def test_a_killed_run_goes_on_to_the_same_weights(
+    data: Path, store: shards.ShardStore, fabric: Any, tmp_path: Path
+) -> None:
     import time
 
     folder = tmp_path / "killed"

@@ -37,7 +37,7 @@ from generators.receivers import PARTS
 from generators.recording.tar_output import WRITER
 from generators.run.dataset_record import read_observation
 from generators.run.finished import find_damage
-from generators.run.worker import Place, make_observation, prepare
+from generators.run.worker import RunTarget, make_observation, prepare
 from tests.homes import tree_digest, write_manifest
 
 ROOT = Path(__file__).parent.parent
@@ -509,7 +509,7 @@ def test_a_worker_of_another_machine_compares_its_software_before_it_does_anythi
     assert mine == observation_provenance("embree", "analytic").digest
     other = replace(plan, backends=plan.backends | {SOFTWARE: "0" * 64})
     assert other.digest != plan.digest
-    place = Place(tmp_path / "out", tmp_path / "cache", token="run")
+    place = RunTarget(tmp_path / "out", tmp_path / "cache", token="run")
     for work, more in ((prepare, (1,)), (make_observation, ())):
         with pytest.raises(UnfitError, match=f"has the software {mine[:12]}, the run 000000000000"):
             work(Context(0, lambda *_: None), other, place, *more)

@@ -18,17 +18,19 @@ from baselines.echosegnet.gaussians import SH_C0, Gaussians
 from baselines.echosegnet.rasteriser import compositing, projection
 from baselines.echosegnet.rasteriser.default import GsplatRasteriser, TorchRasteriser, contributions, default_rasteriser
 from baselines.echosegnet.rasteriser.rendering import BLUR, MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE, Camera
-from baselines.echosegnet.views import View
+from baselines.echosegnet.views import RegisteredView
 
 torch.set_num_threads(1)
 SIZE = 33  # odd, so that the axis passes through a pixel's centre
 R = TorchRasteriser()
 
 
-def _view(size: int = SIZE, position: tuple[float, float, float] = (0, 0, 0), rotation: object = None) -> View:
+def _view(
+    size: int = SIZE, position: tuple[float, float, float] = (0, 0, 0), rotation: object = None
+) -> RegisteredView:
     camera = Intrinsics(size, size, size / 2, size / 2, size / 2, size / 2)
     turn = np.eye(3) if rotation is None else np.asarray(rotation)
-    return View("frame_001", "train", camera, turn, np.array(position, dtype=float), None)  # type: ignore[arg-type]
+    return RegisteredView("frame_001", "train", camera, turn, np.array(position, dtype=float), None)  # type: ignore[arg-type]
 
 
 def _logit(p: float) -> float:
@@ -66,7 +68,7 @@ def _random(count: int, seed: int = 0, dtype: torch.dtype = torch.float64, scale
     )
 
 
-def _brute_force(gaussians: Gaussians, view: View, features: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+def _brute_force(gaussians: Gaussians, view: RegisteredView, features: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Pixel by pixel, Gaussian by Gaussian: image (H, W, C), alpha (H, W), weights (H, W, N). Loops only."""
     camera = Camera.of(view, gaussians.means)
     p = projection.project(gaussians, camera)

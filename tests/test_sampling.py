@@ -23,7 +23,7 @@ from generators.sampling.cli import manifest as command
 from generators.sampling.document import manifest_text
 from generators.sampling.excluded import Excluded, what_they_use
 from generators.sampling.rooms import MOST
-from generators.sampling.sample import MOST_INDEX, SEEDS, Unit, Wanted, sample, shares
+from generators.sampling.sample import MOST_INDEX, SEEDS, SampledGroup, Wanted, sample, shares
 from generators.sampling.siblings import GROUP, siblings
 from generators.sampling.statistics import sounding
 from generators.sampling.sweep_cli import sweep
@@ -33,13 +33,13 @@ TRAIN = MANIFESTS / "train.yaml"
 NOTHING = Excluded({}, {}, {})
 
 
-def drawn(wanted: Wanted, excluded: Excluded = NOTHING, **options: Any) -> tuple[Manifest, tuple[Unit, ...]]:
+def drawn(wanted: Wanted, excluded: Excluded = NOTHING, **options: Any) -> tuple[Manifest, tuple[SampledGroup, ...]]:
     document, units = sample(wanted, excluded, **options)
     return Manifest.model_validate(document), units
 
 
 @pytest.fixture(scope="module")
-def large() -> tuple[Manifest, tuple[Unit, ...]]:
+def large() -> tuple[Manifest, tuple[SampledGroup, ...]]:
     return drawn(Wanted(homes=60, observations=600, seed=5))
 
 
@@ -322,18 +322,18 @@ def test_the_text_of_a_manifest_is_read_as_it_was_drawn(tmp_path: Path, large) -
 
 @pytest.mark.slow
 def test_sampled_observations_fit_into_their_rooms() -> None:
-    from generators.sampling.fitting import Fitting
+    from generators.sampling.fitting import SampleFitting
 
     manifest, units = drawn(Wanted(homes=2, observations=20, seed=4))
     firsts = {unit.entries[0]["index"]: unit for unit in units}
     assert firsts
     specs = [spec for spec in manifest.observations if spec.like is None]
     alone = manifest.model_copy(update={"observations": tuple(specs)})
-    assert Fitting()(alone) == ()
+    assert SampleFitting()(alone) == ()
     crowded = [specs[0].model_copy(update={"room": "bathroom", "part": "part_1", "category": "washing_machine",
                                            "instances": None, "sources": None, "background": None,
                                            "silent": ("toilet",) * 12})]  # fmt: skip
-    assert Fitting()(manifest.model_copy(update={"observations": tuple(crowded)})) == (0,)
+    assert SampleFitting()(manifest.model_copy(update={"observations": tuple(crowded)})) == (0,)
 
 
 def test_a_source_elsewhere_of_a_category_in_the_room_marks_no_object() -> None:

@@ -22,7 +22,7 @@ from avs3d_bench.scheduling import supervised
 from avs3d_bench.scheduling.failures import FailureLog, read_failures
 from avs3d_bench.scheduling.ledger import Ledger, Next
 from avs3d_bench.scheduling.local import LocalScheduler
-from avs3d_bench.scheduling.lock import held, holder_of
+from avs3d_bench.scheduling.lock import folder_lock, holder_of
 from avs3d_bench.scheduling.options import Options
 from avs3d_bench.scheduling.supervised import Done, Supervised
 from avs3d_bench.scheduling.tasks import Attempt, Event, Failure, Policy, Success, Task
@@ -425,15 +425,15 @@ def test_workers_get_the_environment_of_the_run() -> None:
 
 def test_a_lock_says_who_holds_the_folder_and_leaves_nothing(tmp_path: Path) -> None:
     root = tmp_path / "new" / "data"
-    with held(root) as me:
+    with folder_lock(root) as me:
         assert holder_of(root) == me
         assert me.pid == os.getpid()
-        with pytest.raises(Avs3dError) as refused, held(root):
+        with pytest.raises(Avs3dError) as refused, folder_lock(root):
             pass
         for word in ("another avs3d generate is at work in this folder since", me.host, str(me.pid), me.user):
             assert word in str(refused.value)
     assert list(root.iterdir()) == []
-    with held(root):
+    with folder_lock(root):
         pass
 
 
@@ -445,7 +445,7 @@ def test_the_file_of_a_killed_process_is_taken_over(tmp_path: Path) -> None:
     subprocess.run([sys.executable, "-c", code, tmp_path], check=False)
     left = holder_of(tmp_path)
     assert left is not None
-    with held(tmp_path) as me:
+    with folder_lock(tmp_path) as me:
         assert me.pid != left.pid
     assert list(tmp_path.iterdir()) == []
 
@@ -460,9 +460,9 @@ def test_the_file_of_another_user_is_named_though_it_cannot_be_opened(
             raise PermissionError(errno.EACCES, "Permission denied", str(path))
         return really_open(path, flags, *mode)
 
-    with held(tmp_path) as other:
+    with folder_lock(tmp_path) as other:
         monkeypatch.setattr(os, "open", refuse)
-        with pytest.raises(Avs3dError, match=f"Permission denied.*user {other.user}"), held(tmp_path):
+        with pytest.raises(Avs3dError, match=f"Permission denied.*user {other.user}"), folder_lock(tmp_path):
             pass
         monkeypatch.undo()
 
@@ -471,7 +471,7 @@ def test_other_machines_can_read_who_holds_it_at_once(tmp_path: Path, monkeypatc
     # NFS sends what is written to the server when the file is closed, or with fsync.
     sent: list[Path] = []
     monkeypatch.setattr(os, "fsync", lambda handle: sent.append(Path(os.readlink(f"/proc/self/fd/{handle}"))))
-    with held(tmp_path):
+    with folder_lock(tmp_path):
         assert sent == [tmp_path / ".avs3d-lock"]
 
 
@@ -507,16 +507,16 @@ def test_without_locks_in_the_file_system_the_file_counts(tmp_path: Path, monkey
         raise OSError(errno.ENOLCK, "No locks available")
 
     monkeypatch.setattr(fcntl, "flock", none)
-    with held(tmp_path) as me, pytest.raises(Avs3dError, match="another avs3d generate"), held(tmp_path):
+    with folder_lock(tmp_path) as me, pytest.raises(Avs3dError, match="another avs3d generate"), folder_lock(tmp_path):
         pass
     lock = tmp_path / ".avs3d-lock"
     lock.write_text(json.dumps(vars(me) | {"host": "elsewhere"}))
-    with pytest.raises(Avs3dError, match="host elsewhere"), held(tmp_path):
+    with pytest.raises(Avs3dError, match="host elsewhere"), folder_lock(tmp_path):
         pass
     ended = subprocess.Popen(["true"])
     ended.wait()
     lock.write_text(json.dumps(vars(me) | {"pid": ended.pid}))
-    with held(tmp_path):
+    with folder_lock(tmp_path):
         pass
     assert list(tmp_path.iterdir()) == []
 
@@ -553,7 +553,7 @@ def test_validate_minds_neither_the_lock_of_a_run_nor_its_failures(tmp_path: Pat
     root = tmp_path / "data"
     write_dataset(root)
     before = validate(root).as_dict()
-    with held(root):
+    with folder_lock(root):
         FailureLog(root, {"a": 1}).add("a", [Attempt("w0", "crash", "died")])
         assert sorted(path.name for path in root.iterdir())[:1] == [".avs3d-lock"]
         assert validate(root).as_dict() == before

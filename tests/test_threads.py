@@ -16,12 +16,12 @@ from types import SimpleNamespace
 
 import pytest
 
-from avs3d_bench.ahead import moved_beside
+from avs3d_bench.ahead import continue_in_fork
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.scheduling.local import LocalScheduler, divide
 from avs3d_bench.scheduling.tasks import Context, Policy, Task
 from generators.observation import generate_observation
-from generators.paths.stage import MOST_THREADS, Camera
+from generators.paths.stage import MOST_THREADS, StageRenderer
 from generators.plan import make_plans, read_manifest
 from generators.recording import hearing
 from generators.recording.writer import ObservationWriter
@@ -84,7 +84,7 @@ def test_frames_are_drawn_on_as_many_cores_as_there_are_now() -> None:
     cores = [at[max(start for start in at if start <= n)] for n in range(50)]
     given, finished = iter(cores), list[int]()
     still = SimpleNamespace(moves=False, scene=lambda _: None)
-    with closing(Camera(_Drawing([], drawn), still, None)) as camera:  # type: ignore[arg-type]
+    with closing(StageRenderer(_Drawing([], drawn), still, None)) as camera:  # type: ignore[arg-type]
         shown = list(camera.frames(range(50), lambda second, _: finished.append(second), lambda: next(given)))  # type: ignore[arg-type]
     assert shown == sorted(finished) == list(range(50))
     assert finished[:10] == list(range(10))
@@ -98,7 +98,7 @@ def test_frames_are_drawn_on_fewer_cores_when_they_are_needed_elsewhere() -> Non
     cores = [*repeat(4, 10), *repeat(2, 20), *repeat(3, 15), *repeat(1, 25)]
     given = iter(cores)
     still = SimpleNamespace(moves=False, scene=lambda _: None)
-    with closing(Camera(_Drawing([], drawn), still, None)) as camera:  # type: ignore[arg-type]
+    with closing(StageRenderer(_Drawing([], drawn), still, None)) as camera:  # type: ignore[arg-type]
         assert list(camera.frames(range(70), lambda *_: None, lambda: next(given))) == list(range(70))  # type: ignore[arg-type]
     # Frames that were begun before the change, at most two per thread, are still drawn as before.
     assert max(drawn[:10]) == 4
@@ -197,7 +197,7 @@ def test_an_observation_asks_how_many_cores_it_has(tmp_path: Path, monkeypatch: 
     )
     monkeypatch.setattr(work, "_warm_up", lambda *_: None)
     plan = make_plans(read_manifest(write_manifest(tmp_path)), only=["part_2/*"], audio="analytic")[0]
-    place = work.Place(tmp_path, tmp_path)
+    place = work.RunTarget(tmp_path, tmp_path)
     work.make_observation(Context(0, lambda *_: None), plan, place)
     work.make_observation(Context(0, lambda *_: None, lambda: 3), plan, place)
     assert handed == [1, 3]
@@ -242,7 +242,7 @@ forked = pytest.mark.skipif(sys.platform != "linux", reason="results move to ano
 def test_results_that_move_to_another_process_come_in_order_and_errors_with_them(stay: int) -> None:
     def rest(until: int) -> Iterator[int]:
         asked = chain(repeat(False, stay), repeat(True))
-        with moved_beside(_count(until), lambda: next(asked)) as results:
+        with continue_in_fork(_count(until), lambda: next(asked)) as results:
             yield from results
 
     assert list(rest(100)) == list(range(100))
@@ -259,7 +259,7 @@ def test_results_that_move_to_another_process_come_in_order_and_errors_with_them
 @forked
 def test_a_process_beside_goes_on_from_where_the_results_are_and_ends_with_the_context() -> None:
     asked = chain([False, False], repeat(True))
-    with moved_beside(_pids(), lambda: next(asked)) as results:
+    with continue_in_fork(_pids(), lambda: next(asked)) as results:
         pids = [next(results) for _ in range(4)]
     assert pids[:2] == [os.getpid()] * 2
     assert pids[2] == pids[3] != os.getpid()
@@ -269,7 +269,7 @@ def test_a_process_beside_goes_on_from_where_the_results_are_and_ends_with_the_c
 
 def test_results_stay_where_they_are_unless_they_are_wanted_elsewhere() -> None:
     results = _pids()
-    with moved_beside(results, lambda: False) as same:
+    with continue_in_fork(results, lambda: False) as same:
         assert [next(same) for _ in range(3)] == [os.getpid()] * 3
     assert list(results) == []  # closed
 
@@ -277,9 +277,11 @@ def test_results_stay_where_they_are_unless_they_are_wanted_elsewhere() -> None:
 @forked
 def test_what_cuda_hears_stays_in_the_process_that_has_the_device() -> None:
     for device, here in (("cpu", False), ("cuda", True)):
-        with hearing.heard_ahead(_pids(), device, lambda: True) as results:
+        with hearing.hear_in_background(_pids(), device, lambda: True) as results:
             assert (next(results) == os.getpid()) is here
-    users = [path for path in Path(hearing.__file__).parents[1].rglob("*.py") if "moved_beside(" in path.read_text()]
+    users = [
+        path for path in Path(hearing.__file__).parents[1].rglob("*.py") if "continue_in_fork(" in path.read_text()
+    ]
     assert [path.name for path in users] == ["hearing.py"]  # the one that knows the device
 
 

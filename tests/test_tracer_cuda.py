@@ -26,7 +26,7 @@ from generators.acoustics.tracer.receivers.ambisonics import Ambisonics
 from generators.acoustics.tracer.receivers.gridding import grids_for
 from generators.acoustics.tracer.receivers.measured import nearest_node, plane_delay
 from generators.acoustics.tracer.receivers.spherical import STEPS, SphericalHead
-from generators.acoustics.tracer.receivers.synthesis import Port, checked, synthesise
+from generators.acoustics.tracer.receivers.synthesis import ReceiverPort, checked, synthesise
 from generators.acoustics.tracer.settings import TraceSettings
 from generators.core.cuda import cuda_problem
 
@@ -76,14 +76,14 @@ def on_host(ears, arrivals, rotation, grids, samples):
             theta = hrtf.incidence(directions, ear)
             delay, index = hrtf.ear_delay(theta), np.rint(theta * (STEPS / np.pi))
         ports.append(
-            Port(delay, index.astype(np.int32), ears.basis.rows, ears.basis.columns, ears.basis.filters(grids))
+            ReceiverPort(delay, index.astype(np.int32), ears.basis.rows, ears.basis.columns, ears.basis.filters(grids))
         )
     return synthesise(arrivals, ports, grids, samples)
 
 
 def simulated_receivers():
     """Runs in the simulator: largest error of both kinds of ears, relative to the largest sample."""
-    from generators.acoustics.tracer.device.binaural import DeviceEars, Heard
+    from generators.acoustics.tracer.device.binaural import DeviceEars, DeviceRecords
 
     errors = {}
     for kind in (0, GRID):
@@ -91,7 +91,7 @@ def simulated_receivers():
         rotations = np.stack([Pose.from_yaw((0, 0, 0), yaw).rotation_matrix for yaw in (0.4, -2.1)])
         # Two listeners of three are asked for, each hears every other record.
         owner = (np.arange(len(arrivals)) % 2 * 2).astype(np.int32)
-        heard = Heard(owner, arrivals.time * 343.0, arrivals.direction, arrivals.pressure, len(arrivals), 343.0)
+        heard = DeviceRecords(owner, arrivals.time * 343.0, arrivals.direction, arrivals.pressure, len(arrivals), 343.0)
         found = DeviceEars(ears, 8000)._of_one_length([heard], grids, 3, [2, 0], rotations, [50, 48])
         for row, listener, rotation in zip(found, (2, 0), rotations, strict=True):
             own = owner == listener

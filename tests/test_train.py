@@ -19,14 +19,22 @@ from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from baselines.echosegnet import memory, pictures
 from baselines.echosegnet import train as training
-from baselines.echosegnet.densify import PARAMETERS, DensityControl, Pull, densify, parameters, reset_opacities
+from baselines.echosegnet.densify import PARAMETERS, DensityControl, GradientStats, densify, parameters, reset_opacities
 from baselines.echosegnet.gaussians import Gaussians
 from baselines.echosegnet.rasteriser.default import TorchRasteriser
 from baselines.echosegnet.rasteriser.projection import rotation_matrices
 from baselines.echosegnet.rasteriser.rendering import Splat
 from baselines.echosegnet.similarity import psnr, ssim
-from baselines.echosegnet.train import Checkpoint, Pace, Report, TrainingSettings, load_pictures, train, view_psnr
-from baselines.echosegnet.views import View, load_points, load_views, test_views, train_views
+from baselines.echosegnet.train import (
+    Checkpoint,
+    Pace,
+    TrainingSettings,
+    TrainingState,
+    load_pictures,
+    train,
+    view_psnr,
+)
+from baselines.echosegnet.views import RegisteredView, load_points, load_views, test_views, train_views
 
 torch.set_num_threads(1)
 CPU = TorchRasteriser("cpu")
@@ -93,9 +101,11 @@ def _values(sizes: list[float], alphas: list[float]) -> dict[str, Tensor]:
     return out
 
 
-def _pull(gradients: list[float]) -> Pull:
+def _pull(gradients: list[float]) -> GradientStats:
     """As if seen in four views each, with a radius of 5 pixels."""
-    return Pull(torch.tensor(gradients) * 4, torch.full((len(gradients),), 4.0), torch.full((len(gradients),), 5.0))
+    return GradientStats(
+        torch.tensor(gradients) * 4, torch.full((len(gradients),), 4.0), torch.full((len(gradients),), 5.0)
+    )
 
 
 def test_small_ones_are_cloned_large_ones_split_transparent_ones_removed() -> None:
@@ -202,7 +212,7 @@ def test_pull_is_measured_in_half_widths_of_the_picture() -> None:
     means.grad = torch.tensor([[3e-4, 0.0], [0.0, 1e-4]])
     seen, conics = torch.tensor([True, False]), torch.tensor([[0.25, 0.0, 1.0], [0.01, 0.0, 0.01]])
     splat = Splat(torch.zeros(10, 20, 3), torch.zeros(10, 20), means, seen, conics)
-    pull = Pull.zeros(torch.zeros(2, 3))
+    pull = GradientStats.zeros(torch.zeros(2, 3))
     pull.add(splat)
     pull.add(replace(splat, conics=4 * conics))
     torch.testing.assert_close(pull.total, torch.tensor([6e-3, 1e-3]))
@@ -278,7 +288,7 @@ def _same(a: Gaussians, b: Gaussians) -> bool:
 @pytest.mark.slow
 def test_training_reaches_a_picture_of_views_it_never_saw(room: SimpleNamespace) -> None:
     """300 iterations: test views gain more than 8 dB, past 22 dB; reports count up and improve."""
-    reports: list[Report] = []
+    reports: list[TrainingState] = []
     first = train(room.views, room.xyz, room.rgb, CPU, replace(SHORT, iterations=1))
     settings = TrainingSettings(iterations=300, density=DensityControl(pixels_per_gaussian=20))
     trained = train(room.views, room.xyz, room.rgb, CPU, settings, progress=reports.append)
@@ -307,7 +317,7 @@ def test_a_resumed_run_is_the_uninterrupted_one(room: SimpleNamespace, tmp_path:
     class PowerCutError(Exception):
         pass
 
-    def fail(report: Report) -> None:
+    def fail(report: TrainingState) -> None:
         if report.iteration == 35:
             raise PowerCutError
 
@@ -344,7 +354,7 @@ def test_where_memory_is_nearly_used_growth_ends_and_the_report_says_when(
 ) -> None:
     most = len(room.xyz) + 40
     monkeypatch.setattr(training, "room_for", lambda count, device: max(0, most - count))
-    reports: list[Report] = []
+    reports: list[TrainingState] = []
     settings = replace(SHORT, density=DensityControl())
     trained = train(room.views, room.xyz, room.rgb, CPU, settings, progress=reports.append, pace=Pace(5))
     assert len(trained) <= most
@@ -400,7 +410,7 @@ def test_only_train_pictures_are_read(room: SimpleNamespace, monkeypatch: pytest
 # --- faults
 
 
-def _with_picture(view: View, pixels: np.ndarray) -> View:
+def _with_picture(view: RegisteredView, pixels: np.ndarray) -> RegisteredView:
     frame = SimpleNamespace(undistorted_rgb=lambda: pixels, observation=view.frame.observation, name=view.name)
     return replace(view, frame=frame)  # type: ignore[arg-type]
 

@@ -22,7 +22,7 @@ from avs3d_bench.validate import check_observation, validate
 from avs3d_bench.validation import background, scenes
 from avs3d_bench.validation.catalogue import read_facts
 from avs3d_bench.validation.interaural import hearings
-from avs3d_bench.validation.sound import Sound
+from avs3d_bench.validation.sound import BinauralClip
 
 
 @pytest.fixture(scope="module")
@@ -128,7 +128,7 @@ def heard_azimuths(root: Path, key: str, change: dict[str, object] | None = None
     if change is not None:
         record = record.model_copy(update=change)
     frames = observation.frames
-    clips = [Sound(frame.audio(), np.array([0.1, 0.1])) for frame in frames]
+    clips = [BinauralClip(frame.audio(), np.array([0.1, 0.1])) for frame in frames]
     visible = {frame.name: frozenset({1, 2, 3}) for frame in frames}
     return {one.frame.name: one.azimuth for one in hearings(record, frames, clips, visible)}
 
@@ -159,7 +159,7 @@ def test_a_clip_with_a_loud_background_is_not_judged(root: Path):
     record = record_of(root, FIRST)
     noisy = record.model_copy(update={"frames": tuple(quieter(frame) for frame in record.frames)})
     observation.__dict__["record"] = noisy
-    clips = [Sound(frame.audio(), np.array([0.1, 0.1])) for frame in observation.frames]
+    clips = [BinauralClip(frame.audio(), np.array([0.1, 0.1])) for frame in observation.frames]
     assert hearings(noisy, observation.frames, clips, {}) == ()
 
 

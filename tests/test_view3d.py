@@ -27,7 +27,7 @@ from avs3d_bench.inspector.floorplan import HEAD
 from avs3d_bench.inspector.view3d import room_note, save_view, scene_title
 from avs3d_bench.inspector.view3d_data import MOST_PREDICTED, moved_from, read_prediction, read_scene
 from avs3d_bench.inspector.view3d_stage import PREDICTED, box_edges, legend, opencv_rotation, textured_glb
-from avs3d_bench.inspector.view3d_surfaces import LONGEST, MOST_FRAMES, Patches, Surface
+from avs3d_bench.inspector.view3d_surfaces import LONGEST, MOST_FRAMES, Patches, VisibleSurface
 from avs3d_bench.schema import SubmissionRecord
 
 FRAMES = 9
@@ -73,7 +73,7 @@ def dotted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_dataset(tmp_path_factory.mktemp("dotted"), frames=FRAMES, size=96, points=24, keys=(SINGLE,))
 
 
-def corners_of(surfaces: tuple[Surface, ...]) -> NDArray[np.float64]:
+def corners_of(surfaces: tuple[VisibleSurface, ...]) -> NDArray[np.float64]:
     return np.concatenate([surface.vertices[surface.faces] for surface in surfaces]).astype(float)
 
 

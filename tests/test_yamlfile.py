@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avs3d_bench.errors import Avs3dError, UsageError, excerpt
-from avs3d_bench.yamlfile import Limits, parse_yaml, read_yaml
+from avs3d_bench.yamlfile import YamlLimits, parse_yaml, read_yaml
 
 MANIFESTS = Path(__file__).parent.parent / "scenes_manifest"
 TEXT = st.text(st.characters(exclude_categories=("Cs", "Cc")), max_size=20)
@@ -128,9 +128,9 @@ def test_a_file_of_too_many_bytes_is_not_read_to_its_end(tmp_path: Path) -> None
     with pytest.raises(UsageError, match=r"more than 16,000,000 bytes"):
         read_yaml(path)
     with pytest.raises(UsageError, match=r"more than 4 bytes"):
-        parse_yaml("a: 12", "it", Limits(bytes=4))
+        parse_yaml("a: 12", "it", YamlLimits(bytes=4))
     with pytest.raises(UsageError, match=r"a\.97, line 1: found more than 100 values"):
-        parse_yaml("a: [" + "1," * 1000 + "]", "it", Limits(nodes=100))
+        parse_yaml("a: [" + "1," * 1000 + "]", "it", YamlLimits(nodes=100))
 
 
 def test_only_regular_files_are_opened(tmp_path: Path) -> None:

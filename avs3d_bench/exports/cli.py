@@ -163,10 +163,10 @@ def codabench(
     (docs/competition.md).
     """
     from avs3d_bench.dataset import Dataset
-    from avs3d_bench.exports.codabench import Settings, write_codabench
+    from avs3d_bench.exports.codabench import CompetitionSettings, write_codabench
 
     today = datetime.now(UTC).replace(hour=0, minute=0, second=0, microsecond=0, tzinfo=None)
-    settings = Settings(title=title or Dataset(public).name, start=start or today, **options)
+    settings = CompetitionSettings(title=title or Dataset(public).name, start=start or today, **options)
     written = write_codabench(public, private, output, settings)
     for phase in written.phases:
         click.echo(f"{phase.name}: {len(phase.observations)} observations, {phase.masks:,} masks")

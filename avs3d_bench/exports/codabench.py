@@ -35,7 +35,7 @@ from avs3d_bench.exports.codabench_files import (
     scoring_program,
 )
 from avs3d_bench.exports.codabench_format import BUNDLE_YAML, MOST_IMAGE, MOST_TITLE, PICTURES, check_bundle
-from avs3d_bench.exports.codabench_pages import Facts, logo, pages, terms
+from avs3d_bench.exports.codabench_pages import CompetitionFacts, logo, pages, terms
 from avs3d_bench.exports.signatures import BUNDLE
 from avs3d_bench.files import atomic_path, read_bytes
 from avs3d_bench.outputs import check_apart, check_replaceable
@@ -50,7 +50,7 @@ _STARTING_KIT, _SOLUTION, _REFERENCE, _DATA = (
 
 
 @dataclass(frozen=True)
-class Settings:
+class CompetitionSettings:
     """What an organiser decides.
 
     Attributes:
@@ -118,7 +118,9 @@ class Written:
     size: int
 
 
-def write_codabench(public: str | Path, private: str | Path, output: str | Path, settings: Settings) -> Written:
+def write_codabench(
+    public: str | Path, private: str | Path, output: str | Path, settings: CompetitionSettings
+) -> Written:
     """Write a competition bundle in Codabench's format (version 2).
 
     Args:
@@ -176,7 +178,7 @@ def write_codabench(public: str | Path, private: str | Path, output: str | Path,
     return Written(phases, columns, size)
 
 
-def _check_settings(settings: Settings) -> None:
+def _check_settings(settings: CompetitionSettings) -> None:
     if not 0 < len(settings.title.strip()) <= MOST_TITLE:
         raise UsageError(f"--title: {len(settings.title)} characters, expected 1 to {MOST_TITLE}")
     if not re.fullmatch(
@@ -195,7 +197,7 @@ def _check_settings(settings: Settings) -> None:
         raise UsageError(f"--image: {settings.image}, expected one of {', '.join(PICTURES)}")
 
 
-def _phases(public: Dataset, private: Dataset, settings: Settings) -> tuple[Phase, ...]:
+def _phases(public: Dataset, private: Dataset, settings: CompetitionSettings) -> tuple[Phase, ...]:
     masks = {observation.key: len(observation.test) for observation in public}
     total = sum(masks.values())
     if settings.final_start is None:
@@ -224,7 +226,7 @@ def _phases(public: Dataset, private: Dataset, settings: Settings) -> tuple[Phas
     )
 
 
-def _competition(phases: Sequence[Phase], columns: Sequence[Column], settings: Settings) -> str:
+def _competition(phases: Sequence[Phase], columns: Sequence[Column], settings: CompetitionSettings) -> str:
     """The text of competition.yaml."""
     form: dict[str, Any] = {
         "version": 2,
@@ -282,7 +284,7 @@ def _competition(phases: Sequence[Phase], columns: Sequence[Column], settings: S
 _PAGES = ("data.md", "evaluation.md")
 
 
-def _phase(number: int, phase: Phase, settings: Settings) -> dict[str, Any]:
+def _phase(number: int, phase: Phase, settings: CompetitionSettings) -> dict[str, Any]:
     return {
         "index": number,
         "name": phase.name,
@@ -301,9 +303,11 @@ def _phase(number: int, phase: Phase, settings: Settings) -> dict[str, Any]:
     }
 
 
-def _facts(data: Dataset, phases: Sequence[Phase], columns: Sequence[Column], settings: Settings) -> Facts:
+def _facts(
+    data: Dataset, phases: Sequence[Phase], columns: Sequence[Column], settings: CompetitionSettings
+) -> CompetitionFacts:
     record = data.record
-    return Facts(
+    return CompetitionFacts(
         title=settings.title,
         dataset=data.name,
         version=record.version if record else None,
@@ -317,7 +321,7 @@ def _facts(data: Dataset, phases: Sequence[Phase], columns: Sequence[Column], se
     )
 
 
-def _terms(settings: Settings) -> str:
+def _terms(settings: CompetitionSettings) -> str:
     if settings.terms is None:
         return terms(settings.title, settings.contact)
     try:
@@ -329,7 +333,7 @@ def _terms(settings: Settings) -> str:
     return text
 
 
-def _image_name(settings: Settings) -> str:
+def _image_name(settings: CompetitionSettings) -> str:
     return f"logo{settings.image.suffix.lower() if settings.image else '.png'}"
 
 

@@ -17,7 +17,7 @@ _SIDE = 256
 
 
 @dataclass(frozen=True)
-class Facts:
+class CompetitionFacts:
     """What the pages say.
 
     Attributes:
@@ -45,12 +45,12 @@ class Facts:
     sealed: bool
 
 
-def pages(facts: Facts) -> dict[str, str]:
+def pages(facts: CompetitionFacts) -> dict[str, str]:
     """File → text of the pages, in Markdown."""
     return {"overview.md": _overview(facts), "data.md": _data(facts), "evaluation.md": _evaluation(facts)}
 
 
-def _overview(facts: Facts) -> str:
+def _overview(facts: CompetitionFacts) -> str:
     rows = "\n".join(
         f"| {name} | {start:%Y-%m-%d %H:%M} | {f'{end:%Y-%m-%d %H:%M}' if end else 'open'} | {count} | {masks:,} | "
         f"{most} |"
@@ -78,7 +78,7 @@ Submit masks, not code. The pages "Data" and "Evaluation" say what you get and w
 """
 
 
-def _data(facts: Facts) -> str:
+def _data(facts: CompetitionFacts) -> str:
     version = f" {facts.version}" if facts.version else ""
     licence = f", licence {facts.licence}" if facts.licence else ""
     where = facts.data_url or 'The data are the file "Public data" of the phase.'
@@ -109,7 +109,7 @@ The truth of the test frames is not public.
 {seal}"""
 
 
-def _evaluation(facts: Facts) -> str:
+def _evaluation(facts: CompetitionFacts) -> str:
     names = dict.fromkeys((column.protocol, column.figure) for column in facts.columns)
     known = {(metric.protocol, metric.name): metric for metric in METRICS}
     rows = "\n".join(

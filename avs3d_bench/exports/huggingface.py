@@ -43,7 +43,7 @@ from avs3d_bench.exports.samples import (
     scene_facts,
     select,
 )
-from avs3d_bench.exports.shards import Layout, ShardIndex, export_shards
+from avs3d_bench.exports.shards import ShardFormat, ShardIndex, export_shards
 from avs3d_bench.exports.webdataset import SHARD_MB, shard_limit
 
 #: Rows of a row group: about 45 MB of a full-size dataset, which is what a reader holds at a time.
@@ -249,7 +249,7 @@ def write_huggingface(
     versions = f"pyarrow {pa.__version__}, datasets {need('datasets').__version__}"
     scenes = has_sound_scenes(keys)
     revision = f"huggingface 1, {versions}, {' '.join(wanted)}{' and part_3' if scenes else ''}"
-    style = Layout("huggingface", revision, _room, partial(write_parquet, wanted, scenes), _name)
+    style = ShardFormat("huggingface", revision, _room, partial(write_parquet, wanted, scenes), _name)
     facts, held = gather(dataset, keys), (*KINDS, *SCENE_KINDS, *wanted)
     facts = replace(facts, sizes={name: size for name, size in facts.sizes.items() if name in held})
 

@@ -27,7 +27,7 @@ UNLISTED = "unlisted"
 
 
 @dataclass(frozen=True)
-class Kind:
+class FileKind:
     """A kind of file that belongs to a frame.
 
     Attributes:
@@ -66,30 +66,32 @@ _AUDIO = (
 )
 #: What is exported where it exists, in the order of members in a sample.
 KINDS = {
-    "rgb": Kind(layout.INPUT, "rgb.png", "RGB picture, 8 bit"),
-    "binaural": Kind(layout.BINAURAL, "binaural.wav", "one second of binaural sound, 44.1 kHz, channel 0 left"),
-    "mask": Kind(layout.SEMANTIC_MASKS, "mask.png", "mask of the sounding instance, 0 or 255, visible pixels"),
-    "instances": Kind(layout.INSTANCE_MASKS, "instances.png", "instance ids, grey, 8 or 16 bit, 0 = the home"),
+    "rgb": FileKind(layout.INPUT, "rgb.png", "RGB picture, 8 bit"),
+    "binaural": FileKind(layout.BINAURAL, "binaural.wav", "one second of binaural sound, 44.1 kHz, channel 0 left"),
+    "mask": FileKind(layout.SEMANTIC_MASKS, "mask.png", "mask of the sounding instance, 0 or 255, visible pixels"),
+    "instances": FileKind(layout.INSTANCE_MASKS, "instances.png", "instance ids, grey, 8 or 16 bit, 0 = the home"),
 }
 #: The same of part_3 alone; its ``mask`` marks every audible instance.
 SCENE_KINDS = {
-    "categories": Kind(layout.CATEGORY_MASKS, "categories.png", "class ids of the audible instances, grey, 0 = none"),
+    "categories": FileKind(
+        layout.CATEGORY_MASKS, "categories.png", "class ids of the audible instances, grey, 0 = none"
+    ),
 }
 #: What `--with` adds.
 EXTRA_KINDS = {
-    "depth": Kind(layout.DEPTH, "depth.png", "depth along the optical axis, 16-bit millimetres, 0 = nothing met"),
-    "mono": Kind(layout.MONO, "mono.wav", "two seconds of the clip's mono mix, 44.1 kHz"),
-    "rirs": Kind(layout.RIRS, "rir.npz", "binaural room impulse response (2, n), with its sample rate"),
-    "stems": Kind(layout.STEMS, "stem.wav", "one second of binaural sound of one source, or of the background"),
-    "ambisonics": Kind(
+    "depth": FileKind(layout.DEPTH, "depth.png", "depth along the optical axis, 16-bit millimetres, 0 = nothing met"),
+    "mono": FileKind(layout.MONO, "mono.wav", "two seconds of the clip's mono mix, 44.1 kHz"),
+    "rirs": FileKind(layout.RIRS, "rir.npz", "binaural room impulse response (2, n), with its sample rate"),
+    "stems": FileKind(layout.STEMS, "stem.wav", "one second of binaural sound of one source, or of the background"),
+    "ambisonics": FileKind(
         layout.clips_folder(layout.AMBISONICS), "ambisonics.wav", "one second of ambisonics, 44.1 kHz, ACN, SN3D"
     ),
-    "array": Kind(
+    "array": FileKind(
         layout.clips_folder(layout.ARRAY), "array.wav", "one second of a microphone array, 44.1 kHz, a channel each"
     ),
 }
 ALL_KINDS = KINDS | SCENE_KINDS | EXTRA_KINDS
-_RELEASE_RGB = Kind(layout.IMAGES, "rgb.png", KINDS["rgb"].what)
+_RELEASE_RGB = FileKind(layout.IMAGES, "rgb.png", KINDS["rgb"].what)
 
 
 @dataclass(frozen=True)
@@ -206,7 +208,7 @@ def has_sound_scenes(keys: Iterable[str]) -> bool:
     return any(layout.parse_key(key).is_sound_scene for key in keys)
 
 
-def described(kinds: Mapping[str, Kind]) -> dict[str, str]:
+def described(kinds: Mapping[str, FileKind]) -> dict[str, str]:
     """What an index says of the members of its samples; of kinds with a file per source under ``source_*.…``, too."""
     several = {f"source_*.{kinds[name].member}": kinds[name].what for name in _PER_SOURCE if name in kinds}
     return {kind.member: kind.what for kind in kinds.values()} | several
@@ -216,14 +218,14 @@ def described(kinds: Mapping[str, Kind]) -> dict[str, str]:
 _PER_SOURCE = ("stems", "rirs")
 
 
-def file_kinds(observation: Observation, names: Sequence[str]) -> dict[str, Kind]:
+def file_kinds(observation: Observation, names: Sequence[str]) -> dict[str, FileKind]:
     """Which of the named kinds the observation has a folder of; pictures of a release may lie in `images/` alone."""
     return kinds_among(names, observation.record, lambda folder: (observation.path / folder).is_dir())
 
 
 def kinds_among(
     names: Sequence[str], record: ObservationRecord | None, there: Callable[[str], bool]
-) -> dict[str, Kind]:
+) -> dict[str, FileKind]:
     """Which of the named kinds an observation has.
 
     Args:

@@ -119,7 +119,7 @@ class Shard:
 
 
 @dataclass(frozen=True)
-class Layout:
+class ShardFormat:
     """How a format cuts and writes.
 
     Attributes:
@@ -152,7 +152,7 @@ def plan_observation(
     return out
 
 
-def cut(planned: Sequence[Planned], limit: int, style: Layout) -> tuple[Shard, ...]:
+def cut(planned: Sequence[Planned], limit: int, style: ShardFormat) -> tuple[Shard, ...]:
     """Shards of at most ``limit`` bytes (a larger sample gets its own), never across splits, in order."""
     out: list[Shard] = []
     for split in ("train", "test", UNLISTED):
@@ -213,7 +213,7 @@ class _Hashing:
 
 
 def write_shard(
-    root: Path, folder: Path, split: SplitChoice, extras: tuple[str, ...], style: Layout, shard: Shard
+    root: Path, folder: Path, split: SplitChoice, extras: tuple[str, ...], style: ShardFormat, shard: Shard
 ) -> ShardRecord:
     """Write one shard and leave its receipt.
 
@@ -317,7 +317,7 @@ def _keep_or_write(
     folder: Path,
     split: SplitChoice,
     extras: tuple[str, ...],
-    style: Layout,
+    style: ShardFormat,
     pair: tuple[Shard, ShardRecord | None],
 ) -> ShardRecord:
     """The record of a shard, which is written unless the one on disk is the one that the plan asks for."""
@@ -333,7 +333,7 @@ def export_shards(
     dataset: Dataset,
     keys: Sequence[str],
     folder: str | Path,
-    style: Layout,
+    style: ShardFormat,
     *,
     split: SplitChoice,
     limit: int,
@@ -411,7 +411,7 @@ def _remove(path: Path) -> None:
 
 def _index(
     dataset: Dataset,
-    style: Layout,
+    style: ShardFormat,
     records: list[ShardRecord],
     shards: Sequence[Shard],
     planned: Sequence[Planned],

@@ -67,7 +67,7 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.needs import need
 from avs3d_bench.exports.samples import (
     ALL_KINDS,
-    Kind,
+    FileKind,
     check_split,
     file_kinds,
     frame_facts,
@@ -126,7 +126,7 @@ class _Facts:
     rows: dict[str, int]
     numbers: dict[str, NDArray[Any]]
     texts: dict[str, tuple[str, ...]]
-    kinds: dict[str, Kind]
+    kinds: dict[str, FileKind]
     scene: SceneFiles
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from avs3d_bench import layout, media
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.exports.samples import Kind
+from avs3d_bench.exports.samples import FileKind
 from avs3d_bench.schema import ObservationRecord
 
 #: Kinds of files of part_3.
@@ -77,7 +77,7 @@ class SceneFiles:
         classes: class id of each source; empty in part_1 and part_2.
     """
 
-    kinds: Mapping[str, Kind]
+    kinds: Mapping[str, FileKind]
     class_id: int
     classes: tuple[int, ...]
 

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from avs3d_bench import layout
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.samples import ALL_KINDS, Sample, check_extras, check_split, described, select
-from avs3d_bench.exports.shards import Layout, ShardIndex, export_shards
+from avs3d_bench.exports.shards import ShardFormat, ShardIndex, export_shards
 from avs3d_bench.exports.tar_format import closing, header, padding
 
 #: Megabytes of a shard: large enough to stream, small enough to shuffle and to resume.
@@ -61,7 +61,7 @@ def shard_name(split: str, number: int, _count: int) -> str:
     return f"{split}-{number:06d}.tar"
 
 
-_LAYOUT = Layout("webdataset", "webdataset 1", room, write_tar, shard_name)
+_LAYOUT = ShardFormat("webdataset", "webdataset 1", room, write_tar, shard_name)
 
 
 def write_webdataset(

@@ -13,7 +13,7 @@ from avs3d_bench import __version__, layout
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import link_or_copy, sha256_file, write_bytes, write_json
-from avs3d_bench.inspector.cards import Card
+from avs3d_bench.inspector.cards import GalleryCard
 from avs3d_bench.inspector.facts import few
 from avs3d_bench.inspector.pages import PageOf, gallery_page, observation_page, problem_page, sibling_script
 from avs3d_bench.inspector.site import (
@@ -118,7 +118,7 @@ def _room_of_siblings(task: _Task) -> str:
     return task.key.rpartition("/")[0] if parse_key(task.key).is_sound_scene else task.key
 
 
-def _build_room(tasks: tuple[_Task, ...]) -> list[tuple[Card, tuple[str, ...]]]:
+def _build_room(tasks: tuple[_Task, ...]) -> list[tuple[GalleryCard, tuple[str, ...]]]:
     """Write the files and pages of observations that may share pictures (in a worker process)."""
     frames: dict[str, Path] = {}
     built = []
@@ -134,7 +134,7 @@ def _reach(number: int, tasks: int, done: int, files: int) -> None:
 
 def _build_observation(
     task: _Task, frames: dict[str, Path], reach: Callable[[int, int], None]
-) -> tuple[Card, tuple[str, ...]]:
+) -> tuple[GalleryCard, tuple[str, ...]]:
     """Write one observation's files and page; ``frames``: sha256 of a picture → the file that shows it."""
     site = ObservationSite(Dataset(task.root), task.key, task.submissions, task.keys)
     card = site.card()
@@ -150,7 +150,7 @@ def _build_observation(
                     write_bytes(task.folder / task.key / SCENE, sibling_script(shown))
                 problems = few(site.observation, [*problems, *site.mask_problems, *site.stem_problems])
         except DamagedError as error:
-            card = Card(site.observation.place, problem=site.without_paths(str(error)))
+            card = GalleryCard(site.observation.place, problem=site.without_paths(str(error)))
     if card.problem is not None:
         page = problem_page(task.key, card.problem, before=task.before, after=task.after)
         problems = [f"{task.root / task.key}: {card.problem}"]

@@ -13,7 +13,7 @@ from avs3d_bench.inspector.sound_scenes import scene_kinds, scene_title
 
 
 @dataclass(frozen=True)
-class Card:
+class GalleryCard:
     """An observation in the gallery.
 
     Attributes:
@@ -47,7 +47,7 @@ class Card:
     group: str | None = None
 
 
-def read_card(observation: Observation, poster: Frame) -> Card:
+def read_card(observation: Observation, poster: Frame) -> GalleryCard:
     """The card of an observation.
 
     Args:
@@ -63,10 +63,10 @@ def read_card(observation: Observation, poster: Frame) -> Card:
     with suppress(Avs3dError):
         outline = pictures.outline_path(poster.mask())
     if record is None:
-        return Card(place, frames=len(frames), outline=outline)
+        return GalleryCard(place, frames=len(frames), outline=outline)
     seen = sum(frame.visible_pixels > 0 for frame in record.frames)
     if record.is_sound_scene:
-        return Card(
+        return GalleryCard(
             place,
             record.category,
             frames=len(frames),
@@ -79,6 +79,6 @@ def read_card(observation: Observation, poster: Frame) -> Card:
             group=record.group,
         )
     twins = sum(i.category == record.category and not i.sounding for i in record.instances)
-    return Card(
+    return GalleryCard(
         place, record.category, len(frames), seen, twins, record.acoustics.t30, record.moves, outline
     )  # fmt: skip

@@ -25,7 +25,7 @@ from avs3d_bench.inspector.contact_scenes import (
     write_audible,
 )
 from avs3d_bench.inspector.floorplan import MARGIN, PIXELS_PER_METRE, Bounds, paint_plan, read_plan
-from avs3d_bench.inspector.labels import Box, place_labels
+from avs3d_bench.inspector.labels import LabelBox, place_labels
 from avs3d_bench.inspector.sound_scenes import ShownScene, read_sound_scene
 from avs3d_bench.layout import FRAME_RATE, is_test
 from avs3d_bench.levels import ild_db
@@ -275,10 +275,10 @@ def _name_objects(figure: Figure, axes: Any, labels: Sequence[_Label]) -> None:
     """Write names so that none overlaps another; a line leads to the object of one that lies further away."""
     height = figure.bbox.height
 
-    def pixels(box: Sequence[float]) -> Box:
+    def pixels(box: Sequence[float]) -> LabelBox:
         (x0, y0), (x1, y1) = axes.transData.transform(np.reshape(box, (2, 2)))
         # matplotlib counts pixels from below.
-        return Box(min(x0, x1), height - max(y0, y1), max(x0, x1), height - min(y0, y1))
+        return LabelBox(min(x0, x1), height - max(y0, y1), max(x0, x1), height - min(y0, y1))
 
     texts = [
         axes.annotate(

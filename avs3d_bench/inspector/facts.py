@@ -1,7 +1,7 @@
 """What the page of an observation says, gathered from a dataset of ours or from the official release as it is.
 
-What the data does not tell is None here, and a line in `Facts.missing` says so on the page. Time runs at one frame a
-second: frame k (in the order of names) is shown during [k, k + 1) s, while its clip is heard.
+What the data does not tell is None here, and a line in `PageFacts.missing` says so on the page. Time runs at one frame
+a second: frame k (in the order of names) is shown during [k, k + 1) s, while its clip is heard.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ NAMED = 5
 
 
 @dataclass(frozen=True)
-class Facts:
+class PageFacts:
     """All that a page says about an observation but its submissions.
 
     Attributes:
@@ -84,7 +84,7 @@ class Facts:
         return not instance.sounding and any(i.sounding and i.category == instance.category for i in self.instances)
 
 
-def read_facts(dataset: Dataset, observation: Observation) -> Facts:
+def read_facts(dataset: Dataset, observation: Observation) -> PageFacts:
     """Gather what the page shows; the sound is measured where no record says how loud it is.
 
     Raises:
@@ -104,7 +104,7 @@ def read_facts(dataset: Dataset, observation: Observation) -> Facts:
     hfov = _field_of_view(observation, missing, problems)
     moments = tuple(_measured(observation, hfov is not None, has_sound, has_masks, problems))
     scene = read_sound_scene(observation)
-    return Facts(
+    return PageFacts(
         key=observation.key,
         place=observation.place,
         category=observation.category,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.inspector.facts import Facts
+from avs3d_bench.inspector.facts import PageFacts
 from avs3d_bench.inspector.pictures import rgba_png
 
 #: Metres around the path and the objects that the map shows.
@@ -58,7 +58,7 @@ class Bounds:
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class PlanOutlines:
     """A floor plan: closed outlines (N, 2) of x and z, metres. Within an odd number of them is inside.
 
     Attributes:
@@ -72,7 +72,7 @@ class Plan:
     walls: Outlines
 
 
-def map_bounds(facts: Facts) -> Bounds | None:
+def map_bounds(facts: PageFacts) -> Bounds | None:
     """The part of the floor that the map shows; None without a path.
 
     Sources of other rooms are left out, so that the siblings of a group have the same map.
@@ -88,7 +88,7 @@ def map_bounds(facts: Facts) -> Bounds | None:
     return Bounds(*(round(float(v), 3) for v in (*low, *(high - low))))
 
 
-def read_plan(observation: Observation, bounds: Bounds) -> Plan:
+def read_plan(observation: Observation, bounds: Bounds) -> PlanOutlines:
     """The floor plan of an observation whose frames have poses.
 
     Raises:
@@ -98,7 +98,7 @@ def read_plan(observation: Observation, bounds: Bounds) -> Plan:
     return trace_plan(observation.colmap.points.positions, bounds, floor)
 
 
-def draw_floorplan(observation: Observation, facts: Facts) -> bytes:
+def draw_floorplan(observation: Observation, facts: PageFacts) -> bytes:
     """The floor plan as a PNG that fills `map_bounds`; transparent where nothing is known.
 
     Raises:
@@ -112,7 +112,7 @@ def draw_floorplan(observation: Observation, facts: Facts) -> bytes:
     return rgba_png(paint_plan(read_plan(observation, bounds), bounds, size))
 
 
-def trace_plan(positions: NDArray[np.float64], bounds: Bounds, floor: float) -> Plan:
+def trace_plan(positions: NDArray[np.float64], bounds: Bounds, floor: float) -> PlanOutlines:
     """Trace floor, furniture and walls.
 
     Args:
@@ -163,14 +163,14 @@ def trace_plan(positions: NDArray[np.float64], bounds: Bounds, floor: float) -> 
     free = cv2.bitwise_and(closed(low, _FURNITURE_GAP), 1 - cv2.dilate(wall, square(_WALL_HALF / 2)))
     furniture = cv2.morphologyEx(free, cv2.MORPH_OPEN, square(0.02))
     ground = closed(cells(height < head), _FLOOR_GAP) | wall
-    return Plan(
+    return PlanOutlines(
         outlines(ground, 25 * _LEAST_AREA),
         outlines(np.asarray(furniture, dtype=np.uint8), _LEAST_AREA),
         outlines(wall, _LEAST_AREA, holes=True),
     )
 
 
-def paint_plan(plan: Plan, bounds: Bounds, size: tuple[int, int]) -> NDArray[np.uint8]:
+def paint_plan(plan: PlanOutlines, bounds: Bounds, size: tuple[int, int]) -> NDArray[np.uint8]:
     """Draw a plan that fills a picture of ``size`` (width, height).
 
     Returns:

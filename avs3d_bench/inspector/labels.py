@@ -14,7 +14,7 @@ _STEPS = 13
 
 
 @dataclass(frozen=True)
-class Box:
+class LabelBox:
     """A rectangle in pixels; y grows downwards."""
 
     left: float
@@ -27,20 +27,20 @@ class Box:
         """In pixels²."""
         return max(0.0, self.right - self.left) * max(0.0, self.bottom - self.top)
 
-    def nearest(self, other: Box) -> tuple[float, float]:
+    def nearest(self, other: LabelBox) -> tuple[float, float]:
         """The point of this rectangle that is nearest to the middle of another."""
         x, y = (other.left + other.right) / 2, (other.top + other.bottom) / 2
         return min(max(x, self.left), self.right), min(max(y, self.top), self.bottom)
 
-    def shared(self, other: Box) -> float:
+    def shared(self, other: LabelBox) -> float:
         """Area that both cover, pixels²."""
         width = min(self.right, other.right) - max(self.left, other.left)
         return max(0.0, width) * max(0.0, min(self.bottom, other.bottom) - max(self.top, other.top))
 
 
 def place_labels(
-    marks: Sequence[Box], sizes: Sequence[tuple[float, float]], area: Box, taken: Sequence[Box] = ()
-) -> list[Box]:
+    marks: Sequence[LabelBox], sizes: Sequence[tuple[float, float]], area: LabelBox, taken: Sequence[LabelBox] = ()
+) -> list[LabelBox]:
     """A place for the label of each mark: below, above or beside it, as near as it is free.
 
     Args:
@@ -49,10 +49,10 @@ def place_labels(
         area: what labels stay within.
         taken: where no label may be.
     """
-    placed: list[Box] = []
+    placed: list[LabelBox] = []
     for mark, (width, height) in zip(marks, sizes, strict=True):
 
-        def cost(place: tuple[float, Box], height: float = height) -> float:
+        def cost(place: tuple[float, LabelBox], height: float = height) -> float:
             away, box = place
             shared = [box.shared(other) for other in (*placed, *taken)]
             covered = sum(shared) * _COVERS_LABEL + sum(box.shared(other) for other in marks) * _COVERS_MARK
@@ -63,7 +63,7 @@ def place_labels(
     return placed
 
 
-def _places(mark: Box, width: float, height: float, area: Box) -> list[tuple[float, Box]]:
+def _places(mark: LabelBox, width: float, height: float, area: LabelBox) -> list[tuple[float, LabelBox]]:
     """Possible places of a label and their distances from its mark, pixels."""
     x, y = (mark.left + mark.right) / 2, (mark.top + mark.bottom) / 2
     found = []
@@ -74,7 +74,7 @@ def _places(mark: Box, width: float, height: float, area: Box) -> list[tuple[flo
                              (beside, over), (-beside, over), (beside, -over), (-beside, -over)):  # fmt: skip
             left = max(area.left, min(area.right - width, x + across - width / 2))
             top = max(area.top, min(area.bottom - height, y + down - height / 2))
-            box = Box(left, top, left + width, top + height)
+            box = LabelBox(left, top, left + width, top + height)
             # Below is preferred to above, and both to the sides.
             taste = 0.0 if down > 0 and not across else 0.15 if not across else 0.4
             moved = abs(left + width / 2 - x - across) + abs(top + height / 2 - y - down)

@@ -11,7 +11,7 @@ from typing import IO
 
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.inspector.cards import Card
+from avs3d_bench.inspector.cards import GalleryCard
 from avs3d_bench.inspector.pages import PageOf, gallery_page, observation_page, problem_page, sibling_script
 from avs3d_bench.inspector.site import (
     AMBISONICS,
@@ -151,11 +151,11 @@ class LiveSite:
             self._gallery = page
         return page
 
-    def _card(self, key: str) -> Card:
+    def _card(self, key: str) -> GalleryCard:
         try:
             card = self._site(key).card()
         except Avs3dError as error:
-            return Card(parse_key(key), problem=str(error).replace(str(self._dataset.root / key), key))
+            return GalleryCard(parse_key(key), problem=str(error).replace(str(self._dataset.root / key), key))
         if card.problem is not None:
             with self._lock:
                 self._sites.pop(key, None)

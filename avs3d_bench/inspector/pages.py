@@ -14,7 +14,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from avs3d_bench.dataset import Dataset
-from avs3d_bench.inspector.cards import Card
+from avs3d_bench.inspector.cards import GalleryCard
 from avs3d_bench.inspector.facts import few
 from avs3d_bench.inspector.floorplan import map_bounds
 from avs3d_bench.inspector.moments import Moment
@@ -72,7 +72,7 @@ def _environment() -> Environment:
     return environment
 
 
-def gallery_page(dataset: Dataset, cards: Sequence[Card], submissions: Sequence[str]) -> bytes:
+def gallery_page(dataset: Dataset, cards: Sequence[GalleryCard], submissions: Sequence[str]) -> bytes:
     """The gallery; observations that cannot be shown are listed below it.
 
     Args:
@@ -106,7 +106,7 @@ def gallery_page(dataset: Dataset, cards: Sequence[Card], submissions: Sequence[
     )
 
 
-def _categories(card: Card) -> tuple[str, ...]:
+def _categories(card: GalleryCard) -> tuple[str, ...]:
     """Values of the facet "Sounding object" that a card has."""
     if card.scene is None:
         return (card.category or "",)

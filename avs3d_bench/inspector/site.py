@@ -32,8 +32,8 @@ from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import os_error_line, read_bytes
 from avs3d_bench.inspector import pictures
-from avs3d_bench.inspector.cards import Card, read_card
-from avs3d_bench.inspector.facts import Facts, best_frames, read_facts, without_path
+from avs3d_bench.inspector.cards import GalleryCard, read_card
+from avs3d_bench.inspector.facts import PageFacts, best_frames, read_facts, without_path
 from avs3d_bench.inspector.floorplan import draw_floorplan
 from avs3d_bench.inspector.links import check_links
 from avs3d_bench.inspector.sound import (
@@ -43,7 +43,7 @@ from avs3d_bench.inspector.sound import (
     read_track,
     stem_script,
 )
-from avs3d_bench.inspector.sound_scenes import Sibling, find_siblings, stem_levels
+from avs3d_bench.inspector.sound_scenes import SiblingLink, find_siblings, stem_levels
 from avs3d_bench.inspector.submissions import Agreement, ShownSubmission
 
 THUMBNAIL, FLOOR, SOUND, PAGE = "thumbnail.webp", "floor.png", "sound.flac", "index.html"
@@ -145,7 +145,7 @@ class ObservationSite:
         return without_path(self.observation, line)
 
     @cached_property
-    def facts(self) -> Facts:
+    def facts(self) -> PageFacts:
         """What the page says.
 
         Raises:
@@ -205,7 +205,7 @@ class ObservationSite:
         return pictures.instance_colours([i.id for i in record.instances], record.sounding.id)
 
     @cached_property
-    def siblings(self) -> tuple[Sibling, ...]:
+    def siblings(self) -> tuple[SiblingLink, ...]:
         """The observations of its group that the site has, itself included; none if there is no other."""
         return find_siblings(self.dataset, self.keys, self.observation)
 
@@ -341,15 +341,15 @@ class ObservationSite:
                     agreements[submission.number][frame.name] = Agreement.of(truth, mask)
         return agreements, problems
 
-    def card(self) -> Card:
+    def card(self) -> GalleryCard:
         """The observation in the gallery; one that cannot be read says why."""
         try:
             with self.reading():
                 return self._card()
         except Avs3dError as error:
-            return Card(self.observation.place, problem=self.without_paths(str(error)))
+            return GalleryCard(self.observation.place, problem=self.without_paths(str(error)))
 
-    def _card(self) -> Card:
+    def _card(self) -> GalleryCard:
         return read_card(self.observation, self.poster)
 
 

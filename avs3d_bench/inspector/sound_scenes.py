@@ -133,7 +133,7 @@ class ShownScene:
 
 
 @dataclass(frozen=True)
-class Sibling:
+class SiblingLink:
     """An observation of the same group.
 
     Attributes:
@@ -276,7 +276,7 @@ def stem_levels(observation: Observation, scene: ShownScene) -> tuple[dict[str, 
     return levels, problems
 
 
-def find_siblings(dataset: Dataset, keys: Sequence[str], observation: Observation) -> tuple[Sibling, ...]:
+def find_siblings(dataset: Dataset, keys: Sequence[str], observation: Observation) -> tuple[SiblingLink, ...]:
     """All siblings among ``keys``, the observation itself included, by index; none if it is alone.
 
     Those whose observation.json is damaged are left out: the gallery names them.
@@ -293,5 +293,5 @@ def find_siblings(dataset: Dataset, keys: Sequence[str], observation: Observatio
             check_link(dataset.root / key / layout.OBSERVATION_JSON, dataset.root)
             other = observation if key == observation.key else dataset[key]
             if other.record is not None and other.record.group == record.group:
-                found.append(Sibling(key, other.record.index, scene_title(other.record), scene_kinds(other.record)))
+                found.append(SiblingLink(key, other.record.index, scene_title(other.record), scene_kinds(other.record)))
     return tuple(sorted(found, key=lambda sibling: sibling.index)) if len(found) > 1 else ()

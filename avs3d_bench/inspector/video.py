@@ -28,7 +28,7 @@ from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import atomic_path
-from avs3d_bench.inspector.facts import Facts, read_facts
+from avs3d_bench.inspector.facts import PageFacts, read_facts
 from avs3d_bench.inspector.sound import joined, read_clip
 from avs3d_bench.inspector.submissions import ShownSubmission, open_submissions
 from avs3d_bench.inspector.video_drawing import AudibleNow, Canvas, Loudness, Overlay, Shown
@@ -161,7 +161,7 @@ def write_video(
     return Film(target, len(observation.frames), canvas.width, canvas.height, gain)
 
 
-def _audible(frame: Frame, facts: Facts, number: int, *, marked: bool) -> tuple[AudibleNow, ...] | None:
+def _audible(frame: Frame, facts: PageFacts, number: int, *, marked: bool) -> tuple[AudibleNow, ...] | None:
     """The audible sources of a sound scene in one frame, with their visible pixels if they are ``marked``."""
     if facts.scene is None:
         return None

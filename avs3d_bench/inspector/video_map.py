@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 
 from avs3d_bench.dataset import Observation
-from avs3d_bench.inspector.facts import Facts
+from avs3d_bench.inspector.facts import PageFacts
 from avs3d_bench.inspector.floorplan import Bounds, map_bounds, paint_plan, read_plan
-from avs3d_bench.inspector.labels import Box, place_labels
+from avs3d_bench.inspector.labels import LabelBox, place_labels
 from avs3d_bench.inspector.sound_scenes import ShownSource
 from avs3d_bench.inspector.video_drawing import GROUND, TRUTH
 from avs3d_bench.inspector.video_text import U8, Colour, at_pixel, halved, text_width, write_text
@@ -38,13 +38,13 @@ class MapInset:
         ground: (2h, 2w, 3) the floor plan and the placed objects.
     """
 
-    facts: Facts
+    facts: PageFacts
     bounds: Bounds
     scale: float
     ground: U8
 
     @classmethod
-    def of(cls, observation: Observation, facts: Facts, width: int) -> MapInset | None:
+    def of(cls, observation: Observation, facts: PageFacts, width: int) -> MapInset | None:
         """Draw everything that does not move, for a film of this width in pixels; None if no frame has a pose.
 
         Raises:
@@ -114,7 +114,7 @@ class MapInset:
         """Names of the sources that are off the map or in another room; the others have their colour in the legend."""
         height, width = big.shape[:2]
         reach = self._thick(0.24)
-        marks = [Box(x - reach, y - reach, x + reach, y + reach) for x, y in spots]
+        marks = [LabelBox(x - reach, y - reach, x + reach, y + reach) for x, y in spots]
         chosen = [
             (source, mark)
             for source, spot, mark in zip(sources, spots, marks, strict=True)
@@ -125,7 +125,7 @@ class MapInset:
         boxes = place_labels(
             [mark for _, mark in chosen],
             [(text_width(s.name, z) + 12, 1.3 * z) for (s, _), z in zip(chosen, sizes, strict=True)],
-            Box(4, 4, width - 4, height - 4),
+            LabelBox(4, 4, width - 4, height - 4),
             taken=[self._bar],
         )
         for (source, _), letters, box in zip(chosen, sizes, boxes, strict=True):
@@ -134,11 +134,11 @@ class MapInset:
             write_text(big, source.name, (box.left + 6, box.top + letters), letters, GROUND)
 
     @property
-    def _bar(self) -> Box:
+    def _bar(self) -> LabelBox:
         """Where the scale is."""
         edge, letters = 0.04 * self.ground.shape[1], 0.045 * max(self.ground.shape[:2])
         bottom = self.ground.shape[0] - edge
-        return Box(edge, bottom - 1.6 * letters, edge + max(self.scale, text_width("1 m", letters)), bottom)
+        return LabelBox(edge, bottom - 1.6 * letters, edge + max(self.scale, text_width("1 m", letters)), bottom)
 
     def _scale_bar(self) -> None:
         """A metre, with ticks at its ends."""

@@ -31,7 +31,7 @@ from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import atomic_path
 from avs3d_bench.inspector.view3d_data import Scene3D, read_scene
-from avs3d_bench.inspector.view3d_stage import Stage, legend
+from avs3d_bench.inspector.view3d_stage import ViserScene, legend
 from avs3d_bench.outputs import DRAWN_BY
 from avs3d_bench.templates import words
 
@@ -87,7 +87,7 @@ def save_view(
     scene = read_scene(dataset[key], submissions)
     tell("building the scene")
     with atomic_path(target) as temporary, _serving(viser, 0) as server:
-        stage = Stage(server, scene)
+        stage = ViserScene(server, scene)
         stage.build()
         recorder = server.get_scene_serializer()
         for number in range(len(scene.frames)):
@@ -126,7 +126,7 @@ def serve_view(
     viser = load_viser()
     scene = read_scene(dataset[key], submissions)
     with _serving(viser, port) as server:
-        stage = Stage(server, scene)
+        stage = ViserScene(server, scene)
         stage.build()
         controls = Controls(server, stage)
         stage.show(0)
@@ -215,7 +215,7 @@ def _titled(page: str, scene: Scene3D) -> str:
 class Controls:
     """Slider, play button and switches of the layers, for a scene that is served."""
 
-    def __init__(self, server: Any, stage: Stage) -> None:
+    def __init__(self, server: Any, stage: ViserScene) -> None:
         """Add them to the page."""
         server.gui.configure_theme(show_share_button=False, show_logo=False)
         server.gui.set_panel_label("avs3d view-3d")

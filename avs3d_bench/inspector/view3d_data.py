@@ -21,7 +21,7 @@ from avs3d_bench.files import read_record
 from avs3d_bench.geometry import Intrinsics, Pose
 from avs3d_bench.inspector.floorplan import HEAD
 from avs3d_bench.inspector.sound_scenes import ShownScene, read_sound_scene
-from avs3d_bench.inspector.view3d_surfaces import Surface, room_surfaces
+from avs3d_bench.inspector.view3d_surfaces import VisibleSurface, room_surfaces
 from avs3d_bench.ply import Ply
 from avs3d_bench.predictions import read_points
 from avs3d_bench.schema import InstanceRecord, ObservationRecord, SubmissionRecord
@@ -79,7 +79,7 @@ class Moment3D:
 
 
 @dataclass(frozen=True, eq=False)
-class Prediction:
+class PredictedPoints:
     """The points (N, 3) that a submission predicts, and its method's name."""
 
     method: str
@@ -110,14 +110,14 @@ class Scene3D:
     category: str | None
     camera: Intrinsics
     frames: tuple[Moment3D, ...]
-    surfaces: tuple[Surface, ...]
+    surfaces: tuple[VisibleSurface, ...]
     room: Cloud
     ceiling: Cloud
     dense: Cloud | None
     mesh: Ply | None
     instances: tuple[InstanceRecord, ...]
     moves: bool
-    predictions: tuple[Prediction, ...]
+    predictions: tuple[PredictedPoints, ...]
     scene: ShownScene | None = None
 
     @property
@@ -211,7 +211,7 @@ def fused_depth(observation: Observation) -> Cloud:
     return Cloud(np.concatenate(points), np.concatenate(colours))
 
 
-def read_prediction(submission: str | Path, key: str) -> Prediction:
+def read_prediction(submission: str | Path, key: str) -> PredictedPoints:
     """The points that a submission predicts for an observation.
 
     Raises:
@@ -227,4 +227,6 @@ def read_prediction(submission: str | Path, key: str) -> Prediction:
     points = read_points(path)
     points = points[:: max(1, math.ceil(len(points) / MOST_PREDICTED))]
     about = root / layout.SUBMISSION_JSON
-    return Prediction(read_record(about, SubmissionRecord).method if about.exists() else root.resolve().name, points)
+    return PredictedPoints(
+        read_record(about, SubmissionRecord).method if about.exists() else root.resolve().name, points
+    )

@@ -13,7 +13,7 @@ from avs3d_bench.geometry import Pose
 from avs3d_bench.inspector.pictures import shrunk
 from avs3d_bench.inspector.sound_scenes import ShownScene
 from avs3d_bench.inspector.view3d_data import Cloud, Scene3D
-from avs3d_bench.inspector.view3d_surfaces import Surface
+from avs3d_bench.inspector.view3d_surfaces import VisibleSurface
 from avs3d_bench.ply import Ply
 from avs3d_bench.schema import InstanceRecord, Vector3
 from avs3d_bench.templates import words
@@ -47,7 +47,7 @@ def legend(scene: Scene3D) -> list[tuple[Colour, str]]:
     return rows
 
 
-class Stage:
+class ViserScene:
     """The scene in a viser server.
 
     Attributes:
@@ -280,7 +280,7 @@ def box_edges(low: NDArray[np.float32], high: NDArray[np.float32]) -> NDArray[np
     return np.asarray((corners * (high - low) + low)[np.array(pairs)], dtype=np.float32)
 
 
-def textured_glb(surface: Surface) -> bytes:
+def textured_glb(surface: VisibleSurface) -> bytes:
     """A surface as binary glTF, in the colours of its picture whatever lights the viewer has."""
     import trimesh
     from PIL import Image

@@ -40,7 +40,7 @@ LONGEST = 0.35
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class VisibleSurface:
     """What one frame shows of the room.
 
     Attributes:
@@ -140,14 +140,14 @@ def _axes(normals: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class VisiblePoints:
     """The points that a frame shows: their rows (N,) in the list of all points, sorted."""
 
     frame: Frame
     rows: NDArray[np.int64]
 
 
-def room_surfaces(observation: Observation, top: float) -> tuple[Surface, ...]:
+def room_surfaces(observation: Observation, top: float) -> tuple[VisibleSurface, ...]:
     """The surfaces of the room below the height ``top`` (metres), from the frames that show most of its points.
 
     Raises:
@@ -158,7 +158,7 @@ def room_surfaces(observation: Observation, top: float) -> tuple[Surface, ...]:
     patches = Patches.around(positions)
     wanted = positions[:, 1] <= top
     shown = ~wanted
-    chosen: list[View] = []
+    chosen: list[VisiblePoints] = []
     while views and len(chosen) < MOST_FRAMES:
         best = max(views, key=lambda view: int((~shown[view.rows]).sum()))
         if (~shown[best.rows]).sum() < max(3, LEAST_NEW * wanted.sum()):
@@ -170,7 +170,7 @@ def room_surfaces(observation: Observation, top: float) -> tuple[Surface, ...]:
     return tuple(surface for surface in surfaces if len(surface.faces))
 
 
-def _views(observation: Observation) -> list[View]:
+def _views(observation: Observation) -> list[VisiblePoints]:
     """The points of `sparse/0` in every frame with a pose."""
     model = observation.colmap
     images = {image.name.rpartition(".")[0]: image for image in model.images}
@@ -182,11 +182,13 @@ def _views(observation: Observation) -> list[View]:
         rows = np.searchsorted(model.points.ids, image.point_ids)
         known = rows < len(model.points.ids)
         known[known] = model.points.ids[rows[known]] == image.point_ids[known]
-        views.append(View(frame, np.unique(rows[known])))
+        views.append(VisiblePoints(frame, np.unique(rows[known])))
     return views
 
 
-def _shared_out(views: list[View], patches: Patches, wanted: NDArray[np.bool_]) -> list[tuple[View, NDArray[np.int64]]]:
+def _shared_out(
+    views: list[VisiblePoints], patches: Patches, wanted: NDArray[np.bool_]
+) -> list[tuple[VisiblePoints, NDArray[np.int64]]]:
     """Which patches each view shows: every patch in the view that sees most of it, from near and from the front."""
     sharpest, owner = np.zeros(len(wanted)), np.full(len(wanted), -1)
     for number, view in enumerate(views):
@@ -200,14 +202,16 @@ def _shared_out(views: list[View], patches: Patches, wanted: NDArray[np.bool_]) 
     return [(view, np.flatnonzero(owner == number)) for number, view in enumerate(views)]
 
 
-def _surface(view: View, rows: NDArray[np.int64], patches: Patches, camera: Intrinsics, top: float) -> Surface:
+def _surface(
+    view: VisiblePoints, rows: NDArray[np.int64], patches: Patches, camera: Intrinsics, top: float
+) -> VisibleSurface:
     pose = view.frame.pose
     corners = patches.corners(rows, np.asarray(pose.position, dtype=np.float64), top)
     _, depth = camera.project(pose, corners.reshape(-1, 3))
     corners = corners[(depth.reshape(-1, 4) > LEAST_DEPTH).all(axis=1)]
     pixels, _ = camera.project(pose, corners.reshape(-1, 3))
     first = 4 * np.arange(len(corners), dtype=np.int32)[:, None]
-    return Surface(
+    return VisibleSurface(
         view.frame.name,
         corners.reshape(-1, 3).astype(np.float32),
         np.concatenate([first + (0, 1, 2), first + (0, 2, 3)]).astype(np.int32),

@@ -24,7 +24,7 @@ from typing import Any, Self
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.scheduling.jobqueue import Jobs, start_cluster
 from avs3d_bench.scheduling.ledger import Ledger, Next
-from avs3d_bench.scheduling.on_worker import TOPIC, AttemptError, Terms, attempt, busy
+from avs3d_bench.scheduling.on_worker import TOPIC, AttemptError, TaskSettings, attempt, busy
 from avs3d_bench.scheduling.tasks import Attempt, Event, Failure, Listener, Policy, Success, Task
 
 #: Of what Dask logs, this and worse is shown.
@@ -83,12 +83,12 @@ class DaskScheduler:
             if error.name not in ("dask", "distributed"):
                 raise
             raise Avs3dError("--scheduler dask needs distributed: pip install 'avs3d-bench[cluster]'") from None
-        _hush()
+        _mute_dask()
         with ExitStack() as stack:
             # A task that is tried again elsewhere must not be drawn back to where it failed.
             stack.enter_context(dask.config.set({"distributed.scheduler.work-stealing": False}))
             if self._address is None:
-                with _deaf():
+                with _without_interrupts():
                     cluster = self._start(distributed)
                     stack.callback(_close, cluster)
                 target: Any = cluster
@@ -141,7 +141,7 @@ class DaskScheduler:
         """
         # Of a cluster that runs, all are there; one that is started here has its workers come one by one.
         wanted = self._workers if self._address is None else 0
-        run = _Run(
+        run = _DaskRun(
             self._client, tasks, policy, listen, gpus=self._gpus, where=self._where, wanted=wanted, jobs=self._jobs
         )
         if self.dashboard:
@@ -152,7 +152,7 @@ class DaskScheduler:
             run.stop()
 
 
-class _Run:
+class _DaskRun:
     """One call of `DaskScheduler.run`."""
 
     def __init__(
@@ -267,7 +267,7 @@ class _Run:
         window = slots
         if slots and self._ledger.left > max(_LEAST, _WINDOW * max(slots, self._wanted)):
             window = max(_LEAST, _WINDOW * slots)
-        terms = Terms(self._name, self._policy.environment, max(1.0, slots / _EVENTS))
+        terms = TaskSettings(self._name, self._policy.environment, max(1.0, slots / _EVENTS))
         while len(self._open) < window and (item := self._ledger.take()):
             task = item.task
             elsewhere = self._elsewhere(item)
@@ -437,7 +437,7 @@ def _line(error: BaseException) -> str:
 
 
 @contextmanager
-def _deaf() -> Iterator[None]:
+def _without_interrupts() -> Iterator[None]:
     """Delay Ctrl-C until the end; the processes that are started meanwhile never receive it.
 
     It reaches every process of a terminal, but only the first one decides what it means. A blocked signal stays blocked
@@ -460,7 +460,7 @@ def _deaf() -> Iterator[None]:
             raise KeyboardInterrupt
 
 
-def _hush() -> None:
+def _mute_dask() -> None:
     """Hide Dask's log of lost connections with tracebacks: this module reports them in one line."""
     for name in ["asyncio", "tornado", *logging.root.manager.loggerDict]:
         if name.partition(".")[0] in ("distributed", "asyncio", "tornado"):

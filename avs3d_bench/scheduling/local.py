@@ -7,7 +7,7 @@ from multiprocessing.connection import wait
 from typing import Self
 
 from avs3d_bench.scheduling.ledger import Ledger, Next
-from avs3d_bench.scheduling.supervised import Done, Report, Supervised
+from avs3d_bench.scheduling.supervised import Done, Supervised, TaskEvent
 from avs3d_bench.scheduling.tasks import Event, Failure, Listener, Policy, Success, Task
 
 #: How often time limits are looked at while nothing else happens, seconds.
@@ -58,7 +58,7 @@ class LocalScheduler:
                 for worker, item in list(busy.items()):
                     while (found := worker.read()) is not None:
                         name = item.task.name
-                        if isinstance(found, Report):
+                        if isinstance(found, TaskEvent):
                             listen(Event(found.kind, name, found.text))
                             continue
                         del busy[worker]
@@ -82,7 +82,7 @@ def _that_ended(loading: Collection[Supervised]) -> list[Supervised]:
     ended = []
     for worker in loading:
         while (found := worker.read()) is not None:
-            if not isinstance(found, Report):
+            if not isinstance(found, TaskEvent):
                 ended.append(worker)
                 break
     return ended

@@ -51,7 +51,7 @@ class Holder:
 
 
 @contextmanager
-def held(root: Path, what: str = "avs3d generate") -> Iterator[Holder]:
+def folder_lock(root: Path, what: str = "avs3d generate") -> Iterator[Holder]:
     """Make ``root`` and hold it against others.
 
     Args:

@@ -32,7 +32,7 @@ class AttemptError(Exception):
 
 
 @dataclass(frozen=True)
-class Terms:
+class TaskSettings:
     """The settings shared by all tasks of a run.
 
     Attributes:
@@ -46,7 +46,7 @@ class Terms:
     tick: float
 
 
-class _Nursery:
+class _WorkerPool:
     """The supervised processes of this worker: one for each thread that runs a task, kept between tasks."""
 
     def __init__(self) -> None:
@@ -55,7 +55,7 @@ class _Nursery:
         self._busy: set[int] = set()
         self.runs: Counter[str] = Counter()
 
-    def take(self, terms: Terms) -> tuple[int, Supervised]:
+    def take(self, terms: TaskSettings) -> tuple[int, Supervised]:
         with self._lock:
             slot = min(set(range(len(self._busy) + 1)) - self._busy)
             self._busy.add(slot)
@@ -67,14 +67,14 @@ class _Nursery:
             child = Supervised(dict(terms.environment), slot=slot)
         return slot, child
 
-    def give_back(self, terms: Terms, slot: int, child: Supervised) -> None:
+    def give_back(self, terms: TaskSettings, slot: int, child: Supervised) -> None:
         with self._lock:
             self._idle[slot] = (terms.environment, child)
             self._busy.discard(slot)
             self.runs[terms.run] -= 1
 
 
-_NURSERY = _Nursery()
+_NURSERY = _WorkerPool()
 
 
 def dask_setup(_: Any) -> None:
@@ -87,7 +87,7 @@ def busy(run: str) -> int:
     return _NURSERY.runs[run]
 
 
-def attempt(task: Task, terms: Terms) -> Any:
+def attempt(task: Task, terms: TaskSettings) -> Any:
     """Run a task on a Dask worker.
 
     Returns:
@@ -120,7 +120,7 @@ def attempt(task: Task, terms: Terms) -> Any:
     raise AttemptError(replace(found, worker=f"{worker.address} {found.worker or socket.gethostname()}"))
 
 
-def _reporter(worker: Any, name: str, terms: Terms) -> Callable[[str, str], None]:
+def _reporter(worker: Any, name: str, terms: TaskSettings) -> Callable[[str, str], None]:
     last: dict[str, float] = {}
 
     def report(kind: str, text: str) -> None:

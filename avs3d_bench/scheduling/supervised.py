@@ -43,7 +43,7 @@ _REASONS = {
 
 
 @dataclass(frozen=True)
-class Report:
+class TaskEvent:
     """An event of the running task."""
 
     kind: str
@@ -122,7 +122,7 @@ class Supervised:
             self._spawn()
             self._connection.send_bytes(self._work)
 
-    def read(self) -> Report | Done | Attempt | None:
+    def read(self) -> TaskEvent | Done | Attempt | None:
         """The next thing that happened, without waiting; None if nothing did.
 
         After `Done` or an `Attempt` (a failed one) the process is free for the next task.
@@ -133,7 +133,7 @@ class Supervised:
                 if kind == "begun":
                     self._begun = True
                 elif kind == "event":
-                    return Report(*content)
+                    return TaskEvent(*content)
                 elif kind == "done":
                     return Done(content)
                 else:
@@ -160,7 +160,7 @@ class Supervised:
         while True:
             self._connection.poll(min(1.0, self.remaining if self.remaining is not None else 1.0))
             found = self.read()
-            if isinstance(found, Report):
+            if isinstance(found, TaskEvent):
                 report(found.kind, found.text)
             elif found is not None:
                 return found

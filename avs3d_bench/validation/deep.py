@@ -35,7 +35,7 @@ from avs3d_bench.validation.sightings import (
     sightings_by_frame,
 )
 from avs3d_bench.validation.solid import Boxes, Tally, check_solid
-from avs3d_bench.validation.sound import Sound, check_clip, check_mono, check_response
+from avs3d_bench.validation.sound import BinauralClip, check_clip, check_mono, check_response
 from avs3d_bench.validation.stems import Stems, check_source_response
 
 
@@ -146,7 +146,7 @@ def _check_sound(
 def _check_stems(
     record: ObservationRecord,
     frames: tuple[Frame, ...],
-    clips: list[Sound | None],
+    clips: list[BinauralClip | None],
     files: set[str],
     findings: Findings,
 ) -> None:

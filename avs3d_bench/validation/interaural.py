@@ -24,7 +24,7 @@ from avs3d_bench.geometry import direction_to
 from avs3d_bench.schema import FrameRecord, ObservationRecord
 from avs3d_bench.validation.findings import Findings
 from avs3d_bench.validation.scenes import sounds_throughout
-from avs3d_bench.validation.sound import Sound
+from avs3d_bench.validation.sound import BinauralClip
 
 #: Windows in which levels are measured, and the step between them (samples): 11.6 and 2.9 ms.
 _WINDOW, _HOP = 512, 128
@@ -125,7 +125,7 @@ class Hearing:
     """
 
     frame: Frame
-    sound: Sound
+    sound: BinauralClip
     azimuth: float
     distance: float
     gain_db: float = 0.0
@@ -139,7 +139,7 @@ class Hearing:
 def hearings(
     record: ObservationRecord | None,
     frames: tuple[Frame, ...],
-    clips: Sequence[Sound | None],
+    clips: Sequence[BinauralClip | None],
     visible: Mapping[str, frozenset[int]],
 ) -> tuple[Hearing, ...]:
     """The clips that can be held against the place of a source.
@@ -163,7 +163,7 @@ def hearings(
 
 
 def _hearing(
-    record: ObservationRecord, entry: FrameRecord, frame: Frame, clip: Sound, visible: frozenset[int]
+    record: ObservationRecord, entry: FrameRecord, frame: Frame, clip: BinauralClip, visible: frozenset[int]
 ) -> Hearing | None:
     """A clip with its only source, if that is in line of sight.
 

@@ -28,7 +28,7 @@ from avs3d_bench.validation.interaural import (
     order_problem,
     side_level,
 )
-from avs3d_bench.validation.sound import FULL_SCALE, SILENCE, Sound, check_response
+from avs3d_bench.validation.sound import FULL_SCALE, SILENCE, BinauralClip, check_response
 from avs3d_bench.validation.stems import SUM_TOLERANCE
 
 #: Power of the channels of a degree above W's (dB): largest mean over the clips. N3D instead of SN3D is 4.8 dB (degree
@@ -67,7 +67,7 @@ class _Channels:
 def check_receivers(
     record: ObservationRecord,
     frames: tuple[Frame, ...],
-    clips: Sequence[Sound | None],
+    clips: Sequence[BinauralClip | None],
     heard: Sequence[Hearing],
     files: set[str],
     findings: Findings,
@@ -119,7 +119,7 @@ def _read_clip(frame: Frame, name: str, channels: int, files: set[str], findings
     return _Channels(frame, path, clip.samples, np.asarray(power))
 
 
-def _check_pressure(one: _Channels, ears: Sound, findings: Findings) -> None:
+def _check_pressure(one: _Channels, ears: BinauralClip, findings: Findings) -> None:
     """W is the pressure at the centre of the head that hears the binaural clip."""
     mean = float(np.mean(np.square(ears.rms)))
     silent = [power < SILENCE**2 for power in (mean, float(one.power[0]))]

@@ -75,7 +75,7 @@ class Tally:
 
 
 @dataclass(frozen=True, eq=False)
-class _View:
+class _MeshView:
     """The mesh as one frame sees it; ``path`` is that of the mask which is held against it."""
 
     pose: Pose
@@ -121,7 +121,7 @@ def check_solid(
     vertices = placed.astype(np.float32)
     reach = silhouette(frame.observation.intrinsics, entry.pose, vertices, mesh.faces, MARGIN)
     path = paths[layout.INSTANCE_MASKS if record.is_sound_scene else layout.SEMANTIC_MASKS]
-    view = _View(entry.pose, path, vertices, mesh.faces, reach)
+    view = _MeshView(entry.pose, path, vertices, mesh.faces, reach)
     if mask is not None:
         area, outside = int(mask.sum()), int((mask & ~reach).sum())
         if outside:
@@ -141,7 +141,7 @@ def check_solid(
 
 
 def _check_rays(
-    frame: Frame, view: _View, mask: NDArray[np.bool_], depth: NDArray[np.float32] | None, findings: Findings
+    frame: Frame, view: _MeshView, mask: NDArray[np.bool_], depth: NDArray[np.float32] | None, findings: Findings
 ) -> None:
     """Rays through pixel centres: of the mask's edge, and (where there is depth) of what is beside it."""
     camera, path = frame.observation.intrinsics, view.path
@@ -183,7 +183,7 @@ def _check_rays(
 
 def _check_points(
     frame: Frame,
-    view: _View,
+    view: _MeshView,
     mask: NDArray[np.bool_] | None,
     sightings: Sightings,
     tally: Tally,

@@ -22,7 +22,7 @@ RMS_TOLERANCE = (1e-3, 2e-5)
 
 
 @dataclass(frozen=True, eq=False)
-class Sound:
+class BinauralClip:
     """A binaural clip: ``samples`` (2, n) and the RMS of each channel."""
 
     samples: NDArray[np.float32]
@@ -44,7 +44,7 @@ def _sound_problems(
     return np.asarray(rms)
 
 
-def check_clip(frame: Frame, files: set[str], findings: Findings) -> Sound | None:
+def check_clip(frame: Frame, files: set[str], findings: Findings) -> BinauralClip | None:
     """Read a binaural clip and hold it to its record; None if it is missing or has another format."""
     path = layout.audio_path(layout.BINAURAL, frame.index)
     clip = read(findings, files, path, lambda: media.read_wav(frame.observation.path / path))
@@ -57,12 +57,12 @@ def check_clip(frame: Frame, files: set[str], findings: Findings) -> Sound | Non
         for side, found, noted in zip(("left", "right"), rms, (entry.rms_left, entry.rms_right), strict=True):
             if abs(found - noted) > relative * noted + absolute:
                 findings.add(path, f"RMS {side} is {found:.6f}, rms_{side} of {frame.name} is {noted:.6f}")
-    return Sound(clip.samples, rms)
+    return BinauralClip(clip.samples, rms)
 
 
 def check_mono(
     frames: tuple[Frame, ...],
-    clips: list[Sound | None],
+    clips: list[BinauralClip | None],
     splits: Mapping[str, Split],
     position: int,
     files: set[str],
@@ -122,7 +122,7 @@ def check_mono(
 def _check_neighbours(
     path: str,
     mono: NDArray[np.float32],
-    clips: list[Sound | None],
+    clips: list[BinauralClip | None],
     position: int,
     tolerance: float,
     findings: Findings,

@@ -22,7 +22,7 @@ from avs3d_bench.schema import (
 from avs3d_bench.validation.background import Coherence
 from avs3d_bench.validation.findings import Findings, read
 from avs3d_bench.validation.scenes import decibels, sounds_throughout, tail_of
-from avs3d_bench.validation.sound import SILENCE, Sound, check_response
+from avs3d_bench.validation.sound import SILENCE, BinauralClip, check_response
 
 #: The sum of the stems is the clip, to this difference of samples.
 SUM_TOLERANCE = 1e-6
@@ -61,7 +61,7 @@ class Stems:
     background: list[float] = field(default_factory=list)
     coherence: Coherence = field(default_factory=Coherence)
 
-    def add(self, frame: Frame, clip: Sound | None, files: set[str], findings: Findings) -> None:
+    def add(self, frame: Frame, clip: BinauralClip | None, files: set[str], findings: Findings) -> None:
         """Read the stems of one frame and hold them against its clip and its audible entries."""
         entry = frame.record
         names = layout.SoundScene(
@@ -151,7 +151,7 @@ def _level(samples: NDArray[np.floating]) -> float:
 
 
 def _check_audible(
-    frame: Frame, entry: FrameRecord, clip: Sound, stems: Mapping[str, NDArray[np.float32]], findings: Findings
+    frame: Frame, entry: FrameRecord, clip: BinauralClip, stems: Mapping[str, NDArray[np.float32]], findings: Findings
 ) -> None:
     """Levels, SNRs and the choice of the audible sources, from the stems themselves."""
     listed = {heard.source: heard for heard in entry.audible or ()}

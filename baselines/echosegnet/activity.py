@@ -38,7 +38,7 @@ from avs3d_bench.schema import AUDIBLE_LEVEL_DB
 from baselines.echosegnet import cells as cells_of
 from baselines.echosegnet import mixture
 from baselines.echosegnet.cells import Cells
-from baselines.echosegnet.sources_of_sound import Fit, Heard, fit
+from baselines.echosegnet.sources_of_sound import Fit, HeardFrames, fit
 
 Array = NDArray[np.float64]
 
@@ -145,7 +145,7 @@ def infer(
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class ClipEvidence:
     """What the clips say: the cells and levels of each, and the densities of the cells for each place.
 
     Attributes:
@@ -155,13 +155,13 @@ class Evidence:
     """
 
     count: int
-    heard: Heard
+    heard: HeardFrames
     prior: Array
 
 
 def gather(
     candidates: Sequence[Array], rotation: Array, position: Array, cells: Cells, size: Array | None = None
-) -> Evidence:
+) -> ClipEvidence:
     """The evidence for the candidates and for the likeliest places elsewhere; arguments as of `infer`."""
     for number, points in enumerate(candidates):
         if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.isfinite(points).all():
@@ -177,9 +177,9 @@ def gather(
     found = _elsewhere(grid, mixture.at_places(profile, grid, rotation, position), alone)
     places = np.concatenate([densities, mixture.place_densities(table, found, rotation, position)], axis=1)
     bands = mixture.band_starts(cells.frequencies)
-    return Evidence(
+    return ClipEvidence(
         len(candidates),
-        Heard(
+        HeardFrames(
             bins, places / diffuse, bands, cells.level_db >= AUDIBLE_LEVEL_DB, cells.octave_db,
             _nearness([*candidates, *found], position),
         ),
@@ -234,7 +234,7 @@ def _elsewhere(grid: Array, scores: Array, alone: Array) -> list[Array]:
     return [grid[[n]] for n in found]
 
 
-def decide(evidence: Evidence, weights: ActivityWeights) -> Activity:
+def decide(evidence: ClipEvidence, weights: ActivityWeights) -> Activity:
     """The posterior, by a beam search over pools."""
     places = range(evidence.heard.places.shape[1])
     found: dict[Pool, tuple[float, Fit]] = {}
@@ -270,7 +270,7 @@ def _allowed(pool: Pool, count: int) -> bool:
     return twice and away <= _MOST_ELSEWHERE and len({p for p in pool if p < count}) <= LARGEST_POOL
 
 
-def _prior(pool: Pool, evidence: Evidence, weights: ActivityWeights) -> float:
+def _prior(pool: Pool, evidence: ClipEvidence, weights: ActivityWeights) -> float:
     """Logarithm of the pool's prior odds to silence."""
     room = [place for place in pool if place < evidence.count]
     away = len(pool) - len(room)
@@ -280,7 +280,7 @@ def _prior(pool: Pool, evidence: Evidence, weights: ActivityWeights) -> float:
     return weights.source * sources + weights.elsewhere * (away > 0) + weights.louder * louder + of_size
 
 
-def _average(found: dict[Pool, tuple[float, Fit]], evidence: Evidence) -> Activity:
+def _average(found: dict[Pool, tuple[float, Fit]], evidence: ClipEvidence) -> Activity:
     total = logsumexp([score for score, _ in found.values()])
     posterior = np.zeros((len(evidence.heard.frames), evidence.count + 1))
     ever = np.zeros(evidence.count + 1)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from avs3d_bench.errors import Avs3dError
-from baselines.echosegnet.lift import Camera
+from baselines.echosegnet.lift import LiftCamera
 
 Array = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ def loudness(clips: Sequence[NDArray[np.floating]] | NDArray[np.floating]) -> Ar
 
 
 def audio_intensity_map(
-    views: Sequence[Camera], clips: Sequence[NDArray[np.floating]] | NDArray[np.floating], points: ArrayLike
+    views: Sequence[LiftCamera], clips: Sequence[NDArray[np.floating]] | NDArray[np.floating], points: ArrayLike
 ) -> Array:
     """(N,) float64 in [0, 1]: how much the louder ears pointed towards each point.
 

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import atomic_path, dump_json
-from baselines.echosegnet.densify import PARAMETERS, Pull, parameters
+from baselines.echosegnet.densify import PARAMETERS, GradientStats, parameters
 from baselines.echosegnet.gaussians import Gaussians
 from baselines.echosegnet.schedule import TrainingSettings
 
@@ -31,7 +31,7 @@ def digest(settings: TrainingSettings, start: Gaussians, pictures: Tensor) -> st
 
 
 def save(
-    path: Path, optimiser: torch.optim.Adam, pull: Pull, iteration: int, full_at: int | None, made_from: str
+    path: Path, optimiser: torch.optim.Adam, pull: GradientStats, iteration: int, full_at: int | None, made_from: str
 ) -> None:
     """Write a checkpoint; the file before it stays whole until the new one is.
 
@@ -57,7 +57,9 @@ def save(
             raise Avs3dError(f"{path}: cannot write the checkpoint: {str(error).splitlines()[0]}") from None
 
 
-def load(path: Path, optimiser: torch.optim.Adam, made_from: str, device: torch.device) -> tuple[int, Pull, int | None]:
+def load(
+    path: Path, optimiser: torch.optim.Adam, made_from: str, device: torch.device
+) -> tuple[int, GradientStats, int | None]:
     """Put a checkpoint's parameters and moments into the optimiser.
 
     Returns:
@@ -88,7 +90,7 @@ def load(path: Path, optimiser: torch.optim.Adam, made_from: str, device: torch.
         raise Avs3dError(f"{path}: damaged checkpoint ({reason[:80]}); delete it to start again") from None
 
 
-def _checked(content: dict[str, Any], started: dict[str, Tensor]) -> Pull:
+def _checked(content: dict[str, Any], started: dict[str, Tensor]) -> GradientStats:
     """The running sums of a checkpoint in which all tensors have the shapes that belong together.
 
     Args:
@@ -108,7 +110,7 @@ def _checked(content: dict[str, Any], started: dict[str, Tensor]) -> Pull:
             raise ValueError(f"{name} holds NaN or infinite numbers")
         if state["step"].numel() != 1:
             raise ValueError(f"step of {name} is no number")
-    pull = Pull(*(content["pull"][name] for name in _SUMS))
+    pull = GradientStats(*(content["pull"][name] for name in _SUMS))
     if any(getattr(pull, name).shape != (count,) for name in _SUMS):
         raise ValueError(f"running sums of another number of Gaussians, expected {count}")
     if any(type(number) is not int for number in (content["iteration"], content["full_at"] or 0)):

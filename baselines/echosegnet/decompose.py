@@ -32,7 +32,7 @@ from torch import Tensor
 
 from avs3d_bench.errors import Avs3dError
 from baselines.echosegnet.gaussians import Gaussians
-from baselines.echosegnet.lift import Camera, Mask
+from baselines.echosegnet.lift import LiftCamera, Mask
 from baselines.echosegnet.rasteriser.projection import MARGIN, rotation_matrices
 
 Array = NDArray[np.float64]
@@ -49,7 +49,7 @@ _NEAR = 1e-6
 _BLOCK = 50_000
 
 
-def decompose(gaussians: Gaussians, views: Sequence[Camera], masks: Sequence[Mask], *, every: int = 4) -> Gaussians:
+def decompose(gaussians: Gaussians, views: Sequence[LiftCamera], masks: Sequence[Mask], *, every: int = 4) -> Gaussians:
     """Cut Gaussians back to the masks of every ``every``-th view, one view after the other.
 
     Args:
@@ -108,7 +108,7 @@ class _Crossing:
     jacobian: Array
 
 
-def _crossing(means: Array, logs: Array, turns: Array, view: Camera, mask: Mask) -> _Crossing:
+def _crossing(means: Array, logs: Array, turns: Array, view: LiftCamera, mask: Mask) -> _Crossing:
     local = (means - view.position) @ view.rotation
     index = np.flatnonzero(local[:, 2] > _NEAR)
     centre, jacobian = _project(local[index], view)
@@ -126,7 +126,7 @@ def _crossing(means: Array, logs: Array, turns: Array, view: Camera, mask: Mask)
     return _Crossing(index[crossing], ratio, towards, jacobian[crossing])
 
 
-def _project(local: Array, view: Camera) -> tuple[Array, Array]:
+def _project(local: Array, view: LiftCamera) -> tuple[Array, Array]:
     """(n, 2) pixels as (column, row) counted from pixel centres, and the Jacobian (n, 2, 3) by world coordinates.
 
     As everywhere in 3D-GS the Jacobian is taken no further out than 1.3 times the field of view.

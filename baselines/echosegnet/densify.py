@@ -60,7 +60,7 @@ class DensityControl:
 
 
 @dataclass(eq=False)
-class Pull:
+class GradientStats:
     """Statistics of N Gaussians since the last densification.
 
     Attributes:
@@ -74,7 +74,7 @@ class Pull:
     radius: Tensor
 
     @classmethod
-    def zeros(cls, like: Tensor) -> Pull:
+    def zeros(cls, like: Tensor) -> GradientStats:
         """For as many Gaussians as ``like`` has."""
         return cls(*(like.new_zeros(len(like)) for _ in range(3)))
 
@@ -94,13 +94,13 @@ class Pull:
 class Densified:
     """The outcome of `densify`: sums at zero for the new set, and how many clones and splits found no room."""
 
-    pull: Pull
+    pull: GradientStats
     refused: int
 
 
 def densify(
     optimiser: torch.optim.Adam,
-    pull: Pull,
+    pull: GradientStats,
     control: DensityControl,
     extent: float,
     generator: torch.Generator,
@@ -149,7 +149,7 @@ def densify(
             parts["means"][first:] += _turn(parts["rotations"][first:], noise * parts["log_scales"][first:].exp())
             parts["log_scales"][first:] -= math.log(_SHRINK)
         _rebuild(optimiser, kept.nonzero()[:, 0], parts)
-        return Densified(Pull.zeros(parameters(optimiser)["means"]), refused)
+        return Densified(GradientStats.zeros(parameters(optimiser)["means"]), refused)
 
 
 def reset_opacities(optimiser: torch.optim.Adam, ceiling: float) -> None:

@@ -23,18 +23,18 @@ from baselines.echosegnet.rasteriser.default import Rasteriser, default_rasteris
 LIMIT = 6 * 3600.0
 
 
-class Job(Protocol):
+class KeyedJob(Protocol):
     """What `run_each` needs of a job: the key of its observation."""
 
     @property
     def key(self) -> str: ...  # noqa: D102
 
 
-J = TypeVar("J", bound=Job)
+J = TypeVar("J", bound=KeyedJob)
 
 
 @dataclass(frozen=True)
-class Outcome:
+class JobsOutcome:
     """What became of the jobs.
 
     Attributes:
@@ -116,7 +116,7 @@ def run_each(
     *,
     progress: bool = False,
     scheduling: Options | None = None,
-) -> Outcome:
+) -> JobsOutcome:
     """Run ``call(context, job)`` for every job, one process for each worker.
 
     With one worker and no time limit it is done in this process. What crashes or hangs is tried again, on another
@@ -130,7 +130,7 @@ def run_each(
         scheduling: where it runs; None: here.
     """
     options = scheduling or Options()
-    outcome = Outcome(total=len(jobs))
+    outcome = JobsOutcome(total=len(jobs))
 
     def say(kind: str, text: str) -> None:
         if progress:

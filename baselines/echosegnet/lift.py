@@ -26,7 +26,7 @@ _WELL_MARKED = 0.85
 NO_VOTE = -1
 
 
-class Camera(Protocol):
+class LiftCamera(Protocol):
     """The used part of a `views.View`: name, intrinsics, rotation (3, 3) camera-to-world and position (3,), OpenCV."""
 
     @property
@@ -40,7 +40,7 @@ class Camera(Protocol):
 
 
 def pixels_of(
-    points: NDArray[np.float64], view: Camera
+    points: NDArray[np.float64], view: LiftCamera
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
     """Column, row and whether the view has the point in its picture; column and row are 0 where it has not.
 
@@ -58,7 +58,7 @@ def pixels_of(
     return np.where(seen, u, 0).astype(np.int64), np.where(seen, v, 0).astype(np.int64), seen
 
 
-def _check(mask: Mask, view: Camera) -> Mask:
+def _check(mask: Mask, view: LiftCamera) -> Mask:
     expected = (view.camera.height, view.camera.width)
     if mask.shape != expected:
         raise Avs3dError(f"{view.name}: a mask of shape {mask.shape}, expected {expected}, the picture's")
@@ -74,7 +74,7 @@ def _points(points: ArrayLike) -> NDArray[np.float64]:
     return array
 
 
-def votes(points: ArrayLike, views: Sequence[Camera], masks: Sequence[Mask]) -> NDArray[np.int8]:
+def votes(points: ArrayLike, views: Sequence[LiftCamera], masks: Sequence[Mask]) -> NDArray[np.int8]:
     """(N, V) int8: each view's vote on each point, 1 or 0; −1 where the view does not have it in its picture.
 
     Raises:
@@ -92,7 +92,7 @@ def votes(points: ArrayLike, views: Sequence[Camera], masks: Sequence[Mask]) -> 
 
 
 def vote_counts(
-    points: ArrayLike, views_and_masks: Iterable[tuple[Camera, Mask]]
+    points: ArrayLike, views_and_masks: Iterable[tuple[LiftCamera, Mask]]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """(N,) votes for each point, and (N,) votes in all; one view in memory at a time.
 

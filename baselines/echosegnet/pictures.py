@@ -19,13 +19,13 @@ from avs3d_bench.errors import Avs3dError
 from baselines.echosegnet.gaussians import Gaussians
 from baselines.echosegnet.rasteriser.rendering import Rasteriser
 from baselines.echosegnet.similarity import psnr
-from baselines.echosegnet.views import View, picture_folder
+from baselines.echosegnet.views import RegisteredView, picture_folder
 
 #: Pictures decoded at a time; more threads would only wait for each other.
 _READERS = 8
 
 
-def load_pictures(views: Sequence[View], device: torch.device | str = "cpu") -> Tensor:
+def load_pictures(views: Sequence[RegisteredView], device: torch.device | str = "cpu") -> Tensor:
     """(V, H, W, 3) uint8 pictures of the views.
 
     Raises:
@@ -47,7 +47,7 @@ def load_pictures(views: Sequence[View], device: torch.device | str = "cpu") -> 
     return out
 
 
-def _picture(view: View) -> Tensor:
+def _picture(view: RegisteredView) -> Tensor:
     folder = picture_folder(view.frame.observation)
     rgb = view.frame.undistorted_rgb() if folder == layout.IMAGES else view.frame.rgb()
     expected = (view.camera.height, view.camera.width, 3)
@@ -77,7 +77,7 @@ def out_of_memory(what: str) -> Iterator[None]:
 
 
 def view_psnr(
-    gaussians: Gaussians, views: Sequence[View], rasteriser: Rasteriser, *, sh_degree: int = 3
+    gaussians: Gaussians, views: Sequence[RegisteredView], rasteriser: Rasteriser, *, sh_degree: int = 3
 ) -> list[float]:
     """PSNR in dB of each view's picture, pixels clipped to [0, 1]."""
     pictures = load_pictures(views)

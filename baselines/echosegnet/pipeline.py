@@ -37,7 +37,7 @@ from scipy.spatial import cKDTree
 
 from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.file_lock import turn
+from avs3d_bench.file_lock import wait_for_lock
 from avs3d_bench.geometry import flip_world
 from avs3d_bench.schema import Scalar
 from baselines.echosegnet import aisrm, clusters, spatial
@@ -52,7 +52,7 @@ from baselines.echosegnet.sound_scenes import Categories, class_votes, cluster_a
 from baselines.echosegnet.sources import Mask, MaskSource
 from baselines.echosegnet.train import Progress, TrainingSettings
 from baselines.echosegnet.training_stage import trained
-from baselines.echosegnet.views import View, input_views, load_views, test_views, train_views
+from baselines.echosegnet.views import RegisteredView, input_views, load_views, test_views, train_views
 from baselines.echosegnet.voting_stage import Variant, count_votes
 
 #: Successive train views whose votes are counted together in sound scenes: programmes last for some seconds.
@@ -146,7 +146,7 @@ def predict(
         masks = _masks(observation, train_views(input_views(views)), source) if may_be_empty else []
     if may_be_empty and not any(mask.any() for mask in masks):
         return _nothing(observation, source, clock)
-    with clock("train"), turn(stages.folder / "training.lock"):
+    with clock("train"), wait_for_lock(stages.folder / "training.lock"):
         gaussians, key, full_at = trained(observation, views, rasteriser, settings.training, stages, progress)
     views = input_views(views)
     seen = train_views(views)
@@ -197,8 +197,8 @@ class _Lifted:
 
     gaussians: Gaussians
     index: NDArray[np.intp]
-    views: Sequence[View]
-    seen: Sequence[View]
+    views: Sequence[RegisteredView]
+    seen: Sequence[RegisteredView]
     masks: list[Mask]
     source: MaskSource
 
@@ -298,7 +298,7 @@ def _by_frame(lifted: _Lifted, rasteriser: Rasteriser, clock: _Clock) -> _Answer
     drawn: dict[str, Mask] = {}
     named: dict[str, Categories] = {}
 
-    def draw(some: NDArray[np.intp], view: View) -> Mask:
+    def draw(some: NDArray[np.intp], view: RegisteredView) -> Mask:
         which = lifted.selection(lifted.index[np.isin(sounding.labels, some)])
         return visible_mask(rasteriser, lifted.gaussians, which, view)
 
@@ -318,7 +318,7 @@ def _by_frame(lifted: _Lifted, rasteriser: Rasteriser, clock: _Clock) -> _Answer
 
 
 def _one_class(
-    part: Gaussians, seen: Sequence[View], source: MaskSource, drawn: dict[str, Mask]
+    part: Gaussians, seen: Sequence[RegisteredView], source: MaskSource, drawn: dict[str, Mask]
 ) -> dict[str, Categories] | None:
     """The masks with the class of the chosen Gaussians as a whole."""
     value = class_votes(_numpy(part.means), np.zeros(len(part), np.int64), seen, source)
@@ -327,7 +327,7 @@ def _one_class(
     return {name: (mask * int(value[0] if len(value) else 0)).astype(np.uint8) for name, mask in drawn.items()}
 
 
-def _masks(observation: Observation, views: Sequence[View], source: MaskSource) -> list[Mask]:
+def _masks(observation: Observation, views: Sequence[RegisteredView], source: MaskSource) -> list[Mask]:
     masks = []
     for view in views:
         mask = source.mask(view.frame)
@@ -340,14 +340,14 @@ def _masks(observation: Observation, views: Sequence[View], source: MaskSource) 
     return masks
 
 
-def _marked(observation: Observation, views: Sequence[View], source: MaskSource) -> list[Mask]:
+def _marked(observation: Observation, views: Sequence[RegisteredView], source: MaskSource) -> list[Mask]:
     masks = _masks(observation, views, source)
     if not any(mask.any() for mask in masks):
         raise Avs3dError(f"{observation.key}: {source.name} marks nothing in any train frame; nothing can be lifted")
     return masks
 
 
-def clips_of(views: Sequence[View]) -> NDArray[np.float32]:
+def clips_of(views: Sequence[RegisteredView]) -> NDArray[np.float32]:
     """(T, 2, n) the binaural clips of the views.
 
     Raises:
@@ -362,7 +362,7 @@ def clips_of(views: Sequence[View]) -> NDArray[np.float32]:
 
 
 def _refine_official(
-    scene: Gaussians, part: Gaussians, views: Sequence[View], refine: bool, stages: Stages, key: str
+    scene: Gaussians, part: Gaussians, views: Sequence[RegisteredView], refine: bool, stages: Stages, key: str
 ) -> tuple[NDArray[np.bool_], int]:
     """(n,) which of the labelled Gaussians stay, and how many clusters were kept.
 

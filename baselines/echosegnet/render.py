@@ -9,7 +9,7 @@ from torch import Tensor
 
 from baselines.echosegnet.gaussians import Gaussians
 from baselines.echosegnet.rasteriser.rendering import Rasteriser
-from baselines.echosegnet.views import View
+from baselines.echosegnet.views import RegisteredView
 
 #: The released mask is where the chosen Gaussians alone are more opaque than this.
 AMODAL_THRESHOLD = 0.8
@@ -20,7 +20,9 @@ Mask = NDArray[np.bool_]
 
 
 @torch.no_grad()
-def amodal_mask(rasteriser: Rasteriser, chosen: Gaussians, view: View, threshold: float = AMODAL_THRESHOLD) -> Mask:
+def amodal_mask(
+    rasteriser: Rasteriser, chosen: Gaussians, view: RegisteredView, threshold: float = AMODAL_THRESHOLD
+) -> Mask:
     """(H, W) bool: the chosen Gaussians drawn alone; occlusion by others is ignored."""
     if not len(chosen):
         return np.zeros((view.camera.height, view.camera.width), np.bool_)
@@ -30,7 +32,7 @@ def amodal_mask(rasteriser: Rasteriser, chosen: Gaussians, view: View, threshold
 
 @torch.no_grad()
 def visible_mask(
-    rasteriser: Rasteriser, scene: Gaussians, chosen: Tensor, view: View, threshold: float = VISIBLE_THRESHOLD
+    rasteriser: Rasteriser, scene: Gaussians, chosen: Tensor, view: RegisteredView, threshold: float = VISIBLE_THRESHOLD
 ) -> Mask:
     """(H, W) bool: where the chosen of the scene's Gaussians make up most of the pixel, behind what occludes them.
 

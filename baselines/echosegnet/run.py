@@ -23,9 +23,18 @@ from baselines.echosegnet.network_masks import AnySource, NetworkMasks
 from baselines.echosegnet.pipeline import Settings, is_relative, predict
 from baselines.echosegnet.rasteriser.default import default_rasteriser
 from baselines.echosegnet.sound_scenes import work_folder
-from baselines.echosegnet.train import Report
+from baselines.echosegnet.train import TrainingState
 
-__all__ = ["SWEEP", "Job", "all_devices", "method_name", "predict_one", "runtime_of", "write_echosegnet", "write_sweep"]
+__all__ = [
+    "SWEEP",
+    "ObservationJob",
+    "all_devices",
+    "method_name",
+    "predict_one",
+    "runtime_of",
+    "write_echosegnet",
+    "write_sweep",
+]
 
 #: What makes a prediction (see `avs3d_bench.provenance`).
 METHOD = (
@@ -38,7 +47,7 @@ SWEEP = tuple(round(0.1 * step, 1) for step in range(9, 0, -1))
 
 
 @dataclass(frozen=True)
-class Job:
+class ObservationJob:
     """One observation.
 
     Attributes:
@@ -167,7 +176,12 @@ def write_sweep(
 
 
 def _writer(
-    dataset: Dataset, path: str | Path, source: AnySource, settings: Settings, only: Iterable[str], overwrite: bool
+    dataset: Dataset,
+    path: str | Path,
+    source: AnySource,
+    settings: Settings,
+    only: Iterable[str],
+    overwrite: bool,
 ) -> SubmissionWriter:
     training = settings.training
     relative = is_relative(settings.variant, source)
@@ -208,7 +222,7 @@ def _run(
     mine = workers if here else ()
     wanted = () if here else tuple(software(source).items())
     jobs = [
-        Job(dataset.root.absolute(), observation.key, targets, source, Path(work).absolute(), mine, wanted)
+        ObservationJob(dataset.root.absolute(), observation.key, targets, source, Path(work).absolute(), mine, wanted)
         for observation in observations
     ]
     outcome = run_each(predict_one, jobs, workers, progress=progress, scheduling=scheduling)
@@ -216,7 +230,7 @@ def _run(
     return outcome.values
 
 
-def predict_one(context: Context, job: Job) -> dict[str, Scalar]:
+def predict_one(context: Context, job: ObservationJob) -> dict[str, Scalar]:
     """Predict an observation on the device of the task's slot and write it; its figures."""
     try:
         if job.software:
@@ -257,7 +271,7 @@ class _Teller:
         self._full = False
         self._said = time.monotonic()
 
-    def tell(self, report: Report) -> None:
+    def tell(self, report: TrainingState) -> None:
         """Tell what is worth a line."""
         if report.full_at is not None and not self._full:
             self._full = True

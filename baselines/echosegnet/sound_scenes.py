@@ -19,7 +19,7 @@ from baselines.echosegnet import activity, clusters
 from baselines.echosegnet.activity import Activity
 from baselines.echosegnet.lift import pixels_of
 from baselines.echosegnet.sources import MaskSource
-from baselines.echosegnet.views import View
+from baselines.echosegnet.views import RegisteredView
 
 Categories = NDArray[np.uint8]
 
@@ -30,7 +30,7 @@ def work_folder(work: Path, observation: Observation) -> Path:
 
 
 def cluster_activity(
-    points: NDArray[np.float64], labels: NDArray[np.int64], views: Sequence[View], clips: NDArray[np.floating]
+    points: NDArray[np.float64], labels: NDArray[np.int64], views: Sequence[RegisteredView], clips: NDArray[np.floating]
 ) -> Activity:
     """Which clusters sound in which of the views.
 
@@ -49,7 +49,7 @@ def cluster_activity(
 
 
 def class_votes(
-    points: NDArray[np.float64], labels: NDArray[np.int64], views: Sequence[View], source: MaskSource
+    points: NDArray[np.float64], labels: NDArray[np.int64], views: Sequence[RegisteredView], source: MaskSource
 ) -> NDArray[np.int64] | None:
     """(K,) the class id of each cluster, by the pixels that its points meet in the masks; 0 where none is marked.
 

@@ -53,7 +53,7 @@ _LEAST_FRAMES, _MOST_BELOW, _MOST_CONTRADICTIONS = 3, 5.0, 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Heard:
+class HeardFrames:
     """What was heard in T frames.
 
     Attributes:
@@ -157,7 +157,7 @@ class Fit:
     on: Array
 
 
-def fit(heard: Heard, pool: tuple[int, ...], *, bins: float, octaves: float, on: float, off: float) -> Fit:
+def fit(heard: HeardFrames, pool: tuple[int, ...], *, bins: float, octaves: float, on: float, off: float) -> Fit:
     """Fit a pool.
 
     Args:
@@ -204,7 +204,9 @@ def fit(heard: Heard, pool: tuple[int, ...], *, bins: float, octaves: float, on:
     return Fit(evidence - np.log(2), share_always + (1 - share_always) * (probability @ states))
 
 
-def _two_levels(heard: Heard, pool: tuple[int, ...], states: NDArray[np.bool_], level: Array) -> tuple[Array, Array]:
+def _two_levels(
+    heard: HeardFrames, pool: tuple[int, ...], states: NDArray[np.bool_], level: Array
+) -> tuple[Array, Array]:
     """(T, S) probabilities and (m, B) levels to start from where a place is in the pool twice: soft, and loud."""
     again = np.array([place in pool[:item] for item, place in enumerate(pool)])
     low, high = np.percentile(heard.loudness[heard.frames], [10, 90]) if heard.frames.any() else (0.0, 0.0)
@@ -218,7 +220,7 @@ def _two_levels(heard: Heard, pool: tuple[int, ...], states: NDArray[np.bool_], 
     return probability, level
 
 
-def _empty(heard: Heard, octaves: float) -> Array:
+def _empty(heard: HeardFrames, octaves: float) -> Array:
     """(T,) log-likelihood of each frame if nothing is on."""
     out = np.where(heard.frames, _UNLIKELY, 0.0)
     if heard.background is not None:
@@ -318,13 +320,13 @@ def _counts(
     return count / due
 
 
-def _predicted(heard: Heard, states: NDArray[np.bool_], level: Array) -> Array:
+def _predicted(heard: HeardFrames, states: NDArray[np.bool_], level: Array) -> Array:
     """(S, B) levels of the octaves in each state, dB."""
     floor = heard.background if heard.background is not None else np.full(level.shape[1], _NO_SOUND)
     return np.asarray(10 * np.log10(states @ 10 ** (level / 10) + 10 ** (floor / 10)))
 
 
-def _levels(heard: Heard, states: NDArray[np.bool_], level: Array, probability: Array) -> Array:
+def _levels(heard: HeardFrames, states: NDArray[np.bool_], level: Array, probability: Array) -> Array:
     """(m, B) the next levels: each source takes its part of the error of the states in which it is on."""
     predicted = _predicted(heard, states, level)
     error = heard.levels[:, None] - predicted
@@ -337,7 +339,7 @@ def _levels(heard: Heard, states: NDArray[np.bool_], level: Array, probability: 
     return out
 
 
-def _level_likelihoods(heard: Heard, states: NDArray[np.bool_], level: Array) -> Array:
+def _level_likelihoods(heard: HeardFrames, states: NDArray[np.bool_], level: Array) -> Array:
     """(T, S) log-likelihood of the levels of each frame in each state; 0 in the first, in which nothing is on."""
     predicted = _predicted(heard, states, level)
     out = _density(heard.levels[:, None] - predicted, _SOURCE_ERROR)

@@ -43,7 +43,7 @@ from avs3d_bench.errors import Avs3dError
 from baselines.echosegnet import binaural, clusters
 from baselines.echosegnet.clusters import candidates, merge_fragments
 
-__all__ = ["CueWeights", "Pose", "SpatialChoice", "candidates", "choose", "merge_fragments"]
+__all__ = ["CueWeights", "SpatialChoice", "ViewPose", "candidates", "choose", "merge_fragments"]
 
 Array = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ _LARGEST_GAIN = 1.5
 _GRID = np.radians(np.arange(-90.0, 91.0))
 
 
-class Pose(Protocol):
+class ViewPose(Protocol):
     """The used part of a `views.View`: its name and split, rotation (3, 3) camera-to-world and position (3,)."""
 
     @property
@@ -137,7 +137,7 @@ class SpatialChoice:
 def choose(
     points: NDArray[np.floating],
     labels: NDArray[np.integer],
-    views: Sequence[Pose],
+    views: Sequence[ViewPose],
     clips: NDArray[np.floating],
     *,
     weights: CueWeights | None = None,
@@ -195,7 +195,7 @@ def judge(
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class CueEvidence:
     """The likelihoods of each cue before they are weighed, at P points spread over K clusters.
 
     Attributes:
@@ -229,12 +229,12 @@ class Evidence:
 
 def gather(
     points: NDArray[np.floating], labels: NDArray[np.integer], rotation: Array, position: Array, cues: binaural.Cues
-) -> Evidence:
+) -> CueEvidence:
     """The evidence of ``cues`` for every cluster; shapes as in `judge`."""
     found, count = np.unique(labels[labels >= 0], return_counts=True)
     if not len(found):
         none = np.zeros(0)
-        return Evidence(found, count, np.zeros(1, np.int64), none, 0.0, none, none, none)
+        return CueEvidence(found, count, np.zeros(1, np.int64), none, 0.0, none, none, none)
     spread = [clusters.representatives(points[labels == label]) for label in found]
     start = np.concatenate([[0], np.cumsum([len(s) for s in spread])])
     offset = np.concatenate(spread)[:, None, :] - position
@@ -242,10 +242,10 @@ def gather(
     distance = np.linalg.norm(offset, axis=-1)
     resultant, kappa = _resultants(cues, lateral)
     ild, gain = _ild_likelihood(cues, lateral)
-    return Evidence(found, count, start, resultant, kappa, ild, _level_likelihood(cues, distance), gain)
+    return CueEvidence(found, count, start, resultant, kappa, ild, _level_likelihood(cues, distance), gain)
 
 
-def _listeners(views: Sequence[Pose], clips: NDArray[np.floating]) -> tuple[Array, Array, NDArray[np.floating]]:
+def _listeners(views: Sequence[ViewPose], clips: NDArray[np.floating]) -> tuple[Array, Array, NDArray[np.floating]]:
     """(T, 3, 3), (T, 3), (T, 2, n) in the order of the views' names, so that sums do not depend on the order given."""
     clips = np.asarray(clips)
     if not len(views) or len(clips) != len(views):

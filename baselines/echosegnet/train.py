@@ -24,22 +24,22 @@ from torch import Tensor
 
 from avs3d_bench.errors import Avs3dError
 from baselines.echosegnet import checkpoint as saving
-from baselines.echosegnet.densify import DensityControl, Pull, densify, parameters, reset_opacities
+from baselines.echosegnet.densify import DensityControl, GradientStats, densify, parameters, reset_opacities
 from baselines.echosegnet.gaussians import Gaussians, from_points
 from baselines.echosegnet.memory import begin, release, room_for
 from baselines.echosegnet.pictures import load_pictures, out_of_memory, view_psnr
 from baselines.echosegnet.rasteriser.rendering import Rasteriser
 from baselines.echosegnet.schedule import TrainingSettings
 from baselines.echosegnet.similarity import psnr, ssim
-from baselines.echosegnet.views import View, camera_extent, train_views
+from baselines.echosegnet.views import RegisteredView, camera_extent, train_views
 
 __all__ = [
     "Checkpoint",
     "DensityControl",
     "Pace",
     "Progress",
-    "Report",
     "TrainingSettings",
+    "TrainingState",
     "load_pictures",
     "psnr",
     "train",
@@ -48,7 +48,7 @@ __all__ = [
 
 
 @dataclass(frozen=True)
-class Report:
+class TrainingState:
     """The state of a training.
 
     Attributes:
@@ -90,11 +90,11 @@ class Pace:
 
 
 #: What `train` calls with a report.
-Progress = Callable[[Report], None]
+Progress = Callable[[TrainingState], None]
 
 
 def train(
-    views: Sequence[View],
+    views: Sequence[RegisteredView],
     points: ArrayLike,
     colours: ArrayLike,
     rasteriser: Rasteriser,
@@ -151,7 +151,7 @@ class _Job:
 
     def __init__(
         self,
-        views: Sequence[View],
+        views: Sequence[RegisteredView],
         pictures: Tensor,
         rasteriser: Rasteriser,
         settings: TrainingSettings,
@@ -165,7 +165,7 @@ class _Job:
         start = start.to(rasteriser.device)
         values = (start.means, start.log_scales, start.rotations, start.opacities, start.sh[:, :1], start.sh[:, 1:])
         self.optimiser = _optimiser(values, settings, self.extent)
-        self.pull = Pull.zeros(start.means)
+        self.pull = GradientStats.zeros(start.means)
         self._sums = start.means.new_zeros(2)
         self._seen = 0
 
@@ -226,7 +226,7 @@ class _Job:
         turn, place = divmod(self.iteration - 1, len(self.views))
         return _order(self.settings.seed, turn, len(self.views))[place]
 
-    def report(self) -> Report:
+    def report(self) -> TrainingState:
         """Means since the last report.
 
         Raises:
@@ -239,7 +239,7 @@ class _Job:
             where = self.views[0].frame.observation.key
             raise Avs3dError(f"{where}: the loss is {loss} at iteration {self.iteration}; lower the learning rates")
         ratio = math.inf if error <= 0 else -10.0 * math.log10(error)
-        return Report(self.iteration, self.settings.iterations, loss, ratio, len(self.pull.total), self.full_at)
+        return TrainingState(self.iteration, self.settings.iterations, loss, ratio, len(self.pull.total), self.full_at)
 
 
 @lru_cache(maxsize=2)

@@ -10,8 +10,8 @@ from avs3d_bench.files import read_json, write_json
 from baselines.echosegnet.cache import Stages, digest, inputs_digest, software_digest
 from baselines.echosegnet.gaussians import Gaussians, read_ply, write_ply
 from baselines.echosegnet.rasteriser.rendering import Rasteriser
-from baselines.echosegnet.train import Checkpoint, Pace, Progress, Report, TrainingSettings, train
-from baselines.echosegnet.views import View, load_points, train_views
+from baselines.echosegnet.train import Checkpoint, Pace, Progress, TrainingSettings, TrainingState, train
+from baselines.echosegnet.views import RegisteredView, load_points, train_views
 
 #: What makes the stage's result, besides the rasteriser (see `avs3d_bench.provenance`).
 TRAINING = ("baselines.echosegnet.training_stage:trained",)
@@ -21,7 +21,7 @@ _REPORT_SECONDS = 5.0
 
 def trained(
     observation: Observation,
-    views: Sequence[View],
+    views: Sequence[RegisteredView],
     rasteriser: Rasteriser,
     settings: TrainingSettings,
     stages: Stages,
@@ -41,9 +41,9 @@ def trained(
         return read_ply(path).to(rasteriser.device), key, full_at
     points, colours = load_points(observation)
     checkpoint = stages.path("training", key, ".pt")
-    last: list[Report] = []
+    last: list[TrainingState] = []
 
-    def note(report: Report) -> None:
+    def note(report: TrainingState) -> None:
         last[:] = [report]
         if progress is not None:
             progress(report)

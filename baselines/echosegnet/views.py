@@ -27,7 +27,7 @@ _FLIP = np.diag([1.0, -1.0, -1.0])
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class RegisteredView:
     """A registered frame.
 
     Attributes:
@@ -55,7 +55,7 @@ class View:
         return out
 
 
-def load_views(observation: Observation) -> tuple[View, ...]:
+def load_views(observation: Observation) -> tuple[RegisteredView, ...]:
     """The frames that COLMAP registered and that belong to a split, sorted by name.
 
     Raises:
@@ -75,13 +75,13 @@ def load_views(observation: Observation) -> tuple[View, ...]:
             raise Avs3dError(f"{base / 'images.bin'}: {image.name} is registered, but there is no such picture")
         rotation = _FLIP @ image.pose.rotation_matrix @ _FLIP
         camera = observation.colmap.cameras[image.camera]
-        views.append(View(name, split, camera, rotation, flip_world(image.pose.position), frames[name]))
+        views.append(RegisteredView(name, split, camera, rotation, flip_world(image.pose.position), frames[name]))
     if not any(view.split == "train" for view in views):
         raise Avs3dError(f"{base / 'images.bin'}: {len(views)} registered frames with a split, none of them train")
     return tuple(sorted(views, key=lambda view: view.name))
 
 
-def input_views(views: Sequence[View]) -> tuple[View, ...]:
+def input_views(views: Sequence[RegisteredView]) -> tuple[RegisteredView, ...]:
     """The same views with the camera of `input/` (`Observation.intrinsics`) in place of that of `sparse/0`.
 
     Without observation.json a camera of `sparse/0` that has the size of `input/` stays as it is.
@@ -95,12 +95,12 @@ def input_views(views: Sequence[View]) -> tuple[View, ...]:
     return tuple(out)
 
 
-def train_views(views: Sequence[View]) -> tuple[View, ...]:
+def train_views(views: Sequence[RegisteredView]) -> tuple[RegisteredView, ...]:
     """Those of the train split."""
     return tuple(view for view in views if view.split == "train")
 
 
-def test_views(views: Sequence[View]) -> tuple[View, ...]:
+def test_views(views: Sequence[RegisteredView]) -> tuple[RegisteredView, ...]:
     """Those of the test split."""
     return tuple(view for view in views if view.split == "test")
 
@@ -131,7 +131,7 @@ def picture_folder(observation: Observation) -> str:
     return layout.IMAGES if (observation.path / layout.IMAGES).is_dir() else layout.INPUT
 
 
-def camera_extent(views: Sequence[View]) -> float:
+def camera_extent(views: Sequence[RegisteredView]) -> float:
     """1.1 × the largest distance of a camera from the mean of all, metres: the unit of lengths in 3D-GS.
 
     If all cameras are at one place it would be 0 and nothing could move; then it is 1 m.

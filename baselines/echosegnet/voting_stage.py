@@ -17,7 +17,7 @@ from baselines.echosegnet.gaussians import Gaussians
 from baselines.echosegnet.lift import Mask
 from baselines.echosegnet.rasteriser.contributions import contributions
 from baselines.echosegnet.rasteriser.rendering import Rasteriser
-from baselines.echosegnet.views import View
+from baselines.echosegnet.views import RegisteredView
 
 Variant = Literal["official", "spatial"]
 #: What makes the stage's result, besides the rasteriser (see `avs3d_bench.provenance`).
@@ -39,7 +39,7 @@ class Votes:
 
 def count_votes(
     gaussians: Gaussians,
-    views: Sequence[View],
+    views: Sequence[RegisteredView],
     masks: Sequence[Mask],
     rasteriser: Rasteriser,
     variant: Variant,
@@ -86,7 +86,7 @@ _ENOUGH_VOTES = 0.1
 
 def _largest_share(
     gaussians: Gaussians,
-    views: Sequence[View],
+    views: Sequence[RegisteredView],
     masks: Sequence[Mask],
     rasteriser: Rasteriser,
     stages: Stages,
@@ -108,7 +108,7 @@ def _largest_share(
 
 
 def _weighted_votes(
-    gaussians: Gaussians, views: Sequence[View], masks: Sequence[Mask], rasteriser: Rasteriser
+    gaussians: Gaussians, views: Sequence[RegisteredView], masks: Sequence[Mask], rasteriser: Rasteriser
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     sums = torch.zeros(len(gaussians), 2, device=gaussians.device)
     for view, mask in zip(views, masks, strict=True):

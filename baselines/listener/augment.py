@@ -17,10 +17,10 @@ from torch import Tensor
 from torch.nn.functional import affine_grid, avg_pool2d, grid_sample, pad
 
 from avs3d_bench.layout import SAMPLE_RATE
-from baselines.listener.batches import Plan
+from baselines.listener.batches import BatchPlan
 from baselines.listener.features import HIGHEST, LOWEST
 from baselines.listener.model import CLASSES
-from baselines.listener.shards import SIDE, Store
+from baselines.listener.shards import SIDE, ShardStore
 
 #: Range of gains (dB), and of the level of a second sound over the first (dB).
 GAIN_DB, MIX_DB = 6.0, 10.0
@@ -70,7 +70,7 @@ class Bank:
         device: where batches go.
     """
 
-    def __init__(self, store: Store, device: Any) -> None:
+    def __init__(self, store: ShardStore, device: Any) -> None:
         self.device = torch.device(device)
         arrays = {name: getattr(store, name) for name in ("pictures", "classes", "sounds", "masks")}
         self.resident = False
@@ -91,7 +91,7 @@ class Bank:
         """(B, 4)."""
         return self._cameras[views.to(self.device)]
 
-    def gather(self, plan: Plan, generator: torch.Generator | None) -> Batch:
+    def gather(self, plan: BatchPlan, generator: torch.Generator | None) -> Batch:
         """The batch of a plan; without a generator nothing is changed at random.
 
         Args:
@@ -112,7 +112,7 @@ class Bank:
             return batch
         return augmented(batch, generator) if len(batch.sounds) else parts(batch, generator)
 
-    def _mixed(self, plan: Plan, generator: torch.Generator | None) -> Tensor:
+    def _mixed(self, plan: BatchPlan, generator: torch.Generator | None) -> Tensor:
         first = self._sounds(plan.sounds[:, 0])
         second = np.flatnonzero(plan.sounds[:, 1] >= 0)
         if len(second):
@@ -128,7 +128,7 @@ class Bank:
         chosen = self.rows("sounds", numbers.clamp(min=0)).float()
         return chosen * (numbers >= 0).to(self.device)[:, None, None]
 
-    def _united(self, plan: Plan) -> Tensor:
+    def _united(self, plan: BatchPlan) -> Tensor:
         out = torch.zeros(len(plan.truths), SIDE, SIDE, dtype=torch.bool, device=self.device)
         for column in range(plan.truths.shape[1]):
             rows = np.flatnonzero(plan.truths[:, column] >= 0)

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.errors import UsageError
 from avs3d_bench.taxonomy import CATEGORIES
-from baselines.listener.shards import Store
+from baselines.listener.shards import ShardStore
 
 #: Sounds of one picture in a batch.
 SOUNDS = 4
@@ -40,7 +40,7 @@ _DRAWS = 8
 _NUMBER = {name: number for number, name in enumerate(CATEGORIES)}
 
 
-class Kind(IntEnum):
+class SoundKind(IntEnum):
     """What a sound is to its picture."""
 
     OWN = 0
@@ -53,11 +53,11 @@ class Kind(IntEnum):
 
 
 #: The kinds that answer the question "does the mask follow the sound?"; at least a third of each batch.
-COUNTERFACTUAL = (Kind.SWAPPED, Kind.SILENT, Kind.OFF_SCREEN, Kind.FOREIGN, Kind.ELSEWHERE)
+COUNTERFACTUAL = (SoundKind.SWAPPED, SoundKind.SILENT, SoundKind.OFF_SCREEN, SoundKind.FOREIGN, SoundKind.ELSEWHERE)
 
 
 @dataclass
-class Plan:
+class BatchPlan:
     """The contents of a batch of B pictures; one without sounds is of parts of pictures.
 
     Attributes:
@@ -65,7 +65,7 @@ class Plan:
         sounds: (B·SOUNDS, 2) sounds that are added; −1: none.
         truths: (B·SOUNDS, 2) sounds whose masks are united; −1: none.
         audible: (B·SOUNDS, categories) bool.
-        kinds: (B·SOUNDS,) of `Kind`.
+        kinds: (B·SOUNDS,) of `SoundKind`.
     """
 
     views: NDArray[np.int64]
@@ -81,17 +81,17 @@ class Plan:
 
     def shares(self) -> Counter[str]:
         """How many sounds there are of each kind."""
-        return Counter(Kind(number).name.lower() for number in self.kinds.tolist())
+        return Counter(SoundKind(number).name.lower() for number in self.kinds.tolist())
 
 
 @dataclass
 class Slot:
-    """One sound of a picture, see `Plan`."""
+    """One sound of a picture, see `BatchPlan`."""
 
     sounds: list[int]
     truths: list[int]
     audible: set[int]
-    kind: Kind
+    kind: SoundKind
 
 
 def split_homes(homes: Sequence[str], most: int | None = None) -> tuple[set[str], set[str]]:
@@ -120,7 +120,7 @@ class Sampler:
         homes: number of training homes; None: all.
     """
 
-    store: Store
+    store: ShardStore
     batch: int
     seed: int = 0
     ranks: int = 1
@@ -160,7 +160,7 @@ class Sampler:
     def _steps(self, count: int) -> int:
         return max(1, self.epoch // (count * self.ranks))
 
-    def plan(self, step: int, rank: int = 0) -> Plan:
+    def plan(self, step: int, rank: int = 0) -> BatchPlan:
         """The batch of a step on one of the devices."""
         views = self._views(step, rank, self.batch)
         rng = np.random.default_rng((self.seed, 1, step, rank))
@@ -168,7 +168,7 @@ class Sampler:
         audible = np.zeros((len(slots), len(CATEGORIES)), np.bool_)
         for row, slot in enumerate(slots):
             audible[row, list(slot.audible)] = True
-        return Plan(
+        return BatchPlan(
             views=views,
             sounds=np.asarray([(*slot.sounds, -1, -1)[:2] for slot in slots], np.int64),
             truths=np.asarray([(*slot.truths, -1, -1)[:2] for slot in slots], np.int64),
@@ -176,11 +176,11 @@ class Sampler:
             kinds=np.asarray([slot.kind for slot in slots], np.int64),
         )
 
-    def picture_plan(self, step: int, rank: int = 0) -> Plan:
+    def picture_plan(self, step: int, rank: int = 0) -> BatchPlan:
         """Pictures without sound: `SOUNDS` times as many as in a batch with sound, of each of which a part is seen."""
         views = self._views(step, rank, SOUNDS * self.batch)
         pairs = np.zeros((0, 2), np.int64)
-        return Plan(views, pairs, pairs, np.zeros((0, len(CATEGORIES)), np.bool_), np.zeros(0, np.int64))
+        return BatchPlan(views, pairs, pairs, np.zeros((0, len(CATEGORIES)), np.bool_), np.zeros(0, np.int64))
 
     def _views(self, step: int, rank: int, count: int) -> NDArray[np.int64]:
         """The pictures of a batch: the next ones of an order that changes from epoch to epoch."""
@@ -219,11 +219,11 @@ class Sampler:
     def _real(self, sound: int, first: int) -> Slot:
         """A sound of the picture itself; ``first`` is the first of the set."""
         if not self._audible[sound]:
-            kind = Kind.SILENT
+            kind = SoundKind.SILENT
         elif not self.store.marked[sound]:
-            kind = Kind.OFF_SCREEN
+            kind = SoundKind.OFF_SCREEN
         else:
-            kind = Kind.OWN if sound == first or self._same(first, sound) else Kind.SWAPPED
+            kind = SoundKind.OWN if sound == first or self._same(first, sound) else SoundKind.SWAPPED
         return Slot([sound], [sound], self._audible[sound], kind)
 
     def _mixed(self, view: int, siblings: list[int], rng: np.random.Generator) -> Slot:
@@ -234,11 +234,11 @@ class Sampler:
             return self._negative(view, rng)
         if others:
             other = others[int(rng.integers(len(others)))]
-            return Slot([first, other], [first, other], self._audible[first] | self._audible[other], Kind.MIXED)
+            return Slot([first, other], [first, other], self._audible[first] | self._audible[other], SoundKind.MIXED)
         foreign = self._foreign(view, rng)
         if foreign is None:
             return self._real(first, first)
-        return Slot([first, *foreign.sounds], [first], self._audible[first] | foreign.audible, Kind.MIXED)
+        return Slot([first, *foreign.sounds], [first], self._audible[first] | foreign.audible, SoundKind.MIXED)
 
     def _negative(self, view: int, rng: np.random.Generator) -> Slot:
         """A made sound with which nothing is marked."""
@@ -248,7 +248,7 @@ class Sampler:
             made = self._foreign(view, rng)
         elif luck < 0.7:
             made = self._elsewhere(view, rng)
-        return made or Slot([], [], set(), Kind.SILENT)
+        return made or Slot([], [], set(), SoundKind.SILENT)
 
     def _foreign(self, view: int, rng: np.random.Generator) -> Slot | None:
         absent = [c for c in range(len(CATEGORIES)) if c not in self._present[view] and self._of_category[c]]
@@ -256,7 +256,7 @@ class Sampler:
             return None
         category = absent[int(rng.integers(len(absent)))]
         sound = self._of_category[category][int(rng.integers(len(self._of_category[category])))]
-        return Slot([sound], [], {category}, Kind.FOREIGN)
+        return Slot([sound], [], {category}, SoundKind.FOREIGN)
 
     def _elsewhere(self, view: int, rng: np.random.Generator) -> Slot | None:
         low, high = np.asarray(self.store.extents[view]).T
@@ -266,5 +266,5 @@ class Sampler:
             sound = self._of_category[category][int(rng.integers(len(self._of_category[category])))]
             lateral = self.store.table.lateral[sound]
             if lateral is not None and not low[category] - CLEARANCE < lateral < high[category] + CLEARANCE:
-                return Slot([sound], [], {category}, Kind.ELSEWHERE)
+                return Slot([sound], [], {category}, SoundKind.ELSEWHERE)
         return None

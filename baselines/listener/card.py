@@ -34,7 +34,7 @@ LICENCE = "Apache-2.0"
 
 
 @dataclass(frozen=True)
-class Machine:
+class RunMachine:
     """What the run ran on.
 
     Attributes:
@@ -46,7 +46,7 @@ class Machine:
     precision: str
 
     @classmethod
-    def of(cls, fabric: Any, precision: str) -> Machine:
+    def of(cls, fabric: Any, precision: str) -> RunMachine:
         """The machine of a launched Fabric."""
         cuda = fabric.device.type == "cuda"
         name = torch.cuda.get_device_name(fabric.device) if cuda else f"CPU ({platform.machine()})"
@@ -57,7 +57,7 @@ def write_result(
     folder: Path,
     result: Result,
     settings: Settings,
-    machine: Machine,
+    machine: RunMachine,
     *,
     data: Path | None = None,
     manifest: Path | None = None,

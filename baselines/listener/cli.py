@@ -74,11 +74,11 @@ def listener(
 
     require("train")
     from baselines.listener.card import check_folder, check_manifest
-    from baselines.listener.job import Job, run_job
+    from baselines.listener.job import TrainingOptions, run_job
 
     check_manifest(manifest)
     check_folder(folder)
-    job = Job(data=data, folder=folder, epochs=epochs or _EPOCHS, steps=steps, manifest=manifest, **chosen)
+    job = TrainingOptions(data=data, folder=folder, epochs=epochs or _EPOCHS, steps=steps, manifest=manifest, **chosen)
     finished, step, total = run_job(job, _PRECISION[job.precision], progress=sys.stderr.isatty())
     if finished is None:
         return

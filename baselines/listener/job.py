@@ -15,7 +15,7 @@ import torch
 
 from avs3d_bench.errors import UsageError
 from baselines.listener.batches import SOUNDS, Sampler
-from baselines.listener.card import Machine, write_result
+from baselines.listener.card import RunMachine, write_result
 from baselines.listener.checkpoint import Settings
 from baselines.listener.model import SIZES
 from baselines.listener.steps import Schedule
@@ -23,7 +23,7 @@ from baselines.listener.training import prepare, train
 
 
 @dataclass(frozen=True)
-class Job:
+class TrainingOptions:
     """The options of the command, as it names them."""
 
     data: Path
@@ -46,7 +46,7 @@ class Job:
     workers: int | None = None
 
 
-def make_fabric(job: Job, precision: str) -> Any:
+def make_fabric(job: TrainingOptions, precision: str) -> Any:
     """A Lightning Fabric, from either of its packages.
 
     Raises:
@@ -80,7 +80,7 @@ def flushed() -> Iterator[None]:
         torch.set_flush_denormal(before)
 
 
-def run_job(job: Job, precision: str, *, progress: bool = False) -> tuple[bool | None, int, int]:
+def run_job(job: TrainingOptions, precision: str, *, progress: bool = False) -> tuple[bool | None, int, int]:
     """Train; (finished, steps that are done, all steps). ``finished`` is None on all devices but the first.
 
     Raises:
@@ -109,6 +109,8 @@ def run_job(job: Job, precision: str, *, progress: bool = False) -> tuple[bool |
     if fabric.global_rank:
         return None, result.step, settings.steps
     if result.finished:
-        write_result(job.folder, result, settings, Machine.of(fabric, precision), data=job.data, manifest=job.manifest)
+        write_result(
+            job.folder, result, settings, RunMachine.of(fabric, precision), data=job.data, manifest=job.manifest
+        )
     sys.stdout.flush()
     return result.finished, result.step, settings.steps

@@ -12,7 +12,7 @@ from torch.nn import functional
 
 from baselines.listener.augment import Batch
 from baselines.listener.masks import LEAST_AREA
-from baselines.listener.model import CLASSES, Output
+from baselines.listener.model import CLASSES, ListenerOutput
 
 #: Weights of the terms.
 MASK_WEIGHT, DICE_WEIGHT, CLASS_WEIGHT, AUDIBLE_WEIGHT = 5.0, 1.0, 1.0, 0.5
@@ -59,7 +59,7 @@ def full_size(logits: Tensor, size: tuple[int, int]) -> Tensor:
     return large[..., : size[0], : size[1]]
 
 
-def losses(output: Output, batch: Batch) -> Losses:
+def losses(output: ListenerOutput, batch: Batch) -> Losses:
     """Of a batch. Truths are averaged to the network's stride of 2: a cell may belong to an object in part.
 
     Without sound (no masks) the terms of sound are 0.
@@ -142,7 +142,7 @@ SUMS = (
 )  # fmt: skip
 
 
-def measure(output: Output, batch: Batch, threshold: float = 0.5) -> dict[str, float]:
+def measure(output: ListenerOutput, batch: Batch, threshold: float = 0.5) -> dict[str, float]:
     """The sums of `SUMS` over one picture with all its sounds.
 
     Args:

@@ -99,7 +99,7 @@ SIZES = {
 }  # fmt: skip
 
 
-class Output(NamedTuple):
+class ListenerOutput(NamedTuple):
     """The network's answer for B pictures with K sounds each; all numbers are logits. Without sound K is 0.
 
     Attributes:
@@ -113,7 +113,7 @@ class Output(NamedTuple):
     mask: Tensor
 
 
-class Sound(NamedTuple):
+class SoundFeatures(NamedTuple):
     """What `Listener` gets of B sounds: see `features` and `direction`.
 
     Attributes:
@@ -272,7 +272,7 @@ class Listener(nn.Module):
         """What `Widths` was built with, as JSON types."""
         return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self.widths).items()}
 
-    def forward(self, picture: Tensor, sound: Sound | None = None) -> Output:
+    def forward(self, picture: Tensor, sound: SoundFeatures | None = None) -> ListenerOutput:
         """The answers for B pictures with K sounds each.
 
         Args:
@@ -286,15 +286,17 @@ class Listener(nn.Module):
         encoded = self.picture_encoder(normalised.contiguous(memory_format=torch.channels_last))
         classes = self.picture_decoder(encoded)
         if sound is None:
-            return Output(classes, classes.new_zeros(0, len(CATEGORIES)), classes.new_zeros(0, *classes.shape[-2:]))
+            return ListenerOutput(
+                classes, classes.new_zeros(0, len(CATEGORIES)), classes.new_zeros(0, *classes.shape[-2:])
+            )
         tokens, audible = self.sound_encoder(sound.bands, sound.levels)
         match = match_map(classes, audible)
         where = functional.pad(sound.where, (0, -(-width % MULTIPLE) // -FINEST, 0, -(-height % MULTIPLE) // -FINEST))
         mask = self.sounding_decoder(encoded, tokens, match, where.to(match.dtype))
-        return Output(classes, audible, mask)
+        return ListenerOutput(classes, audible, mask)
 
 
-def hear(sound: Tensor, camera: Tensor, size: tuple[int, int]) -> Sound:
+def hear(sound: Tensor, camera: Tensor, size: tuple[int, int]) -> SoundFeatures:
     """Features of sounds and their direction maps; float32, without gradient.
 
     Args:
@@ -306,7 +308,7 @@ def hear(sound: Tensor, camera: Tensor, size: tuple[int, int]) -> Sound:
         both = features.spectra(sound)
         angles = direction.pixel_angles(camera, (size[0] // FINEST, size[1] // FINEST))
         where = direction.direction_map(direction.steered_response(both), angles)
-        return Sound(features.band_features(both), features.broadband_levels(sound), where)
+        return SoundFeatures(features.band_features(both), features.broadband_levels(sound), where)
 
 
 def match_map(classes: Tensor, audible: Tensor) -> Tensor:

@@ -52,7 +52,7 @@ _END = 2 * tarfile.BLOCKSIZE
 
 
 @dataclass(frozen=True)
-class Entry:
+class FrameEntry:
     """One frame of one observation.
 
     Attributes:
@@ -77,7 +77,7 @@ class Entry:
 
 
 @dataclass(frozen=True)
-class Table:
+class ShardTable:
     """What is stored, without the pixels and samples. A *view* is a picture with all sounds that belong to it.
 
     Attributes:
@@ -89,7 +89,7 @@ class Table:
         lateral: of each sound, the lateral angle of its only audible source (rad), None if there is none or several.
         groups: of each picture, the group and frame.
         homes: of each picture.
-        cameras: of each picture, see `Entry`.
+        cameras: of each picture, see `FrameEntry`.
         present: of each picture, the categories in the room.
     """
 
@@ -106,7 +106,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Store:
+class ShardStore:
     """The arrays, mapped into memory.
 
     Attributes:
@@ -119,7 +119,7 @@ class Store:
         extents: (P, 7, 2) float32: lowest and highest lateral angle at which a category is visible (rad), NaN if not.
     """
 
-    table: Table
+    table: ShardTable
     pictures: NDArray[np.uint8]
     classes: NDArray[np.uint8]
     sounds: NDArray[np.float16]
@@ -139,7 +139,7 @@ def _shapes(views: int, sounds: int) -> dict[str, tuple[tuple[int, ...], Any]]:
     }
 
 
-def index_shard(shard: ShardFile) -> tuple[str, list[Entry]]:
+def index_shard(shard: ShardFile) -> tuple[str, list[FrameEntry]]:
     """The sha256 of a shard, and its frames.
 
     Raises:
@@ -181,7 +181,7 @@ def _padded(offset: int) -> int:
     return -(-offset // tarfile.BLOCKSIZE) * tarfile.BLOCKSIZE
 
 
-def _entry(path: Path, key: str, members: dict[str, tuple[int, int]], data: bytes) -> Entry:
+def _entry(path: Path, key: str, members: dict[str, tuple[int, int]], data: bytes) -> FrameEntry:
     for name, what in _REQUIRED.items():
         if name not in members:
             raise Avs3dError(
@@ -193,7 +193,7 @@ def _entry(path: Path, key: str, members: dict[str, tuple[int, int]], data: byte
         audible, lateral = _heard(facts)
         (fx, _, cx), (_, fy, cy), _ = facts["intrinsics"]
         width, height = facts["width"], facts["height"]
-        return Entry(
+        return FrameEntry(
             key=key,
             group=f"{facts.get('group') or facts['key']}/{facts['frame']}",
             home=facts["scan"],
@@ -225,7 +225,9 @@ def _heard(facts: dict[str, Any]) -> tuple[tuple[str, ...], float]:
     return tuple(sorted({name for name in names if name in _CLASS})), lateral
 
 
-def read_store(root: str | Path, folder: str | Path, *, workers: int | None = None, progress: bool = False) -> Store:
+def read_store(
+    root: str | Path, folder: str | Path, *, workers: int | None = None, progress: bool = False
+) -> ShardStore:
     """The frames of all shards below ``root``; what is stored in ``folder`` already is mapped, not read again.
 
     Args:
@@ -253,7 +255,7 @@ def read_store(root: str | Path, folder: str | Path, *, workers: int | None = No
                 f"{path}: {entry.key} is in {first_in[entry.key]} as well; expected each frame in one shard"
             )
     table, first = _table(digest, [entry for _, entry in entries])
-    jobs: dict[Path, list[tuple[int, int | None, Entry]]] = {}
+    jobs: dict[Path, list[tuple[int, int | None, FrameEntry]]] = {}
     for number, (path, entry) in enumerate(entries):
         view = table.view[number]
         jobs.setdefault(path, []).append((number, view if first[view] == number else None, entry))
@@ -288,20 +290,20 @@ def refuse_others(folder: Path) -> None:
         raise UsageError(f"{folder}: holds {foreign[0]}, which is no part of stored frames; move it away")
 
 
-def open_store(folder: str | Path, digest: str | None = None) -> Store | None:
+def open_store(folder: str | Path, digest: str | None = None) -> ShardStore | None:
     """Map what is stored; None if there is nothing, or it comes from other shards."""
     folder = Path(folder)
     try:
-        table = Table(**json.loads((folder / TABLE).read_text()))
+        table = ShardTable(**json.loads((folder / TABLE).read_text()))
     except (OSError, ValueError, TypeError):
         return None
     if table.version != VERSION or (digest is not None and table.digest != digest):
         return None
     # Copy-on-write: torch takes arrays that can be written to; nothing is.
-    return Store(table, **{name: np.load(folder / f"{name}.npy", mmap_mode="c") for name in _shapes(0, 0)})
+    return ShardStore(table, **{name: np.load(folder / f"{name}.npy", mmap_mode="c") for name in _shapes(0, 0)})
 
 
-def _table(digest: str, entries: Sequence[Entry]) -> tuple[Table, list[int]]:
+def _table(digest: str, entries: Sequence[FrameEntry]) -> tuple[ShardTable, list[int]]:
     """The table, and for each picture the sound whose sample it is read from."""
     names = list(_CLASS)
     views: dict[str, int] = {}
@@ -311,7 +313,7 @@ def _table(digest: str, entries: Sequence[Entry]) -> tuple[Table, list[int]]:
             views[entry.group] = len(first)
             first.append(number)
     shown = [entries[number] for number in first]
-    table = Table(
+    table = ShardTable(
         version=VERSION,
         digest=digest,
         keys=[entry.key for entry in entries],
@@ -326,7 +328,7 @@ def _table(digest: str, entries: Sequence[Entry]) -> tuple[Table, list[int]]:
     return table, first
 
 
-def _decode_shard(folder: Path, job: tuple[Path, list[tuple[int, int | None, Entry]]]) -> None:
+def _decode_shard(folder: Path, job: tuple[Path, list[tuple[int, int | None, FrameEntry]]]) -> None:
     """Decode frames of a shard into the arrays; of each sound (its number, its picture if it is read here, entry)."""
     path, frames = job
     arrays = {name: np.load(folder / f"{name}.npy", mmap_mode="r+") for name in _shapes(0, 0)}

@@ -18,11 +18,11 @@ from torch.optim.swa_utils import update_bn
 from avs3d_bench.errors import Avs3dError
 from baselines.listener.ahead import Ahead
 from baselines.listener.augment import Bank, Batch
-from baselines.listener.batches import SOUNDS, Plan, Sampler
+from baselines.listener.batches import SOUNDS, BatchPlan, Sampler
 from baselines.listener.checkpoint import Settings, State, save_checkpoint
 from baselines.listener.losses import Losses, losses
-from baselines.listener.model import Listener, Output, hear
-from baselines.listener.shards import Store
+from baselines.listener.model import Listener, ListenerOutput, hear
+from baselines.listener.shards import ShardStore
 from baselines.listener.validation import validate
 
 PROGRESS = "progress.jsonl"
@@ -71,7 +71,7 @@ class Result:
     finished: bool
     validation: dict[str, float | None]
     network: Listener
-    store: Store
+    store: ShardStore
     state: State
 
 
@@ -82,10 +82,10 @@ class SoundingModel(torch.nn.Module):
         super().__init__()
         self.network = network
 
-    def forward(self, pictures: Tensor, sounds: Tensor, cameras: Tensor) -> Output:
+    def forward(self, pictures: Tensor, sounds: Tensor, cameras: Tensor) -> ListenerOutput:
         """See `Listener.forward`; ``cameras`` are those of the B pictures, and there may be no sounds."""
         if not len(sounds):
-            output: Output = self.network(pictures)
+            output: ListenerOutput = self.network(pictures)
             # Several devices wait for the gradient of every parameter.
             return output._replace(classes=output.classes + 0 * sum(p.sum() for p in self.network.parameters()))
         repeats = len(sounds) // len(pictures)
@@ -100,16 +100,16 @@ class _OfBatch(torch.nn.Module):
         super().__init__()
         self.model = SoundingModel(network)
 
-    def forward(self, batch: Batch) -> Output:
+    def forward(self, batch: Batch) -> ListenerOutput:
         return self.model(batch.pictures, batch.sounds, batch.cameras)  # type: ignore[no-any-return]
 
 
 @dataclass(frozen=True)
-class _Taken:
+class _PendingStep:
     """The last step: its number, its batch and its losses, which may still be under way on the device."""
 
     step: int
-    plan: Plan
+    plan: BatchPlan
     terms: Losses
     total: Tensor
     norm: Tensor
@@ -119,7 +119,13 @@ class Run:
     """The steps of one process."""
 
     def __init__(
-        self, folder: Path, settings: Settings, schedule: Schedule, store: Store, state: State, fabric: Any
+        self,
+        folder: Path,
+        settings: Settings,
+        schedule: Schedule,
+        store: ShardStore,
+        state: State,
+        fabric: Any,
     ) -> None:
         self.folder, self.settings, self.schedule = folder, settings, schedule
         self.store, self.state, self.fabric = store, state, fabric
@@ -132,7 +138,7 @@ class Run:
         self.model, self.optimiser = fabric.setup(model, state.optimiser)
         self.validation: dict[str, float | None] = {}
         self.began, self.before = time.monotonic(), state.seconds
-        self.pending: _Taken | None = None
+        self.pending: _PendingStep | None = None
 
     def go(self) -> Result:
         """Take the steps that are left."""
@@ -164,19 +170,19 @@ class Run:
         assert isinstance(average, Listener)
         return Result(state.step, state.step == settings.steps, self.validation, average, self.store, state)
 
-    def _plan(self, step: int) -> Plan:
+    def _plan(self, step: int) -> BatchPlan:
         return self._planner(step)(step, self.fabric.global_rank)
 
-    def _planner(self, step: int) -> Callable[..., Plan]:
+    def _planner(self, step: int) -> Callable[..., BatchPlan]:
         """What plans the batches of the stage that a step belongs to."""
         return self.sampler.picture_plan if step < self.settings.picture_steps else self.sampler.plan
 
-    def _gather(self, step: int, plan: Plan, rank: int) -> Batch:
+    def _gather(self, step: int, plan: BatchPlan, rank: int) -> Batch:
         seed = np.random.SeedSequence((self.settings.seed, 2, step, rank)).generate_state(1)[0]
         generator = torch.Generator(self.fabric.device).manual_seed(int(seed))
         return self.bank.gather(plan, generator)
 
-    def _step(self, step: int, plan: Plan) -> None:
+    def _step(self, step: int, plan: BatchPlan) -> None:
         for group in self.optimiser.param_groups:
             group["lr"] = self.settings.rate_at(step)
         batch = self._gather(step, plan, self.fabric.global_rank)
@@ -187,7 +193,7 @@ class Run:
         # The loss of the step before is read only now, so that the device never waits for this process.
         self._check()
         norm = torch.nn.utils.clip_grad_norm_(self.model.parameters(), GRADIENT_NORM)
-        self.pending = _Taken(step, plan, terms.detached(), total.detach(), norm.detach())
+        self.pending = _PendingStep(step, plan, terms.detached(), total.detach(), norm.detach())
         self.optimiser.step()
         self.state.average.update_parameters(self.state.network)
         self.state.step = step + 1

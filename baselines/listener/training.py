@@ -23,7 +23,7 @@ import torch
 
 from avs3d_bench.errors import Avs3dError
 from baselines.listener.checkpoint import Settings, State, new_state, resume
-from baselines.listener.shards import Store, open_store, read_store
+from baselines.listener.shards import ShardStore, open_store, read_store
 from baselines.listener.steps import Result, Run, Schedule
 
 CACHE = "cache"
@@ -31,7 +31,7 @@ CACHE = "cache"
 
 def prepare(
     data: str | Path, folder: str | Path, fabric: Any, *, workers: int | None = None, progress: bool = False
-) -> Store:
+) -> ShardStore:
     """The frames of the shards; the first process reads them, all map them.
 
     Args:
@@ -56,7 +56,7 @@ def prepare(
 
 
 def train(
-    store: Store,
+    store: ShardStore,
     folder: str | Path,
     settings: Settings,
     *,

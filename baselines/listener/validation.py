@@ -11,29 +11,29 @@ import torch
 
 from avs3d_bench.taxonomy import CATEGORIES
 from baselines.listener.augment import Bank
-from baselines.listener.batches import Kind, Plan, split_homes
+from baselines.listener.batches import BatchPlan, SoundKind, split_homes
 from baselines.listener.losses import SUMS, figures, measure
 from baselines.listener.model import Listener, hear
 from baselines.listener.predict import THRESHOLD
-from baselines.listener.shards import Store, Table
+from baselines.listener.shards import ShardStore, ShardTable
 
 #: Most pictures that are looked at; they are spread evenly over all.
 MOST_PICTURES = 512
 
 
-def validation_views(table: Table) -> list[int]:
+def validation_views(table: ShardTable) -> list[int]:
     """Pictures of the homes kept for validation; of the only home, where there is one alone."""
     training, kept = split_homes(table.homes)
     views = [view for view, home in enumerate(table.homes) if home in (kept or training)]
     return [views[i] for i in np.linspace(0, len(views) - 1, min(len(views), MOST_PICTURES)).round().astype(int)]
 
 
-def view_plan(table: Table, view: int, sounds: list[int]) -> Plan:
+def view_plan(table: ShardTable, view: int, sounds: list[int]) -> BatchPlan:
     """One picture with its own sounds."""
     column = np.asarray(sounds, np.int64)[:, None]
     pair = np.concatenate([column, np.full_like(column, -1)], axis=1)
     audible = np.asarray([[name in table.audible[sound] for name in CATEGORIES] for sound in sounds], np.bool_)
-    return Plan(np.asarray([view], np.int64), pair, pair, audible, np.full(len(sounds), Kind.OWN, np.int64))
+    return BatchPlan(np.asarray([view], np.int64), pair, pair, audible, np.full(len(sounds), SoundKind.OWN, np.int64))
 
 
 @contextmanager
@@ -48,7 +48,7 @@ def _no_search() -> Iterator[None]:
 
 
 def validate(
-    network: Any, store: Store, bank: Bank, fabric: Any, thresholds: tuple[float, ...] = (THRESHOLD,)
+    network: Any, store: ShardStore, bank: Bank, fabric: Any, thresholds: tuple[float, ...] = (THRESHOLD,)
 ) -> list[dict[str, float | None]]:
     """Figures of a network over the validation homes; each device looks at its share.
 

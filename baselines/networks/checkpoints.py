@@ -33,7 +33,7 @@ _CAUSE = 160
 
 
 @dataclass(frozen=True)
-class Checkpoint:
+class NetworkFiles:
     """The files and packages that a network needs.
 
     Attributes:
@@ -69,9 +69,9 @@ def _brief(choice: tuple[str, ...]) -> tuple[str, ...]:
 _TRANSFORMERS = "pip install 'avs3d-bench[baselines]'"
 
 
-def _from_hugging_face(name: str, repository: str, size: str, install: str = _TRANSFORMERS) -> Checkpoint:
+def _from_hugging_face(name: str, repository: str, size: str, install: str = _TRANSFORMERS) -> NetworkFiles:
     """A model of transformers with its preprocessor, under Apache-2.0."""
-    return Checkpoint(
+    return NetworkFiles(
         name=name,
         files=(("config.json",), _WEIGHTS, _PREPROCESSOR),
         source=f"https://huggingface.co/{repository}",
@@ -83,9 +83,9 @@ def _from_hugging_face(name: str, repository: str, size: str, install: str = _TR
 
 
 #: Name on the command line → requirements of the network.
-CHECKPOINTS: dict[str, Checkpoint] = {
+CHECKPOINTS: dict[str, NetworkFiles] = {
     "owlv2": _from_hugging_face("OWLv2", "google/owlv2-base-patch16-ensemble", "0.6 GB"),
-    "mavl": Checkpoint(
+    "mavl": NetworkFiles(
         name="MAVL",
         files=(("MDef_DETR_r101_epoch20_ore.pth", "MDef_DETR_r101_epoch20.pth"),),
         source="https://github.com/mmaaz60/mvits_for_class_agnostic_od",
@@ -95,7 +95,7 @@ CHECKPOINTS: dict[str, Checkpoint] = {
         install="clone https://github.com/mmaaz60/mvits_for_class_agnostic_od, build models/ops, add it to PYTHONPATH",
     ),
     "sam": _from_hugging_face("SAM", "facebook/sam-vit-huge", "2.6 GB"),
-    "imagebind": Checkpoint(
+    "imagebind": NetworkFiles(
         name="ImageBind",
         files=(("imagebind_huge.pth",),),
         source="https://dl.fbaipublicfiles.com/imagebind/imagebind_huge.pth",
@@ -110,7 +110,7 @@ CHECKPOINTS: dict[str, Checkpoint] = {
         "several GB; pe-av-small and pe-av-base are smaller",
         install=f"{_TRANSFORMERS} timm torchvision",
     ),
-    "denseav": Checkpoint(
+    "denseav": NetworkFiles(
         name="DenseAV",
         files=(("denseav_sound.ckpt", "denseav_2head.ckpt"),),
         source="https://marhamilresearch4.blob.core.windows.net/denseav-public/hub/denseav_sound.ckpt",
@@ -153,7 +153,7 @@ def find_checkpoint(kind: str, folder: str | Path | None) -> dict[str, Path]:
         folder: the folder that the user gave, or None.
 
     Returns:
-        For each entry of `Checkpoint.files`, keyed by its first name, the path of the file that is there.
+        For each entry of `NetworkFiles.files`, keyed by its first name, the path of the file that is there.
 
     Raises:
         UsageError: if no folder was named.

@@ -10,7 +10,7 @@ from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.report import Problem, printable
 from avs3d_bench.taxonomy import PARTS, SOUND_SCENES
-from evaluators.reading.tree import Tree
+from evaluators.reading.tree import SubmissionTree
 from evaluators.records import Submission
 
 #: Files that are allowed at the top beside submission.json.
@@ -127,13 +127,15 @@ def _categories(submission: Submission, observations: Iterable[Observation]) -> 
     }
 
 
-def _walk(submission: Submission, observations: Sequence[Observation], expected: Collection[str], surplus: int) -> Tree:
+def _walk(
+    submission: Submission, observations: Sequence[Observation], expected: Collection[str], surplus: int
+) -> SubmissionTree:
     """Everything in the submission, up to ``surplus`` entries that are not expected.
 
     In the official layout the folder is the pipeline's own: only the masks' folders are looked at. In ours the
     parts come first, so that other contents of the top folder (a virtual environment, a .git) cannot hide them.
     """
-    tree = Tree(submission.root, len(expected) + len(observations) * _ENTRIES + surplus, _SURPLUS)
+    tree = SubmissionTree(submission.root, len(expected) + len(observations) * _ENTRIES + surplus, _SURPLUS)
     points = [f"{o.key}/{layout.SUBMISSION_POINTS}" for o in observations]
     if submission.layout == "official":
         folders = [f"{o.key}/{submission.masks}" for o in observations]

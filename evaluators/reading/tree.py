@@ -15,7 +15,7 @@ _DEEPEST = 12
 
 
 @dataclass
-class Tree:
+class SubmissionTree:
     """The contents of a submission's folder, links not followed.
 
     Attributes:

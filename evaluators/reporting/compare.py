@@ -29,7 +29,7 @@ from avs3d_bench.scores import PROTOCOL_PARTS, PROTOCOLS, Metric, Protocol, metr
 from evaluators.bootstrap import RESAMPLES, SEED
 from evaluators.comparison import WARN_BELOW, compare_figure, metric_of
 from evaluators.reporting.leaderboard import read_entry
-from evaluators.reporting.ranking import Entry, Ruler, dataset_identity, rulers_of, truth_figures
+from evaluators.reporting.ranking import ScoresEntry, ScoringRule, dataset_identity, rulers_of, truth_figures
 from evaluators.sign_flips import LEVEL, flips_for
 
 #: Characters of a list of names in a message.
@@ -92,9 +92,9 @@ def compare(
     )
 
 
-def _read(score_files: Sequence[Path]) -> dict[str, Entry]:
+def _read(score_files: Sequence[Path]) -> dict[str, ScoresEntry]:
     """Name → entry, in the order given."""
-    found: dict[str, Entry] = {}
+    found: dict[str, ScoresEntry] = {}
     for path in dict.fromkeys(map(Path, score_files)):
         entry = read_entry(path, reports=False)
         found.setdefault(entry.digest, entry)
@@ -109,12 +109,12 @@ def _read(score_files: Sequence[Path]) -> dict[str, Entry]:
     return named
 
 
-def _files(entries: Mapping[str, Entry]) -> str:
+def _files(entries: Mapping[str, ScoresEntry]) -> str:
     text = ", ".join(printable(str(entry.source)) for entry in entries.values())
     return text if len(text) <= _NAMED else text[:_NAMED] + "…"
 
 
-def _check_dataset(entries: Mapping[str, Entry]) -> None:
+def _check_dataset(entries: Mapping[str, ScoresEntry]) -> None:
     first, *others = entries.values()
     for entry in others:
         if dataset_identity(entry) != dataset_identity(first):
@@ -124,14 +124,14 @@ def _check_dataset(entries: Mapping[str, Entry]) -> None:
             )
 
 
-def _dataset_text(entry: Entry) -> str:
+def _dataset_text(entry: ScoresEntry) -> str:
     data = entry.scores.dataset
     version = data.version or "(official release)"
     digest = f", sha256 {data.sha256[:12]}" if data.sha256 else ""
     return printable(f"{data.name} {version} ({data.observations} observations{digest})")
 
 
-def _rulers(entries: Mapping[str, Entry], wanted: Iterable[Protocol]) -> tuple[Ruler, ...]:
+def _rulers(entries: Mapping[str, ScoresEntry], wanted: Iterable[Protocol]) -> tuple[ScoringRule, ...]:
     """The protocols to compare, which all files have in one version.
 
     Raises:
@@ -162,14 +162,14 @@ def _rulers(entries: Mapping[str, Entry], wanted: Iterable[Protocol]) -> tuple[R
     return tuple(first[1][name] for name in chosen)
 
 
-def _ruler_text(ruler: Ruler) -> str:
+def _ruler_text(ruler: ScoringRule) -> str:
     voxels = "" if ruler.voxel_size is None else f" with voxels of {ruler.voxel_size:g} m"
     return f"protocol {ruler.protocol} {ruler.version}{voxels}"
 
 
-def _check_truth(entries: Mapping[str, Entry], ruler: Ruler) -> None:
+def _check_truth(entries: Mapping[str, ScoresEntry], ruler: ScoringRule) -> None:
     """The reference rows depend on the truth alone: those of files with the same observations must be equal."""
-    first: dict[object, tuple[Entry, object]] = {}
+    first: dict[object, tuple[ScoresEntry, object]] = {}
     for entry in entries.values():
         observations, rows = truth_figures(entry, ruler)
         known, expected = first.setdefault(observations, (entry, rows))
@@ -178,7 +178,7 @@ def _check_truth(entries: Mapping[str, Entry], ruler: Ruler) -> None:
                 f"{printable(str(entry.source))}: its reference rows differ from those of "
                 f"{printable(str(known.source))}: {_why(entry, known)}"
             )
-    frames: dict[str, tuple[Entry, int]] = {}
+    frames: dict[str, tuple[ScoresEntry, int]] = {}
     for entry in entries.values():
         for row in entry.scores.observations:
             known, count = frames.setdefault(row.key, (entry, row.frames))
@@ -189,7 +189,7 @@ def _check_truth(entries: Mapping[str, Entry], ruler: Ruler) -> None:
                 )
 
 
-def _why(entry: Entry, known: Entry) -> str:
+def _why(entry: ScoresEntry, known: ScoresEntry) -> str:
     """Why the reference rows of two files with the same observations differ, as far as the files tell."""
     mine, theirs = entry.scores, known.scores
     truth = mine.dataset.truth_digest
@@ -207,7 +207,7 @@ def _why(entry: Entry, known: Entry) -> str:
     return "they were not scored against the same ground truth (dataset.truth_digest): score both on one dataset"
 
 
-def _common(entries: Mapping[str, Entry]) -> list[str]:
+def _common(entries: Mapping[str, ScoresEntry]) -> list[str]:
     """Keys of the observations that all files have, sorted."""
     return sorted(
         functools.reduce(operator.and_, ({row.key for row in one.scores.observations} for one in entries.values()))
@@ -222,7 +222,7 @@ def _parts(keys: Iterable[str]) -> tuple[PartOrOverall, ...]:
 
 
 def _figures(
-    entries: Mapping[str, Entry], metrics: Iterable[Metric], parts: Iterable[PartOrOverall]
+    entries: Mapping[str, ScoresEntry], metrics: Iterable[Metric], parts: Iterable[PartOrOverall]
 ) -> list[FigureComparison]:
     methods = {name: entry.scores for name, entry in entries.items()}
     return [
@@ -234,7 +234,7 @@ def _figures(
     ]
 
 
-def _oracles(entries: Mapping[str, Entry]) -> list[str]:
+def _oracles(entries: Mapping[str, ScoresEntry]) -> list[str]:
     """A line for each file whose masks were made from the ground truth: a leaderboard does not rank it."""
     return [
         printable(f"{name}: made from the ground truth ({entry.truth}): no result of a method")
@@ -243,7 +243,7 @@ def _oracles(entries: Mapping[str, Entry]) -> list[str]:
     ]
 
 
-def _uncommon(entries: Mapping[str, Entry], common: Sequence[str]) -> list[str]:
+def _uncommon(entries: Mapping[str, ScoresEntry], common: Sequence[str]) -> list[str]:
     """A line if the files do not hold the same observations."""
     counts = {name: len(entry.scores.observations) for name, entry in entries.items()}
     if all(count == len(common) for count in counts.values()):
@@ -279,12 +279,12 @@ def _few_text(case: tuple[str, int, str], names: Sequence[str], pairs: int) -> s
     return f"{text}, fewer than {WARN_BELOW}: no p-value is below {least:.2g}{corrected}; intervals are too narrow"
 
 
-def _dataset(entry: Entry) -> ComparedDataset:
+def _dataset(entry: ScoresEntry) -> ComparedDataset:
     data = entry.scores.dataset
     return ComparedDataset(name=data.name, version=data.version, sha256=data.sha256, observations=data.observations)
 
 
-def _file(name: str, entry: Entry) -> ComparedFile:
+def _file(name: str, entry: ScoresEntry) -> ComparedFile:
     return ComparedFile(
         name=name,
         method=entry.scores.submission.method,

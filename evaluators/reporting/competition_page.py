@@ -14,7 +14,7 @@ SHOWN = 100
 
 
 @dataclass(frozen=True)
-class Row:
+class CompetitionRow:
     """A figure of the whole submission.
 
     Attributes:
@@ -48,7 +48,7 @@ class Row:
         return f"{self.title}: {self.shown}"
 
 
-def results_page(title: str, rows: Sequence[Row], problems: Sequence[Problem]) -> str:
+def results_page(title: str, rows: Sequence[CompetitionRow], problems: Sequence[Problem]) -> str:
     """The HTML page: a table of figures, then what was found in the submission's files.
 
     Args:

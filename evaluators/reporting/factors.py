@@ -16,7 +16,7 @@ from avs3d_bench.frame_rows import FrameRow
 from avs3d_bench.scores import Metric
 from avs3d_bench.templates import words
 from avs3d_bench.text import no_formula
-from evaluators.curves import Bin, Curve, Point, curves
+from evaluators.curves import Bin, FactorCurve, FactorPoint, curves
 from evaluators.frame_rows import read_rows
 from evaluators.reporting.pages import write_page
 
@@ -53,7 +53,7 @@ class Mark:
 
 
 @dataclass(frozen=True)
-class Chart:
+class FactorChart:
     """A curve as it is drawn.
 
     Attributes:
@@ -62,12 +62,12 @@ class Chart:
         lines: number of a method → CSS polygon of the line through neighbouring points; none between names.
     """
 
-    curve: Curve
+    curve: FactorCurve
     marks: tuple[Mark, ...]
     lines: tuple[tuple[int, str], ...]
 
 
-def draw(curve: Curve) -> Chart:
+def draw(curve: FactorCurve) -> FactorChart:
     """The positions of a curve's points and lines."""
     count, methods = len(curve.bins), len(curve.bins[0].points)
     marks: list[Mark] = []
@@ -85,10 +85,10 @@ def draw(curve: Curve) -> Chart:
                 lines.append((method, _segment(last, mark)))
             marks.append(mark)
             last = mark
-    return Chart(curve, tuple(marks), tuple(lines))
+    return FactorChart(curve, tuple(marks), tuple(lines))
 
 
-def _mark(method: int, left: float, found: Point) -> Mark:
+def _mark(method: int, left: float, found: FactorPoint) -> Mark:
     low, high = found.interval or (found.value, found.value)
     return Mark(method, left, 100 * found.value, 100 * low if found.interval else None, 100 * (high - low))
 
@@ -106,7 +106,7 @@ def factor_values(tables: Sequence[Sequence[FrameRow]]) -> tuple[dict[str, Any],
     Args:
         tables: rows of each method, of the same frames; none at all gives no entry.
     """
-    by_figure: dict[Metric, list[Curve]] = {}
+    by_figure: dict[Metric, list[FactorCurve]] = {}
     for each in curves(tables) if tables and tables[0] else ():
         by_figure.setdefault(each.metric, []).append(each)
     return tuple(
@@ -131,7 +131,7 @@ def factor_page(tables: Sequence[Sequence[FrameRow]]) -> dict[str, Any]:
     }
 
 
-def _notes(found: Sequence[Curve]) -> tuple[str, ...]:
+def _notes(found: Sequence[FactorCurve]) -> tuple[str, ...]:
     """What is not drawn or left out, each once with the titles of all factors that it concerns."""
     titles: dict[str, list[str]] = {}
     for each in found:
@@ -141,7 +141,7 @@ def _notes(found: Sequence[Curve]) -> tuple[str, ...]:
     return tuple(f"{', '.join(concerned)}: {note}" for note, concerned in titles.items())
 
 
-def _note(curve: Curve) -> str | None:
+def _note(curve: FactorCurve) -> str | None:
     """Why a curve is not drawn, or how many frames are missing in it; None if it has all of them."""
     missing = "; ".join(f"{_frames(count)}: {reason}" for reason, count in curve.unknown.items())
     if not curve.bins:
@@ -155,7 +155,7 @@ def _frames(count: int) -> str:
     return f"{count} frame{'' if count == 1 else 's'}"
 
 
-def bin_label(curve: Curve, each: Bin) -> str:
+def bin_label(curve: FactorCurve, each: Bin) -> str:
     """The label of a bin with its unit."""
     unit = curve.factor.unit
     label = words(each.label) if curve.factor.cuts is None else each.label
@@ -232,7 +232,7 @@ def _check_comparable(one: _Table, other: _Table) -> None:
             )
 
 
-def _as_csv(found: Sequence[Curve], names: Sequence[str]) -> str:
+def _as_csv(found: Sequence[FactorCurve], names: Sequence[str]) -> str:
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(TABLE_COLUMNS)

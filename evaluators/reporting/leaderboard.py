@@ -22,7 +22,7 @@ from avs3d_bench.outputs import check_replaceable
 from avs3d_bench.report import printable
 from avs3d_bench.scores import Scores
 from evaluators.reporting.pages import write_page
-from evaluators.reporting.ranking import Entry, leaderboard_values
+from evaluators.reporting.ranking import ScoresEntry, leaderboard_values
 from evaluators.reporting.report_check import read_report
 from evaluators.score_file import contents_digest, read_scores, read_verification
 from evaluators.signatures import LEADERBOARD, REPORT, SCORES
@@ -65,7 +65,7 @@ def write_leaderboard(folder: Path, score_files: Sequence[Path], verified: Seque
     return (*(entry.note for entry in entries if entry.note), *notes)
 
 
-def _marked(entries: Sequence[Entry], records: Sequence[Path]) -> tuple[tuple[Entry, ...], list[str]]:
+def _marked(entries: Sequence[ScoresEntry], records: Sequence[Path]) -> tuple[tuple[ScoresEntry, ...], list[str]]:
     """The entries, marked where a record confirms them; and a line for each record that confirms none."""
     confirmed, notes = set(), []
     digests = {entry.digest for entry in entries}
@@ -89,7 +89,7 @@ def _write(path: Path, data: bytes) -> None:
         write_bytes(path, data)
 
 
-def read_entries(score_files: Sequence[Path], *, reports: bool = True) -> tuple[Entry, ...]:
+def read_entries(score_files: Sequence[Path], *, reports: bool = True) -> tuple[ScoresEntry, ...]:
     """The entries of a board, each with its name, sorted by method.
 
     Args:
@@ -102,7 +102,7 @@ def read_entries(score_files: Sequence[Path], *, reports: bool = True) -> tuple[
     """
     if not score_files:
         raise UsageError("no file of scores: expected at least one file written by avs3d-eval --json")
-    found: dict[str, Entry] = {}
+    found: dict[str, ScoresEntry] = {}
     for path in sorted(map(Path, score_files)):
         entry = read_entry(path, reports)
         known = found.get(entry.digest)
@@ -120,7 +120,7 @@ def read_entries(score_files: Sequence[Path], *, reports: bool = True) -> tuple[
     return tuple(named)
 
 
-def read_entry(path: Path, reports: bool) -> Entry:
+def read_entry(path: Path, reports: bool) -> ScoresEntry:
     """One file of scores.
 
     Args:
@@ -134,7 +134,7 @@ def read_entry(path: Path, reports: bool) -> Entry:
     # A copy in a leaderboard, whose report lies elsewhere, counts as the same entry.
     digest = contents_digest(scores)
     report, why = _report(path, scores) if reports else (None, None)
-    return Entry(scores, path, digest, report, note=why)
+    return ScoresEntry(scores, path, digest, report, note=why)
 
 
 def _report(path: Path, scores: Scores) -> tuple[Path | None, str | None]:
@@ -160,7 +160,7 @@ def _slug(method: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", method.lower())[:_SLUG_LENGTH].strip("-") or "method"
 
 
-def _refuse_overwriting(folder: Path, entries: Iterable[Entry], records: Iterable[Path]) -> None:
+def _refuse_overwriting(folder: Path, entries: Iterable[ScoresEntry], records: Iterable[Path]) -> None:
     """A copy must not take the place of another entry's file, a record of `avs3d verify`, or a file of others."""
     owners = {Path(path).resolve(): str(path) for path in records}
     for entry in entries:

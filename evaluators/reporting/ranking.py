@@ -35,7 +35,7 @@ _DIGEST_LENGTH = 7
 
 
 @dataclass(frozen=True)
-class Entry:
+class ScoresEntry:
     """One file of scores.
 
     Attributes:
@@ -80,7 +80,7 @@ class Entry:
 
 
 @dataclass(frozen=True, order=True)
-class Ruler:
+class ScoringRule:
     """What figures are measured with: a protocol, its version, and the voxels of the 3D figures where it has them."""
 
     protocol: str
@@ -94,7 +94,7 @@ class Ruler:
 
 
 @dataclass(frozen=True)
-class Row:
+class RankingRow:
     """One row of a table.
 
     Attributes:
@@ -107,12 +107,12 @@ class Row:
 
     rank: int | None
     title: str
-    entry: Entry | None
+    entry: ScoresEntry | None
     group: GroupScores
 
 
 @dataclass(frozen=True)
-class Table:
+class RankingTable:
     """One dataset, one ruler, one part, one truth.
 
     Attributes:
@@ -125,21 +125,21 @@ class Table:
         titles: key → method, with a part of the digest where several entries have one name.
     """
 
-    rows: tuple[Row, ...]
-    partial: tuple[Row, ...]
+    rows: tuple[RankingRow, ...]
+    partial: tuple[RankingRow, ...]
     metrics: tuple[Metric, ...]
     ranking: Metric
     observations: int
     standings: Standings
     titles: Mapping[str, str]
 
-    def place(self, row: Row, metric: Metric) -> int | None:
+    def place(self, row: RankingRow, metric: Metric) -> int | None:
         """Of a ranked row under a figure, if it was tested."""
         return self.standings.place(row.entry.digest, metric) if row.entry and row.rank is not None else None
 
 
 @dataclass(frozen=True)
-class View:
+class RankingView:
     """The rows of the page for a dataset, one part and one ruler.
 
     Attributes:
@@ -150,8 +150,8 @@ class View:
     """
 
     part: str
-    ruler: Ruler
-    tables: tuple[Table, ...]
+    ruler: ScoringRule
+    tables: tuple[RankingTable, ...]
     left_out: tuple[str, ...]
 
     @property
@@ -162,7 +162,7 @@ class View:
 
 
 @dataclass(frozen=True)
-class Section:
+class DatasetRanking:
     """One dataset.
 
     Attributes:
@@ -179,10 +179,10 @@ class Section:
     sha256: str | None
     observations: int
     entries: int
-    views: tuple[View, ...]
+    views: tuple[RankingView, ...]
 
 
-def leaderboard_values(entries: Sequence[Entry]) -> dict[str, Any]:
+def leaderboard_values(entries: Sequence[ScoresEntry]) -> dict[str, Any]:
     """The values for the template."""
     rulers = _ordered({ruler for entry in entries for ruler in rulers_of(entry)})
     parts = [name for name in _PARTS if any(_group(entry, name) is not None for entry in entries)]
@@ -207,38 +207,41 @@ def leaderboard_values(entries: Sequence[Entry]) -> dict[str, Any]:
     }
 
 
-def rulers_of(entry: Entry) -> tuple[Ruler, ...]:
+def rulers_of(entry: ScoresEntry) -> tuple[ScoringRule, ...]:
     """The protocols of a file of scores, each with its version and the size of the voxels."""
     said = entry.scores.avs3d_eval
     return tuple(
-        Ruler(name, version, said.voxel_size if name == "strict" else None) for name, version in said.protocols.items()
+        ScoringRule(name, version, said.voxel_size if name == "strict" else None)
+        for name, version in said.protocols.items()
     )
 
 
-def _ordered(rulers: Iterable[Ruler]) -> list[Ruler]:
+def _ordered(rulers: Iterable[ScoringRule]) -> list[ScoringRule]:
     """Listen before strict before official, the newest version first."""
 
-    def order(ruler: Ruler) -> tuple[Any, ...]:
+    def order(ruler: ScoringRule) -> tuple[Any, ...]:
         numbers = tuple(-int(piece) for piece in re.findall(r"\d+", ruler.version))
         return (_PROTOCOLS.index(ruler.protocol), numbers, ruler.version, ruler.voxel_size or 0.0)
 
     return sorted(rulers, key=order)
 
 
-def _group(entry: Entry, part: str) -> GroupScores | None:
+def _group(entry: ScoresEntry, part: str) -> GroupScores | None:
     scores = entry.scores
     return scores.overall if part == "overall" else {str(k): v for k, v in scores.parts.items()}.get(part)
 
 
-def dataset_identity(entry: Entry) -> tuple[str, str, str, int]:
+def dataset_identity(entry: ScoresEntry) -> tuple[str, str, str, int]:
     """What two entries must share to have been scored against the same dataset."""
     data = entry.scores.dataset
     return data.name, data.version or "", data.sha256 or "", data.observations
 
 
-def _sections(entries: Sequence[Entry], rulers: Sequence[Ruler], parts: Sequence[PartOrOverall]) -> tuple[Section, ...]:
+def _sections(
+    entries: Sequence[ScoresEntry], rulers: Sequence[ScoringRule], parts: Sequence[PartOrOverall]
+) -> tuple[DatasetRanking, ...]:
     """The datasets, the one with the most entries first."""
-    found: dict[tuple[str, str, str, int], list[Entry]] = {}
+    found: dict[tuple[str, str, str, int], list[ScoresEntry]] = {}
     for entry in entries:
         found.setdefault(dataset_identity(entry), []).append(entry)
     sections = []
@@ -246,18 +249,18 @@ def _sections(entries: Sequence[Entry], rulers: Sequence[Ruler], parts: Sequence
         name, version, sha256, observations = identity
         members = found[identity]
         views = tuple(
-            View(part, ruler, _tables(members, ruler, part), _left_out(members, ruler))
+            RankingView(part, ruler, _tables(members, ruler, part), _left_out(members, ruler))
             for ruler in rulers
             for part in parts
         )
-        sections.append(Section(name, version or None, sha256 or None, observations, len(members), views))
+        sections.append(DatasetRanking(name, version or None, sha256 or None, observations, len(members), views))
     return tuple(sections)
 
 
-def _tables(entries: Iterable[Entry], ruler: Ruler, part: PartOrOverall) -> tuple[Table, ...]:
+def _tables(entries: Iterable[ScoresEntry], ruler: ScoringRule, part: PartOrOverall) -> tuple[RankingTable, ...]:
     """Usually one; the entries without the part or the ruler are left out."""
     members = [entry for entry in entries if ruler in rulers_of(entry) and _scored(_group(entry, part), ruler)]
-    truths: dict[Any, list[Entry]] = {}
+    truths: dict[Any, list[ScoresEntry]] = {}
     for entry in members:
         if entry.whole:
             truths.setdefault(truth_figures(entry, ruler), []).append(entry)
@@ -268,16 +271,16 @@ def _tables(entries: Iterable[Entry], ruler: Ruler, part: PartOrOverall) -> tupl
     return tuple(_table(group, [] if number else partial, ruler, part) for number, group in enumerate(ordered))
 
 
-def _scored(group: GroupScores | None, ruler: Ruler) -> bool:
+def _scored(group: GroupScores | None, ruler: ScoringRule) -> bool:
     """Whether a group has scores of the ruler's protocol."""
     return getattr(group, ruler.protocol, None) is not None
 
 
-def _left_out(entries: Iterable[Entry], ruler: Ruler) -> tuple[str, ...]:
+def _left_out(entries: Iterable[ScoresEntry], ruler: ScoringRule) -> tuple[str, ...]:
     return tuple(entry.scores.submission.method for entry in entries if ruler not in rulers_of(entry))
 
 
-def truth_figures(entry: Entry, ruler: Ruler) -> tuple[Any, ...]:
+def truth_figures(entry: ScoresEntry, ruler: ScoringRule) -> tuple[Any, ...]:
     """The figures of the blind reference rows: they depend only on the dataset and the protocol.
 
     The observations belong to it, because a dataset without a sha256 may share its name with another. The deaf rows do
@@ -292,12 +295,14 @@ def truth_figures(entry: Entry, ruler: Ruler) -> tuple[Any, ...]:
     return (tuple(sorted((row.key, row.frames) for row in entry.scores.observations)), tuple(rows))
 
 
-def _table(entries: Sequence[Entry], partial: Sequence[Entry], ruler: Ruler, part: PartOrOverall) -> Table:
-    rows: Sequence[Row] = [_row(entry, part) for entry in entries]
+def _table(
+    entries: Sequence[ScoresEntry], partial: Sequence[ScoresEntry], ruler: ScoringRule, part: PartOrOverall
+) -> RankingTable:
+    rows: Sequence[RankingRow] = [_row(entry, part) for entry in entries]
     below = [_row(entry, part) for entry in partial]
     beside = references_of(entries)
     references = [
-        Row(None, REFERENCE_TITLES[name], None, group)
+        RankingRow(None, REFERENCE_TITLES[name], None, group)
         for name in ALL_REFERENCES
         if (group := beside.get(name, {}).get(part)) is not None and _scored(group, ruler)
     ]
@@ -311,36 +316,36 @@ def _table(entries: Sequence[Entry], partial: Sequence[Entry], ruler: Ruler, par
     competing = {row.entry.digest: row.entry.scores for row in rows if row.entry and _competes(row)}
     found = standings(competing, metrics, ranking, part)
     ranked = [*_ranked(rows, found, ranking), *references]
-    return Table(
+    return RankingTable(
         _best_first(ranked, ranking), _best_first(below, ranking), metrics or (ranking,), ranking,
         observations=max(row.group.observations for row in (ranked or below)), standings=found,
         titles={e.digest: f"{e.scores.submission.method}{f' ({e.short_digest})' if e.twin else ''}" for e in entries},
     )  # fmt: skip
 
 
-def _ranked(rows: Iterable[Row], found: Standings, ranking: Metric) -> list[Row]:
+def _ranked(rows: Iterable[RankingRow], found: Standings, ranking: Metric) -> list[RankingRow]:
     """The rows with their places: those of the tests, else by the figure itself."""
     values = [value for row in rows if _competes(row) and (value := figure(row.group, ranking)) is not None]
 
-    def rank(row: Row) -> int | None:
+    def rank(row: RankingRow) -> int | None:
         tested = found.place(row.entry.digest, ranking) if row.entry else None
         return tested or _rank(figure(row.group, ranking), values)
 
     return [replace(row, rank=rank(row)) if _competes(row) else row for row in rows]
 
 
-def references_of(entries: Iterable[Entry]) -> Mapping[str, Mapping[str, GroupScores]]:
+def references_of(entries: Iterable[ScoresEntry]) -> Mapping[str, Mapping[str, GroupScores]]:
     """The reference rows of entries of one truth: the longest list, for earlier versions wrote no deaf rows."""
     return max((entry.scores.references for entry in entries), key=len, default={})
 
 
-def _row(entry: Entry, part: str) -> Row:
+def _row(entry: ScoresEntry, part: str) -> RankingRow:
     group = _group(entry, part)
     assert group is not None  # entries without the part were left out
-    return Row(None, entry.scores.submission.method, entry, group)
+    return RankingRow(None, entry.scores.submission.method, entry, group)
 
 
-def _competes(row: Row) -> bool:
+def _competes(row: RankingRow) -> bool:
     return row.entry is not None and row.entry.truth is None
 
 
@@ -349,8 +354,8 @@ def _rank(value: float | None, values: Iterable[float]) -> int | None:
     return None if value is None else 1 + sum(other > value for other in values)
 
 
-def _best_first(rows: Iterable[Row], ranking: Metric) -> tuple[Row, ...]:
-    def order(row: Row) -> tuple[Any, ...]:
+def _best_first(rows: Iterable[RankingRow], ranking: Metric) -> tuple[RankingRow, ...]:
+    def order(row: RankingRow) -> tuple[Any, ...]:
         value = figure(row.group, ranking)
         digest = row.entry.digest if row.entry else ""
         return (value is None, -(value or 0.0), row.entry is None, row.title, digest)

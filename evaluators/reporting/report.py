@@ -65,7 +65,7 @@ class Bar:
 
 
 @dataclass(frozen=True)
-class Chart:
+class BarChart:
     """Bars of one figure.
 
     Attributes:
@@ -84,7 +84,7 @@ class Chart:
 
 
 @dataclass(frozen=True)
-class Card:
+class PartCard:
     """A part at a glance.
 
     Attributes:
@@ -187,7 +187,7 @@ def in_order(known: tuple[Metric, ...]) -> tuple[Metric, ...]:
     return tuple(sorted(known, key=lambda metric: first is None or metric.protocol != first.protocol))
 
 
-def cards(scores: Scores, known: tuple[Metric, ...]) -> tuple[Card, ...]:
+def cards(scores: Scores, known: tuple[Metric, ...]) -> tuple[PartCard, ...]:
     """Overall and each part at a glance; the main figure of a part is one of a protocol that scores it."""
     chosen = {("listen", "pair_accuracy"), ("listen", "IoU"), ("listen", "FP_rate"), ("listen", "class_mIoU"),
               ("strict", "F"), ("strict", "boundary_F"), ("strict", "FP_rate"), ("strict", "wrong_instance_rate"),
@@ -200,7 +200,7 @@ def cards(scores: Scores, known: tuple[Metric, ...]) -> tuple[Card, ...]:
             continue
         deaf = {"part_2": DEAF_REFERENCES, "part_3": DEAF_ORACLES}.get(name)
         found.append(
-            Card(
+            PartCard(
                 PART_TITLES[name],
                 PART_NOTES[name],
                 group,
@@ -234,7 +234,7 @@ def best_reference(
     return REFERENCE_TITLES[name], value
 
 
-def chart(scores: Scores, metric: Metric) -> Chart:
+def chart(scores: Scores, metric: Metric) -> BarChart:
     """The bars of one figure: parts with their references, then categories and rooms."""
     groups = [*_parts(scores).values(), *scores.categories.values(), *scores.rooms.values()]
     references = [scores.references.get(name, {}).get(part) for name in ALL_REFERENCES for part in _parts(scores)]
@@ -261,7 +261,7 @@ def chart(scores: Scores, metric: Metric) -> Chart:
     whole = next(iter(_parts(scores)))
     best = best_reference(scores, whole, metric)
     ticks = tuple((25.0 * step, f"{top * step / 4:g}") for step in range(5))
-    return Chart(metric, tuple(blocks), ticks, 100 * best[1] / top if best else None, best[0] if best else "")
+    return BarChart(metric, tuple(blocks), ticks, 100 * best[1] / top if best else None, best[0] if best else "")
 
 
 def _count(observations: int) -> str:

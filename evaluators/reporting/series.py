@@ -11,7 +11,7 @@ from avs3d_bench.scores import metrics_of
 from evaluators.reading.archive import printable
 from evaluators.reporting import paper
 from evaluators.reporting.pages import figure
-from evaluators.reporting.ranking import Entry, Ruler, dataset_identity, rulers_of, truth_figures
+from evaluators.reporting.ranking import ScoresEntry, ScoringRule, dataset_identity, rulers_of, truth_figures
 from evaluators.reporting.report import headline
 
 #: Settings in ``runtime`` of submission.json that a series shares, with the method's name.
@@ -21,16 +21,16 @@ THRESHOLD = "voting_threshold"
 _DECIMALS = 6
 
 #: Voting threshold → entry, the highest threshold first; two or more.
-Series = dict[float, Entry]
+Series = dict[float, ScoresEntry]
 
 
-def comparable(entries: Iterable[Entry]) -> tuple[tuple[tuple[Ruler, ...], tuple[Entry, ...]], ...]:
+def comparable(entries: Iterable[ScoresEntry]) -> tuple[tuple[tuple[ScoringRule, ...], tuple[ScoresEntry, ...]], ...]:
     """Groups of scores on the same data, the same observations and with the same protocols.
 
     Returns:
         (protocols, entries) of every group, the one with the most observations and files first; in it the best first.
     """
-    found: dict[Any, list[Entry]] = {}
+    found: dict[Any, list[ScoresEntry]] = {}
     for entry in entries:
         rulers = tuple(sorted(rulers_of(entry)))
         found.setdefault(
@@ -43,10 +43,10 @@ def comparable(entries: Iterable[Entry]) -> tuple[tuple[tuple[Ruler, ...], tuple
     return tuple((key[1], _best_first(members)) for key, members in ordered)
 
 
-def _best_first(entries: Iterable[Entry]) -> tuple[Entry, ...]:
+def _best_first(entries: Iterable[ScoresEntry]) -> tuple[ScoresEntry, ...]:
     """By the figure that ranks in the leaderboard, over all observations."""
 
-    def order(entry: Entry) -> tuple[Any, ...]:
+    def order(entry: ScoresEntry) -> tuple[Any, ...]:
         known = (m for name in entry.scores.avs3d_eval.protocols for m in metrics_of(name))
         metric = headline(m for m in known if figure(entry.scores.overall, m) is not None)
         value = figure(entry.scores.overall, metric) if metric else None
@@ -55,7 +55,7 @@ def _best_first(entries: Iterable[Entry]) -> tuple[Entry, ...]:
     return tuple(sorted(entries, key=order))
 
 
-def titles_of(entries: Sequence[Entry], keys: Sequence[str] = (*SETTINGS, THRESHOLD)) -> dict[str, str]:
+def titles_of(entries: Sequence[ScoresEntry], keys: Sequence[str] = (*SETTINGS, THRESHOLD)) -> dict[str, str]:
     """Digest → method; of one name several, with those settings in which they differ, else with the digest."""
     titles = {}
     for entry in entries:
@@ -70,13 +70,13 @@ def titles_of(entries: Sequence[Entry], keys: Sequence[str] = (*SETTINGS, THRESH
     return {d: title if counts[title] == 1 else f"{title} [{short[d]}]" for d, title in titles.items()}
 
 
-def series_of(entries: Iterable[Entry]) -> list[Series]:
+def series_of(entries: Iterable[ScoresEntry]) -> list[Series]:
     """The series among comparable entries, in their order.
 
     Raises:
         Avs3dError: if a threshold is none, or a series has one of them twice.
     """
-    found: dict[tuple[str, ...], list[tuple[float, Entry]]] = {}
+    found: dict[tuple[str, ...], list[tuple[float, ScoresEntry]]] = {}
     for entry in entries:
         threshold = _threshold(entry)
         if threshold is not None:
@@ -100,7 +100,7 @@ def series_of(entries: Iterable[Entry]) -> list[Series]:
     return several
 
 
-def _threshold(entry: Entry) -> float | None:
+def _threshold(entry: ScoresEntry) -> float | None:
     value = paper.settings(entry.scores.submission).get(THRESHOLD)
     if value is None:
         return None

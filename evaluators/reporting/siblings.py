@@ -18,7 +18,7 @@ from evaluators.reporting.sounds import sounds_in
 
 
 @dataclass(frozen=True)
-class Sibling:
+class SiblingCell:
     """One sibling in one frame.
 
     Attributes:
@@ -48,7 +48,7 @@ class Siblings:
 
     shown: SiblingFrame
     frame: Picture
-    siblings: tuple[Sibling, ...]
+    siblings: tuple[SiblingCell, ...]
 
 
 def draw_siblings(shown: SiblingFrame, dataset: Dataset, submission: Submission) -> Siblings:
@@ -76,6 +76,6 @@ def draw_siblings(shown: SiblingFrame, dataset: Dataset, submission: Submission)
             note = f"IoU {counts.overlap / counts.union:.2f}"
         else:
             note = "nothing to mark" + (f", {counts.predicted:,} pixels marked" if counts.predicted else "")
-        siblings.append(Sibling(key, sounds, drawn, is_right(counts), note))
+        siblings.append(SiblingCell(key, sounds, drawn, is_right(counts), note))
     alt = f"Camera frame {shown.name}, the same for all siblings of {shown.group}"
     return Siblings(shown, picture(resized(rgb, SMALL), alt), tuple(siblings))

@@ -25,7 +25,7 @@ from evaluators.pairs import group_accuracies
 from evaluators.protocols import summarise
 from evaluators.reporting.leaderboard import read_entries
 from evaluators.reporting.pages import figure, interval, number, span
-from evaluators.reporting.ranking import Entry, dataset_identity, rulers_of
+from evaluators.reporting.ranking import ScoresEntry, dataset_identity, rulers_of
 from evaluators.reporting.series import titles_of
 from evaluators.reporting.table_contents import inert
 from evaluators.reporting.tables_markdown import plain
@@ -42,7 +42,7 @@ USUAL = ("listen.pair_accuracy", "listen.IoU", "strict.IoU", "official.mIoU")
 
 
 @dataclass(frozen=True)
-class Point:
+class SweepPoint:
     """The scores of one method at one value of the parameter.
 
     Attributes:
@@ -88,7 +88,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Curve:
+class SweepCurve:
     """One method under one setting of the other parameters.
 
     Attributes:
@@ -99,9 +99,9 @@ class Curve:
 
     method: str
     setting: Setting
-    points: tuple[Point, ...]
+    points: tuple[SweepPoint, ...]
 
-    def change(self, point: Point, metric: Metric, reference: Value) -> Change | None:
+    def change(self, point: SweepPoint, metric: Metric, reference: Value) -> Change | None:
         """The change of a figure from the point with the value ``reference`` to another; None where one is missing."""
         first = next((one.units(metric) for one in self.points if one.value == reference), {})
         pairs = [(first[name], unit) for name, unit in point.units(metric).items() if name in first]
@@ -130,7 +130,7 @@ class Sweep:
     field: str
     dataset: str
     metrics: tuple[Metric, ...]
-    curves: tuple[Curve, ...]
+    curves: tuple[SweepCurve, ...]
     reference: Value
 
 
@@ -183,11 +183,11 @@ def value_text(value: Value) -> str:
     return "none" if value is None else value if isinstance(value, str) else f"{value:g}"
 
 
-def _keys(entry: Entry) -> list[str]:
+def _keys(entry: ScoresEntry) -> list[str]:
     return sorted(row.key for row in entry.scores.observations)
 
 
-def _values(entry: Entry) -> dict[str, list[Value]]:
+def _values(entry: ScoresEntry) -> dict[str, list[Value]]:
     """Field → its values among the observations, sorted."""
     found: dict[str, set[Value]] = {}
     for row in entry.scores.observations:
@@ -196,7 +196,7 @@ def _values(entry: Entry) -> dict[str, list[Value]]:
     return {name: sorted(found[name], key=order_of) for name in sorted(found)}
 
 
-def _parameter(entry: Entry, over: str | None) -> tuple[str, tuple[str, ...]]:
+def _parameter(entry: ScoresEntry, over: str | None) -> tuple[str, tuple[str, ...]]:
     """The parameter, and the others that vary.
 
     Raises:
@@ -220,7 +220,7 @@ def _parameter(entry: Entry, over: str | None) -> tuple[str, tuple[str, ...]]:
     return field, tuple(name for name in varying if name != field)
 
 
-def _curves(entry: Entry, title: str, field: str, others: Sequence[str]) -> Iterable[Curve]:
+def _curves(entry: ScoresEntry, title: str, field: str, others: Sequence[str]) -> Iterable[SweepCurve]:
     rows = [row for row in entry.scores.observations if row.condition]
     settings = {_setting(row, others) for row in rows}
     # Without a background there is no kind of it: such observations belong to the curves of all kinds.
@@ -231,7 +231,7 @@ def _curves(entry: Entry, title: str, field: str, others: Sequence[str]) -> Iter
         for row in mine:
             found.setdefault(_value(row, field), []).append(row)
         points = [_point(value, found[value], entry.scores.siblings or ()) for value in sorted(found, key=order_of)]
-        yield Curve(title, setting, tuple(points))
+        yield SweepCurve(title, setting, tuple(points))
 
 
 def _setting(row: ObservationScores, names: Sequence[str]) -> Setting:
@@ -247,17 +247,17 @@ def _value(row: ObservationScores, name: str) -> Value:
     return next((value for field, value in values if field == name), None)
 
 
-def _point(value: Value, rows: Sequence[ObservationScores], siblings: Sequence[SiblingScores]) -> Point:
+def _point(value: Value, rows: Sequence[ObservationScores], siblings: Sequence[SiblingScores]) -> SweepPoint:
     keys = {row.key for row in rows}
     under = [
         one.model_copy(update={"pairs": tuple(p for p in one.pairs if {p.first, p.second} <= keys)}) for one in siblings
     ]
     times = [row.condition.t30 for row in rows if row.condition and row.condition.t30 is not None]
     t30 = sum(times) / len(times) if times else None
-    return Point(value, summarise(rows, under), t30, tuple(rows), tuple(under))
+    return SweepPoint(value, summarise(rows, under), t30, tuple(rows), tuple(under))
 
 
-def _metrics(curves: Sequence[Curve], names: Sequence[str]) -> tuple[Metric, ...]:
+def _metrics(curves: Sequence[SweepCurve], names: Sequence[str]) -> tuple[Metric, ...]:
     known = {f"{metric.protocol}.{metric.name}": metric for metric in METRICS}
     for name in names:
         if name not in known:

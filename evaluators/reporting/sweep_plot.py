@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from avs3d_bench.outputs import PNG_METADATA
 from evaluators.reporting.pages import clean, figure, interval
-from evaluators.reporting.sweep_curve import Curve, Sweep, Value, value_text, values_of
+from evaluators.reporting.sweep_curve import Sweep, SweepCurve, Value, value_text, values_of
 from evaluators.reporting.tables_plot import COLOURS, SOFT, TICKS, encode, head_of, new_figure, style
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ def _ticks(sweep: Sweep, values: Sequence[Value]) -> list[str]:
     return [f"{value_text(value)}\n{sum(times[value]) / len(times[value]):.2f} s" for value in values]
 
 
-def _curve(axes: Axes, curve: Curve, metric: Metric, values: Sequence[Value], index: int, count: int) -> None:
+def _curve(axes: Axes, curve: SweepCurve, metric: Metric, values: Sequence[Value], index: int, count: int) -> None:
     colour, shift = COLOURS[index % len(COLOURS)], _APART * (index - (count - 1) / 2)
     found = sorted(
         (values.index(point.value) + shift, value, interval(point.group, metric))

@@ -15,7 +15,7 @@ from avs3d_bench.taxonomy import PARTS
 from avs3d_bench.text import no_formula
 from evaluators.reporting import paper
 from evaluators.reporting.pages import REFERENCE_TITLES, figure, interval
-from evaluators.reporting.ranking import Entry, Ruler, references_of
+from evaluators.reporting.ranking import ScoresEntry, ScoringRule, references_of
 from evaluators.reporting.series import SETTINGS, THRESHOLD, comparable, series_of, titles_of
 
 #: The figures in both tables.
@@ -31,7 +31,7 @@ COLUMNS: tuple[Metric, ...] = tuple(
 
 
 @dataclass(frozen=True)
-class Row:
+class PaperRow:
     """One row of a table.
 
     Attributes:
@@ -45,7 +45,7 @@ class Row:
     """
 
     title: str
-    entry: Entry | None
+    entry: ScoresEntry | None
     part: str
     group: GroupScores
     match: paper.Match | None
@@ -54,7 +54,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Section:
+class PaperSection:
     """What compares.
 
     Attributes:
@@ -65,8 +65,8 @@ class Section:
     """
 
     number: int
-    rulers: tuple[Ruler, ...]
-    rows: tuple[Row, ...]
+    rulers: tuple[ScoringRule, ...]
+    rows: tuple[PaperRow, ...]
     swept: int = 0
 
     @property
@@ -85,12 +85,12 @@ class Section:
         return tuple(m for m in COLUMNS if any(figure(row.group, m) is not None for row in self.rows))
 
     @property
-    def _entry(self) -> Entry:
+    def _entry(self) -> ScoresEntry:
         return next(row.entry for row in self.rows if row.entry)
 
 
 @dataclass(frozen=True)
-class Table:
+class PaperTable:
     """A table of the paper with our figures.
 
     Attributes:
@@ -100,22 +100,22 @@ class Table:
     """
 
     name: str
-    sections: tuple[Section, ...]
+    sections: tuple[PaperSection, ...]
     elsewhere: tuple[str, ...] = ()
 
-    def picture(self, section: Section) -> str:
+    def picture(self, section: PaperSection) -> str:
         """Name of a section's picture, without its suffix."""
         return self.name if section.number == 1 else f"{self.name}-{section.number}"
 
 
-def table_2(entries: Iterable[Entry]) -> Table:
+def table_2(entries: Iterable[ScoresEntry]) -> PaperTable:
     """Methods × parts, reference rows last.
 
     A group of files that has nothing but series is left to Table 3, unless there is no other.
     """
     groups = [(rulers, members, series_of(members)) for rulers, members in comparable(entries)]
     only_series = [sum(map(len, several)) == len(members) for _, members, several in groups]
-    sections: list[Section] = []
+    sections: list[PaperSection] = []
     elsewhere: list[str] = []
     for (rulers, members, several), swept_whole in zip(groups, only_series, strict=True):
         if swept_whole and not all(only_series):
@@ -130,40 +130,40 @@ def table_2(entries: Iterable[Entry]) -> Table:
         }
         shown = tuple(entry for entry in members if entry.digest not in swept)
         titles = titles_of(shown)
-        rows: list[Row] = []
+        rows: list[PaperRow] = []
         for part in PARTS:
             for entry in shown:
                 group = _part(entry.scores.parts, part)
                 if group is not None:
                     match = paper.match(entry.scores.submission)
                     figures = paper.TABLE_2[match.row].get(part, {}) if match.row else {}
-                    rows.append(Row(titles[entry.digest], entry, part, group, match, figures))
+                    rows.append(PaperRow(titles[entry.digest], entry, part, group, match, figures))
             rows += _references(shown, part)
-        sections.append(Section(len(sections) + 1, rulers, tuple(rows), len(swept)))
-    return Table("table2", tuple(sections), tuple(elsewhere))
+        sections.append(PaperSection(len(sections) + 1, rulers, tuple(rows), len(swept)))
+    return PaperTable("table2", tuple(sections), tuple(elsewhere))
 
 
-def table_3(entries: Iterable[Entry]) -> Table | None:
+def table_3(entries: Iterable[ScoresEntry]) -> PaperTable | None:
     """Series of voting thresholds, the highest first; None where there is no series."""
-    sections: list[Section] = []
+    sections: list[PaperSection] = []
     for rulers, members in comparable(entries):
         several = series_of(members)
         if not several:
             continue
         titles = titles_of([next(iter(series.values())) for series in several], SETTINGS)
-        rows: list[Row] = []
+        rows: list[PaperRow] = []
         for series in several:
             title = titles[next(iter(series.values())).digest]
             for threshold, entry in series.items():
                 match = paper.match_sweep(entry.scores.submission)
                 figures = paper.TABLE_3.get(threshold, {}) if match.row else {}
-                rows.append(Row(title, entry, "overall", entry.scores.overall, match, figures, threshold))
+                rows.append(PaperRow(title, entry, "overall", entry.scores.overall, match, figures, threshold))
         rows += _references(members, "overall")
-        sections.append(Section(len(sections) + 1, rulers, tuple(rows)))
-    return Table("table3", tuple(sections)) if sections else None
+        sections.append(PaperSection(len(sections) + 1, rulers, tuple(rows)))
+    return PaperTable("table3", tuple(sections)) if sections else None
 
 
-def _heading(entry: Entry) -> str:
+def _heading(entry: ScoresEntry) -> str:
     """Dataset, version and how much of it, e.g. ``open-s34-o7 1.0.0, 8 of 34 observations``."""
     data = entry.scores.dataset
     count = f"{data.scored} observation{'' if data.scored == 1 else 's'}"
@@ -175,14 +175,14 @@ def _part(groups: Mapping[Any, GroupScores], part: str) -> GroupScores | None:
     return groups.get(part)
 
 
-def _references(entries: Iterable[Entry], part: str) -> list[Row]:
+def _references(entries: Iterable[ScoresEntry], part: str) -> list[PaperRow]:
     """The reference rows; the same for every entry of a section, because one truth gives one figure."""
     references = references_of(entries)
     beside = {name: references.get(name, {}).get(part) for name in ALL_REFERENCES}
-    return [Row(REFERENCE_TITLES[name], None, part, group, None, {}) for name, group in beside.items() if group]
+    return [PaperRow(REFERENCE_TITLES[name], None, part, group, None, {}) for name, group in beside.items() if group]
 
 
-def records(table: Table) -> list[dict[str, Scalar]]:
+def records(table: PaperTable) -> list[dict[str, Scalar]]:
     """A table as in its CSV: one record per row and part, full precision, intervals as ``_low``, ``_high``."""
     scenes = any(ruler.protocol == "listen" for section in table.sections for ruler in section.rulers)
     columns = [metric for metric in COLUMNS if metric.protocol != "listen" or scenes]
@@ -195,7 +195,7 @@ def inert(value: Scalar) -> Scalar:
     return no_formula(printable(value)) if isinstance(value, str) else value
 
 
-def csv(table: Table) -> str:
+def csv(table: PaperTable) -> str:
     """The text of the CSV file; `pandas.read_csv` gives `records` back."""
     lines = records(table)
     stream = io.StringIO()
@@ -205,7 +205,7 @@ def csv(table: Table) -> str:
     return stream.getvalue()
 
 
-def _record(section: Section, row: Row, table: Table, columns: Iterable[Metric]) -> dict[str, Scalar]:
+def _record(section: PaperSection, row: PaperRow, table: PaperTable, columns: Iterable[Metric]) -> dict[str, Scalar]:
     data = section.scores.dataset
     out: dict[str, Scalar] = {
         "section": section.number,

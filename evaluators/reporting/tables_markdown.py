@@ -10,7 +10,7 @@ from avs3d_bench.taxonomy import SOUND_SCENES
 from avs3d_bench.templates import MISSING
 from evaluators.reporting import paper
 from evaluators.reporting.pages import PART_NOTES, PART_TITLES, clean, figure, interval, number, span
-from evaluators.reporting.table_contents import Row, Section, Table
+from evaluators.reporting.table_contents import PaperRow, PaperSection, PaperTable
 
 _TITLES = {"table2": "Table 2: methods and parts", "table3": "Table 3: voting thresholds"}
 #: Characters that Markdown would take for markup in a method's name.
@@ -19,7 +19,7 @@ _MARKUP = re.compile(r"([\\`*_\[\]<>|~#&$])")
 _NAMED = 12
 
 
-def markdown(table: Table, *, pictures: bool = True) -> str:
+def markdown(table: PaperTable, *, pictures: bool = True) -> str:
     """The whole file.
 
     Args:
@@ -44,7 +44,7 @@ def plain(text: str) -> str:
     return _MARKUP.sub(r"\\\1", clean(" ".join(text.split())))
 
 
-def _section(table: Table, section: Section, pictures: bool) -> Iterable[str]:
+def _section(table: PaperTable, section: PaperSection, pictures: bool) -> Iterable[str]:
     data = section.scores.dataset
     yield f"## {plain(section.heading)}"
     rulers = " and ".join(f"{ruler.protocol} {ruler.version}" for ruler in section.rulers)
@@ -75,7 +75,7 @@ def _section(table: Table, section: Section, pictures: bool) -> Iterable[str]:
 
 
 def _grid(
-    first: str, names: Sequence[str], rows: Sequence[Row], columns: Sequence[Metric], notes: list[tuple[str, ...]]
+    first: str, names: Sequence[str], rows: Sequence[PaperRow], columns: Sequence[Metric], notes: list[tuple[str, ...]]
 ) -> str:
     """One table; adds its footnotes to ``notes``."""
     beside = {m.name for m in columns if m.protocol == "official" and any(m.name in row.paper for row in rows)}
@@ -95,12 +95,12 @@ def _grid(
     return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
 
 
-def _cell(row: Row, metric: Metric) -> str:
+def _cell(row: PaperRow, metric: Metric) -> str:
     spread = span(interval(row.group, metric))
     return number(figure(row.group, metric)) + (f" ({spread})" if spread else "")
 
 
-def _paper(row: Row, metric: Metric, notes: list[tuple[str, ...]]) -> str:
+def _paper(row: PaperRow, metric: Metric, notes: list[tuple[str, ...]]) -> str:
     value = row.paper.get(metric.name)
     if value is None or row.match is None:
         return MISSING
@@ -111,7 +111,7 @@ def _paper(row: Row, metric: Metric, notes: list[tuple[str, ...]]) -> str:
     return f"{number(value)} <sup>{notes.index(row.match.differs) + 1}</sup>"
 
 
-def _absent(rows: Sequence[Row], part: str) -> Iterable[str]:
+def _absent(rows: Sequence[PaperRow], part: str) -> Iterable[str]:
     """The paper's methods that no file is of."""
     known = any(figure(row.group, metric) is not None for row in rows for metric in metrics_of("official"))
     if part not in ("part_1", "part_2") or not known:
@@ -126,11 +126,11 @@ def _absent(rows: Sequence[Row], part: str) -> Iterable[str]:
         yield f"In the paper, and not among these files (mIoU / F): {', '.join(absent)}."
 
 
-def _listens(section: Section) -> bool:
+def _listens(section: PaperSection) -> bool:
     return any(ruler.protocol == "listen" for ruler in section.rulers)
 
 
-def _legend(table: Table, section: Section, notes: Sequence[tuple[str, ...]]) -> Iterable[str]:
+def _legend(table: PaperTable, section: PaperSection, notes: Sequence[tuple[str, ...]]) -> Iterable[str]:
     lower = [f"{m.protocol} {m.title}" for m in section.columns if not m.higher_is_better]
     better = f"Higher is better, except {' and '.join(lower)}." if lower else "Higher is better."
     slanted = "*Slanted*: reference rows; deaf: true masks chosen without sound."

@@ -17,7 +17,7 @@ from avs3d_bench.outputs import PNG_METADATA, SVG_METADATA
 from avs3d_bench.scores import BLIND_REFERENCES, Metric
 from evaluators.reporting import paper
 from evaluators.reporting.pages import PART_NOTES, REFERENCE_TITLES, clean, figure, interval
-from evaluators.reporting.table_contents import Row, Section, Table
+from evaluators.reporting.table_contents import PaperRow, PaperSection, PaperTable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,7 +57,7 @@ _STEP = 0.3
 TICKS = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
-def draw(table: Table, section: Section) -> dict[str, bytes]:
+def draw(table: PaperTable, section: PaperSection) -> dict[str, bytes]:
     """The picture of a section: suffix (``png``, ``svg``) → file.
 
     Raises:
@@ -113,7 +113,7 @@ def head_of(axes: Axes, metric: Metric) -> None:
     axes.text(0.0, 1.012, below, transform=axes.transAxes, va="bottom", fontsize=8.5, color=SOFT)
 
 
-def _caption(drawn: Figure, title: str, section: Section, handles: Sequence[Any], columns: int) -> None:
+def _caption(drawn: Figure, title: str, section: PaperSection, handles: Sequence[Any], columns: int) -> None:
     words = textwrap.wrap(
         f"{title}: {clean(section.heading)}", int(drawn.get_figwidth() * _TITLE_WIDTH),
         max_lines=_TITLE_LINES, placeholder=" …",
@@ -128,7 +128,7 @@ def _caption(drawn: Figure, title: str, section: Section, handles: Sequence[Any]
         text.set_color(SOFT)
 
 
-def methods_figure(section: Section) -> Figure:
+def methods_figure(section: PaperSection) -> Figure:
     """A row per method, a panel per figure, a colour per part; the paper's figure is hollow."""
     from matplotlib.lines import Line2D
 
@@ -174,7 +174,7 @@ def methods_figure(section: Section) -> Figure:
     return drawn
 
 
-def _mark(axes: Axes, row: Row, metric: Metric, y: float, colour: str) -> None:
+def _mark(axes: Axes, row: PaperRow, metric: Metric, y: float, colour: str) -> None:
     value, spread = figure(row.group, metric), interval(row.group, metric)
     if row.entry is None:
         if value is not None:
@@ -189,7 +189,7 @@ def _mark(axes: Axes, row: Row, metric: Metric, y: float, colour: str) -> None:
         axes.plot(value, y, "o", color=colour, markersize=5.5, zorder=5, clip_on=False)
 
 
-def thresholds_figure(section: Section) -> Figure:
+def thresholds_figure(section: PaperSection) -> Figure:
     """Two panels, a curve per series; the paper's is dashed."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -233,7 +233,7 @@ def thresholds_figure(section: Section) -> Figure:
     return drawn
 
 
-def _floor(axes: Axes, section: Section, metric: Metric) -> None:
+def _floor(axes: Axes, section: PaperSection, metric: Metric) -> None:
     """The best of what looks at nothing, as a dotted line."""
     blind = {REFERENCE_TITLES[name] for name in BLIND_REFERENCES}
     rows = [row for row in section.rows if row.entry is None and row.title in blind]
@@ -249,7 +249,7 @@ def _colour(index: int) -> str:
     return COLOURS[index % len(COLOURS)]
 
 
-def _curve(axes: Axes, rows: Sequence[Row], metric: Metric, index: int) -> None:
+def _curve(axes: Axes, rows: Sequence[PaperRow], metric: Metric, index: int) -> None:
     points = sorted(
         (row.threshold, value, interval(row.group, metric))
         for row in rows

@@ -95,7 +95,7 @@ class RoomPlan:
 
 
 @dataclass(frozen=True)
-class Opening:
+class WallOpening:
     """A rectangular hole in a wall, or (``entrance``) a closed door leaf on it; lengths in metres.
 
     ``start`` and ``stop`` are world coordinates along the wall (x on north and south walls, z on the others);
@@ -118,7 +118,7 @@ class FloorPlan:
     """Rooms, openings and heights of a flat (metres)."""
 
     rooms: tuple[RoomPlan, ...]
-    openings: tuple[Opening, ...]
+    openings: tuple[WallOpening, ...]
     height: float
 
     def room(self, name: str) -> RoomPlan:
@@ -135,7 +135,7 @@ class FloorPlan:
             max(r.z1 for r in self.rooms),
         )
 
-    def openings_of(self, room: str, side: Side) -> tuple[Opening, ...]:
+    def openings_of(self, room: str, side: Side) -> tuple[WallOpening, ...]:
         """The openings in one wall of a room, whichever room owns them."""
         return tuple(
             o for o in self.openings if (o.room, o.side) == (room, side) or (o.other, o.other_side) == (room, side)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from generators.apartments.floorplan import Opening, WallFrame
+from generators.apartments.floorplan import WallFrame, WallOpening
 from generators.apartments.roomshell import RoomShell
 from generators.core.scene import Material, Texture
 
@@ -164,7 +164,7 @@ class WindowMaterials:
 def window(
     shell: RoomShell,
     wall: WallFrame,
-    opening: Opening,
+    opening: WallOpening,
     materials: WindowMaterials,
     style: ShellStyle,
 ) -> None:
@@ -249,7 +249,7 @@ def _window_casing(
 
 
 def entrance(
-    shell: RoomShell, wall: WallFrame, opening: Opening, leaf: Material, frame: Material, metal: Material
+    shell: RoomShell, wall: WallFrame, opening: WallOpening, leaf: Material, frame: Material, metal: Material
 ) -> None:
     """A closed leaf with two panels, a lock plate and a handle, in its casing."""
     s0, s1 = wall.along(opening.start, opening.stop)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from generators.apartments.floorplan import DOOR_HEIGHT, INNER_WALL, SIDES, FloorPlan, Opening, RoomPlan, Side
+from generators.apartments.floorplan import DOOR_HEIGHT, INNER_WALL, SIDES, FloorPlan, RoomPlan, Side, WallOpening
 
 #: Distance of doors from a room's corners (m), at least, so that casing (0.07 m) and skirting fit.
 CORNER_MARGIN = 0.14
@@ -207,7 +207,7 @@ _DOORS = (
 )
 
 
-def _doors(rooms: tuple[RoomPlan, ...], rng: Generator) -> list[Opening]:
+def _doors(rooms: tuple[RoomPlan, ...], rng: Generator) -> list[WallOpening]:
     """Doors from the hall to every room beside it, and a wide passage between kitchen and living room."""
     named = {room.name: room for room in rooms}
     out = []
@@ -226,7 +226,7 @@ def _doors(rooms: tuple[RoomPlan, ...], rng: Generator) -> list[Opening]:
         slack = min(_DOOR_SLACK, high - low - width)
         offset = _between(rng, 0.0, slack)
         start = low + offset if rng.integers(2) else high - width - offset
-        out.append(Opening("door", first, side, start, start + width, 0.0, DOOR_HEIGHT, second, other_side))
+        out.append(WallOpening("door", first, side, start, start + width, 0.0, DOOR_HEIGHT, second, other_side))
     shared = _shared(named["kitchen"], named["living_room"])
     if shared is not None:
         side, other_side, low, high = shared
@@ -234,7 +234,9 @@ def _doors(rooms: tuple[RoomPlan, ...], rng: Generator) -> list[Opening]:
         low, high = low + _PASSAGE_MARGIN, high - _PASSAGE_MARGIN
         start = low if rng.integers(2) else high - width
         stop = start + width
-        out.append(Opening("passage", "kitchen", side, start, stop, 0.0, _PASSAGE_HEIGHT, "living_room", other_side))
+        out.append(
+            WallOpening("passage", "kitchen", side, start, stop, 0.0, _PASSAGE_HEIGHT, "living_room", other_side)
+        )
     return out
 
 
@@ -249,16 +251,16 @@ def _outer_sides(room: RoomPlan, bounds: tuple[float, float, float, float]) -> l
     return [side for side in SIDES if test[side]]
 
 
-def _window(room: RoomPlan, side: Side, width: float, bottom: float, top: float, share: float) -> Opening:
+def _window(room: RoomPlan, side: Side, width: float, bottom: float, top: float, share: float) -> WallOpening:
     """A window whose centre lies at ``share`` of the wall's length."""
     upright = side in ("east", "west")
     low, high = (room.z0, room.z1) if upright else (room.x0, room.x1)
     centre = low + share * (high - low)
     start = float(np.clip(centre - width / 2, low + _WINDOW_MARGIN, high - _WINDOW_MARGIN - width))
-    return Opening("window", room.name, side, start, start + width, bottom, top)
+    return WallOpening("window", room.name, side, start, start + width, bottom, top)
 
 
-def _open_end(room: RoomPlan, side: Side, doors: list[Opening]) -> float:
+def _open_end(room: RoomPlan, side: Side, doors: list[WallOpening]) -> float:
     """0 or 1: the end of a wall at which the opposite wall has its doors; a window there leaves the other end free."""
     opposite = {"north": "south", "south": "north", "east": "west", "west": "east"}[side]
     low, high = (room.z0, room.z1) if side in ("east", "west") else (room.x0, room.x1)
@@ -270,10 +272,10 @@ def _open_end(room: RoomPlan, side: Side, doors: list[Opening]) -> float:
     return float(bool(middles) and sum(middles) / len(middles) > (low + high) / 2)
 
 
-def _windows(rooms: tuple[RoomPlan, ...], height: float, doors: list[Opening], rng: Generator) -> list[Opening]:
+def _windows(rooms: tuple[RoomPlan, ...], height: float, doors: list[WallOpening], rng: Generator) -> list[WallOpening]:
     """Windows on outer walls, by `_WINDOW_SIZES`."""
     bounds = FloorPlan(rooms, (), height).bounds
-    out: list[Opening] = []
+    out: list[WallOpening] = []
     head = round(min(height - _LINTEL, _WINDOW_TOP), 2)
     for room in rooms:
         sides, sizes = _outer_sides(room, bounds), _WINDOW_SIZES[room.name]
@@ -290,7 +292,7 @@ def _windows(rooms: tuple[RoomPlan, ...], height: float, doors: list[Opening], r
     return out
 
 
-def _entrance(rooms: tuple[RoomPlan, ...], openings: list[Opening], rng: Generator) -> list[Opening]:
+def _entrance(rooms: tuple[RoomPlan, ...], openings: list[WallOpening], rng: Generator) -> list[WallOpening]:
     """The flat's entrance: a closed leaf on the hall's shortest outer wall that is long enough."""
     bounds = FloorPlan(rooms, (), 0.0).bounds
     hall = next(room for room in rooms if room.name == "hall")
@@ -299,7 +301,7 @@ def _entrance(rooms: tuple[RoomPlan, ...], openings: list[Opening], rng: Generat
         low, high = (hall.z0, hall.z1) if upright else (hall.x0, hall.x1)
         if high - low >= _ENTRANCE_WIDTH + 2 * CORNER_MARGIN:
             start = (low + high - _ENTRANCE_WIDTH) / 2
-            return [Opening("entrance", "hall", side, start, start + _ENTRANCE_WIDTH, 0.0, DOOR_HEIGHT)]
+            return [WallOpening("entrance", "hall", side, start, start + _ENTRANCE_WIDTH, 0.0, DOOR_HEIGHT)]
     return []
 
 

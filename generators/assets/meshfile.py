@@ -36,7 +36,7 @@ PLAUSIBLE = (0.02, 5.0)
 FARTHEST = 1e12
 
 
-class Usual(NamedTuple):
+class CategoryDefaults(NamedTuple):
     """What is usual for a category: height (m), mount, and height of the sound source as a share of the object's."""
 
     height: float
@@ -46,14 +46,14 @@ class Usual(NamedTuple):
 
 #: The height is for files whose units are wrong.
 _DEFAULTS = {
-    "washing_machine": Usual(0.85, "floor", 0.5),
-    "toilet": Usual(0.78, "floor", 0.45),
-    "vacuum_cleaner": Usual(0.90, "floor", 0.25),
-    "microwave": Usual(0.29, "surface", 0.5),
-    "coffee_machine": Usual(0.35, "surface", 0.7),
-    "clock": Usual(0.34, "wall", 0.5),
-    "telephone": Usual(0.14, "surface", 0.5),
-    "oven": Usual(0.29, "surface", 0.5),
+    "washing_machine": CategoryDefaults(0.85, "floor", 0.5),
+    "toilet": CategoryDefaults(0.78, "floor", 0.45),
+    "vacuum_cleaner": CategoryDefaults(0.90, "floor", 0.25),
+    "microwave": CategoryDefaults(0.29, "surface", 0.5),
+    "coffee_machine": CategoryDefaults(0.35, "surface", 0.7),
+    "clock": CategoryDefaults(0.34, "wall", 0.5),
+    "telephone": CategoryDefaults(0.14, "surface", 0.5),
+    "oven": CategoryDefaults(0.29, "surface", 0.5),
 }
 #: Words in a material's name that determine its acoustic label.
 _WORDS = {
@@ -179,7 +179,7 @@ def world_vertices(file: Path, name: str, part: Any, matrix: Array) -> Array:
     return world
 
 
-def usual_of(category: str) -> Usual:
+def usual_of(category: str) -> CategoryDefaults:
     """What is usual for a category of the benchmark, or a distractor.
 
     Raises:
@@ -197,7 +197,7 @@ def load_model(
     up: str = "y",
     front: str = "+z",
     source_point: Point | None = None,
-    usual: Usual | None = None,
+    usual: CategoryDefaults | None = None,
 ) -> Model:
     """Read a mesh as a model of ``category``, in the model frame of `generators.assets.catalogue`.
 

@@ -11,7 +11,7 @@ from importlib import import_module
 from typing import Any
 
 
-def load(named: str) -> Any:
+def import_by_name(named: str) -> Any:
     """The class or function of a text ``module:name``."""
     module, _, name = named.partition(":")
     return getattr(import_module(module), name)

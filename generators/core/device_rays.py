@@ -42,7 +42,7 @@ _EDGE = 1e-9
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 
 
-class Tree(NamedTuple):
+class RayTree(NamedTuple):
     """Triangles in a tree, as kernels read them (on the device or on the host).
 
     Attributes:
@@ -58,7 +58,7 @@ class Tree(NamedTuple):
     face: I32
 
 
-def build_tree(triangles: F32) -> Tree:
+def build_tree(triangles: F32) -> RayTree:
     """The tree over (F, 3, 3) float32 triangles.
 
     Raises:
@@ -80,7 +80,7 @@ def build_tree(triangles: F32) -> Tree:
     else:  # one leaf: a node whose second child has no triangles
         boxes = np.concatenate([tree.bounds[0], tree.bounds[0]])[None]
         children = np.array([[code[0], -1]])
-    return Tree(
+    return RayTree(
         np.ascontiguousarray(boxes, dtype=np.float32),
         np.ascontiguousarray(children, dtype=np.int32),
         np.ascontiguousarray(triangles[tree.order].reshape(-1, 9)),
@@ -162,9 +162,9 @@ def first_hit(
     """Find the first triangle nearer than ``limit`` along a ray; with ``any_hit``, any one.
 
     Args:
-        boxes: see `Tree`.
-        children: see `Tree`.
-        corners: see `Tree`.
+        boxes: see `RayTree`.
+        children: see `RayTree`.
+        corners: see `RayTree`.
         ox: origin, float32.
         oy: see ox.
         oz: see ox.
@@ -177,7 +177,7 @@ def first_hit(
         entries: (STACK,) float32 scratch.
 
     Returns:
-        place of the triangle in `Tree.corners` (−1 without a hit), its distance, and weights of its corners 1 and 2.
+        place of the triangle in `RayTree.corners` (−1 without a hit), its distance, and weights of its corners 1 and 2.
     """
     found = -1
     best: float = np.float64(limit)
@@ -223,7 +223,7 @@ def first_hit(
 
 
 @kernel
-def _intersect(tree: Tree, rays: F32, count: int, face: I32, hit: F32) -> None:
+def _intersect(tree: RayTree, rays: F32, count: int, face: I32, hit: F32) -> None:
     """First hits of ``count`` rays: ``face`` (N,), −1 without one, and ``hit`` (N, 3) distance and weights."""
     i = cuda.grid(1)
     if i >= count:
@@ -238,7 +238,7 @@ def _intersect(tree: Tree, rays: F32, count: int, face: I32, hit: F32) -> None:
 
 
 @kernel
-def _occluded(tree: Tree, rays: F32, count: int, hidden: NDArray[np.uint8]) -> None:
+def _occluded(tree: RayTree, rays: F32, count: int, hidden: NDArray[np.uint8]) -> None:
     """Whether ``count`` rays meet anything: ``hidden`` (N,)."""
     i = cuda.grid(1)
     if i >= count:

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.file_lock import turn
+from avs3d_bench.file_lock import wait_for_lock
 from generators.core.folders import user_cache
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -96,7 +96,7 @@ def compile_lock(what: str) -> Iterator[None]:
     version = hashlib.sha256(software.encode()).hexdigest()[:16]
     done = CACHE_FOLDER / f"{what}-{version}.compiled"
     if not done.exists():
-        with turn(CACHE_FOLDER / f"{what}.lock"):
+        with wait_for_lock(CACHE_FOLDER / f"{what}.lock"):
             if not done.exists():
                 yield
                 with suppress(OSError):

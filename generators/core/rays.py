@@ -14,7 +14,7 @@ from numpy.lib.stride_tricks import as_strided
 from numpy.typing import ArrayLike, NDArray
 
 from avs3d_bench.errors import Avs3dError
-from generators.core.by_name import load
+from generators.core.by_name import import_by_name
 from generators.core.scene import F32, I32, Scene
 
 #: Number of rays per call of Embree; its result arrays (32 bytes a ray) then fit into a core's cache.
@@ -87,7 +87,7 @@ def open_tracer(triangles: F32, device: str = "cpu") -> Tracer:
     Raises:
         Avs3dError: see `Tracer`, or if CUDA cannot be used.
     """
-    tracer: Tracer = load(TRACERS[device])(triangles)
+    tracer: Tracer = import_by_name(TRACERS[device])(triangles)
     return tracer
 
 

@@ -304,7 +304,7 @@ def _load(folder: Path) -> Scene:
     return _unpack(arrays, body["scene"])
 
 
-class _Reader:
+class _ArrayReader:
     """Returns consecutive rows of the array files."""
 
     def __init__(self, arrays: dict[str, NDArray[Any]]) -> None:
@@ -321,7 +321,7 @@ class _Reader:
 
 
 def _unpack(arrays: dict[str, NDArray[Any]], index: dict[str, Any]) -> Scene:
-    reader = _Reader(arrays)
+    reader = _ArrayReader(arrays)
     textures = []
     for entry in index["textures"]:
         height, width = entry["shape"]

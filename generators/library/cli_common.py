@@ -117,14 +117,14 @@ def lock_path(lock: Path | None) -> Path:
 
 def make_session(allowed: tuple[str, ...], options: dict[str, Any] | None = None) -> Session:
     """The session with the options of a command."""
-    from generators.library.http import MEGABYTE, Limits
+    from generators.library.http import MEGABYTE, FetchLimits
     from generators.library.licences import spdx
     from generators.library.session import Session
     from generators.library.store import Store
 
-    limits = Limits()
+    limits = FetchLimits()
     if options:
-        limits = Limits(
+        limits = FetchLimits(
             timeout=options["timeout"],
             total=options["max_time"],
             max_bytes=round(options["max_size"] * MEGABYTE),

@@ -25,8 +25,8 @@ from avs3d_bench.file_lock import open_locked
 from generators.library.http import (
     MEGABYTE,
     CutError,
+    FetchLimits,
     HttpError,
-    Limits,
     Request,
     Say,
     attempts,
@@ -53,7 +53,7 @@ class Delivered:
 def download(
     request: Request,
     target: Path,
-    limits: Limits,
+    limits: FetchLimits,
     *,
     sha256: str | None = None,
     size: int | None = None,
@@ -73,8 +73,8 @@ def download(
 
     Raises:
         HttpError: for a refusal.
-        CutError: if the connection failed more often than `Limits.attempts`; the part file is kept, and the next call
-            continues it.
+        CutError: if the connection failed more often than `FetchLimits.attempts`; the part file is kept, and the next
+            call continues it.
         Avs3dError: for a wrong hash or size, a file that is too large, a second process at the same file, a full disk.
     """
     if size is not None and size > limits.max_bytes:
@@ -149,7 +149,7 @@ class _Ledger:
 def _transfer(
     request: Request,
     ledger: _Ledger,
-    limits: Limits,
+    limits: FetchLimits,
     size: int | None,
     progress: Callable[[int, int | None], None],
     deadline: float,
@@ -178,7 +178,7 @@ def _transfer(
         progress(ledger.length, ledger.length)
 
 
-def _expect(request: Request, answer: requests.Response, ledger: _Ledger, limits: Limits) -> int | None:
+def _expect(request: Request, answer: requests.Response, ledger: _Ledger, limits: FetchLimits) -> int | None:
     """The file's total size, if the answer contains it; prepares the ledger for the body."""
     encoding = answer.headers.get("Content-Encoding", "identity").lower()
     if encoding != "identity":
@@ -221,7 +221,7 @@ def _changed(request: Request, found: str) -> Avs3dError:
     )
 
 
-def _too_large(request: Request, found: int | None, limits: Limits) -> Avs3dError:
+def _too_large(request: Request, found: int | None, limits: FetchLimits) -> Avs3dError:
     size = f"{found / MEGABYTE:.1f} MB" if found is not None else "more than promised"
     return Avs3dError(
         f"{request.what}: too large ({size}, the limit is {limits.max_bytes / MEGABYTE:g} MB); raise it with --max-size"

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from generators.core.rays import RayCaster
-from generators.library.rawmesh import Finding, RawPart, Surface, corners
+from generators.library.rawmesh import MeshFinding, PartSurface, RawPart, corners
 
 Array = NDArray[np.float64]
 
@@ -27,9 +27,9 @@ _DIM = 0.03
 _GRID = 96
 
 
-def settle(parts: tuple[RawPart, ...]) -> tuple[tuple[RawPart, ...], tuple[Finding, ...]]:
+def settle(parts: tuple[RawPart, ...]) -> tuple[tuple[RawPart, ...], tuple[MeshFinding, ...]]:
     """The parts (metres, Y up, front +Z) without transparency."""
-    findings: list[Finding] = []
+    findings: list[MeshFinding] = []
     parts = tuple(_flat(part, findings) for part in parts)
     clear = [number for number, part in enumerate(parts) if part.surface.alpha < OPAQUE]
     if not clear:
@@ -43,14 +43,14 @@ def settle(parts: tuple[RawPart, ...]) -> tuple[tuple[RawPart, ...], tuple[Findi
         name, gap = part.surface.name, gaps[number]
         if part.surface.alpha < 0.02 or gap < NEAR:
             why = f"is {100 * gap:.1f} cm in front of a surface" if gap < NEAR else "is completely transparent"
-            findings.append(Finding("mended", f"{name!r} (opacity {part.surface.alpha:.2g}) {why}: left out"))
+            findings.append(MeshFinding("mended", f"{name!r} (opacity {part.surface.alpha:.2g}) {why}: left out"))
             continue
-        findings.append(Finding("mended", f"{name!r} (opacity {part.surface.alpha:.2g}) is made opaque and dark"))
+        findings.append(MeshFinding("mended", f"{name!r} (opacity {part.surface.alpha:.2g}) is made opaque and dark"))
         out.append(replace(part, surface=_darkened(part.surface)))
     return (tuple(out), tuple(findings)) if out else (parts, tuple(findings))
 
 
-def _darkened(surface: Surface) -> Surface:
+def _darkened(surface: PartSurface) -> PartSurface:
     """Opaque glass: a mixture of its own colour, in proportion to its opacity, and a dark inside."""
     keep = surface.alpha**2  # light passes through the pane twice, on its way in and out
     r, g, b = (keep * c + (1 - keep) * _DIM for c in surface.colour)
@@ -58,7 +58,7 @@ def _darkened(surface: Surface) -> Surface:
     return replace(surface, name=name, colour=(r, g, b), alpha=1.0)
 
 
-def _flat(part: RawPart, findings: list[Finding]) -> RawPart:
+def _flat(part: RawPart, findings: list[MeshFinding]) -> RawPart:
     """The part with a texture that has no alpha channel any more."""
     pixels = part.surface.pixels
     if pixels is None or pixels.shape[2] == 3:
@@ -81,20 +81,20 @@ def _flat(part: RawPart, findings: list[Finding]) -> RawPart:
         gone &= ~large
         if gone.any() and not gone.all():
             findings.append(
-                Finding("mended", f"{int(gone.sum())} faces of {name!r} show only transparent texels: left out")
+                MeshFinding("mended", f"{int(gone.sum())} faces of {name!r} show only transparent texels: left out")
             )
             part = part.take(~gone)
     share = 1 - float(opacity.mean())
     if share > 0.5:
         # Lettering on transparent film is treated like a pane, by its distance to the surface behind it.
         surface = replace(part.surface, pixels=None, alpha=min(part.surface.alpha, 1 - share))
-        findings.append(Finding("note", f"the texture of {name!r} is {share:.0%} transparent: treated as a pane"))
+        findings.append(MeshFinding("note", f"the texture of {name!r} is {share:.0%} transparent: treated as a pane"))
         return replace(part, surface=surface, uv=None)
     solid = opacity[..., 0] > 0.5
     fill = plain[solid].mean(axis=0) if solid.any() else np.full(3, 188.0)
     mixed = np.round(plain * opacity + fill * (1 - opacity)).astype(np.uint8)
     findings.append(
-        Finding("mended", f"the texture of {name!r} was {share:.0%} transparent: filled with its mean colour")
+        MeshFinding("mended", f"the texture of {name!r} was {share:.0%} transparent: filled with its mean colour")
     )
     return replace(part, surface=replace(part.surface, pixels=mixed))
 

@@ -52,7 +52,7 @@ class CutError(Avs3dError):
 
 
 @dataclass(frozen=True)
-class Limits:
+class FetchLimits:
     """Limits of time and size.
 
     Attributes:
@@ -93,11 +93,11 @@ class Request:
     advice: Mapping[int, str] = field(default_factory=dict)
 
 
-def get_json(request: Request, limits: Limits, say: Say = lambda _: None) -> Any:
+def get_json(request: Request, limits: FetchLimits, say: Say = lambda _: None) -> Any:
     """Request JSON from an API.
 
     Raises:
-        HttpError: for a refusal (401, 403, 404, 429 beyond `Limits.max_wait`, …), with the advice for its status.
+        HttpError: for a refusal (401, 403, 404, 429 beyond `FetchLimits.max_wait`, …), with the advice for its status.
         CutError: if no complete answer came.
         Avs3dError: if the answer is not JSON or too large.
     """
@@ -155,7 +155,7 @@ def interrupted(request: Request, cause: str) -> CutError:
 class _Session(requests.Session):
     """One request and its redirects: checks every address, and sends the token only to the origin of the first."""
 
-    def __init__(self, request: Request, limits: Limits, deadline: float) -> None:
+    def __init__(self, request: Request, limits: FetchLimits, deadline: float) -> None:
         super().__init__()
         self.asked, self.limits, self.deadline = request, limits, deadline
         self.url = request.url
@@ -194,7 +194,7 @@ class _Session(requests.Session):
 
 @contextlib.contextmanager
 def open_answer(
-    request: Request, headers: Mapping[str, str], limits: Limits, deadline: float, passed: tuple[int, ...] = ()
+    request: Request, headers: Mapping[str, str], limits: FetchLimits, deadline: float, passed: tuple[int, ...] = ()
 ) -> Iterator[requests.Response]:
     """The answer (2xx, or a status in ``passed``) after all redirects; its body is not read yet.
 
@@ -276,7 +276,7 @@ def retry_after(value: str | None) -> float | None:
 
 
 def attempts(
-    request: Request, limits: Limits, say: Say, deadline: float
+    request: Request, limits: FetchLimits, say: Say, deadline: float
 ) -> Iterator[contextlib.AbstractContextManager[None]]:
     """Yield one context per attempt: each catches a temporary failure and waits; the last one raises it."""
     for number in range(1, limits.attempts + 1):
@@ -284,7 +284,7 @@ def attempts(
 
 
 @contextlib.contextmanager
-def _attempt(request: Request, limits: Limits, say: Say, deadline: float, number: int) -> Iterator[None]:
+def _attempt(request: Request, limits: FetchLimits, say: Say, deadline: float, number: int) -> Iterator[None]:
     try:
         yield
     except (_BusyError, CutError) as error:

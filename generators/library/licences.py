@@ -74,7 +74,7 @@ _WORDS = tuple(
 
 
 @dataclass(frozen=True)
-class Terms:
+class LicenceTerms:
     """Assessment of a licence: its name, the verdict, and for all verdicts except ``free`` the reason in words."""
 
     name: str
@@ -82,34 +82,34 @@ class Terms:
     reason: str = ""
 
 
-def terms(name: str) -> Terms:
+def terms(name: str) -> LicenceTerms:
     """The terms of a licence; the strictest of ``A AND B``, the mildest of ``A OR B`` (SPDX, without brackets)."""
     rank: tuple[Verdict, ...] = ("free", "share-alike", "refused")
 
-    def strictness(one: Terms) -> int:
+    def strictness(one: LicenceTerms) -> int:
         return rank.index(one.verdict)
 
     if " OR " in name:
         best = min((terms(part) for part in name.split(" OR ")), key=strictness)
-        return Terms(name, best.verdict, best.reason)
+        return LicenceTerms(name, best.verdict, best.reason)
     if " AND " in name:
         worst = max((terms(part) for part in name.split(" AND ")), key=strictness)
-        return Terms(name, worst.verdict, worst.reason)
+        return LicenceTerms(name, worst.verdict, worst.reason)
     name = name.strip()
     if name in _FREE:
-        return Terms(name, "free")
+        return LicenceTerms(name, "free")
     if _SHARE_ALIKE.fullmatch(name):
-        return Terms(name, "share-alike", "asks that what is made from it is shared under the same terms")
+        return LicenceTerms(name, "share-alike", "asks that what is made from it is shared under the same terms")
     found = _CC.fullmatch(name)
     if found:
         if found["nc"]:
-            return Terms(name, "refused", "forbids commercial use")
+            return LicenceTerms(name, "refused", "forbids commercial use")
         if found["nd"]:
-            return Terms(name, "refused", "forbids adaptations, and a rendered or mixed asset is one")
+            return LicenceTerms(name, "refused", "forbids adaptations, and a rendered or mixed asset is one")
         if found["sa"]:
-            return Terms(name, "share-alike", "asks that what is made from it is shared under the same terms")
-        return Terms(name, "free")
-    return Terms(name, "refused", _REASONS.get(name, "is not known to allow adaptation and sharing"))
+            return LicenceTerms(name, "share-alike", "asks that what is made from it is shared under the same terms")
+        return LicenceTerms(name, "free")
+    return LicenceTerms(name, "refused", _REASONS.get(name, "is not known to allow adaptation and sharing"))
 
 
 def check_licence(asset: str, name: str, allowed: Collection[str] = ()) -> str:

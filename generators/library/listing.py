@@ -32,7 +32,7 @@ _BARS = 120
 
 
 @dataclass(frozen=True)
-class Card:
+class AssetCard:
     """The contents of the page about one asset.
 
     Attributes:
@@ -100,11 +100,11 @@ def write_listing(entries: Sequence[AssetEntry], store: Store, folder: Path) -> 
     return page
 
 
-def _card(entry: AssetEntry, store: Store, folder: Path) -> Card:
+def _card(entry: AssetEntry, store: Store, folder: Path) -> AssetCard:
     licence = terms(entry.licence)
     problem = store.problem(entry)
     if problem:
-        return Card(entry, licence.verdict, licence.reason, problem=problem)
+        return AssetCard(entry, licence.verdict, licence.reason, problem=problem)
     try:
         if entry.kind == "sound":
             return _sound_card(entry, store, folder)
@@ -112,10 +112,10 @@ def _card(entry: AssetEntry, store: Store, folder: Path) -> Card:
     except UsageError:
         raise
     except Avs3dError as error:
-        return Card(entry, licence.verdict, licence.reason, problem=str(error))
+        return AssetCard(entry, licence.verdict, licence.reason, problem=str(error))
 
 
-def _object_card(entry: AssetEntry, store: Store) -> Card:
+def _object_card(entry: AssetEntry, store: Store) -> AssetCard:
     from generators.assets.meshfile import load_mesh
     from generators.library.thumbnails import thumbnail
 
@@ -126,7 +126,7 @@ def _object_card(entry: AssetEntry, store: Store) -> Card:
         files.write_bytes(picture, thumbnail(mesh_file))
     x, y, z = (float(v) for v in np.ptp(mesh.bounds.astype(np.float64), axis=0))
     licence = terms(entry.licence)
-    return Card(
+    return AssetCard(
         entry,
         licence.verdict,
         licence.reason,
@@ -137,7 +137,7 @@ def _object_card(entry: AssetEntry, store: Store) -> Card:
     )
 
 
-def _sound_card(entry: AssetEntry, store: Store, folder: Path) -> Card:
+def _sound_card(entry: AssetEntry, store: Store, folder: Path) -> AssetCard:
     import soundfile
 
     source = store.path(entry)
@@ -151,7 +151,7 @@ def _sound_card(entry: AssetEntry, store: Store, folder: Path) -> Card:
         check_replaceable(target, ())
         files.link_or_copy(source, target)
     licence = terms(entry.licence)
-    return Card(
+    return AssetCard(
         entry,
         licence.verdict,
         licence.reason,

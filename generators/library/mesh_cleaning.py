@@ -23,9 +23,9 @@ from generators.assets.shapes import corner_normals
 from generators.library import glazing, simplify
 from generators.library.cleanglb import write_clean_glb
 from generators.library.orientation import WELD, find_winding
-from generators.library.rawmesh import NEUTRAL, Finding, RawPart, corners, read_raw
+from generators.library.rawmesh import NEUTRAL, MeshFinding, RawPart, corners, read_raw
 
-__all__ = ["MAX_PIXELS", "Finding", "clean", "version"]
+__all__ = ["MAX_PIXELS", "MeshFinding", "clean", "version"]
 
 Array = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ def clean(
     height: float | None = None,
     yaw: float = 0.0,
     size: tuple[float, float, float] | None = None,
-) -> tuple[bytes, tuple[Finding, ...]]:
+) -> tuple[bytes, tuple[MeshFinding, ...]]:
     """Make a clean GLB of a mesh file.
 
     Args:
@@ -93,7 +93,7 @@ def clean(
             raise Avs3dError(f"{file}: {error}") from None
         parts = _sound_faces(file, parts, [])
         left = sum(len(part.triangles) for part in parts)
-        findings.append(Finding("warning", f"{total} faces were simplified to {left}: check the result"))
+        findings.append(MeshFinding("warning", f"{total} faces were simplified to {left}: check the result"))
     parts = _outward(parts, findings)
     parts = tuple(_dressed(part, findings) for part in parts)
     parts = _centred(parts)
@@ -123,7 +123,7 @@ def _in_metres(
     parts: tuple[RawPart, ...],
     height: float | None,
     size: tuple[float, float, float] | None,
-    findings: list[Finding],
+    findings: list[MeshFinding],
 ) -> tuple[RawPart, ...]:
     points = corners(parts).reshape(-1, 3)
     extent = np.ptp(points, axis=0)
@@ -139,7 +139,7 @@ def _in_metres(
         unit = next((name for name, scale in _UNITS.items() if abs(factor / scale - 1) < 0.03), "")
         if unit != "metres":
             what = f"its unit was {unit}" if unit else f"scaled by {factor:.4g} to a height of {height:g} m"
-            findings.append(Finding("mended" if unit else "note", what))
+            findings.append(MeshFinding("mended" if unit else "note", what))
     else:
         factor = _guessed(file, extent, size, findings)
     if size is not None:
@@ -147,31 +147,33 @@ def _in_metres(
         if np.abs(off).max() > 0.05:
             found = " × ".join(f"{v:.3f}" for v in extent * factor)
             wanted = " × ".join(f"{v:.3f}" for v in size)
-            findings.append(Finding("warning", f"is {found} m (width × height × depth), its catalogue says {wanted} m"))
+            findings.append(
+                MeshFinding("warning", f"is {found} m (width × height × depth), its catalogue says {wanted} m")
+            )
     return tuple(replace(part, triangles=part.triangles * factor) for part in parts)
 
 
-def _guessed(file: Path, extent: Array, size: tuple[float, float, float] | None, findings: list[Finding]) -> float:
+def _guessed(file: Path, extent: Array, size: tuple[float, float, float] | None, findings: list[MeshFinding]) -> float:
     longest = float(extent.max())
     if size is not None:
         ratio = float(np.median(np.asarray(size)[extent > 0] / extent[extent > 0]))
         unit = min(_UNITS, key=lambda name: abs(np.log(ratio / _UNITS[name])))
         if abs(np.log(ratio / _UNITS[unit])) < 0.1:
             if unit != "metres":
-                findings.append(Finding("mended", f"its unit was {unit}, according to its size in the catalogue"))
+                findings.append(MeshFinding("mended", f"its unit was {unit}, according to its size in the catalogue"))
             return _UNITS[unit]
-        findings.append(Finding("note", f"scaled by {ratio:.4g} to its size in the catalogue"))
+        findings.append(MeshFinding("note", f"scaled by {ratio:.4g} to its size in the catalogue"))
         return ratio
     for unit, scale in _UNITS.items():
         if _PLAUSIBLE[0] <= longest * scale <= _PLAUSIBLE[1]:
             if unit != "metres":
                 text = f"is {longest:.4g} units long: assumed to be {unit} ({longest * scale:.3g} m); name its height"
-                findings.append(Finding("warning", text))
+                findings.append(MeshFinding("warning", text))
             return scale
     raise Avs3dError(f"{file}: is {longest:.4g} units long: no household object in any usual unit; name its height")
 
 
-def _sound_faces(file: Path, parts: tuple[RawPart, ...], findings: list[Finding]) -> tuple[RawPart, ...]:
+def _sound_faces(file: Path, parts: tuple[RawPart, ...], findings: list[MeshFinding]) -> tuple[RawPart, ...]:
     """The parts without faces of zero area and without duplicate faces (the same three corners)."""
     triangles = corners(parts)
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -179,7 +181,7 @@ def _sound_faces(file: Path, parts: tuple[RawPart, ...], findings: list[Finding]
         np.linalg.norm(cross, axis=1) > 2e-10
     )  # aspect ratio or area too small: a tenth of a square millimetre in a thousand
     if thin := int((~keep).sum()):
-        findings.append(Finding("mended", f"{thin} faces without area were left out"))
+        findings.append(MeshFinding("mended", f"{thin} faces without area were left out"))
     grid = np.round(triangles / WELD).astype(np.int64)
     _, vertex = np.unique(grid.reshape(-1, 3), axis=0, return_inverse=True)
     names = np.sort(vertex.reshape(-1, 3), axis=1)
@@ -188,7 +190,7 @@ def _sound_faces(file: Path, parts: tuple[RawPart, ...], findings: list[Finding]
     once = np.zeros(len(triangles), dtype=bool)
     once[candidates[first]] = True
     if double := int(keep.sum() - once.sum()):
-        findings.append(Finding("mended", f"{double} duplicate faces were left out"))
+        findings.append(MeshFinding("mended", f"{double} duplicate faces were left out"))
     out, start = [], 0
     for part in parts:
         mask = once[start : start + len(part.triangles)]
@@ -200,22 +202,22 @@ def _sound_faces(file: Path, parts: tuple[RawPart, ...], findings: list[Finding]
     return tuple(out)
 
 
-def _outward(parts: tuple[RawPart, ...], findings: list[Finding]) -> tuple[RawPart, ...]:
+def _outward(parts: tuple[RawPart, ...], findings: list[MeshFinding]) -> tuple[RawPart, ...]:
     """Wind faces counter-clockwise from outside, add a back to sheets, and compute normals."""
     triangles = corners(parts)
     winding = find_winding(triangles)
     if winding.inconsistent:
         findings.append(
-            Finding("mended", f"{winding.inconsistent} faces were wound in the opposite sense to their neighbours")
+            MeshFinding("mended", f"{winding.inconsistent} faces were wound in the opposite sense to their neighbours")
         )
     if winding.inverted:
-        findings.append(Finding("mended", f"{winding.inverted} faces of parts that were inside out were reversed"))
+        findings.append(MeshFinding("mended", f"{winding.inverted} faces of parts that were inside out were reversed"))
     if winding.shared:
-        findings.append(Finding("note", f"non-manifold: more than two faces meet at {winding.shared} edges"))
+        findings.append(MeshFinding("note", f"non-manifold: more than two faces meet at {winding.shared} edges"))
     if winding.sheet.any():
         count = int(winding.sheet.sum())
         findings.append(
-            Finding("mended", f"{count} faces of thin sheets that are visible from both sides were given a back")
+            MeshFinding("mended", f"{count} faces of thin sheets that are visible from both sides were given a back")
         )
     wound = np.where(winding.flip[:, None, None], triangles[:, [0, 2, 1]], triangles)
     smooth = corner_normals(wound)
@@ -264,7 +266,7 @@ def _normals(part: RawPart, wound: Array, smooth: Array, flip: NDArray[np.bool_]
     return np.where(usable[..., None], given, smooth)
 
 
-def _dressed(part: RawPart, findings: list[Finding]) -> RawPart:
+def _dressed(part: RawPart, findings: list[MeshFinding]) -> RawPart:
     """A part with texture coordinates for its texture, a texture of limited size, and its material in its name."""
     surface = part.surface
     name = surface.name
@@ -275,7 +277,7 @@ def _dressed(part: RawPart, findings: list[Finding]) -> RawPart:
             r, g, b = (float(v) for v in to_linear(surface.pixels.reshape(-1, 3).mean(axis=0)))
             plain = (r, g, b)
         findings.append(
-            Finding("warning", f"{name!r} has a texture but no texture coordinates: it gets a plain colour")
+            MeshFinding("warning", f"{name!r} has a texture but no texture coordinates: it gets a plain colour")
         )
         surface = replace(surface, pixels=None, colour=plain)
     elif surface.pixels is not None:
@@ -286,11 +288,11 @@ def _dressed(part: RawPart, findings: list[Finding]) -> RawPart:
             new = (max(1, round(width * scale)), max(1, round(height * scale)))
             pixels = np.asarray(Image.fromarray(pixels).resize(new, Image.Resampling.LANCZOS))
             text = f"the texture of {name!r} was reduced from {width} × {height} to {new[0]} × {new[1]} pixels"
-            findings.append(Finding("mended", text))
+            findings.append(MeshFinding("mended", text))
         # In OBJ files a texture replaces the colour beside it.
         surface = replace(surface, pixels=pixels, colour=(1.0, 1.0, 1.0))
     if surface.colour == NEUTRAL and surface.pixels is None and name in ("", "None", "material_0"):
-        findings.append(Finding("note", "a part has no colour: it becomes grey"))
+        findings.append(MeshFinding("note", "a part has no colour: it becomes grey"))
     lower = name.lower()
     label = next((kind for kind, words in _GLOSSARY.items() if any(word in lower for word in words.split())), "")
     if label and label not in lower:

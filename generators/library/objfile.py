@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-class Beside(trimesh.resolvers.Resolver):
+class SiblingFileResolver(trimesh.resolvers.Resolver):
     """Files in the folder of a mesh or below; if no name matches exactly, case is ignored.
 
     A name that points elsewhere (``../../secret.mtl``, an absolute path) counts as missing.
@@ -62,9 +62,9 @@ class Beside(trimesh.resolvers.Resolver):
         """Not allowed (the reader's interface)."""
         raise PermissionError(f"{name!r}: files cannot be written while a mesh is read")
 
-    def namespaced(self, namespace: str) -> Beside:
+    def namespaced(self, namespace: str) -> SiblingFileResolver:
         """The same for a folder below (the reader's interface)."""
-        return Beside(self.folder / namespace)
+        return SiblingFileResolver(self.folder / namespace)
 
 
 def decoded(data: bytes) -> str:

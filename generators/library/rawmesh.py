@@ -22,7 +22,7 @@ from avs3d_bench.errors import Avs3dError
 from generators.assets.gltf import read_tree
 from generators.assets.meshfile import open_scene, world_vertices
 from generators.assets.objects.finishes import to_linear
-from generators.library.objfile import Beside, cut_polygons, decoded
+from generators.library.objfile import SiblingFileResolver, cut_polygons, decoded
 
 Array = NDArray[np.float64]
 Severity = Literal["note", "mended", "warning"]
@@ -35,7 +35,7 @@ MAX_FACES = 5_000_000
 
 
 @dataclass(frozen=True, order=True)
-class Finding:
+class MeshFinding:
     """One line about a mesh: a note, a repair, or a warning after which a person should check the result."""
 
     severity: Severity
@@ -46,7 +46,7 @@ class Finding:
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class PartSurface:
     """The surface of a part.
 
     Attributes:
@@ -76,7 +76,7 @@ class RawPart:
     """
 
     triangles: Array
-    surface: Surface
+    surface: PartSurface
     normals: Array | None = None
     uv: Array | None = None
 
@@ -92,16 +92,16 @@ class RawPart:
 
 @dataclass(eq=False)
 class _Reading:
-    findings: list[Finding] = field(default_factory=list)
-    surfaces: dict[int, Surface] = field(default_factory=dict)
+    findings: list[MeshFinding] = field(default_factory=list)
+    surfaces: dict[int, PartSurface] = field(default_factory=dict)
 
     def note(self, severity: Severity, text: str) -> None:
-        finding = Finding(severity, text)
+        finding = MeshFinding(severity, text)
         if finding not in self.findings:
             self.findings.append(finding)
 
 
-def read_raw(file: Path) -> tuple[tuple[RawPart, ...], tuple[Finding, ...]]:
+def read_raw(file: Path) -> tuple[tuple[RawPart, ...], tuple[MeshFinding, ...]]:
     """The parts of a mesh file in its own axes and units, and the faults found.
 
     Raises:
@@ -139,7 +139,7 @@ def _open(file: Path, reading: _Reading) -> Any:
             if not uri.startswith("data:") and not (file.parent / uri).resolve().is_relative_to(file.parent.resolve()):
                 raise Avs3dError(f"{file}: refers to {uri!r}, outside of its folder; refused")
         return open_scene(file)
-    beside = Beside(file.parent)
+    beside = SiblingFileResolver(file.parent)
     try:
         if suffix == ".obj":
             text, cut = cut_polygons(decoded(file.read_bytes()))
@@ -156,7 +156,7 @@ def _open(file: Path, reading: _Reading) -> Any:
         ) from error
 
 
-def _report(text: str, cut: int, beside: Beside, reading: _Reading) -> None:
+def _report(text: str, cut: int, beside: SiblingFileResolver, reading: _Reading) -> None:
     """Faults of an OBJ that the reader ignores."""
     if cut:
         reading.note("note", f"{cut} concave polygons were cut into triangles")
@@ -175,7 +175,7 @@ def _report(text: str, cut: int, beside: Beside, reading: _Reading) -> None:
         reading.note("warning", f"its material library lacks {', '.join(map(repr, lost[:3]))}; those parts become grey")
 
 
-def _report_textures(mtl: str, beside: Beside, reading: _Reading) -> set[str]:
+def _report_textures(mtl: str, beside: SiblingFileResolver, reading: _Reading) -> set[str]:
     """Report missing and broken textures of a material library, and return its materials' names."""
     title, known = "", set()
     for line in mtl.splitlines():
@@ -225,17 +225,17 @@ def _part(file: Path, name: str, part: Any, matrix: Array, reading: _Reading) ->
     return RawPart(triangles, surface, normals, uv)
 
 
-def _surface(name: str, part: Any, reading: _Reading) -> Surface:
+def _surface(name: str, part: Any, reading: _Reading) -> PartSurface:
     source = getattr(part.visual, "material", None)
     if source is None:
-        return Surface(name, NEUTRAL)
+        return PartSurface(name, NEUTRAL)
     known = reading.surfaces.get(id(source))
     if known is None:
         known = reading.surfaces[id(source)] = _material(name, source, reading)
     return known
 
 
-def _material(name: str, source: Any, reading: _Reading) -> Surface:
+def _material(name: str, source: Any, reading: _Reading) -> PartSurface:
     title = " ".join(str(getattr(source, "name", None) or name).split())[:80]
     physical = hasattr(source, "baseColorFactor")
     image = getattr(source, "baseColorTexture" if physical else "image", None)
@@ -269,7 +269,7 @@ def _material(name: str, source: Any, reading: _Reading) -> Surface:
         pixels = pixels[..., :3]
     metallic = getattr(source, "metallicFactor", None)
     r, g, b = (float(v) for v in colour)
-    return Surface(title, (r, g, b), pixels, alpha, metallic is not None and float(metallic) > 0.5)
+    return PartSurface(title, (r, g, b), pixels, alpha, metallic is not None and float(metallic) > 0.5)
 
 
 def _numbers(value: Any) -> Array:
@@ -282,12 +282,12 @@ def _numbers(value: Any) -> Array:
 
 def _painted(
     file: Path, name: str, visual: Any, faces: NDArray[np.int64], kept: NDArray[np.int64]
-) -> tuple[Surface, Array]:
+) -> tuple[PartSurface, Array]:
     """Vertex or face colours as a texture with one texel per colour (see `generators.assets.meshfile`)."""
     from generators.assets.meshfile import _palette
 
     texture, uv = _palette(visual, name, faces, kept, file.suffix.lower() in (".glb", ".gltf"))
-    return Surface(name, (1.0, 1.0, 1.0), texture.pixels), uv
+    return PartSurface(name, (1.0, 1.0, 1.0), texture.pixels), uv
 
 
 def corners(parts: tuple[RawPart, ...]) -> Array:

@@ -15,7 +15,7 @@ from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.taxonomy import check_category_name
 from generators.library.download import Delivered
-from generators.library.http import Limits, Say
+from generators.library.http import FetchLimits, Say
 from generators.library.licences import check_licence
 from generators.library.lock import AssetEntry, Kind, Source
 from generators.library.store import Store
@@ -37,7 +37,7 @@ class Session:
     """
 
     store: Store
-    limits: Limits = field(default_factory=Limits)
+    limits: FetchLimits = field(default_factory=FetchLimits)
     allowed: tuple[str, ...] = ()
     say: Say = lambda _: None
     progress: Callable[[str, int, int | None], None] = lambda _what, _done, _total: None

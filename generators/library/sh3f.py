@@ -127,7 +127,7 @@ def read_library(path: Path) -> Library:
         Avs3dError: one line: no such file, not a ZIP, no catalogue, a field that is missing or not a number.
     """
     with _opened(path, str(path), LIBRARY_LIMITS) as archive:
-        reader = _Reader(str(path), archive, LIBRARY_LIMITS)
+        reader = _ArchiveReader(str(path), archive, LIBRARY_LIMITS)
         if CATALOGUE.lower() not in reader.members:
             raise Avs3dError(f"{path}: has no {CATALOGUE}; expected a Sweet Home 3D furniture library")
         table = parse_properties(reader.read(CATALOGUE))
@@ -162,12 +162,12 @@ def extract(path: Path, piece: Piece) -> dict[str, bytes]:
         Avs3dError: see `deliver`.
     """
     with _opened(path, str(path), LIBRARY_LIMITS) as archive:
-        reader = _Reader(str(path), archive, LIBRARY_LIMITS)
+        reader = _ArchiveReader(str(path), archive, LIBRARY_LIMITS)
         suffix = posixpath.splitext(piece.model)[1].lower()
         if suffix == ".zip":
             what = f"{path}: {piece.model}"
             with _opened(io.BytesIO(reader.read(piece.model)), what, ZipLimits()) as nested:
-                reader = _Reader(what, nested, ZipLimits())
+                reader = _ArchiveReader(what, nested, ZipLimits())
                 models = sorted(n for n in reader.names.values() if posixpath.splitext(n)[1].lower() in SUFFIXES)
                 if len(models) != 1:
                     raise Avs3dError(f"{what}: holds {len(models)} models; expected one of {_KINDS}")
@@ -180,7 +180,7 @@ def extract(path: Path, piece: Piece) -> dict[str, bytes]:
 _KINDS = ", ".join(SUFFIXES)
 
 
-class _Reader:
+class _ArchiveReader:
     """Members of a vetted archive by name, with limits; case is ignored in names, as on Windows."""
 
     def __init__(self, what: str, archive: zipfile.ZipFile, limits: ZipLimits) -> None:

@@ -28,9 +28,9 @@ from generators.lighting.lit_scene import LitScene
 from generators.lighting.radiosity import LinkTracer, final_gather, solve
 from generators.lighting.smoothing import fill, smooth, spread
 from generators.lighting.sun import Sun, find_sun, sun_light
-from generators.lighting.surfaces import Surfaces, in_chunks, rows_in_chunks
+from generators.lighting.surfaces import LitSurfaces, in_chunks, rows_in_chunks
 from generators.lighting.texels import Sheet, Texels, rasterise
-from generators.lighting.unwrap import Layout, unwrap
+from generators.lighting.unwrap import LightMapLayout, unwrap
 
 __all__ = ["QUALITIES", "Quality", "bake", "insert"]
 
@@ -98,7 +98,7 @@ def bake(scene: Scene, *, quality: str = "standard", workers: int = 2, device: s
     with ThreadPoolExecutor(min(workers, _UNWRAPPERS)) as pool:
         unwrapped = [pool.submit(_layout, part, scene.rooms, preset) for part in scene.parts]
         # What needs no light maps, meanwhile.
-        surfaces = Surfaces.of(scene.parts)
+        surfaces = LitSurfaces.of(scene.parts)
         tracer = open_tracer(surfaces.triangles, device)
         emitters = find_emitters(surfaces, preset.shadow_rays)
         beam = find_sun(scene.name, surfaces, tracer)
@@ -131,7 +131,7 @@ def bake(scene: Scene, *, quality: str = "standard", workers: int = 2, device: s
     return expose(lit, LitScene(surfaces, sheet, cells, tracer), workers)
 
 
-def with_light(parts: tuple[Part, ...], layouts: list[Layout], sheet: Sheet, cells: F32) -> tuple[Part, ...]:
+def with_light(parts: tuple[Part, ...], layouts: list[LightMapLayout], sheet: Sheet, cells: F32) -> tuple[Part, ...]:
     """The parts, those without light with the light maps in ``cells`` (cells, 3)."""
     out = []
     for number, (part, layout) in enumerate(zip(parts, layouts, strict=True)):
@@ -144,12 +144,12 @@ def with_light(parts: tuple[Part, ...], layouts: list[Layout], sheet: Sheet, cel
     return tuple(out)
 
 
-def _layout(part: Part, rooms: tuple[Room, ...], preset: Quality) -> Layout:
+def _layout(part: Part, rooms: tuple[Room, ...], preset: Quality) -> LightMapLayout:
     """Unwrap one part; texels of floors and of small parts are finer."""
     if part.light is not None:
         height, width = part.light.texels.shape[:2]
         size = np.array([width, height], dtype=np.float32)
-        return Layout(part.light.uv * size, np.zeros(len(part.light.uv), dtype=np.int32), width, height)
+        return LightMapLayout(part.light.uv * size, np.zeros(len(part.light.uv), dtype=np.int32), width, height)
     positions = part.mesh.positions.astype(np.float64)
     cross = np.cross(positions[:, 1] - positions[:, 0], positions[:, 2] - positions[:, 0])
     length = np.linalg.norm(cross, axis=1)
@@ -314,7 +314,7 @@ def _sees(
 
 
 def _smoothed(
-    surfaces: Surfaces, sheet: Sheet, texels: Texels, blocks: Blocks, baked: tuple[F32, F32], workers: int
+    surfaces: LitSurfaces, sheet: Sheet, texels: Texels, blocks: Blocks, baked: tuple[F32, F32], workers: int
 ) -> F32:
     light, variance = baked
     variance = np.where(blocks.of >= 0, variance, -1.0).astype(np.float32)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from generators.core.low_discrepancy import TILE
 from generators.core.scene import F32, I32
-from generators.lighting.surfaces import Surfaces, in_chunks
+from generators.lighting.surfaces import LitSurfaces, in_chunks
 from generators.lighting.texels import Sheet, Texels
 
 #: Blocks per piece of work.
@@ -59,7 +59,7 @@ class Blocks:
         return _grouped(members, self.place[self.of[members]], len(self.of))
 
 
-def make_blocks(surfaces: Surfaces, sheet: Sheet, texels: Texels, workers: int = 1) -> Blocks:
+def make_blocks(surfaces: LitSurfaces, sheet: Sheet, texels: Texels, workers: int = 1) -> Blocks:
     """Group all texels, on ``workers`` threads; the result does not depend on them."""
     count = len(texels)
     members, place = np.empty(count, dtype=np.int64), np.empty((count, 3), dtype=np.int64)

@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 
 from generators.core.low_discrepancy import PATTERNS, net, square_points
 from generators.core.scene import F32
-from generators.lighting.surfaces import Surfaces
+from generators.lighting.surfaces import LitSurfaces
 
 #: Cells per emitter for the unoccluded form factor.
 CELLS = 256
@@ -84,7 +84,7 @@ def face_areas(triangles: F32) -> NDArray[np.float64]:
     return np.asarray(np.linalg.norm(np.cross(edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 0]), axis=1) / 2)
 
 
-def face_groups(surfaces: Surfaces, faces: NDArray[np.int64]) -> NDArray[np.int64]:
+def face_groups(surfaces: LitSurfaces, faces: NDArray[np.int64]) -> NDArray[np.int64]:
     """Which emitter each emissive face belongs to."""
     corners = np.round(surfaces.triangles[faces].reshape(-1, 3).astype(np.float64) * 1e4).astype(np.int64)
     _, vertex = np.unique(corners, axis=0, return_inverse=True)
@@ -122,7 +122,7 @@ def _tiles(triangles: F32) -> list[tuple[int, bool]]:
     return tiles
 
 
-def _spread(surfaces: Surfaces, faces: NDArray[np.int64], points: NDArray[np.float64]) -> F32:
+def _spread(surfaces: LitSurfaces, faces: NDArray[np.int64], points: NDArray[np.float64]) -> F32:
     """Points (N, 9: position, normal, radiance) on ``faces``, evenly by area, from points (N, 2) in the unit square.
 
     The first coordinate runs through the tiles and, within a rectangle, along its shorter side; the second runs along
@@ -153,7 +153,7 @@ def _spread(surfaces: Surfaces, faces: NDArray[np.int64], points: NDArray[np.flo
     return np.concatenate([position, surfaces.face_normal[picked], radiance], axis=1).astype(np.float32)
 
 
-def find_emitters(surfaces: Surfaces, samples: int) -> Emitters:
+def find_emitters(surfaces: LitSurfaces, samples: int) -> Emitters:
     """The area lights among ``surfaces``, with ``samples`` shadow-ray targets per texel and emitter."""
     glowing = surfaces.emission[surfaces.material].max(axis=1) > 0
     area = face_areas(surfaces.triangles)

@@ -12,7 +12,7 @@ from generators.core.low_discrepancy import cosine_directions
 from generators.core.rays import Tracer
 from generators.core.scene import F32, I32
 from generators.lighting.blocks import Blocks
-from generators.lighting.surfaces import Surfaces, in_chunks
+from generators.lighting.surfaces import LitSurfaces, in_chunks
 from generators.lighting.texels import Sheet, Texels
 
 #: Texels per piece of work.
@@ -85,7 +85,9 @@ def _count_backs(found: Any, directions: Any, face_normal: Any, count: Any, back
         backs[i] = back
 
 
-def open_texels(surfaces: Surfaces, texels: Texels, tiles: Blocks, tracer: Tracer, workers: int) -> NDArray[np.bool_]:
+def open_texels(
+    surfaces: LitSurfaces, texels: Texels, tiles: Blocks, tracer: Tracer, workers: int
+) -> NDArray[np.bool_]:
     """(N,) which texels lie in free space; the others are inside of something (they mostly see the back of faces).
 
     A floor texel below a cupboard is such a one. Left in, its darkness would spread over the visible floor by
@@ -139,7 +141,7 @@ def _cells(found: Any, v: Any, w: Any, part: Any, uv: Any, offset: Any, width: A
         cells[i] = offset[p] + min(max(y, 0), height[p] - 1) * width[p] + min(max(x, 0), width[p] - 1)
 
 
-def cells_at(surfaces: Surfaces, sheet: Sheet, face: I32, v: F32, w: F32) -> NDArray[np.int64]:
+def cells_at(surfaces: LitSurfaces, sheet: Sheet, face: I32, v: F32, w: F32) -> NDArray[np.int64]:
     """(N,) cell of the sheet at points of faces, -1 where ``face`` is negative."""
     cells = np.empty(len(face), dtype=np.int64)
     _cells(face, v, w, surfaces.part, sheet.uv, sheet.offset, sheet.width, sheet.height, cells)

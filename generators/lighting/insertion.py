@@ -20,10 +20,10 @@ from generators.lighting.lit_scene import LitScene
 from generators.lighting.shadowing import shadowed
 from generators.lighting.smoothing import fill, smooth, spread
 from generators.lighting.sun import sun_light
-from generators.lighting.surfaces import Surfaces, in_chunks
+from generators.lighting.surfaces import LitSurfaces, in_chunks
 from generators.lighting.surroundings import RAYS, SAMPLES, WORKERS, Objects, Surroundings, behind, bundle
 from generators.lighting.texels import Sheet
-from generators.lighting.unwrap import Layout, unwrap
+from generators.lighting.unwrap import LightMapLayout, unwrap
 
 #: The objects of one call get about this many texels in all.
 _TEXELS = 28000
@@ -75,7 +75,7 @@ def light_parts(scene: Scene, room: Surroundings, objects: Objects, parts: Seque
     return replace(scene, parts=around + tuple(lit))
 
 
-def uv_of(layout: Layout) -> F32:
+def uv_of(layout: LightMapLayout) -> F32:
     """(F, 3, 2) float32 the layout's places in its light map, 0 to 1."""
     return np.asarray((layout.uv / np.array([layout.width, layout.height])).astype(np.float32))
 
@@ -91,9 +91,9 @@ def texel_size(sides: NDArray[np.float64], texels: int) -> float:
     return float(np.clip(np.sqrt(area / texels), _FINEST, _COARSEST))
 
 
-def _prepare(parts: tuple[Part, ...]) -> tuple[Objects, list[Layout]]:
+def _prepare(parts: tuple[Part, ...]) -> tuple[Objects, list[LightMapLayout]]:
     """The parts with their layouts."""
-    surfaces = Surfaces.of(parts)
+    surfaces = LitSurfaces.of(parts)
     corners = surfaces.triangles.astype(np.float64)
     texel = texel_size(corners[:, 1:] - corners[:, :1], _TEXELS)
     layouts = [unwrap(part.mesh.positions, texel, normals=part.mesh.normals) for part in parts]

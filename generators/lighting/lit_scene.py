@@ -12,9 +12,9 @@ from generators.core.rays import Tracer
 from generators.core.scene import F32, I32, Part
 from generators.core.tone import inverse_tone_curve
 from generators.lighting.gather import cells_at
-from generators.lighting.surfaces import TEXTURE_LIMIT, Surfaces, albedo_at
+from generators.lighting.surfaces import TEXTURE_LIMIT, LitSurfaces, albedo_at
 from generators.lighting.texels import Sheet
-from generators.lighting.unwrap import Layout
+from generators.lighting.unwrap import LightMapLayout
 
 #: The texture of a scan is its light: it is kept finer than textures whose mean matters.
 _LIT_TEXTURE_LIMIT = 1024
@@ -31,7 +31,7 @@ class LitScene:
         tracer: over all faces.
     """
 
-    surfaces: Surfaces
+    surfaces: LitSurfaces
     sheet: Sheet
     light: F32
     tracer: Tracer
@@ -40,7 +40,7 @@ class LitScene:
     def of(parts: tuple[Part, ...]) -> LitScene:
         """Load ``parts``."""
         scanned = any(part.light is None for part in parts)
-        surfaces = Surfaces.of(parts, _LIT_TEXTURE_LIMIT if scanned else TEXTURE_LIMIT)
+        surfaces = LitSurfaces.of(parts, _LIT_TEXTURE_LIMIT if scanned else TEXTURE_LIMIT)
         if parts and all(part.light is None and part.instance_id == 0 for part in parts):
             surfaces = _undeveloped(surfaces)
         layouts, light = [], []
@@ -48,12 +48,12 @@ class LitScene:
             count = len(part.mesh.positions)
             chart = np.zeros(count, dtype=np.int32)
             if part.light is None:
-                layouts.append(Layout(np.zeros((count, 3, 2), dtype=np.float32), chart, 1, 1))
+                layouts.append(LightMapLayout(np.zeros((count, 3, 2), dtype=np.float32), chart, 1, 1))
                 light.append(np.ones((1, 3), dtype=np.float32))
                 continue
             height, width = part.light.texels.shape[:2]
             size = np.array([width, height], dtype=np.float32)
-            layouts.append(Layout(part.light.uv * size, chart, width, height))
+            layouts.append(LightMapLayout(part.light.uv * size, chart, width, height))
             light.append(part.light.texels.reshape(-1, 3).astype(np.float32))
         return LitScene(surfaces, Sheet.of(layouts), np.concatenate(light), Tracer(surfaces.triangles))
 
@@ -75,7 +75,7 @@ class LitScene:
         return np.asarray((face >= 0) & facing)
 
 
-def _undeveloped(surfaces: Surfaces) -> Surfaces:
+def _undeveloped(surfaces: LitSurfaces) -> LitSurfaces:
     """A scan's surfaces with the radiance that its pictures were developed from.
 
     A camera's tone curve squeezed it into [0, 1]; ours stands for it, so that what lies under that light and goes

@@ -15,10 +15,10 @@ import numpy as np
 from generators.core.boxes import UprightBox
 from generators.core.scene import F32, Mesh, Part, Scene
 from generators.lighting.insertion import light_parts, texel_size, uv_of
-from generators.lighting.surfaces import Surfaces
+from generators.lighting.surfaces import LitSurfaces
 from generators.lighting.surroundings import Objects, Surroundings
 from generators.lighting.texels import Sheet
-from generators.lighting.unwrap import Layout, unwrap
+from generators.lighting.unwrap import LightMapLayout, unwrap
 
 #: The object gets about this many texels: fewer than objects that stand, for they are lit again in every frame.
 _TEXELS = 8000
@@ -44,11 +44,11 @@ class MovingLight:
 
     def at(self, part: Part) -> Scene:
         """The scene with the object, ``part`` where it is now, as the last of its parts."""
-        objects = Objects.of(Surfaces.of((part,)), self._sheet)
+        objects = Objects.of(LitSurfaces.of((part,)), self._sheet)
         return light_parts(self._scene, self._room, objects, (part,), (self._uv,))
 
 
-def _layout(mesh: Mesh) -> Layout:
+def _layout(mesh: Mesh) -> LightMapLayout:
     """The light map of a mesh in its own frame: the same wherever it stands."""
     corners: F32 = mesh.positions
     sides = (corners[:, 1:] - corners[:, :1]).astype(np.float64)

@@ -22,7 +22,7 @@ from generators.core.scene import F32, I32
 from generators.lighting.blocks import Blocks
 from generators.lighting.gather import CHUNK, cells_at, hemisphere_rays
 from generators.lighting.interpolation import BlockLight, Slow
-from generators.lighting.surfaces import Surfaces, in_chunks
+from generators.lighting.surfaces import LitSurfaces, in_chunks
 from generators.lighting.texels import Sheet, Texels
 
 #: Blocks per piece of work when links are traced.
@@ -116,7 +116,7 @@ class LinkTracer:
         workers: threads.
     """
 
-    surfaces: Surfaces
+    surfaces: LitSurfaces
     sheet: Sheet
     texels: Texels
     blocks: Blocks
@@ -225,7 +225,7 @@ def _block_at(cells: Any, index: Any, of: Any, out: Any) -> Any:
             out[i] = of[texel] if of[texel] >= 0 else -2
 
 
-def _blocks_met(surfaces: Surfaces, sheet: Sheet, texels: Texels, blocks: Blocks, hits: dict[str, Any]) -> I32:
+def _blocks_met(surfaces: LitSurfaces, sheet: Sheet, texels: Texels, blocks: Blocks, hits: dict[str, Any]) -> I32:
     """Block that each ray met; -1 where there is nothing or nothing is baked (black), -2 where its light is unknown."""
     cells = cells_at(surfaces, sheet, hits["primID"], hits["u"], hits["v"])
     out = np.empty(len(cells), dtype=np.int32)
@@ -267,7 +267,7 @@ def _collect(block: Any, radiance: Any, pattern: Any, table: Any, gloss: Any, li
 
 
 def final_gather(
-    surfaces: Surfaces,
+    surfaces: LitSurfaces,
     sheet: Sheet,
     texels: Texels,
     blocks: Blocks,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from generators.core.jit import njit
 from generators.core.scene import F32
-from generators.lighting.surfaces import Surfaces, in_chunks
+from generators.lighting.surfaces import LitSurfaces, in_chunks
 from generators.lighting.texels import Sheet, Texels
 
 #: Weights over five texels that give each of the four columns (rows) of a tile the same share.
@@ -97,7 +97,7 @@ def _smooth(
 
 
 def smooth(
-    surfaces: Surfaces,
+    surfaces: LitSurfaces,
     sheet: Sheet,
     texels: Texels,
     light: F32,
@@ -214,7 +214,7 @@ def _fill(
 
 
 def fill(
-    surfaces: Surfaces,
+    surfaces: LitSurfaces,
     sheet: Sheet,
     texels: Texels,
     light: F32,

@@ -17,7 +17,7 @@ from generators.core.rays import Tracer
 from generators.core.scene import F32, I32
 from generators.lighting.emitters import face_areas, face_groups
 from generators.lighting.form_factors import LOBE
-from generators.lighting.surfaces import Surfaces
+from generators.lighting.surfaces import LitSurfaces
 
 #: Radiance of a white surface that faces the sun, over that of the brightest window pane.
 _SUN_STRENGTH = 1.5
@@ -47,7 +47,7 @@ class Sun:
     pane: NDArray[np.bool_]
 
 
-def _outside(surfaces: Surfaces, tracer: Tracer, faces: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _outside(surfaces: LitSurfaces, tracer: Tracer, faces: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Whether nothing that looks towards the face lies behind it: a window, rather than a screen before a wall."""
     outward = np.ascontiguousarray(-surfaces.face_normal[faces])
     origin = surfaces.triangles[faces].mean(axis=1) + 0.005 * outward
@@ -66,7 +66,7 @@ def _outside(surfaces: Surfaces, tracer: Tracer, faces: NDArray[np.int64]) -> ND
     return free
 
 
-def find_sun(name: str, surfaces: Surfaces, tracer: Tracer) -> Sun | None:
+def find_sun(name: str, surfaces: LitSurfaces, tracer: Tracer) -> Sun | None:
     """The sun of a flat: on one façade, its direction drawn from the scene's ``name``.
 
     A window is an upright emitter of glass, of 0.3 m² and more, with nothing of the scene behind it. The façade with

@@ -29,7 +29,7 @@ def srgb_to_linear(values: NDArray[np.uint8]) -> F32:
 
 
 @dataclass(frozen=True, eq=False)
-class Surfaces:
+class LitSurfaces:
     """Faces of several parts, one after the other.
 
     Attributes:
@@ -61,7 +61,7 @@ class Surfaces:
     pixels: F32
 
     @staticmethod
-    def of(parts: Sequence[Part], limit: int = TEXTURE_LIMIT) -> Surfaces:
+    def of(parts: Sequence[Part], limit: int = TEXTURE_LIMIT) -> LitSurfaces:
         """Gather the faces of ``parts``, with textures of at most ``limit`` texels to a side."""
         meshes = [part.mesh for part in parts]
         triangles = np.concatenate([m.positions for m in meshes]).astype(np.float32)
@@ -97,7 +97,7 @@ class Surfaces:
                     pixels.append(small.reshape(-1, 3))
                     size += small.shape[0] * small.shape[1]
                 image.append(known[key])
-        return Surfaces(
+        return LitSurfaces(
             triangles=triangles,
             normals=np.concatenate([m.normals for m in meshes]).astype(np.float32),
             face_normal=face_normal,
@@ -142,7 +142,7 @@ def _albedo(face: Any, v: Any, w: Any, uv: Any, material: Any, colour: Any, imag
             out[i, c] = colour[m, c] * pixels[pixel, c]
 
 
-def albedo_at(surfaces: Surfaces, face: I32, v: F32, w: F32) -> F32:
+def albedo_at(surfaces: LitSurfaces, face: I32, v: F32, w: F32) -> F32:
     """(N, 3) float32 albedo at points of faces, given by the weights of their second and third corner.
 
     Black where ``face`` is negative. The nearest texel is taken: textures are kept at `TEXTURE_LIMIT`.

@@ -15,7 +15,7 @@ from generators.lighting.emitters import BRIGHT, Emitters, bright_patches, find_
 from generators.lighting.form_factors import LOBE
 from generators.lighting.lit_scene import LitScene
 from generators.lighting.sun import Sun, find_sun
-from generators.lighting.surfaces import Surfaces
+from generators.lighting.surfaces import LitSurfaces
 from generators.lighting.texels import Sheet, Texels, rasterise
 
 #: Rays over the hemisphere, and targets on each emitter, per texel.
@@ -40,13 +40,13 @@ class Objects:
         tracer: over their faces alone.
     """
 
-    surfaces: Surfaces
+    surfaces: LitSurfaces
     sheet: Sheet
     texels: Texels
     tracer: Tracer
 
     @classmethod
-    def of(cls, surfaces: Surfaces, sheet: Sheet) -> Objects:
+    def of(cls, surfaces: LitSurfaces, sheet: Sheet) -> Objects:
         """Objects with these faces and light maps."""
         return cls(surfaces, sheet, rasterise(surfaces, sheet), Tracer(surfaces.triangles))
 
@@ -163,7 +163,7 @@ def bundle() -> tuple[F32, F32]:
     return table, np.asarray(narrow / narrow.sum(axis=1, keepdims=True), dtype=np.float32)
 
 
-def behind(surfaces: Surfaces, face: I32, directions: F32) -> NDArray[np.bool_]:
+def behind(surfaces: LitSurfaces, face: I32, directions: F32) -> NDArray[np.bool_]:
     """Whether rays met the back of a face."""
     along = np.einsum("ij,ij->i", surfaces.face_normal[np.maximum(face, 0)], directions)
     return np.asarray((face >= 0) & (along > 0))

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from generators.core.jit import inline, njit
 from generators.core.low_discrepancy import pattern_of
 from generators.core.scene import F32, I32
-from generators.lighting.surfaces import Surfaces, albedo_at, in_chunks
-from generators.lighting.unwrap import Layout
+from generators.lighting.surfaces import LitSurfaces, albedo_at, in_chunks
+from generators.lighting.unwrap import LightMapLayout
 
 #: Rays start this far above the surface, so that they do not meet it again (metres).
 PUSH = 0.0015
@@ -44,7 +44,7 @@ class Sheet:
     height: NDArray[np.int64]
 
     @staticmethod
-    def of(layouts: Sequence[Layout]) -> Sheet:
+    def of(layouts: Sequence[LightMapLayout]) -> Sheet:
         """Put the layouts one after the other."""
         charts = np.cumsum([0] + [int(layout.chart.max()) + 1 for layout in layouts])
         sizes = [layout.width * layout.height for layout in layouts]
@@ -96,7 +96,7 @@ class Texels:
         return len(self.cell)
 
 
-def rasterise(surfaces: Surfaces, sheet: Sheet, wanted: NDArray[np.bool_] | None = None, workers: int = 1) -> Texels:
+def rasterise(surfaces: LitSurfaces, sheet: Sheet, wanted: NDArray[np.bool_] | None = None, workers: int = 1) -> Texels:
     """Find the texels that bilinear look-up on any face can touch.
 
     A texel whose centre lies beside its face stands for the nearest point of the face, so that the map is defined

@@ -69,7 +69,7 @@ def _let_go(atlas: xatlas.Atlas, threads: set[str]) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class LightMapLayout:
     """Where the faces of a mesh lie in its light map.
 
     Attributes:
@@ -87,7 +87,7 @@ class Layout:
 
 def unwrap(
     positions: F32, texel: float, finer: NDArray[np.float32] | None = None, normals: F32 | None = None
-) -> Layout:
+) -> LightMapLayout:
     """Cut a mesh into charts and pack them (xatlas).
 
     Args:
@@ -140,4 +140,4 @@ def unwrap(
         offset += pieces
     uv = np.clip(np.nan_to_num(uv), 0.0, np.array([width, height], dtype=np.float32))
     _let_go(atlas, own_threads)
-    return Layout(uv=uv, chart=chart, width=width, height=height)
+    return LightMapLayout(uv=uv, chart=chart, width=width, height=height)

@@ -19,7 +19,7 @@ from generators.lighting.bake import insert
 from generators.lighting.moving_light import MovingLight
 from generators.paths.motion import Motion
 from generators.placement.placement import Placement
-from generators.vision.base import Frame, VisionBackend, VisionSession
+from generators.vision.base import RenderedView, VisionBackend, VisionSession
 
 Array = NDArray[np.float64]
 
@@ -85,7 +85,7 @@ class Stage:
         return found
 
 
-class Camera:
+class StageRenderer:
     """Renders a stage; it opens the scene again whenever the scene changes."""
 
     def __init__(self, backend: VisionBackend, stage: Stage, intrinsics: Intrinsics) -> None:
@@ -93,7 +93,7 @@ class Camera:
         self._scene: Scene | None = None
         self._session: VisionSession | None = None
 
-    def render(self, second: int, pose: Pose) -> Frame:
+    def render(self, second: int, pose: Pose) -> RenderedView:
         """Render the frame from ``pose`` at the beginning of a second."""
         return self._open(second).render(pose)
 
@@ -105,8 +105,8 @@ class Camera:
         return self._session
 
     def frames(
-        self, poses: Sequence[Pose], then: Callable[[int, Frame], None], cores: Callable[[], int] = lambda: 1
-    ) -> Iterator[Frame]:
+        self, poses: Sequence[Pose], then: Callable[[int, RenderedView], None], cores: Callable[[], int] = lambda: 1
+    ) -> Iterator[RenderedView]:
         """Yield the frame of each second in order, after ``then(second, frame)`` has run on it.
 
         Args:
@@ -120,7 +120,7 @@ class Camera:
         retired = Semaphore(0)  # how many sessions are to be given up when their frame is drawn
         shared, begun = 0, 0
 
-        def draw(second: int) -> Frame:
+        def draw(second: int) -> RenderedView:
             session = sessions.get()
             try:
                 frame = session.render(poses[second])
@@ -130,7 +130,7 @@ class Camera:
             then(second, frame)
             return frame
 
-        ahead: deque[Future[Frame]] = deque()
+        ahead: deque[Future[RenderedView]] = deque()
         with ThreadPoolExecutor(MOST_THREADS) as pool:
             try:
                 for second, pose in enumerate(poses):

@@ -38,7 +38,7 @@ LOOKS = 8
 
 
 @dataclass(frozen=True, eq=False)
-class _View:
+class _PhaseScores:
     """Suitability of places (N,) for a walk past a candidate, in one phase: visibility, bearing, and both combined."""
 
     sees: NDArray[np.bool_]
@@ -46,7 +46,7 @@ class _View:
     comfort: Array
 
     @classmethod
-    def of(cls, pool: Array, watcher: Watcher, phase: int) -> _View:
+    def of(cls, pool: Array, watcher: Watcher, phase: int) -> _PhaseScores:
         sees = watcher.sees(pool, phase)
         offset = pool - watcher.ground(phase)
         distance = np.linalg.norm(offset, axis=1)
@@ -67,7 +67,7 @@ class Tours:
     def __init__(self, space: FreeSpace, watchers: Sequence[Watcher], frames: int, motion: Motion | None) -> None:
         self._space, self._frames, self._motion = space, frames, motion
         self._pool = space.points[:: max(1, len(space.points) // _PLACES)]
-        self._views = [[_View.of(self._pool, w, phase) for phase in range(w.phases)] for w in watchers]
+        self._views = [[_PhaseScores.of(self._pool, w, phase) for phase in range(w.phases)] for w in watchers]
         # Walks in small rooms are slow; walks of few frames have longer steps.
         pace_ = float(np.clip(0.05 + 0.03 * space.area, 0.06, 0.18)) * (1.0 if frames >= 40 else 1.6)
         self._length = min(pace_, 0.3) * (frames - 1)

@@ -54,7 +54,7 @@ class Body:
         return self.box.centre
 
 
-class Fitting:
+class RoomFitting:
     """The tests of one room. A reason of refusal is a verb phrase in the plural, because error messages count them."""
 
     def __init__(self, site: Site) -> None:

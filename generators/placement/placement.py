@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from avs3d_bench.errors import Avs3dError
 from generators.core.boxes import UprightBox, yaw_matrix
 from generators.core.scene import Mesh, Part, Support, SupportKind
-from generators.placement.fitting import Body, Fitting, front_points
+from generators.placement.fitting import Body, RoomFitting, front_points
 from generators.placement.site import Site
 from generators.placement.spots import Spot, against_wall, on_top, on_wall, open_floor
 
@@ -214,7 +214,7 @@ class Placer:
     def __init__(self, site: Site, rules: Mapping[str, Rule] = RULES) -> None:
         self.site = site
         self.rules = rules
-        self.fitting = Fitting(site)
+        self.fitting = RoomFitting(site)
         self.refused: Counter[str] = Counter()
 
     def copies(self, model: Model, count: int, placed: Sequence[Placement], rng: Generator) -> list[Placement]:

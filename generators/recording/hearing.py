@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench import layout
-from avs3d_bench.ahead import moved_beside
+from avs3d_bench.ahead import continue_in_fork
 from avs3d_bench.geometry import Pose
 from generators.acoustics.base import AcousticBackend, AcousticSession, BatchSession, ReceiverSession
 from generators.acoustics.clips import moving_clip, receiver_clip
@@ -46,7 +46,7 @@ class Recording:
 
 
 @dataclass(frozen=True, eq=False)
-class Heard:
+class ReceiverClips:
     """What is heard in one second.
 
     Attributes:
@@ -59,7 +59,7 @@ class Heard:
 
 
 @dataclass(frozen=True, eq=False)
-class Listening:
+class AcousticJob:
     """Everything that decides the clips of an observation.
 
     Attributes:
@@ -98,7 +98,7 @@ class Listening:
         )
 
 
-def hear(listening: Listening) -> Generator[Heard]:
+def hear(listening: AcousticJob) -> Generator[ReceiverClips]:
     """What is heard in each second, in order: an engine's responses depend on the sequence of calls."""
     session = listening.engine().open(
         listening.scene, listening.sources[0], room=listening.room, sample_rate=layout.SAMPLE_RATE
@@ -114,10 +114,10 @@ def hear(listening: Listening) -> Generator[Heard]:
         session.close()
 
 
-def heard_ahead(
+def hear_in_background(
     sounds: Generator[Sound], device: str, beside: Callable[[], bool] = lambda: False
 ) -> AbstractContextManager[Iterator[Sound]]:
-    """What is heard, in a process of its own from the second on for which ``beside`` says yes (see `moved_beside`).
+    """What is heard, in a process of its own from the second on for which ``beside`` says yes (see `continue_in_fork`).
 
     The SoundSpaces engine holds Python's global lock while it works: in this process no other thread would get on. Its
     responses depend on all that came before them, so that no second process could share the work. What CUDA does stays
@@ -128,7 +128,7 @@ def heard_ahead(
         device: that traces them.
         beside: asked before each second.
     """
-    return moved_beside(sounds, beside if device == "cpu" else lambda: False)
+    return continue_in_fork(sounds, beside if device == "cpu" else lambda: False)
 
 
 def responses_at(session: AcousticSession, pose: Pose) -> dict[str, NDArray[np.float32]]:
@@ -137,14 +137,14 @@ def responses_at(session: AcousticSession, pose: Pose) -> dict[str, NDArray[np.f
     return found | session.other_responses(pose) if isinstance(session, ReceiverSession) else found
 
 
-def hear_still(session: AcousticSession, listening: Listening, index: int) -> Heard:
+def hear_still(session: AcousticSession, listening: AcousticJob, index: int) -> ReceiverClips:
     """What is heard in second ``index`` of a source that stands still."""
     responses = responses_at(session, listening.poses[index])
     samples, second = listening.samples, index + PRE_ROLL
     return _heard({name: Recording(receiver_clip(samples, one, second), one) for name, one in responses.items()})
 
 
-def _hear_moving(session: AcousticSession, listening: Listening, index: int) -> Heard:
+def _hear_moving(session: AcousticSession, listening: AcousticJob, index: int) -> ReceiverClips:
     """The same of a source that moves: it is heard from where it was when the sound left it."""
     pose = listening.poses[index]
     # Before the first frame the source stands where it begins.
@@ -161,5 +161,5 @@ def _hear_moving(session: AcousticSession, listening: Listening, index: int) -> 
     return _heard(recordings)
 
 
-def _heard(recordings: dict[str, Recording]) -> Heard:
-    return Heard(recordings[HEAD], {name: one for name, one in recordings.items() if name != HEAD})
+def _heard(recordings: dict[str, Recording]) -> ReceiverClips:
+    return ReceiverClips(recordings[HEAD], {name: one for name, one in recordings.items() if name != HEAD})

@@ -21,7 +21,7 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.schema import ObservationRecord
 
 
-class Output(Protocol):
+class ObservationOutput(Protocol):
     """Takes the files of one observation; names are relative to its folder, as in `avs3d_bench.layout`."""
 
     def open(self) -> None:

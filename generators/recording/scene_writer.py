@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from avs3d_bench import layout, media
 from generators.acoustics.clips import check_clip
 from generators.recording.hearing import Recording
-from generators.recording.output import Output
+from generators.recording.output import ObservationOutput
 from generators.recording.stems import mixture
 from generators.recording.writer import ObservationWriter
 
@@ -28,7 +28,7 @@ class SceneWriter(ObservationWriter):
 
     def __init__(
         self,
-        output: Output,
+        output: ObservationOutput,
         contents: layout.SoundScene,
         *,
         depth: bool = False,

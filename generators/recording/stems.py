@@ -18,7 +18,7 @@ from avs3d_bench.schema import AUDIBLE_LEVEL_DB, AUDIBLE_SNR_DB, AudibleRecord
 from generators.acoustics.base import BatchSession
 from generators.acoustics.clips import binaural_clip
 from generators.acoustics.direct import DirectPath
-from generators.recording.hearing import PRE_ROLL, Listening, Recording, hear_still
+from generators.recording.hearing import PRE_ROLL, AcousticJob, Recording, hear_still
 
 Clip = NDArray[np.float32]
 
@@ -47,7 +47,7 @@ class HeardSource:
     others: Mapping[str, Recording] = field(default_factory=dict)
 
 
-def hear_sources(listenings: Sequence[Listening]) -> Generator[tuple[HeardSource, ...]]:
+def hear_sources(listenings: Sequence[AcousticJob]) -> Generator[tuple[HeardSource, ...]]:
     """What is heard of every source in each second, in order; one response per source and second.
 
     Args:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avs3d_bench.geometry import Intrinsics, Pose
-from generators.vision.base import Frame
+from generators.vision.base import RenderedView
 
 Floats = NDArray[np.float64]
 #: Pixels of a frame that are lifted to points.
@@ -58,7 +58,7 @@ class SurfaceSampler:
         self._positions: list[NDArray[np.float64]] = []
         self._colours: list[NDArray[np.uint8]] = []
 
-    def add(self, frame: Frame, pose: Pose, *, instances: bool = True) -> None:
+    def add(self, frame: RenderedView, pose: Pose, *, instances: bool = True) -> None:
         """Sample one frame, but no pixel where nothing was hit; without ``instances``, none of any instance either.
 
         Points on an object that moves are in no one place: a model of a rigid scene cannot hold them. They are then

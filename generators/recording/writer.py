@@ -15,9 +15,9 @@ from avs3d_bench.geometry import Intrinsics, Pose
 from avs3d_bench.schema import CameraSplits, ObservationRecord
 from generators.core.scene import Mesh
 from generators.recording.hearing import Recording
-from generators.recording.output import Output
+from generators.recording.output import ObservationOutput
 from generators.recording.surface_points import SurfacePoints
-from generators.vision.base import Frame
+from generators.vision.base import RenderedView
 
 
 class ObservationWriter:
@@ -34,7 +34,12 @@ class ObservationWriter:
     """
 
     def __init__(
-        self, output: Output, *, depth: bool = False, rirs: bool = False, receivers: Mapping[str, int] | None = None
+        self,
+        output: ObservationOutput,
+        *,
+        depth: bool = False,
+        rirs: bool = False,
+        receivers: Mapping[str, int] | None = None,
     ) -> None:
         self._output = output
         self._depth = depth
@@ -57,7 +62,7 @@ class ObservationWriter:
         return self._output.keeps(name)
 
     def share_pictures(self, sibling: Path) -> None:
-        """Take over all that siblings and variants share from a finished one; ``sibling``: see `Output.share`."""
+        """Take over all that siblings and variants share from a finished one; ``sibling``: see `ObservationOutput`."""
         self._shared = self._output.share(sibling)
 
     def add_mask_of(self, index: int, instance: int) -> NDArray[np.bool_]:
@@ -76,7 +81,7 @@ class ObservationWriter:
         out.put(name, media.encode_png_mask(out.where(name), mask))
         return np.asarray(mask)
 
-    def add_pictures(self, index: int, frame: Frame, mask: NDArray[np.bool_] | None = None) -> None:
+    def add_pictures(self, index: int, frame: RenderedView, mask: NDArray[np.bool_] | None = None) -> None:
         """Write the pictures of frame ``index``, and its mask (H, W); several threads may write different frames."""
         out, picture = self._output, layout.image_path(layout.INPUT, index)
         out.put(picture, media.encode_png_rgb(out.where(picture), frame.rgb))

@@ -6,7 +6,7 @@ import os
 import shutil
 from pathlib import Path
 
-from avs3d_bench.doctor import Check, Finding, constant, has_module, package_check, run_python
+from avs3d_bench.doctor import Check, CheckResult, constant, has_module, package_check, run_python
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.user_path import user_path
 
@@ -88,19 +88,19 @@ def checks() -> tuple[Check, ...]:
     )
 
 
-def _cuda() -> tuple[Finding, ...]:
+def _cuda() -> tuple[CheckResult, ...]:
     fix = "pip install 'avs3d-bench[cuda]' (on a machine with an NVIDIA GPU)"
     if not has_module("numba_cuda"):
-        return (Finding("generate", "numba-cuda", "missing", "not installed; --device cuda", fix),)
+        return (CheckResult("generate", "numba-cuda", "missing", "not installed; --device cuda", fix),)
     if not has_module("numba"):
-        return (Finding("generate", "numba-cuda", "note", "installed; tried once [generate] is there", _EXTRA),)
+        return (CheckResult("generate", "numba-cuda", "note", "installed; tried once [generate] is there", _EXTRA),)
     works, said = run_python(_CUDA)
     if not works:
         fix = "check nvidia-smi; a driver before 580 needs pip install 'numba-cuda[cu12]'"
-        return (Finding("generate", "numba-cuda", "broken", said, fix),)
+        return (CheckResult("generate", "numba-cuda", "broken", said, fix),)
     if said.startswith("note: "):
-        return (Finding("generate", "numba-cuda", "note", f"{said[6:]}; --device cpu works", ""),)
-    return (Finding("generate", "numba-cuda", "ok", said),)
+        return (CheckResult("generate", "numba-cuda", "note", f"{said[6:]}; --device cpu works", ""),)
+    return (CheckResult("generate", "numba-cuda", "ok", said),)
 
 
 def _engine() -> Check:
@@ -113,38 +113,40 @@ def _engine() -> Check:
     )
 
 
-def _habitat() -> tuple[Finding, ...]:
+def _habitat() -> tuple[CheckResult, ...]:
     python = os.environ.get("AVS3D_HABITAT_PYTHON", "")
     if not python:
         fix = (
             "conda create -n habitat python=3.9 habitat-sim headless -c conda-forge -c aihabitat, then "
             "export AVS3D_HABITAT_PYTHON=…/envs/habitat/bin/python"
         )
-        return (Finding("habitat", "habitat-sim", "missing", "AVS3D_HABITAT_PYTHON is not set; --vision habitat", fix),)
+        return (
+            CheckResult("habitat", "habitat-sim", "missing", "AVS3D_HABITAT_PYTHON is not set; --vision habitat", fix),
+        )
     if not has_module("trimesh"):
-        return (Finding("habitat", "habitat-sim", "note", f"{python}: tried once [generate] is there", _EXTRA),)
+        return (CheckResult("habitat", "habitat-sim", "note", f"{python}: tried once [generate] is there", _EXTRA),)
     from generators.vision.habitat import probe
 
     works, said = probe(python)
     if works:
-        return (Finding("habitat", "habitat-sim", "ok", said),)
+        return (CheckResult("habitat", "habitat-sim", "ok", said),)
     fix = "name an interpreter with habitat-sim in AVS3D_HABITAT_PYTHON; without a GPU it needs EGL (libegl1, Mesa)"
-    return (Finding("habitat", "habitat-sim", "broken", said, fix),)
+    return (CheckResult("habitat", "habitat-sim", "broken", said, fix),)
 
 
-def _scans() -> tuple[Finding, ...]:
+def _scans() -> tuple[CheckResult, ...]:
     fix = "export AVS3D_SCANS=FOLDER with HM3D or Matterport3D below (both are free for research, on request)"
     named = os.environ.get("AVS3D_SCANS")
     if not named:
-        return (Finding("scans", "scans", "missing", "AVS3D_SCANS is not set; procedural homes need none", fix),)
+        return (CheckResult("scans", "scans", "missing", "AVS3D_SCANS is not set; procedural homes need none", fix),)
     try:
         root = user_path(named)
     except Avs3dError as error:
-        return (Finding("scans", "scans", "broken", str(error), fix),)
+        return (CheckResult("scans", "scans", "broken", str(error), fix),)
     if not root.is_dir():
-        return (Finding("scans", "scans", "broken", f"{root}: no such folder", fix),)
+        return (CheckResult("scans", "scans", "broken", f"{root}: no such folder", fix),)
     if not has_module("trimesh"):
-        return (Finding("scans", "scans", "note", f"{root}: looked at once [generate] is there", _EXTRA),)
+        return (CheckResult("scans", "scans", "note", f"{root}: looked at once [generate] is there", _EXTRA),)
     from generators.scans.files import find_scan_files
 
     found = []
@@ -156,22 +158,22 @@ def _scans() -> tuple[Finding, ...]:
         found.append(scan)
     absent = [scan for scan in PAPER_SCANS if scan not in found]
     if not absent:
-        return (Finding("scans", "scans", "ok", f"{root}: all {len(found)} scans of 3davs-s34-o7"),)
+        return (CheckResult("scans", "scans", "ok", f"{root}: all {len(found)} scans of 3davs-s34-o7"),)
     said = f"{root}: {len(found)} of the {len(PAPER_SCANS)} scans of 3davs-s34-o7, not {', '.join(absent)}"
-    return (Finding("scans", "scans", "note", said, "put <id>/<id>.glb of Matterport3D below that folder"),)
+    return (CheckResult("scans", "scans", "note", said, "put <id>/<id>.glb of Matterport3D below that folder"),)
 
 
-def _assets() -> tuple[Finding, ...]:
+def _assets() -> tuple[CheckResult, ...]:
     folder = Path(os.environ.get("AVS3D_SH3F") or FURNITURE)
     libraries = sorted(folder.glob("*.sh3f"))
     if libraries:
         found = f"{len(libraries)} Sweet Home 3D libraries in {folder}"
-        return (Finding("assets", "Sweet Home 3D", "ok", found),)
+        return (CheckResult("assets", "Sweet Home 3D", "ok", found),)
     if folder != FURNITURE:
         fix = "export AVS3D_SH3F=FOLDER with the .sh3f files, or unset it and apt install sweethome3d-furniture"
     else:
         fix = "apt install sweethome3d-furniture, then avs3d assets import sh3f /usr/share/sweethome3d/furniture"
-    return (Finding("assets", "Sweet Home 3D", "missing", f"no *.sh3f in {folder}; open-s34-o7-sh3d", fix),)
+    return (CheckResult("assets", "Sweet Home 3D", "missing", f"no *.sh3f in {folder}; open-s34-o7-sh3d", fix),)
 
 
 def _token(variable: str, service: str) -> Check:
@@ -181,21 +183,21 @@ def _token(variable: str, service: str) -> Check:
                     f"export {variable}=… (from your {service} account)")  # fmt: skip
 
 
-def _cache() -> tuple[Finding, ...]:
+def _cache() -> tuple[CheckResult, ...]:
     from generators.core.folders import default_cache
 
     if not os.environ.get("AVS3D_CACHE") and not has_module("platformdirs"):
-        return (Finding("generate", "cache of homes", "note", "looked at once [generate] is there", _EXTRA),)
+        return (CheckResult("generate", "cache of homes", "note", "looked at once [generate] is there", _EXTRA),)
     try:
         folder = default_cache()
     except Avs3dError as error:
-        return (Finding("generate", "cache of homes", "broken", str(error), "export AVS3D_CACHE=FOLDER"),)
+        return (CheckResult("generate", "cache of homes", "broken", str(error), "export AVS3D_CACHE=FOLDER"),)
     there = next(path for path in (folder, *folder.parents) if path.exists())
     free = shutil.disk_usage(there).free / 1e9
     if not there.is_dir() or not os.access(there, os.W_OK):
         fix = "export AVS3D_CACHE=FOLDER that can be written to"
-        return (Finding("generate", "cache of homes", "broken", f"{folder}: cannot be written to", fix),)
+        return (CheckResult("generate", "cache of homes", "broken", f"{folder}: cannot be written to", fix),)
     found = f"{folder}, {free:.0f} GB free (a home takes 0.1)"
     if free < 2:
-        return (Finding("generate", "cache of homes", "note", found, "export AVS3D_CACHE=FOLDER on a larger disk"),)
-    return (Finding("generate", "cache of homes", "ok", found),)
+        return (CheckResult("generate", "cache of homes", "note", found, "export AVS3D_CACHE=FOLDER on a larger disk"),)
+    return (CheckResult("generate", "cache of homes", "ok", found),)

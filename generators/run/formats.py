@@ -22,7 +22,7 @@ from avs3d_bench.provenance import Provenance
 from avs3d_bench.schema import DatasetRecord, ObservationRecord
 from generators.manifest import ManifestFile
 from generators.plan import ObservationPlan
-from generators.recording.output import FolderOutput, Output
+from generators.recording.output import FolderOutput, ObservationOutput
 from generators.recording.tar_output import TarOutput, tar_plan_digest
 from generators.run.dataset_record import describe_dataset, read_observation
 from generators.run.differences import describe_mismatch
@@ -43,7 +43,7 @@ class DatasetFormat(Protocol):
     def name_of(self, index: Any) -> Any:
         """The name of the dataset in an index with the signature (JSON)."""
 
-    def output(self, place: Path, *, replaces: bool = False) -> Output:
+    def output(self, place: Path, *, replaces: bool = False) -> ObservationOutput:
         """The output of the files of an observation whose folder is, or would be, ``place``.
 
         Args:
@@ -106,7 +106,7 @@ class FolderFormat:
         """As the index has it."""
         return index["name"]
 
-    def output(self, place: Path, *, replaces: bool = False) -> Output:
+    def output(self, place: Path, *, replaces: bool = False) -> ObservationOutput:
         """A folder."""
         return FolderOutput(place, replaces=replaces)
 
@@ -157,7 +157,7 @@ class TarFormat:
         """As the dataset's record in the index has it."""
         return index["dataset"]["name"]
 
-    def output(self, place: Path, *, replaces: bool = False) -> Output:
+    def output(self, place: Path, *, replaces: bool = False) -> ObservationOutput:
         """A tar."""
         return TarOutput(place)  # a rename replaces a file
 

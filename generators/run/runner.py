@@ -24,7 +24,7 @@ from avs3d_bench.outputs import Signature, check_replaceable
 from avs3d_bench.parallel import available_cores
 from avs3d_bench.scheduling.failures import FailureLog
 from avs3d_bench.scheduling.local import LocalScheduler
-from avs3d_bench.scheduling.lock import held
+from avs3d_bench.scheduling.lock import folder_lock
 from avs3d_bench.scheduling.tasks import Event, Failure, Listener, Policy, Scheduler, Task
 from avs3d_bench.schema import CameraSplits, ObservationRecord
 from avs3d_bench.taxonomy import PARTS
@@ -38,7 +38,7 @@ from generators.run.dataset_record import check
 from generators.run.finished import discard
 from generators.run.formats import FORMATS, DatasetFormat, find_finished, is_of_plan, refuse_other_form
 from generators.run.preflight import check_files
-from generators.run.worker import Place, load, make_observation, prepare
+from generators.run.worker import RunTarget, make_observation, prepare, warm_up_worker
 
 #: A home is built and lit once for all its observations and has this many times their time limit, but at most so many
 #: seconds.
@@ -147,7 +147,7 @@ def run(
     refuse_foreign(root, form, source.manifest.name)
     new = [plan for plan in plans if plan.key in settings.remake or not form.path(root, plan.key).exists()]
     check_files(source, new)  # before the folder is made
-    with held(root) as me:
+    with folder_lock(root) as me:
         sweep(root)
         # Existing observations must come from the same manifest and software, selected or not.
         done = _finished(form, source, plans, root, listen, settings.remake)
@@ -162,7 +162,7 @@ def run(
             listen(Event("kept", key, ""))
         outcome = Outcome((), kept, ())
         if todo:
-            place = Place(root, settings.cache, me.token if settings.shared else None, settings.format)
+            place = RunTarget(root, settings.cache, me.token if settings.shared else None, settings.format)
             try:
                 outcome = _make(todo, place, settings, listen, log, kept)
             finally:
@@ -183,7 +183,7 @@ def run(
 
 def _make(
     todo: Sequence[ObservationPlan],
-    place: Place,
+    place: RunTarget,
     settings: RunSettings,
     listen: Listener,
     log: FailureLog,
@@ -200,7 +200,9 @@ def _make(
         tasks = _tasks(todo, place, threads=threads, limit=settings.limit, remake=settings.remake)
         policy = replace(
             settings.policy,
-            warm_up=Task("load", load, (todo[0].vision, todo[0].audio, todo[0].receivers, todo[0].device)),
+            warm_up=Task(
+                "warm_up_worker", warm_up_worker, (todo[0].vision, todo[0].audio, todo[0].receivers, todo[0].device)
+            ),
         )
         with closing(pool.run(tasks, policy, lambda event: listen(_named(event)))) as results:
             for result in results:
@@ -282,7 +284,7 @@ def _check_cache(cache: Path, todo: Sequence[ObservationPlan]) -> None:
 
 
 def _tasks(
-    todo: Sequence[ObservationPlan], place: Place, *, threads: int, limit: float | None, remake: Collection[str]
+    todo: Sequence[ObservationPlan], place: RunTarget, *, threads: int, limit: float | None, remake: Collection[str]
 ) -> list[Task]:
     """A task for each home, and one for each observation, which waits for its home or for its first sibling."""
     homes: dict[str, list[ObservationPlan]] = {}

@@ -30,7 +30,7 @@ _LOOKS, _PAUSE = 5, 1.0
 
 
 @dataclass(frozen=True)
-class Place:
+class RunTarget:
     """Where a run writes.
 
     Attributes:
@@ -48,7 +48,7 @@ class Place:
     replaces: bool = False
 
 
-def prepare(context: Context, plan: ObservationPlan, place: Place, threads: int) -> None:
+def prepare(context: Context, plan: ObservationPlan, place: RunTarget, threads: int) -> None:
     """Build and light the plan's home into the cache, unless it lies there; compile what is slow the first time."""
     with _fit(plan, place):
         context.report("home", plan.spec.scan)
@@ -56,12 +56,12 @@ def prepare(context: Context, plan: ObservationPlan, place: Place, threads: int)
         _warm_up(plan.vision, plan.audio, plan.receivers, plan.device)
 
 
-def load(_: Context, vision: str, audio: str, receivers: Receivers, device: str) -> None:
+def warm_up_worker(_: Context, vision: str, audio: str, receivers: Receivers, device: str) -> None:
     """Import and compile what observations need, while their homes are built elsewhere."""
     _warm_up(vision, audio, receivers, device)
 
 
-def make_observation(context: Context, plan: ObservationPlan, place: Place) -> str:
+def make_observation(context: Context, plan: ObservationPlan, place: RunTarget) -> str:
     """Make one observation; the last ones of a run share the cores that have nothing else to do.
 
     Returns:
@@ -88,7 +88,7 @@ def make_observation(context: Context, plan: ObservationPlan, place: Place) -> s
     )
 
 
-def _pictures(plan: ObservationPlan, place: Place) -> Path | None:
+def _pictures(plan: ObservationPlan, place: RunTarget) -> Path | None:
     """The sibling or original whose pictures ``plan`` can have; None if it is not there, or not whole."""
     if plan.first is None:
         return None
@@ -108,7 +108,7 @@ def _warm_up(vision: str, audio: str, receivers: Receivers, device: str) -> None
 
 
 @contextmanager
-def _fit(plan: ObservationPlan, place: Place) -> Iterator[None]:
+def _fit(plan: ObservationPlan, place: RunTarget) -> Iterator[None]:
     """Do the work in this only where it leads to the run's own bytes in the run's own folder.
 
     Raises:
@@ -129,7 +129,7 @@ def _versions(vision: str, audio: str, device: str) -> dict[str, str]:
     return backend_versions(vision, audio, device)
 
 
-def _check_folder(place: Place) -> None:
+def _check_folder(place: RunTarget) -> None:
     for _ in range(_LOOKS):
         holder = holder_of(place.root)
         if holder is not None and holder.token == place.token:

@@ -116,9 +116,9 @@ def sample_command(
     wanted = Wanted(**chosen, camera=camera, extra=extra)
     excluded = what_they_use(exclude, output)
     if check:
-        from generators.sampling.fitting import Fitting
+        from generators.sampling.fitting import SampleFitting
 
-        document, units = sample(wanted, excluded, Fitting(workers))
+        document, units = sample(wanted, excluded, SampleFitting(workers))
     else:
         document, units = sample(wanted, excluded)
     if name is not None:

@@ -17,7 +17,7 @@ from generators.plan import ObservationPlan, make_plans
 
 
 @dataclass(frozen=True)
-class Fitting:
+class SampleFitting:
     """Places the objects of sampled observations, and plans the walks past them.
 
     Attributes:

@@ -66,7 +66,7 @@ class Wanted:
 
 
 @dataclass(frozen=True)
-class Unit:
+class SampledGroup:
     """Observations with the same pictures.
 
     Attributes:
@@ -80,7 +80,7 @@ class Unit:
 
 def sample(
     wanted: Wanted, excluded: Excluded, misfits: Callable[[Manifest], Iterable[int]] = lambda _: ()
-) -> tuple[dict[str, Any], tuple[Unit, ...]]:
+) -> tuple[dict[str, Any], tuple[SampledGroup, ...]]:
     """Draw a manifest.
 
     Args:
@@ -192,7 +192,7 @@ class _Drawer:
         order = _stream(self._wanted.seed, "homes/order").permutation(len(self._homes)).tolist()
         return [(part, self._homes[order[n % len(order)]], size) for n, (part, size) in enumerate(units)]
 
-    def unit(self, number: int, part: str, home: str, size: int) -> Unit:
+    def unit(self, number: int, part: str, home: str, size: int) -> SampledGroup:
         """Draw a unit in the room of its home that has the fewest."""
         rng = _stream(self._wanted.seed, f"unit/{number}")
         usable = [room for room in MOST if self._in_room[part, home, room] < self._most(part)]
@@ -206,7 +206,7 @@ class _Drawer:
         where = {"part": part, "scan": home, "room": room, "index": index}
         return self._fill(where, size, number, rng)
 
-    def again(self, number: int, unit: Unit, draw: int) -> Unit:
+    def again(self, number: int, unit: SampledGroup, draw: int) -> SampledGroup:
         """Draw the objects of a unit once more, in the same room."""
         where = {name: unit.entries[0][name] for name in ("part", "scan", "room", "index")}
         rng = _stream(self._wanted.seed, f"unit/{number}/{draw}")
@@ -216,7 +216,7 @@ class _Drawer:
     def _most(part: str) -> int:
         return len(range(1, MOST_INDEX - GROUP + 2, GROUP_STEP)) if part == "part_3" else MOST_INDEX
 
-    def _fill(self, where: dict[str, Any], size: int, number: int, rng: Generator) -> Unit:
+    def _fill(self, where: dict[str, Any], size: int, number: int, rng: Generator) -> SampledGroup:
         part, room = where["part"], where["room"]
         focus = _rarest(list(MOST[room]), [self._focus[name] for name in MOST[room]], rng)
         self._focus[focus] += size
@@ -232,7 +232,7 @@ class _Drawer:
             entry["instances"] = count
         if beside:
             entry["silent"] = beside
-        return Unit((entry,), ("one object",))
+        return SampledGroup((entry,), ("one object",))
 
     def _beside(self, room: str, focus: str, single: bool, rng: Generator) -> list[str]:
         """Categories of the other objects: those that are rarest beside others come first."""
@@ -251,7 +251,9 @@ class _Drawer:
             chosen.append(LOOK_ALIKES[room])
         return chosen
 
-    def _group(self, where: dict[str, Any], instances: dict[str, int], size: int, unit: int, rng: Generator) -> Unit:
+    def _group(
+        self, where: dict[str, Any], instances: dict[str, int], size: int, unit: int, rng: Generator
+    ) -> SampledGroup:
         """The first ``size`` siblings of a group."""
         background = {}
         if rng.uniform() < BACKGROUND_SHARE:
@@ -264,7 +266,7 @@ class _Drawer:
             {"like": _key(where), "index": where["index"] + number, "sources": sounding} | background
             for number, sounding in enumerate(sources[1:], start=1)
         ]
-        return Unit((first, *rest), tuple(kinds))
+        return SampledGroup((first, *rest), tuple(kinds))
 
 
 def _key(entry: dict[str, Any]) -> str:

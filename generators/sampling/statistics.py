@@ -10,10 +10,10 @@ from rich.table import Table
 
 from generators.manifest import Manifest
 from generators.sampling.rooms import MOST
-from generators.sampling.sample import Unit
+from generators.sampling.sample import SampledGroup
 
 
-def tables(manifest: Manifest, units: Sequence[Unit]) -> list[Table]:
+def tables(manifest: Manifest, units: Sequence[SampledGroup]) -> list[Table]:
     """The tables that `avs3d manifest sample` prints."""
     return [_sounding(manifest), _identical(manifest, units), _kinds(units), _totals(manifest, units)]
 
@@ -36,7 +36,7 @@ def _sounding(manifest: Manifest) -> Table:
     return _table("Sources by category and room", ["category", *places, "all"], [[*row, sum(row[1:])] for row in rows])
 
 
-def _identical(manifest: Manifest, units: Sequence[Unit]) -> Table:
+def _identical(manifest: Manifest, units: Sequence[SampledGroup]) -> Table:
     """How many rooms have how many objects of a category; siblings count once."""
     specs = {spec.key: spec for spec in manifest.observations}
     counts: Counter[tuple[str, int]] = Counter()
@@ -50,7 +50,7 @@ def _identical(manifest: Manifest, units: Sequence[Unit]) -> Table:
     return _table("Rooms with so many objects of a category", ["category", *map(str, numbers)], rows)
 
 
-def _kinds(units: Sequence[Unit]) -> Table:
+def _kinds(units: Sequence[SampledGroup]) -> Table:
     counts: Counter[tuple[str, str]] = Counter()
     for unit in units:
         counts.update((kind, unit.entries[0]["part"]) for kind in unit.kinds)
@@ -59,7 +59,7 @@ def _kinds(units: Sequence[Unit]) -> Table:
     return _table("Observations by what sounds", ["what sounds", *parts], rows)
 
 
-def _totals(manifest: Manifest, units: Sequence[Unit]) -> Table:
+def _totals(manifest: Manifest, units: Sequence[SampledGroup]) -> Table:
     per_home = Counter(spec.scan for spec in manifest.observations)
     background = Counter(spec.background.kind if spec.background else "none" for spec in manifest.observations)
     snr = [spec.background.snr_db for spec in manifest.observations if spec.background]

@@ -10,7 +10,7 @@ import click
 from avs3d_bench.groups import HELP, PATH, WORKERS, only_option
 from avs3d_bench.outputs import OUTPUT_FOLDER
 from avs3d_bench.scheduling.options import Options, scheduling_options
-from generators.cli import Beside, MakingCommand, choose_tools, making_options, with_option
+from generators.cli import ExtraOutputs, MakingCommand, choose_tools, making_options, with_option
 
 #: The word of `--with` that publishes the masks of train frames.
 TRAIN_TRUTH = "train-truth"
@@ -50,7 +50,7 @@ def seal(
     secret_file: Path | None,
     exclude: tuple[Path, ...],
     scheduling: Options,
-    beside: Beside,
+    beside: ExtraOutputs,
     **chosen: Any,
 ) -> None:
     """Make a sealed test of MANIFEST: a dataset whose truth nobody can generate without a secret.

@@ -41,7 +41,7 @@ from generators.sealing.texts import sealed_text
 
 
 @dataclass(frozen=True)
-class Opening:
+class UnsealResult:
     """What was found when a sealed test was opened.
 
     Attributes:
@@ -72,7 +72,7 @@ class Again:
     options: dict[str, Any] = field(default_factory=dict)
 
 
-def unseal(folder: Path, secret: bytes, again: Again | None = None) -> Opening:
+def unseal(folder: Path, secret: bytes, again: Again | None = None) -> UnsealResult:
     """Check a sealed test whose truth and secret are published.
 
     By hashes: the secret, the manifest, every published file and every private file. From the secret: the seeds, homes
@@ -106,9 +106,9 @@ def unseal(folder: Path, secret: bytes, again: Again | None = None) -> Opening:
         opened, notes = _opened(public, private, seal, again or Again())
         problems += check_consistency(opened)
     if again is None or problems:
-        return Opening(seal, tuple(ordered(problems)), notes=notes)
+        return UnsealResult(seal, tuple(ordered(problems)), notes=notes)
     made, differences = _make_again(private, seal, again)
-    return Opening(seal, tuple(ordered(differences)), made, notes)
+    return UnsealResult(seal, tuple(ordered(differences)), made, notes)
 
 
 def other_software(seal: SealRecord) -> Iterator[str]:

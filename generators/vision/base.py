@@ -14,7 +14,7 @@ from generators.core.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class RenderedView:
     """One rendered view.
 
     Attributes:
@@ -31,7 +31,7 @@ class Frame:
 class VisionSession(Protocol):
     """An open scene."""
 
-    def render(self, pose: Pose) -> Frame:
+    def render(self, pose: Pose) -> RenderedView:
         """Render the scene from ``pose``; the same pose gives the same bytes. For one thread at a time."""
         ...
 

@@ -29,13 +29,13 @@ from generators.core.cuda import (
 from generators.core.freespace import Navigable
 from generators.core.scene import Scene
 from generators.core.tone import WHITE, srgb_table, tone_table
-from generators.vision.base import Frame
+from generators.vision.base import RenderedView
 from generators.vision.sampling import SUB_PIXELS, thin_faces
 from generators.vision.tables import build_tables
 from generators.vision.views import check_camera, trial_scene, view_of
 
 if TYPE_CHECKING:
-    from generators.vision.kernels import View
+    from generators.vision.kernels import PinholeView
 
 #: Rays that are followed at once: 48 bytes each on the device. A frame of 1008² and its edges take one launch each.
 RAYS = 1 << 22
@@ -112,7 +112,7 @@ class CudaSession:
         self._frame = _Frame(width, height)
         self._rays = _Rays.most(min(RAYS, max(width * height * 2, LEAST_RAYS)))
 
-    def render(self, pose: Pose) -> Frame:
+    def render(self, pose: Pose) -> RenderedView:
         """Render the scene from ``pose``; the same pose gives the same bytes on one kind of device.
 
         Raises:
@@ -144,7 +144,7 @@ class CudaSession:
             self._tables = None
             del self._tree, self._thin, self._frame, self._rays, self._curves, self._offsets
 
-    def _shoot_centres(self, view: View) -> None:
+    def _shoot_centres(self, view: PinholeView) -> None:
         """One ray through the centre of each pixel; fills the whole frame."""
         frame, rays, device = self._frame, self._rays, self._device
         step = max(1, rays.count // view.width)
@@ -158,7 +158,7 @@ class CudaSession:
             self._shade(view, 1.0, count)
             launch(device.encode, count, first * view.width, count, rays.arrays, self._curves[1], frame.arrays)
 
-    def _refine_edges(self, view: View) -> None:
+    def _refine_edges(self, view: PinholeView) -> None:
         """Shoot the pixels at edges again and average."""
         frame, rays, device = self._frame, self._rays, self._device
         pixels = view.width * view.height
@@ -177,7 +177,7 @@ class CudaSession:
 
         in_batches(refine, edges, rays.count // samples)
 
-    def _shade(self, view: View, spread: float, count: int) -> None:
+    def _shade(self, view: PinholeView, spread: float, count: int) -> None:
         launch(self._device.shade, count, view, spread, count, self._rays.arrays, self._tables, self._curves[0], WHITE)
 
 
@@ -203,13 +203,13 @@ class _Frame:
         self._depth = pinned(pixels, np.float32)
         self._ids = pinned(pixels, np.uint16)
 
-    def fetched(self) -> Frame:
+    def fetched(self) -> RenderedView:
         """The frame, in memory of its own."""
         arrays = self.arrays
         for there, here in ((arrays.rgb, self._rgb), (arrays.depth, self._depth), (arrays.ids, self._ids)):
             there.copy_to_host(here)
         height, width = self._shape
-        return Frame(
+        return RenderedView(
             rgb=self._rgb.reshape(height, width, 3).copy(),
             depth=self._depth.reshape(height, width).copy(),
             instance_ids=self._ids.reshape(height, width).copy(),
@@ -249,7 +249,7 @@ class _Rays:
                 count = max(count // 2, LEAST_RAYS)
 
 
-def agreement(one: Frame, other: Frame) -> tuple[float, float, float]:
+def agreement(one: RenderedView, other: RenderedView) -> tuple[float, float, float]:
     """How far two frames agree: share of equal ids, 99.99 % quantile of the difference in depth (m), PSNR (dB).
 
     Examples:

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from generators.core.bvh import STACK
 from generators.core.cuda import kernel
-from generators.core.device_rays import FAR, Tree, first_hit
+from generators.core.device_rays import FAR, RayTree, first_hit
 from generators.core.jit import inline
 from generators.core.scene import F32, I32
 from generators.vision import kernels as cpu
-from generators.vision.kernels import View, ray_direction
+from generators.vision.kernels import PinholeView, ray_direction
 from generators.vision.tables import SceneTables
 
 cuda: Any = numba.cuda
@@ -84,7 +84,7 @@ def tiles(width: int, rows: int) -> int:
 
 
 @inline
-def _follow(view: View, tree: Tree, rays: RayArrays, i: int, stack: I32, entries: F32) -> None:
+def _follow(view: PinholeView, tree: RayTree, rays: RayArrays, i: int, stack: I32, entries: F32) -> None:
     """Find what ray ``i`` meets; its direction is written already."""
     found, t, u, v = first_hit(
         tree.boxes,
@@ -106,7 +106,7 @@ def _follow(view: View, tree: Tree, rays: RayArrays, i: int, stack: I32, entries
 
 
 @kernel
-def trace_centres(view: View, first_row: int, rows: int, tree: Tree, rays: RayArrays) -> None:
+def trace_centres(view: PinholeView, first_row: int, rows: int, tree: RayTree, rays: RayArrays) -> None:
     """Rays through the pixel centres of some rows; ray i is pixel i of the block."""
     thread = cuda.grid(1)
     tile, lane = thread // TILE, thread % TILE
@@ -123,7 +123,7 @@ def trace_centres(view: View, first_row: int, rows: int, tree: Tree, rays: RayAr
 
 @kernel
 def trace_edges(
-    view: View, first: int, offsets: F64, count: int, tree: Tree, rays: RayArrays, frame: FrameArrays
+    view: PinholeView, first: int, offsets: F64, count: int, tree: RayTree, rays: RayArrays, frame: FrameArrays
 ) -> None:
     """The ``count`` rays of the pixels from number ``first`` on that are shot again, one for each of ``offsets``."""
     i = cuda.grid(1)
@@ -151,7 +151,9 @@ def write_geometry(first: int, count: int, rays: RayArrays, tables: SceneTables,
 
 
 @kernel
-def shade(view: View, spread: float, count: int, rays: RayArrays, tables: SceneTables, tone: F32, white: float) -> None:
+def shade(
+    view: PinholeView, spread: float, count: int, rays: RayArrays, tables: SceneTables, tone: F32, white: float
+) -> None:
     """Display light of ``count`` rays, each of which stands for an area ``spread`` pixels wide."""
     i = cuda.grid(1)
     if i >= count:
@@ -190,7 +192,7 @@ def clear(frame: FrameArrays) -> None:
 
 
 @kernel
-def mark_edges(view: View, surface: I32, normal: F32, frame: FrameArrays) -> None:
+def mark_edges(view: PinholeView, surface: I32, normal: F32, frame: FrameArrays) -> None:
     """Mark the pixels at visible edges."""
     i = cuda.grid(1)
     if i < frame.marks.shape[0]:
@@ -198,7 +200,7 @@ def mark_edges(view: View, surface: I32, normal: F32, frame: FrameArrays) -> Non
 
 
 @kernel
-def mark_thin(triangles: F32, view: View, frame: FrameArrays) -> None:
+def mark_thin(triangles: F32, view: PinholeView, frame: FrameArrays) -> None:
     """Mark the pixels along triangles that are narrower than a pixel."""
     i = cuda.grid(1)
     if i < triangles.shape[0]:

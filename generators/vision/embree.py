@@ -18,13 +18,13 @@ from generators.core.freespace import Navigable
 from generators.core.rays import CHUNK, Tracer, repeated
 from generators.core.scene import Scene
 from generators.core.tone import WHITE, linear_table, srgb_table, tone_table
-from generators.vision.base import Frame
+from generators.vision.base import RenderedView
 from generators.vision.sampling import SUB_PIXELS, thin_faces
 from generators.vision.tables import build_tables
 from generators.vision.views import check_camera, trial_scene, view_of
 
 if TYPE_CHECKING:
-    from generators.vision.kernels import View
+    from generators.vision.kernels import PinholeView
 
 #: Radiance (times exposure) that `EmbreeSession.radiance` can tell: sixty times that of the brightest bulb.
 MOST_RADIANCE = 4096.0
@@ -85,7 +85,7 @@ class EmbreeSession:
         self._directions = np.empty((max(CHUNK, width), 3), dtype=np.float32)
         self._light = np.empty((max(CHUNK, width), 3), dtype=np.float32)
 
-    def render(self, pose: Pose) -> Frame:
+    def render(self, pose: Pose) -> RenderedView:
         """Render the scene from ``pose``; the same pose gives the same bytes.
 
         Raises:
@@ -100,7 +100,7 @@ class EmbreeSession:
         ids = np.empty(height * width, dtype=np.uint16)
         self._shoot_centres(self._tracer, view, rgb, depth, ids)
         self._refine_edges(self._tracer, view, rgb, depth)
-        return Frame(
+        return RenderedView(
             rgb=rgb.reshape(height, width, 3),
             depth=depth.reshape(height, width),
             instance_ids=ids.reshape(height, width),
@@ -160,7 +160,9 @@ class EmbreeSession:
             self._tracer = None
             del self._tables, self._thin
 
-    def _shoot_centres(self, tracer: Tracer, view: View, rgb: np.ndarray, depth: np.ndarray, ids: np.ndarray) -> None:
+    def _shoot_centres(
+        self, tracer: Tracer, view: PinholeView, rgb: np.ndarray, depth: np.ndarray, ids: np.ndarray
+    ) -> None:
         """One ray through the centre of each pixel; fills the whole frame and ``self._face``."""
         kernels, tables = self._kernels, self._tables
         for first in range(0, view.height, self._rows):
@@ -176,7 +178,7 @@ class EmbreeSession:
             self._shade(hit, directions, view, 1.0, light)
             kernels.encode(light.reshape(-1), self._srgb, rgb[block].reshape(-1))
 
-    def _refine_edges(self, tracer: Tracer, view: View, rgb: np.ndarray, depth: np.ndarray) -> None:
+    def _refine_edges(self, tracer: Tracer, view: PinholeView, rgb: np.ndarray, depth: np.ndarray) -> None:
         """Shoot the pixels at edges again and average."""
         kernels, tables = self._kernels, self._tables
         marks = np.zeros(len(rgb), dtype=np.uint8)
@@ -195,7 +197,7 @@ class EmbreeSession:
             kernels.average(light, samples, self._srgb, chunk, rgb)
 
     def _shade(
-        self, hit: dict[str, np.ndarray], directions: np.ndarray, view: View, spread: float, light: np.ndarray
+        self, hit: dict[str, np.ndarray], directions: np.ndarray, view: PinholeView, spread: float, light: np.ndarray
     ) -> None:
         face, distance, u, v = hit["primID"], hit["tfar"], hit["u"], hit["v"]
         self._kernels.shade(face, distance, u, v, directions, view, spread, self._tables, self._tone, WHITE, light)

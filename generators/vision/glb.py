@@ -73,7 +73,7 @@ def write_glb(
     uv = tables.uv.copy()
     uv[:, 1:] += uv[:, :1]
     uv[..., 1] = 1 - uv[..., 1]  # glTF counts v downwards
-    file = _File(both_sides)
+    file = _GltfFile(both_sides)
     for label in sorted(set(labels)):
         kind = np.array([own == label for own in labels])[tables.surface]
         lit = tables.light[tables.surface] >= 0
@@ -128,7 +128,7 @@ def _png(pixels: U8) -> bytes:
 
 
 @dataclass(eq=False)
-class _File:
+class _GltfFile:
     """A glTF document and its binary chunk, as they grow."""
 
     both_sides: bool = False

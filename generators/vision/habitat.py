@@ -33,12 +33,12 @@ from generators.assets.modelframe import upright
 from generators.core.freespace import AGENT_RADIUS, CELL, SENSOR_HEIGHT, Navigable
 from generators.core.scene import Material, Part, Scene, StageFile
 from generators.core.tone import srgb_encode
-from generators.vision.base import Frame
+from generators.vision.base import RenderedView
 from generators.vision.glb import write_glb
 from generators.vision.habitat_process import (
     Client,
     Header,
-    Limits,
+    WorkerTimeouts,
     as_points,
     find_interpreter,
     graphics_device,
@@ -74,9 +74,9 @@ class HabitatBackend:
 
     name = "habitat"
 
-    def __init__(self, interpreter: str | None = None, limits: Limits | None = None) -> None:
+    def __init__(self, interpreter: str | None = None, limits: WorkerTimeouts | None = None) -> None:
         """Choose the interpreter: by default what ``$AVS3D_HABITAT_PYTHON`` names."""
-        self._interpreter, self._limits = interpreter, limits or Limits()
+        self._interpreter, self._limits = interpreter, limits or WorkerTimeouts()
 
     @property
     def version(self) -> str:
@@ -120,7 +120,7 @@ class HabitatBackend:
 class HabitatSession:
     """An open scene. Not for several threads at once."""
 
-    def __init__(self, scene: Scene, intrinsics: Intrinsics, interpreter: str, limits: Limits) -> None:
+    def __init__(self, scene: Scene, intrinsics: Intrinsics, interpreter: str, limits: WorkerTimeouts) -> None:
         hfov = _field_of_view(intrinsics)
         self._shape = (intrinsics.height, intrinsics.width)
         self._limits = limits
@@ -142,7 +142,7 @@ class HabitatSession:
         """The worker's description of itself: ``version`` of habitat_sim, ``python``, ``cuda``."""
         return self._client.about
 
-    def render(self, pose: Pose) -> Frame:
+    def render(self, pose: Pose) -> RenderedView:
         """Render the scene from ``pose``; the same pose gives the same bytes, from any worker.
 
         Raises:
@@ -153,7 +153,7 @@ class HabitatSession:
         rgb, depth, ids = arrays["rgb"], arrays["depth"], arrays["ids"]
         if rgb.shape != (*self._shape, 3) or depth.shape != self._shape or ids.shape != self._shape:
             raise Avs3dError(f"habitat-sim rendered {rgb.shape}, {depth.shape}, {ids.shape}; expected {self._shape}")
-        return Frame(rgb=rgb, depth=depth, instance_ids=ids)
+        return RenderedView(rgb=rgb, depth=depth, instance_ids=ids)
 
     def share(self) -> None:
         """None: habitat-sim draws one frame at a time."""
@@ -168,7 +168,7 @@ class HabitatSession:
 class _NavigationMesh:
     """Answers which points lie on habitat-sim's navigation mesh."""
 
-    def __init__(self, home: Scene, interpreter: str, limits: Limits) -> None:
+    def __init__(self, home: Scene, interpreter: str, limits: WorkerTimeouts) -> None:
         self._limits = limits
         folder, _ = _folder(self)
         camera = Intrinsics.from_fov(8)
@@ -219,7 +219,7 @@ def probe(interpreter: str | None = None) -> tuple[bool, str]:
 
 
 @lru_cache(maxsize=8)
-def _version(interpreter: str, limits: Limits) -> str:
+def _version(interpreter: str, limits: WorkerTimeouts) -> str:
     worker, about = start(interpreter, limits)
     worker.close()
     return str(about["version"])

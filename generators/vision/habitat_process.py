@@ -41,7 +41,7 @@ Named = Sequence[tuple[str, NDArray[Any]]]
 
 
 @dataclass(frozen=True)
-class Limits:
+class WorkerTimeouts:
     """Seconds after which a worker that has not answered is killed."""
 
     hello: float = 180.0
@@ -187,7 +187,9 @@ class Worker:
 class Client:
     """A worker that is prepared by some requests and, if it dies later, is replaced once."""
 
-    def __init__(self, interpreter: str, what: str, prepare: Sequence[tuple[Header, float]], limits: Limits) -> None:
+    def __init__(
+        self, interpreter: str, what: str, prepare: Sequence[tuple[Header, float]], limits: WorkerTimeouts
+    ) -> None:
         """Start a worker and make it ready.
 
         Args:
@@ -247,7 +249,7 @@ class Client:
         return worker
 
 
-def start(interpreter: str, limits: Limits, folder: str | None = None) -> tuple[Worker, Header]:
+def start(interpreter: str, limits: WorkerTimeouts, folder: str | None = None) -> tuple[Worker, Header]:
     """A worker that has started, and its description: ``version`` of habitat_sim, ``python``, ``cuda``.
 
     It removes ``folder`` when this process lets it go, or is killed. It is told so before it loads habitat_sim, which

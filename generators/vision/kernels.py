@@ -48,7 +48,7 @@ _1, _2 = np.uint64(1), np.uint64(2)
 _ZERO, _ONE, _HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
 
 
-class View(NamedTuple):
+class PinholeView(NamedTuple):
     """A pinhole camera in the world, for kernels.
 
     Attributes:
@@ -71,14 +71,14 @@ class View(NamedTuple):
 
 
 @inline
-def ray_direction(view: View, x: float, y: float, out: F32, i: int) -> None:
+def ray_direction(view: PinholeView, x: float, y: float, out: F32, i: int) -> None:
     """World direction of the ray through (x, y), in pixels right and down from the corner, as row ``i`` of ``out``."""
     for k in range(3):
         out[i, k] = view.corner[k] + x * view.right[k] + y * view.down[k]
 
 
 @njit
-def centre_directions(view: View, first_row: int, rows: int, out: F32) -> None:
+def centre_directions(view: PinholeView, first_row: int, rows: int, out: F32) -> None:
     """World directions (rows·width, 3) of the rays through the pixel centres of some rows."""
     for row in range(rows):
         y = first_row + row + 0.5
@@ -87,7 +87,7 @@ def centre_directions(view: View, first_row: int, rows: int, out: F32) -> None:
 
 
 @njit
-def sub_pixel_directions(view: View, pixels: I32, offsets: F64, out: F32) -> None:
+def sub_pixel_directions(view: PinholeView, pixels: I32, offsets: F64, out: F32) -> None:
     """World directions of ``offsets`` (N, 2: right, down, in pixels from the corner) within each of ``pixels``."""
     count = offsets.shape[0]
     for i in range(pixels.shape[0]):
@@ -265,7 +265,7 @@ def shade(
     u: F32,
     v: F32,
     direction: F32,
-    view: View,
+    view: PinholeView,
     spread: float,
     tables: SceneTables,
     tone: F32,
@@ -434,7 +434,7 @@ def _contrast(rgb: U8, i: int, j: int) -> int:
 
 
 @inline
-def _breaks(surface: I32, normal: F32, depth: F32, view: View, a: int, b: int, i: int, j: int) -> bool:
+def _breaks(surface: I32, normal: F32, depth: F32, view: PinholeView, a: int, b: int, i: int, j: int) -> bool:
     """Whether the surface breaks between pixel ``i`` showing face ``a`` and its neighbour ``j`` showing face ``b``."""
     if a < 0 or b < 0:
         return True
@@ -454,7 +454,7 @@ def _breaks(surface: I32, normal: F32, depth: F32, view: View, a: int, b: int, i
 
 @njit
 def mark_edges(
-    face: I32, depth: F32, rgb: U8, view: View, surface: I32, normal: F32, marks: U8, first: int, last: int
+    face: I32, depth: F32, rgb: U8, view: PinholeView, surface: I32, normal: F32, marks: U8, first: int, last: int
 ) -> None:
     """Set ``marks`` (H·W,) at both pixels of each visible edge of the pixels from number ``first`` to ``last``.
 
@@ -479,7 +479,7 @@ def mark_edges(
 
 
 @njit
-def mark_thin(triangles: F32, depth: F32, view: View, marks: U8, px: F64, py: F64, pz: F64) -> None:
+def mark_thin(triangles: F32, depth: F32, view: PinholeView, marks: U8, px: F64, py: F64, pz: F64) -> None:
     """Set ``marks`` (H·W,) along triangles (K, 3, 3) that are narrower than a pixel and may be seen.
 
     The rays through the centres can miss a wire for a stretch and would draw it dashed. Each triangle is projected;

@@ -11,7 +11,7 @@ from avs3d_bench.geometry import Intrinsics, Pose
 from generators.core.scene import LightMap, Material, Part, Scene, Texture
 
 if TYPE_CHECKING:
-    from generators.vision.kernels import View
+    from generators.vision.kernels import PinholeView
 
 #: Largest picture side; pixel numbers must fit 32 bits with room to spare.
 MAX_SIDE = 16384
@@ -30,12 +30,12 @@ def check_camera(camera: Intrinsics) -> None:
         raise Avs3dError(f"camera: fx, fy, cx, cy are {numbers}; expected finite numbers, focal lengths > 0")
 
 
-def view_of(camera: Intrinsics, pose: Pose) -> View:
+def view_of(camera: Intrinsics, pose: Pose) -> PinholeView:
     """A camera at a pose."""
-    from generators.vision.kernels import View
+    from generators.vision.kernels import PinholeView
 
     right, up, backward = pose.rotation_matrix.T
-    return View(
+    return PinholeView(
         origin=pose.position,
         right=_vector(right / camera.fx),
         down=_vector(-up / camera.fy),

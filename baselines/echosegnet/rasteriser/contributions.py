@@ -8,10 +8,10 @@ from torch import Tensor
 from avs3d_bench.errors import Avs3dError
 from baselines.echosegnet.gaussians import Gaussians
 from baselines.echosegnet.rasteriser.rendering import Rasteriser
-from baselines.echosegnet.views import View
+from baselines.echosegnet.views import RegisteredView
 
 
-def contributions(rasteriser: Rasteriser, gaussians: Gaussians, view: View, weights: Tensor) -> Tensor:
+def contributions(rasteriser: Rasteriser, gaussians: Gaussians, view: RegisteredView, weights: Tensor) -> Tensor:
     """What each Gaussian contributes to the pixels of a view, occlusion included: Σ over pixels of weight · T · α.
 
     The derivative of Σ weight · image by a feature of the Gaussian is exactly that sum, so one backward pass

@@ -14,7 +14,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from avs3d_bench.file_lock import turn
+from avs3d_bench.file_lock import wait_for_lock
 from avs3d_bench.parallel import available_cores
 from avs3d_bench.scheduling.errors import UnfitError
 
@@ -30,7 +30,7 @@ def gsplat() -> Any:
         UnfitError: if it is not installed, or its kernels are missing and cannot be compiled.
     """
     os.environ.setdefault("MAX_JOBS", str(min(_COMPILERS, available_cores())))
-    with turn(lock_file(), _say_waiting):
+    with wait_for_lock(lock_file(), _say_waiting):
         try:
             package = import_module("gsplat")
             kernels = import_module("gsplat.cuda._backend")._C

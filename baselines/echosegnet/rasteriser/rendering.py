@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from baselines.echosegnet.gaussians import Gaussians
-from baselines.echosegnet.views import View
+from baselines.echosegnet.views import RegisteredView
 
 #: px² added to the variance in the image.
 BLUR = 0.3
@@ -60,7 +60,7 @@ class Camera:
         return torch.tensor(rows, dtype=self.centre.dtype, device=self.centre.device)
 
     @classmethod
-    def of(cls, view: View, like: Tensor, size: tuple[int, int] | None = None) -> Camera:
+    def of(cls, view: RegisteredView, like: Tensor, size: tuple[int, int] | None = None) -> Camera:
         """The camera of ``view`` at (height, width) ``size``, or at its own; dtype and device of ``like``."""
         intrinsics = view.camera
         height, width = size or (intrinsics.height, intrinsics.width)
@@ -76,9 +76,9 @@ class CameraCache:
     """Cameras of views, made once: copying a pose to a GPU makes the program wait for it."""
 
     def __init__(self) -> None:
-        self._cameras: WeakKeyDictionary[View, dict[object, tuple[Camera, Tensor]]] = WeakKeyDictionary()
+        self._cameras: WeakKeyDictionary[RegisteredView, dict[object, tuple[Camera, Tensor]]] = WeakKeyDictionary()
 
-    def get(self, view: View, like: Tensor, size: tuple[int, int] | None) -> tuple[Camera, Tensor]:
+    def get(self, view: RegisteredView, like: Tensor, size: tuple[int, int] | None) -> tuple[Camera, Tensor]:
         """The camera and its intrinsic matrix."""
         mine = self._cameras.setdefault(view, {})
         key = (size, like.dtype, like.device)
@@ -149,7 +149,7 @@ class Rasteriser(ABC):
     def splat(
         self,
         gaussians: Gaussians,
-        view: View,
+        view: RegisteredView,
         *,
         features: Tensor | None = None,
         sh_degree: int = 3,
@@ -169,7 +169,7 @@ class Rasteriser(ABC):
     def render(
         self,
         gaussians: Gaussians,
-        view: View,
+        view: RegisteredView,
         *,
         sh_degree: int = 3,
         background: Tensor | None = None,

@@ -21,7 +21,7 @@ from generators.acoustics.tracer.early import Images, early_arrivals, images_of
 from generators.acoustics.tracer.late import trace
 from generators.acoustics.tracer.session import TracerSession
 from generators.acoustics.tracer.settings import TraceSettings
-from generators.acoustics.tracer.surfaces import Surfaces, surfaces_of
+from generators.acoustics.tracer.surfaces import AcousticSurfaces, surfaces_of
 from generators.core.cuda import cuda_version, require_device
 from generators.core.scene import Scene
 
@@ -164,7 +164,12 @@ class TracerBackend:
                     receiver.response(Arrivals.joined(found), np.eye(3), 44_100)
 
     def _warm_up_device(
-        self, surfaces: Surfaces, images: Images, listener: NDArray[np.float64], few: TraceSettings, bent: Arrivals
+        self,
+        surfaces: AcousticSurfaces,
+        images: Images,
+        listener: NDArray[np.float64],
+        few: TraceSettings,
+        bent: Arrivals,
     ) -> None:
         from generators.acoustics.tracer.device.binaural import DeviceEars
         from generators.acoustics.tracer.device.ears import BinauralReceiver

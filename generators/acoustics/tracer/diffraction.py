@@ -25,7 +25,7 @@ from generators.acoustics.tracer.air import energy_exponents
 from generators.acoustics.tracer.arrivals import BANDS, Arrivals
 from generators.acoustics.tracer.edges import Edges
 from generators.acoustics.tracer.kernels import free_lines
-from generators.acoustics.tracer.surfaces import Surfaces, scratch
+from generators.acoustics.tracer.surfaces import AcousticSurfaces, scratch
 from generators.core.jit import njit
 
 F64 = NDArray[np.float64]
@@ -85,7 +85,7 @@ def _points(edges: Edges, e: int) -> F64:
     return np.asarray(edges.start[e] + place[:, None] * edges.along[e])
 
 
-def diffracted(surfaces: Surfaces, lit: LitEdges, listener: F64) -> Arrivals:
+def diffracted(surfaces: AcousticSurfaces, lit: LitEdges, listener: F64) -> Arrivals:
     """The arrivals at ``listener`` (3,) over one edge each."""
     edges = lit.edges
     if not len(edges):
@@ -113,7 +113,7 @@ def diffracted(surfaces: Surfaces, lit: LitEdges, listener: F64) -> Arrivals:
     return Arrivals.joined([arrivals for _, e, arrivals in found if e in used])
 
 
-def diffracted_at(surfaces: Surfaces, lit: LitEdges, listeners: F64) -> list[Arrivals]:
+def diffracted_at(surfaces: AcousticSurfaces, lit: LitEdges, listeners: F64) -> list[Arrivals]:
     """`diffracted` at each of ``listeners`` (L, 3): those that no edge can reach are found together."""
     edges = lit.edges
     if not len(edges):
@@ -144,7 +144,7 @@ def _are_one(edges: Edges, e: int, other: int) -> bool:
     return across < _THIN and bool(place[0] < edges.length[e] and place[1] > 0.0)
 
 
-def _visible(surfaces: Surfaces, lit: LitEdges, e: int, listener: F64) -> NDArray[np.bool_]:
+def _visible(surfaces: AcousticSurfaces, lit: LitEdges, e: int, listener: F64) -> NDArray[np.bool_]:
     """Whether each piece of an edge is visible from both ends of the path."""
     points = _points(lit.edges, e)
     if e not in lit.seen:

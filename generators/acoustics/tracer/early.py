@@ -22,7 +22,7 @@ from generators.acoustics.tracer.air import energy_exponents
 from generators.acoustics.tracer.arrivals import Arrivals
 from generators.acoustics.tracer.kernels import NEAREST, crossings, specular_planes, visible_images
 from generators.acoustics.tracer.rays import ray_directions
-from generators.acoustics.tracer.surfaces import Surfaces, scratch
+from generators.acoustics.tracer.surfaces import AcousticSurfaces, scratch
 from generators.acoustics.tracer.transmission import MOST_WALLS, wall_gain
 
 F64 = NDArray[np.float64]
@@ -68,7 +68,7 @@ class Images:
         return np.asarray(self.positions[np.arange(len(order)), order - 1])
 
 
-def images_of(surfaces: Surfaces, source: F64, order: int, seed: int, search: Search | None = None) -> Images:
+def images_of(surfaces: AcousticSurfaces, source: F64, order: int, seed: int, search: Search | None = None) -> Images:
     """All candidates of up to ``order`` reflections.
 
     Args:
@@ -107,7 +107,7 @@ def _groups(rows: NDArray[np.int64]) -> NDArray[np.int64]:
     return group
 
 
-def _candidates(surfaces: Surfaces, source: F64, order: int, seed: int, search: Search | None) -> I32:
+def _candidates(surfaces: AcousticSurfaces, source: F64, order: int, seed: int, search: Search | None) -> I32:
     """(S, K) unique sequences, sorted."""
     if not surfaces.planes or not order:
         return np.zeros((0, order), dtype=np.int32)
@@ -154,7 +154,7 @@ def _keys(sequences: I32, planes: int) -> NDArray[np.int64]:
     return keys
 
 
-def early_arrivals(surfaces: Surfaces, images: Images, listener: F64) -> Arrivals:
+def early_arrivals(surfaces: AcousticSurfaces, images: Images, listener: F64) -> Arrivals:
     """Direct sound (or what walls let through of it) and specular reflections at ``listener`` (3,)."""
     nodes, entries = scratch()
     between = crossings(surfaces.mesh, listener, images.source, MOST_CROSSINGS, nodes, entries)

@@ -24,7 +24,7 @@ from generators.acoustics.tracer.early import Images
 from generators.acoustics.tracer.kernels import LATE, RAIN, trace_late, trace_rain
 from generators.acoustics.tracer.rays import key_of, ray_directions
 from generators.acoustics.tracer.settings import TraceSettings
-from generators.acoustics.tracer.surfaces import Surfaces, scratch
+from generators.acoustics.tracer.surfaces import AcousticSurfaces, scratch
 from generators.acoustics.tracer.tables import Listeners, Records, TraceLimits
 
 F64 = NDArray[np.float64]
@@ -38,7 +38,7 @@ _LEAST_RADIUS = 0.05
 
 
 def trace(
-    surfaces: Surfaces,
+    surfaces: AcousticSurfaces,
     images: Images,
     listeners: F64,
     settings: TraceSettings,
@@ -88,7 +88,7 @@ def limits_of(settings: TraceSettings, planes: int) -> TraceLimits:
     )
 
 
-def discs(surfaces: Surfaces, listeners: F64, radius: float) -> Listeners:
+def discs(surfaces: AcousticSurfaces, listeners: F64, radius: float) -> Listeners:
     """The discs about ``listeners`` (L, 3)."""
     free = _CLEAR * clearance(surfaces.mesh.corners, listeners, radius / _CLEAR)
     size = np.clip(free, _LEAST_RADIUS, radius)

@@ -26,7 +26,7 @@ LEAST_MIRROR = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class Surfaces:
+class AcousticSurfaces:
     """The surfaces of a scene.
 
     Attributes:
@@ -69,7 +69,7 @@ def octaves(values: tuple[float, ...]) -> F64:
     return np.array([values[0], *values, values[-1]])
 
 
-def surfaces_of(mesh: AcousticMesh) -> Surfaces:
+def surfaces_of(mesh: AcousticMesh) -> AcousticSurfaces:
     """Prepare ``mesh`` for tracing.
 
     Raises:
@@ -98,7 +98,7 @@ def surfaces_of(mesh: AcousticMesh) -> Surfaces:
     )
     _, first = np.unique(plane[plane >= 0], return_index=True)
     area = np.bincount(plane[plane >= 0], triangle_areas(triangles)[plane >= 0], planes).astype(np.float64)
-    return Surfaces(tables, equation, bounds, material[plane >= 0][first], area, edges_of(mesh))
+    return AcousticSurfaces(tables, equation, bounds, material[plane >= 0][first], area, edges_of(mesh))
 
 
 def _mirror_planes(

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from generators.apartments.floorplan import SIDES, FloorPlan, Opening, RoomPlan, Side, WallFrame
-from generators.apartments.interior.pieces import FLAT, TOUCH, Placed, Spot, overlaps, world_box
+from generators.apartments.floorplan import SIDES, FloorPlan, RoomPlan, Side, WallFrame, WallOpening
+from generators.apartments.interior.pieces import FLAT, TOUCH, Placed, WallSpot, overlaps, world_box
 from generators.assets.furniture import Furniture, build_furniture
 from generators.assets.materials import Palette
 from generators.core.scene import Part
@@ -99,7 +99,7 @@ class Arranger:
         self.extras: list[Part] = []
         self.memory: dict[object, object] = {}
         self._models: dict[tuple[str, int, str], Furniture] = {}
-        self.doorways: list[tuple[Opening, Array, Array]] = []
+        self.doorways: list[tuple[WallOpening, Array, Array]] = []
         self._panes: list[tuple[Array, Array]] = []
         for side in SIDES:
             wall = room.wall(side)
@@ -183,13 +183,13 @@ class Arranger:
 
     # -- spots -------------------------------------------------------------------------------------------------------
 
-    def spots(self, furniture: Furniture, where: Where = ANYWHERE) -> list[Spot]:
+    def spots(self, furniture: Furniture, where: Where = ANYWHERE) -> list[WallSpot]:
         """Free places of a piece with its back at a wall."""
         gap, margin, turn = where.gap, where.margin, where.turn
         if gap is None:
             gap = 0.0 if furniture.mount == "wall" else WALL_GAP
         low, high = world_box(furniture, np.zeros(3), turn)
-        out: list[Spot] = []
+        out: list[WallSpot] = []
         for side in where.sides:
             wall = self.room.wall(side)
             first, last = -low[0] + _CORNER_GAP + margin, wall.length - high[0] - _CORNER_GAP - margin
@@ -216,7 +216,7 @@ class Arranger:
             box = world_box(furniture, np.zeros(3), yaw)
             for k in np.flatnonzero(ok):
                 at = positions[k]
-                out.append(Spot(wall, float(alongs[k]), at, yaw, box[0] + at, box[1] + at))
+                out.append(WallSpot(wall, float(alongs[k]), at, yaw, box[0] + at, box[1] + at))
         return out
 
     def _front_free(self, low: Array, high: Array) -> NDArray[np.bool_]:
@@ -229,7 +229,7 @@ class Arranger:
             inner &= ~overlaps(low, high, np.array([b[0] for b in solid]), np.array([b[1] for b in solid])).any(axis=1)
         return inner
 
-    def put(self, furniture: Furniture, spot: Spot, *, front: float = 0.0) -> Placed:
+    def put(self, furniture: Furniture, spot: WallSpot, *, front: float = 0.0) -> Placed:
         """Place a piece at a spot and keep ``front`` metres before it free."""
         piece = Placed(furniture, spot.position, spot.yaw, spot.low, spot.high)
         self.placed.append(piece)
@@ -245,11 +245,11 @@ class Arranger:
         kind: str,
         *,
         where: Where = ANYWHERE,
-        score: Callable[[Spot], float] | None = None,
+        score: Callable[[WallSpot], float] | None = None,
         copy: int = 0,
         jitter: float = JITTER,
         options: Options | None = None,
-    ) -> tuple[Placed, Spot] | None:
+    ) -> tuple[Placed, WallSpot] | None:
         """Put a kind at its best free spot (highest ``score`` plus noise of size ``jitter``), if there is any."""
         furniture = self.model(kind, copy, **(options or {}))
         found = self.spots(furniture, where)

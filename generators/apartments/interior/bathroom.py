@@ -17,7 +17,7 @@ from generators.apartments.interior.fittings import (
     radiator,
     shelf_board,
 )
-from generators.apartments.interior.pieces import Placed, Spot, origin_height
+from generators.apartments.interior.pieces import Placed, WallSpot, origin_height
 from generators.apartments.interior.walking import FloorDemand, Size, wall_spots
 from generators.assets.furniture import Furniture
 
@@ -94,7 +94,7 @@ def _spare(a: Arranger, furnish_more: Callable[[], object]) -> None:
         a.revert(before)
 
 
-def _shower(a: Arranger, score: Callable[[Spot], float]) -> tuple[Placed, Spot] | None:
+def _shower(a: Arranger, score: Callable[[WallSpot], float]) -> tuple[Placed, WallSpot] | None:
     """Place a shower: it has tiles at its back and on its left, so it stands at the left end of a wall."""
     shower = a.model("shower")
     where = Where(gap=_SHOWER_GAP, front=_TUB_FRONT)
@@ -170,7 +170,7 @@ def _is_ladder(rail: Furniture) -> bool:
     return bool(rail.mesh.bounds[1, 1] - rail.mesh.bounds[0, 1] >= _LADDER)
 
 
-def _beside_basin(a: Arranger, spot: Spot) -> None:
+def _beside_basin(a: Arranger, spot: WallSpot) -> None:
     """A mat before the washbasin, if none lies near, and a second towel rail beside it."""
     second = a.model("bath_mat", 1)
     reach = depth_of(spot) / 2 + float(second.mesh.bounds[1, 2]) + _SECOND_MAT_GAP

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from generators.apartments.floorplan import LEFT, RIGHT, SIDES
 from generators.apartments.interior.arrange import Arranger, Where
-from generators.apartments.interior.pieces import Spot, origin_height, overlaps, world_box
+from generators.apartments.interior.pieces import WallSpot, origin_height, overlaps, world_box
 
 Array = NDArray[np.float64]
 
@@ -48,13 +48,13 @@ _LEAF_CORNER = (0.12, 0.32)
 _HINGE_GAP, _LEAF_OFFSET = 0.02, 0.03
 
 
-def near(point: Array | Sequence[float], weight: float = 1.0) -> Callable[[Spot], float]:
+def near(point: Array | Sequence[float], weight: float = 1.0) -> Callable[[WallSpot], float]:
     """Score of a place: minus its horizontal distance from a point (x, y, z), times ``weight``."""
     target = np.asarray(point, dtype=np.float64)[[0, 2]]
     return lambda spot: -weight * float(np.linalg.norm(spot.centre[[0, 2]] - target))
 
 
-def cornered(spot: Spot) -> float:
+def cornered(spot: WallSpot) -> float:
     """Score of a place: high in the corners of a room."""
     return -_CORNER_WEIGHT * min(spot.corner, _CORNER_REACH)
 
@@ -70,11 +70,11 @@ def doors_of(a: Arranger) -> Array:
     return np.array(out).reshape(-1, 3)
 
 
-def facing_door(a: Arranger) -> Callable[[Spot], float]:
+def facing_door(a: Arranger) -> Callable[[WallSpot], float]:
     """Score of a place: high on a wall that faces a door, where it is seen on entering."""
     doors = doors_of(a)
 
-    def score(spot: Spot) -> float:
+    def score(spot: WallSpot) -> float:
         if not len(doors):
             return 0.0
         toward = doors - spot.centre
@@ -111,7 +111,7 @@ def radiator(a: Arranger, length: float | None = None) -> None:
     options: dict[str, object] = {} if length is None else {"length": length}
     furniture = a.model("radiator", **options)
 
-    def score(spot: Spot) -> float:
+    def score(spot: WallSpot) -> float:
         return -min((float(np.linalg.norm((spot.centre - p)[[0, 2]])) for p in panes), default=0.0)
 
     where = Where(height=origin_height(furniture, RADIATOR_BOTTOM))
@@ -133,25 +133,25 @@ def lamps(a: Arranger) -> None:
 
 
 def pictures(
-    a: Arranger, count: int, *, height: float = _PICTURE_HEIGHT, score: Callable[[Spot], float] | None = None
+    a: Arranger, count: int, *, height: float = _PICTURE_HEIGHT, score: Callable[[WallSpot], float] | None = None
 ) -> None:
     """Up to ``count`` pictures on the walls, their middles at ``height``."""
     for copy in range(count):
         a.place("picture", copy=copy, score=score, where=Where(height=height, margin=_PICTURE_MARGIN))
 
 
-def width_of(spot: Spot) -> float:
+def width_of(spot: WallSpot) -> float:
     """How much of the wall a piece covers."""
     return spot.extent[1] - spot.extent[0]
 
 
-def depth_of(spot: Spot) -> float:
+def depth_of(spot: WallSpot) -> float:
     """How far a piece reaches into the room."""
     axis = int(np.argmax(np.abs(spot.wall.normal)))
     return float(spot.high[axis] - spot.low[axis])
 
 
-def shelf_board(a: Arranger, copy: int = 0, score: Callable[[Spot], float] | None = None) -> None:
+def shelf_board(a: Arranger, copy: int = 0, score: Callable[[WallSpot], float] | None = None) -> None:
     """A board on the wall with a few things on it, wherever the wall is free."""
     height = origin_height(a.model("shelf_board", copy), _BOARD_BOTTOM)
     a.place("shelf_board", copy=copy, score=score, where=Where(height=height, margin=_BOARD_MARGIN))

@@ -96,7 +96,7 @@ _BASE_QUALITY, _WORKTOP_QUALITY, _TABLE_QUALITY = 0.5, 0.25, 0.25
 
 
 @dataclass(frozen=True)
-class _Layout:
+class _KitchenLayout:
     """A way to put the units along the walls; lengths in metres, along their wall.
 
     Attributes:
@@ -131,7 +131,7 @@ def _stand(a: Arranger, furniture: Furniture, wall: WallFrame, left: float, heig
     return a.place_free(furniture, at[[0, 2]], wall.yaw, height=height, windows=furniture.kind != "kitchen_counter")
 
 
-def _layouts(a: Arranger) -> list[_Layout]:
+def _layouts(a: Arranger) -> list[_KitchenLayout]:
     """All ways to put the units along the room's walls."""
     band = (_FLOOR_EDGE, WORKTOP + _UPSTAND)
     free = {
@@ -157,7 +157,7 @@ def _layout(
     kinds: tuple[str, ...],
     tall_left: bool,
     free: dict[Side, list[tuple[float, float]]],
-) -> _Layout | None:
+) -> _KitchenLayout | None:
     """Tall units at one end of the stretch, base units beside them, a leg where the other end is a corner."""
     start, stop = stretch[0] + _JOINT, stretch[1] - _JOINT
     widths = [float(_size(a.model(kind))[0]) + _JOINT for kind in kinds]
@@ -192,7 +192,7 @@ def _layout(
             if not tall_left and high > other.length - _CORNER and other.length - COUNTER_DEPTH - low > SHORTEST_LEG:
                 end = other.length - COUNTER_DEPTH
                 leg_wall, leg = other, (max(low + _LEG_GAP, end - LONGEST_LEG), end)
-    return _Layout(wall, counter, tuple(places), leg_wall, leg)
+    return _KitchenLayout(wall, counter, tuple(places), leg_wall, leg)
 
 
 def _hob(furniture: Furniture) -> float | None:
@@ -205,7 +205,7 @@ def _hob(furniture: Furniture) -> float | None:
     return float(points[:, 0].min() + points[:, 0].max()) / 2
 
 
-def _main_counter(a: Arranger, layout: _Layout) -> Furniture:
+def _main_counter(a: Arranger, layout: _KitchenLayout) -> Furniture:
     """Base units with sink and hob; of several, one whose hob has no window and no tall unit beside it."""
     length = round(layout.counter[1] - layout.counter[0], 3)
     built_in = any(kind == "oven_unit" for kind, _ in layout.tall)
@@ -250,7 +250,7 @@ def _hood(a: Arranger, wall: WallFrame, counter: Placed) -> None:
         a.extras.append(shell.part("duct"))
 
 
-def _build(a: Arranger, layout: _Layout) -> list[Placed]:
+def _build(a: Arranger, layout: _KitchenLayout) -> list[Placed]:
     """Place the units and keep the floor before them free; returns the counters."""
     wall = layout.wall
     for kind, left in layout.tall:
@@ -330,7 +330,7 @@ def furnish_kitchen(a: Arranger) -> float:
     if not layouts:
         return 0.0
 
-    def value(layout: _Layout) -> float:
+    def value(layout: _KitchenLayout) -> float:
         return (
             _WANTED_WEIGHT * min(layout.worktop, WORKTOP_WANTED)
             + _ENOUGH_WEIGHT * min(layout.worktop, WORKTOP_ENOUGH)

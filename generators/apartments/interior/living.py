@@ -18,7 +18,7 @@ from generators.apartments.interior.fittings import (
     shelf_board,
     width_of,
 )
-from generators.apartments.interior.pieces import Placed, Spot, world_box
+from generators.apartments.interior.pieces import Placed, WallSpot, world_box
 from generators.apartments.interior.walking import FloorDemand
 
 Array = NDArray[np.float64]
@@ -71,7 +71,7 @@ _FLOOR = FloorDemand(area=5.0, rectangle=(1.5, 2.0))
 _SOFA_QUALITY, _SIDEBOARD_QUALITY, _BOOKSHELF_QUALITY, _TABLE_QUALITY, _FLOOR_QUALITY = 0.4, 0.2, 0.2, 0.1, 0.1
 
 
-def _sofa_and_television(a: Arranger) -> tuple[Placed, Spot, Spot] | None:
+def _sofa_and_television(a: Arranger) -> tuple[Placed, WallSpot, WallSpot] | None:
     """Place sofa and television opposite each other: the sofa at a wall, or free in the room if no wall has space.
 
     Returns:
@@ -81,7 +81,7 @@ def _sofa_and_television(a: Arranger) -> tuple[Placed, Spot, Spot] | None:
     depth = float(sofa.mesh.bounds[1, 2] - sofa.mesh.bounds[0, 2])
     stands = a.spots(stand, where=Where(margin=_STAND_MARGIN))
     seats = a.spots(sofa) + a.spots(sofa, where=Where(gap=_SOFA_WINDOW_GAP, windows=False))
-    best: tuple[float, Spot, Spot] | None = None
+    best: tuple[float, WallSpot, WallSpot] | None = None
     for tv in stands:
         across = 0 if abs(tv.wall.u[0]) > 0.5 else 2
         for seat in seats:
@@ -111,7 +111,7 @@ def _sofa_and_television(a: Arranger) -> tuple[Placed, Spot, Spot] | None:
                 value = -abs(tv.along - tv.wall.length / 2) + a.rng.uniform(0, _FREE_JITTER)
                 if best is None or value > best[0]:
                     along = float((position - wall.origin) @ wall.u)
-                    best = (value, tv, Spot(wall, along, position, wall.yaw, *box))
+                    best = (value, tv, WallSpot(wall, along, position, wall.yaw, *box))
     if best is None:
         return None
     _, tv, seat = best
@@ -119,7 +119,7 @@ def _sofa_and_television(a: Arranger) -> tuple[Placed, Spot, Spot] | None:
     return a.put(sofa, seat), seat, tv
 
 
-def _seating(a: Arranger) -> Spot | None:
+def _seating(a: Arranger) -> WallSpot | None:
     """Place the sofa group: television, coffee table on a rug, armchair, side table, lamp; returns the sofa's spot."""
     group = _sofa_and_television(a)
     if group is None:

@@ -1,4 +1,4 @@
-"""A piece of furniture in its place (`Placed`), and a candidate place for one (`Spot`).
+"""A piece of furniture in its place (`Placed`), and a candidate place for one (`WallSpot`).
 
 Furniture is turned by multiples of 90° (chairs by a few degrees more), so axis-aligned world boxes describe it.
 """
@@ -66,7 +66,7 @@ class Placed:
 
 
 @dataclass(frozen=True, eq=False)
-class Spot:
+class WallSpot:
     """A candidate place at a wall: the middle of the piece is ``along`` the wall."""
 
     wall: WallFrame

@@ -75,7 +75,7 @@ def kitchen_counter(
 
 
 @dataclass(frozen=True)
-class _Run:
+class _ModuleRun:
     """Modules of equal width side by side, and the module of each feature (from the left; -1: none).
 
     Attributes:
@@ -104,7 +104,7 @@ class _Run:
         return self.left + (module + 0.5) * self.step
 
 
-def _arrange(kit: Kit, width: float, features: Sequence[str] | None) -> _Run:
+def _arrange(kit: Kit, width: float, features: Sequence[str] | None) -> _ModuleRun:
     """Distribute the features over modules of about 60 cm: the sink at one end, the hob towards the other.
 
     Raises:
@@ -126,10 +126,10 @@ def _arrange(kit: Kit, width: float, features: Sequence[str] | None) -> _Run:
     free = [k for k in range(count) if k not in (hob, sink)]
     washer = (sink + 1 if sink + 1 in free else sink - 1) if "dishwasher" in wanted and sink >= 0 else -1
     drawers = next((k for k in free if k != washer), -1) if "drawers" in wanted else -1
-    return _Run(-width / 2, width / count, count, hob, sink, washer, drawers, "oven" in wanted)
+    return _ModuleRun(-width / 2, width / count, count, hob, sink, washer, drawers, "oven" in wanted)
 
 
-def _carcasses(kit: Kit, run: _Run) -> None:
+def _carcasses(kit: Kit, run: _ModuleRun) -> None:
     """The bodies of the cabinets and the plinth."""
     box = kit.m("front")
     for k in range(run.count):
@@ -144,7 +144,7 @@ def _carcasses(kit: Kit, run: _Run) -> None:
     kit.panel((run.left, 0.0, 0.02), (-run.left, PLINTH, DEPTH - 0.07), kit.m("plastic_black"), bevel=0.0)
 
 
-def _fronts(kit: Kit, run: _Run) -> None:
+def _fronts(kit: Kit, run: _ModuleRun) -> None:
     """Doors, drawers and the face of the oven."""
     box, shaker, back = kit.m("front"), is_shaker(kit), DEPTH - 0.022
     for k in range(run.count):

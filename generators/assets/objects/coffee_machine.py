@@ -113,7 +113,7 @@ def _gauge_and_switches(b: MeshBuilder, rng: Generator, metal: Material, dark: M
     """On the front: the steam knob, the pressure gauge, three switches with their lamps."""
     face = 0.116
     b.cylinder(0.021, 0.026, (0.105, 0.295, face + 0.012), dark, axis="z", bevel=0.004, acoustic=False)
-    gauge = decals.Canvas(256, 256, "#f4f2ea")
+    gauge = decals.DecalCanvas(256, 256, "#f4f2ea")
     gauge.disc((128, 128), 122, None, outline="#202020", width=6)
     for k in range(16):
         gauge.ray((128, 128), -120 + 16 * k, 86, 108, "#2c7d46" if 8 <= k <= 11 else "#202020", 6)
@@ -176,7 +176,7 @@ def _filter(rng: Generator) -> Design:
     b.cylinder(0.060, 0.030, (0, 0.226, zc), body, segments=36, top_radius=0.075, acoustic=False)
     _jug(b, zc, accent)
     # Front: switch, window of the water gauge, name.
-    name = decals.Canvas(320, 96, tone)
+    name = decals.DecalCanvas(320, 96, tone)
     ink = "#3a3d40" if tone == "#eceae4" else "#e8e8e6"
     name.text((160, 48), "AROMA 12", 46, ink, bold=0.8)
     front = 0.135
@@ -286,7 +286,7 @@ def _capsule(rng: Generator) -> Design:
     b.cylinder(0.058, 0.225, (0, 0.1325, -0.185), tank, segments=36)
     b.cylinder(0.060, 0.014, (0, 0.250, -0.185), dark, segments=36, bevel=0.004, acoustic=False)
     b.cylinder(0.060, 0.020, (0, 0.010, -0.185), dark, segments=36, acoustic=False)
-    name = decals.Canvas(256, 96, tone)
+    name = decals.DecalCanvas(256, 96, tone)
     name.text((128, 48), "ristretto", 46, "#33363a" if tone == "#ece9e2" else "#f2f2f0", bold=0.6)
     at = [(sx * 0.036, 0.222 + sy * 0.0135, 0.1184) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     b.quad(at, printed("name", name.pixels()), fit=True, acoustic=False)

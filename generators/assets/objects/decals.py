@@ -29,7 +29,7 @@ _SEGMENTS = {  # a b c d e f g: top, upper right, lower right, bottom, lower lef
 }
 
 
-class Canvas:
+class DecalCanvas:
     """A picture in pixels, x to the right, y down; coordinates may be fractions.
 
     Args:
@@ -165,7 +165,7 @@ class Canvas:
 
 def dotted_window(width: int, height: int, *, pitch: int = 8, margin: int = 18) -> Pixels:
     """The dark perforated window of a microwave, with the pale sheen of a reflected room."""
-    canvas = Canvas(width, height, "#0c0d0e")
+    canvas = DecalCanvas(width, height, "#0c0d0e")
     canvas.box((margin, margin), (width - margin, height - margin), "#1b1d1f", radius=0.08 * height)
     for row, y in enumerate(np.arange(margin + pitch, height - margin - pitch / 2, pitch * 0.87)):
         for x in np.arange(margin + pitch + (row % 2) * pitch / 2, width - margin - pitch / 2, pitch):
@@ -186,7 +186,7 @@ def glazed(pixels: Pixels, *, strength: float = 34.0) -> Pixels:
 
 def display(width: int, height: int, text: str, *, background: str = "#071013", ink: str = "#7df0c8") -> Pixels:
     """A lit seven-segment display."""
-    canvas = Canvas(width, height, background)
+    canvas = DecalCanvas(width, height, background)
     canvas.digits((width / 2, height / 2), text, 0.6 * height, ink, "#12211f")
     return canvas.pixels()
 
@@ -202,7 +202,7 @@ def clock_face(
 ) -> Pixels:
     """A clock's dial; ``numerals`` is arabic, roman, quarters or none."""
     roman = ("XII", "I", "II", "III", "IV", "V", "VI", "VII", "VIII", "IX", "X", "XI")
-    canvas = Canvas(size, size, paper)
+    canvas = DecalCanvas(size, size, paper)
     middle = (size / 2, size / 2)
     canvas.disc(middle, 0.49 * size, None, outline=ink, width=0.004 * size)
     for minute in range(60):

@@ -85,7 +85,7 @@ def _handle(b: MeshBuilder, x: float, z: float, material: Material) -> None:
 
 
 def _keypad_print(rng: Generator, background: str, key: str, ink: str, glow: str) -> Pixels:
-    canvas = decals.Canvas(256, 576, background)
+    canvas = decals.DecalCanvas(256, 576, background)
     canvas.box((18, 22), (238, 112), "#04090a", radius=8)
     canvas.digits((128, 67), _time(rng), 54, glow, "#0f1a19")
     labels = [["POPCORN", "DEFROST"], ["POWER", "TIMER"]]
@@ -122,7 +122,7 @@ def _white(rng: Generator) -> Design:
     frame = plastic("white_plastic", white)
     z = _case(b, enamel("case", white))
     _window(b, frame, z, rim=0.036)
-    canvas = decals.Canvas(256, 576, white)
+    canvas = decals.DecalCanvas(256, 576, white)
     canvas.text((128, 34), "wave 800", 30, "#5a5e62", bold=0.4)
     for y, labels in ((160, ("0", "2", "5", "10", "20", "30")), (368, ("LO", "*", "M", "MH", "HI"))):
         for k, label in enumerate(labels):
@@ -149,7 +149,7 @@ def _black(rng: Generator) -> Design:
     frame = glass("front_glass", "#16171a")
     z = _case(b, enamel("case", "#2a2c2f"))
     _window(b, frame, z, rim=0.030)
-    canvas = decals.Canvas(256, 576, "#131416")
+    canvas = decals.DecalCanvas(256, 576, "#131416")
     canvas.digits((128, 70), _time(rng), 60, "#56c8ff", "#141d22")
     for k, label in enumerate(("MICRO", "GRILL", "COMBI", "DEFROST")):
         x, y = 24 + 108 * (k % 2), 140 + 58 * (k // 2)

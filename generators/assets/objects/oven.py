@@ -18,7 +18,7 @@ PANEL = 0.115
 
 def _window() -> Pixels:
     """Dark glass with the rack and two glowing elements behind it."""
-    canvas = decals.Canvas(640, 400, "#101112")
+    canvas = decals.DecalCanvas(640, 400, "#101112")
     canvas.box((22, 22), (618, 378), "#1e1c1a", radius=16)
     for y in (70, 330):
         canvas.line([(50, y), (590, y)], "#7a3d22", 7)
@@ -31,7 +31,7 @@ def _window() -> Pixels:
 
 
 def _dials(background: str, ink: str, brand: str) -> Pixels:
-    canvas = decals.Canvas(256, 640, background)
+    canvas = decals.DecalCanvas(256, 640, background)
     scales = (("100", "150", "200", "230"), ("OFF", "_", "^", "="), ("0", "15", "30", "60"))
     for row, labels in enumerate(scales):
         y = 120 + 190 * row

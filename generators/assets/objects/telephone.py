@@ -74,7 +74,7 @@ def _add_keys(b: MeshBuilder, keys: _Keys, at: Array, turn: Array) -> None:
         dy = ((rows - 1) / 2 - k // columns) * pitch[1]
         centre = at + turn @ np.array([dx, dy, size[2] / 2])
         slab(b, size, centre, material, corner=0.003, bevel=0.0015, steps=2, rotate=turn)
-        canvas = decals.Canvas(64, 48, keys.key)
+        canvas = decals.DecalCanvas(64, 48, keys.key)
         canvas.text((32, 24), label, 38, keys.ink, bold=0.5)
         w, h = size[0] / 2 - 0.002, size[1] / 2 - 0.002
         top = at + turn @ np.array([dx, dy, size[2] + 0.0004])
@@ -120,7 +120,7 @@ def _desk(rng: Generator) -> Design:
     others = _Keys("RM", 2, (0.031, 0.026), (0.024, 0.010, 0.005), "#8d9093", ink)
     _add_keys(b, others, on_top(0.042, 0.030, 0.0), turn)
     slab(b, (0.108, 0.046, 0.010), on_top(0.042, 0.070, 0.005), plastic("bezel", "#17181a"), corner=0.006, rotate=turn)
-    canvas = decals.Canvas(320, 128, "#9fb59a")
+    canvas = decals.DecalCanvas(320, 128, "#9fb59a")
     canvas.digits((160, 74), f"{int(rng.integers(24)):02d}:{int(rng.integers(60)):02d}", 62, "#20281f", "#93a98f")
     canvas.text((64, 20), "LINE 1", 24, "#20281f")
     top = [on_top(0.042 + sx * 0.046, 0.070 + sy * 0.0175, 0.0106) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
@@ -188,7 +188,7 @@ def _dial(b: MeshBuilder) -> None:
         segments=48,
         acoustic=False,
     )
-    canvas = decals.Canvas(320, 320, "#f3efe2")
+    canvas = decals.DecalCanvas(320, 320, "#f3efe2")
     angles = [60 - 30 * k for k in range(10)]
     for k, angle in enumerate(angles):
         a = np.radians(angle)
@@ -258,7 +258,7 @@ def _cordless(rng: Generator) -> Design:
     slab(b, (0.056, 0.185, 0.020), on_set(0, 0.090, 0.0), body, corner=0.018, bevel=0.008, rotate=lean, acoustic=True)
     slab(b, (0.056, 0.185, 0.008), on_set(0, 0.090, -0.013), trim, corner=0.018, bevel=0.003, rotate=lean)
     b.tube([on_set(0.018, 0.178, -0.004), on_set(0.018, 0.205, -0.004)], 0.006, body, segments=12)
-    canvas = decals.Canvas(256, 256, "#bfe0ec")
+    canvas = decals.DecalCanvas(256, 256, "#bfe0ec")
     canvas.text((70, 30), "12 Nov", 34, "#163642")
     canvas.text((208, 30), "|||", 30, "#163642", bold=1.0)
     canvas.digits((128, 132), f"{int(rng.integers(24)):02d}:{int(rng.integers(60)):02d}", 62, "#12303c")
@@ -302,7 +302,7 @@ def _answering_machine(b: MeshBuilder, rng: Generator, slope: float, tone: str, 
     def on_top(x: float, along: float, lift: float) -> Array:
         return np.asarray(middle + turn @ np.array([x, along, lift]))
 
-    grille = decals.Canvas(192, 192, tone)
+    grille = decals.DecalCanvas(192, 192, tone)
     for gx in range(12, 190, 14):
         for gy in range(12, 190, 14):
             if np.hypot(gx - 96, gy - 96) < 90:

@@ -187,7 +187,7 @@ def _upright(rng: Generator) -> Design:
         0.019,
         80,
     )
-    label = decals.Canvas(256, 96, tone)
+    label = decals.DecalCanvas(256, 96, tone)
     label.text((128, 48), "CYCLONE", 44, "#ffffff", bold=1.0)
     spot = [_leant(sx * 0.048, 0.155 + sy * 0.018, 0.0925) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     b.quad(spot, printed("label", label.pixels()), fit=True, acoustic=False)
@@ -307,7 +307,7 @@ def _drum(rng: Generator) -> Design:
         0.020, 0.012, (0.0, 0.352, 0.075), plastic("switch", "#c8302a"), bevel=0.003, segments=20, acoustic=False
     )
     _parked_wand(b, dark)
-    label = decals.Canvas(320, 128, tone)
+    label = decals.DecalCanvas(320, 128, tone)
     label.text((160, 64), "TURBO 15L", 52, "#ffffff" if tone != "#e3b422" else "#1f2022", bold=1.2)
     w, h, z = 0.055, 0.020, 0.1625
     b.quad(

@@ -45,7 +45,7 @@ def _bowl_texture(rng: Generator) -> Material:
     angle = 2 * np.pi * u / width
     shade = 20 + 34 * np.exp(-(((inwards - 0.62) / 0.25) ** 2))
     pixels = np.repeat(shade[..., None], 3, axis=2)
-    canvas = decals.Canvas(width, height, "#000000")
+    canvas = decals.DecalCanvas(width, height, "#000000")
     for ring, at in enumerate(np.linspace(0.42, 0.86, 6)):
         count = round(64 * (1 - at * 0.75))
         for k in range(count):
@@ -72,7 +72,7 @@ def _bytes(values: np.ndarray) -> np.ndarray:
 def _panel(style: _Style, minutes: int) -> np.ndarray:
     """The print of the control panel, 1024 px for its 0.6 m."""
     height = round(1024 * PANEL / WIDTH)
-    canvas = decals.Canvas(1024, height, style.panel)
+    canvas = decals.DecalCanvas(1024, height, style.panel)
     scale = 1024 / WIDTH
     x = (style.knob_x + WIDTH / 2) * scale
     y = height / 2
@@ -94,7 +94,7 @@ def _panel(style: _Style, minutes: int) -> np.ndarray:
 
 
 def _drawer(style: _Style) -> np.ndarray:
-    canvas = decals.Canvas(360, 220, style.panel)
+    canvas = decals.DecalCanvas(360, 220, style.panel)
     canvas.text((180, 66), style.brand, 40, style.ink, bold=0.8)
     canvas.text((180, 186), "I   II   *", 18, style.ink)
     return canvas.pixels()

@@ -55,7 +55,7 @@ _HALF_TURN = math.pi / 2
 _ANGLES = STEPS / math.pi
 
 
-class Heard(NamedTuple):
+class DeviceRecords(NamedTuple):
     """Records of many listeners on the device, in any order.
 
     Attributes:
@@ -75,7 +75,7 @@ class Heard(NamedTuple):
     per_second: float
 
 
-class _Layout(NamedTuple):
+class _OctaveLayout(NamedTuple):
     """Where the octaves are in a row of numbers; (8,) int64 each.
 
     Attributes:
@@ -134,7 +134,7 @@ def _clear(values: Any, count: int) -> None:  # pragma: no cover  # compiled
 
 @kernel
 def _spread(  # pragma: no cover  # compiled
-    heard: Heard,
+    heard: DeviceRecords,
     response_of: Any,
     rotations: Any,
     kind: int,
@@ -142,7 +142,7 @@ def _spread(  # pragma: no cover  # compiled
     residual: Any,
     rows: Any,
     window: Any,
-    layout: _Layout,
+    layout: _OctaveLayout,
     period: float,
     grids: Any,
 ) -> None:
@@ -202,7 +202,9 @@ def _spread(  # pragma: no cover  # compiled
 
 
 @kernel
-def _fold(grids: Any, responses: int, numbers: int, layout: _Layout, out: Any) -> None:  # pragma: no cover  # compiled
+def _fold(
+    grids: Any, responses: int, numbers: int, layout: _OctaveLayout, out: Any
+) -> None:  # pragma: no cover  # compiled
     """Join the ends of each grid: (R, 2, G) integers to (R, ``numbers``, 2), the left ear real, the right imaginary."""
     i = cuda.grid(1)
     r = i // numbers
@@ -227,7 +229,7 @@ def _fold(grids: Any, responses: int, numbers: int, layout: _Layout, out: Any) -
 
 @kernel
 def _filtered(  # pragma: no cover  # compiled
-    first: Any, second: Any, responses: int, samples: int, layout: _Layout, filters: Any, out: Any
+    first: Any, second: Any, responses: int, samples: int, layout: _OctaveLayout, filters: Any, out: Any
 ) -> None:
     """Filter and add up the spectra of all octaves and components: (R, ``samples``, 2), both ears in one spectrum.
 
@@ -312,7 +314,7 @@ class _Tables:
         filters: (F, 2) on the device.
     """
 
-    layout: _Layout
+    layout: _OctaveLayout
     integers: int
     numbers: int
     memory: int
@@ -326,7 +328,7 @@ def _tables(ears: Ears, grids: Grids) -> _Tables:
     inside = lengths * ranks
     filters = [each for each, length in zip(ears.basis.filters(grids), lengths, strict=True) if length]
     weights = np.where(lengths > 0, grids.bins * ranks, 0)
-    layout = _Layout(
+    layout = _OctaveLayout(
         np.cumsum(sizes) - sizes,
         lengths,
         ranks,
@@ -340,7 +342,7 @@ def _tables(ears: Ears, grids: Grids) -> _Tables:
     # Integers of both ears, two arrays of spectra, two of the response as float64, and the response.
     memory = 2 * 8 * int(sizes.sum()) + 2 * 8 * int(inside.sum()) + (2 * 16 + 2 * 4) * grids.samples
     return _Tables(
-        upload(_Layout(*(np.ascontiguousarray(each, dtype=np.int64) for each in layout)), "tables of a receiver"),
+        upload(_OctaveLayout(*(np.ascontiguousarray(each, dtype=np.int64) for each in layout)), "tables of a receiver"),
         int(sizes.sum()),
         int(inside.sum()),
         memory,
@@ -366,7 +368,7 @@ class DeviceEars:
         self._together = 1 if is_simulated() else _TOGETHER
 
     def responses(
-        self, heard: Sequence[Heard], latest: F64, listeners: Sequence[int], rotations: Sequence[F64]
+        self, heard: Sequence[DeviceRecords], latest: F64, listeners: Sequence[int], rotations: Sequence[F64]
     ) -> list[F32]:
         """Binaural responses (2, m) float32, one for each of ``listeners``, no two of which are the same.
 
@@ -409,7 +411,13 @@ class DeviceEars:
         return max(1, min(self._together, _MEMORY // tables.memory))
 
     def _of_one_length(
-        self, heard: Sequence[Heard], grids: Grids, heads: int, listeners: list[int], rotations: F64, samples: list[int]
+        self,
+        heard: Sequence[DeviceRecords],
+        grids: Grids,
+        heads: int,
+        listeners: list[int],
+        rotations: F64,
+        samples: list[int],
     ) -> list[F32]:
         """(2, m) of each response, m samples; all of them are parts of one array."""
         count = len(listeners)

@@ -13,13 +13,13 @@ from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.tracer.air import energy_exponents
 from generators.acoustics.tracer.arrivals import Arrivals
 from generators.acoustics.tracer.device import kernels
-from generators.acoustics.tracer.device.binaural import DeviceEars, Heard
+from generators.acoustics.tracer.device.binaural import DeviceEars, DeviceRecords
 from generators.acoustics.tracer.early import MOST_CROSSINGS, Images, heard_images
 from generators.acoustics.tracer.kernels import LATE, RAIN
 from generators.acoustics.tracer.late import by_listener, discs, limits_of
 from generators.acoustics.tracer.rays import key_of, ray_directions
 from generators.acoustics.tracer.settings import TraceSettings
-from generators.acoustics.tracer.surfaces import Surfaces
+from generators.acoustics.tracer.surfaces import AcousticSurfaces
 from generators.acoustics.tracer.tables import Records
 from generators.core.cuda import allocate, launch, upload
 
@@ -43,7 +43,7 @@ class DeviceScene:
         OutOfDeviceMemoryError: if they do not fit.
     """
 
-    def __init__(self, surfaces: Surfaces, settings: TraceSettings, rays: int) -> None:
+    def __init__(self, surfaces: AcousticSurfaces, settings: TraceSettings, rays: int) -> None:
         self._surfaces, self._settings = surfaces, settings
         self._mesh = upload(surfaces.mesh, "the surfaces of the scene")
         self._equation = upload(surfaces.plane_equation, "the surfaces of the scene")
@@ -161,10 +161,10 @@ class DeviceTrace:
         owner = np.repeat(np.array(wanted, dtype=np.int32), [len(part) for part in parts])
         joined = Arrivals.joined(parts)
         own = self.records
-        heard = [Heard(own.listener, own.path, own.direction, own.pressure, self.count, SPEED_OF_SOUND)]
+        heard = [DeviceRecords(own.listener, own.path, own.direction, own.pressure, self.count, SPEED_OF_SOUND)]
         if len(joined):
             heard.append(
-                Heard(
+                DeviceRecords(
                     upload(owner), upload(joined.time), upload(joined.direction), upload(joined.pressure),
                     len(joined), 1.0,
                 )

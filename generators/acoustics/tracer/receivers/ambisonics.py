@@ -16,7 +16,7 @@ from avs3d_bench.errors import UsageError
 from avs3d_bench.schema import AmbisonicsRecord, Scalar
 from generators.acoustics.tracer.arrivals import BANDS, Arrivals
 from generators.acoustics.tracer.receivers.synthesis import (
-    Port,
+    ReceiverPort,
     checked,
     grids_of_length,
     response_length,
@@ -94,7 +94,7 @@ class Ambisonics:
         samples = response_length(arrivals, sample_rate, 0.0)
         rows = spherical_harmonics(ambisonic_axes(directions), self.order).astype(np.float32)
         index = np.arange(len(arrivals), dtype=np.int32)
-        port = Port(0.0, index, rows, ((0, self.channels),) * len(BANDS))
+        port = ReceiverPort(0.0, index, rows, ((0, self.channels),) * len(BANDS))
         return synthesise(arrivals, [port], grids_of_length(samples, sample_rate), samples)
 
     def diffuse_covariance(self, frequency: NDArray[np.floating]) -> F64:

@@ -36,7 +36,7 @@ from generators.acoustics.tracer.receivers.sofa import HrirSet, read_hrirs
 from generators.acoustics.tracer.receivers.sphere import sphere_coefficients
 from generators.acoustics.tracer.receivers.sphere_mesh import SphereMesh
 from generators.acoustics.tracer.receivers.synthesis import (
-    Port,
+    ReceiverPort,
     checked,
     grids_of_length,
     response_length,
@@ -122,7 +122,7 @@ class SofaHead:
         for ear in (0, 1):
             delay = plane_delay(directions, ear) + table.residual[ear, nodes]
             index = nodes + np.int32(ear * table.residual.shape[1])
-            ports.append(Port(delay, index, table.basis.rows, table.basis.columns, filters))
+            ports.append(ReceiverPort(delay, index, table.basis.rows, table.basis.columns, filters))
         return synthesise(arrivals, ports, grids, samples)
 
     def ears(self, sample_rate: int) -> Ears:

@@ -23,11 +23,11 @@ from pydantic import Field, ValidationError, model_validator
 from avs3d_bench import layout
 from avs3d_bench.errors import Avs3dError, excerpt
 from avs3d_bench.schema import ArrayRecord, MicrophoneRecord, Record, Scalar, describe
-from avs3d_bench.yamlfile import Limits, read_yaml
+from avs3d_bench.yamlfile import YamlLimits, read_yaml
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.tracer.arrivals import BANDS, Arrivals
 from generators.acoustics.tracer.receivers.synthesis import (
-    Port,
+    ReceiverPort,
     checked,
     grids_of_length,
     response_length,
@@ -73,7 +73,7 @@ def read_array(path: str | Path) -> ArrayRecord:
     Raises:
         Avs3dError: one line with the file, the field, what was found and what was expected.
     """
-    document, _ = read_yaml(path, Limits(bytes=1_000_000, nodes=20_000))
+    document, _ = read_yaml(path, YamlLimits(bytes=1_000_000, nodes=20_000))
     if not isinstance(document, dict):
         raise Avs3dError(f"{path}: is {excerpt(document)}; {_EXPECTED}")
     try:
@@ -113,7 +113,7 @@ class Array:
         rows = np.ones((1, 1), dtype=np.float32)
         # A microphone on the side of the source hears it earlier.
         delays = [-np.sum(directions * position, axis=1) / SPEED_OF_SOUND for position in self.positions]
-        ports = [Port(delay, index, rows, ((0, 1),) * len(BANDS)) for delay in delays]
+        ports = [ReceiverPort(delay, index, rows, ((0, 1),) * len(BANDS)) for delay in delays]
         return synthesise(arrivals, ports, grids_of_length(samples, sample_rate), samples)
 
     def diffuse_covariance(self, frequency: NDArray[np.floating]) -> NDArray[np.float64]:

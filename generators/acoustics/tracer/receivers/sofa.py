@@ -130,7 +130,7 @@ def read_hrirs(path: str | Path) -> HrirSet:
 
 
 @dataclass(frozen=True, eq=False)
-class _File:
+class _SofaFile:
     """What is read of a file.
 
     Attributes:
@@ -164,7 +164,7 @@ class _File:
         return values.reshape(shape)
 
 
-def _opened(path: Path) -> _File:
+def _opened(path: Path) -> _SofaFile:
     """The variables and attributes that are needed, read with h5py: a SOFA file is netCDF-4, which is HDF5."""
     with open_regular(path) as stream:
         stream.read(1)
@@ -178,7 +178,7 @@ def _opened(path: Path) -> _File:
             many = sum(file[name].size for name in present)
             if many > _MOST_NUMBERS:
                 raise Avs3dError(f"{path}: {many:,} numbers, expected a SOFA file of at most {_MOST_NUMBERS:,}")
-            return _File(
+            return _SofaFile(
                 path,
                 {name: file[name][()] for name in present},
                 {name: _text(file[name].attrs.get("Type", "cartesian")).lower() for name in present},
@@ -206,7 +206,7 @@ def _broadcast(values: F64, shape: tuple[int, ...], what: str, path: Path) -> F6
         raise Avs3dError(f"{path}: {what} has shape {values.shape}, expected {shape} or one row for all") from None
 
 
-def _cartesian(file: _File, name: str, default: tuple[float, float, float] | None = None) -> F64:
+def _cartesian(file: _SofaFile, name: str, default: tuple[float, float, float] | None = None) -> F64:
     """(n, 3) points or vectors of a variable in the file's axes, from Cartesian or spherical coordinates."""
     if default is not None and name not in file.variables:
         return np.array([default], dtype=np.float64)
@@ -223,13 +223,13 @@ def _cartesian(file: _File, name: str, default: tuple[float, float, float] | Non
     return np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), radius * np.sin(elevation)], axis=1)
 
 
-def _right_comes_first(file: _File) -> bool:
+def _right_comes_first(file: _SofaFile) -> bool:
     """Whether receiver 0 is the right ear; files without positions have the left ear first, as the convention says."""
     positions = _cartesian(file, "ReceiverPosition", (0.0, 0.0, 0.0))
     return len(positions) == 2 and bool(positions[0, 1] < positions[1, 1])
 
 
-def _directions(file: _File, count: int) -> tuple[F64, F64]:
+def _directions(file: _SofaFile, count: int) -> tuple[F64, F64]:
     """(M, 3) directions in the head's frame and (M,) distances of the sources."""
     path = file.path
     sources = _broadcast(_cartesian(file, "SourcePosition"), (count, 3), "SourcePosition", path)
@@ -256,6 +256,6 @@ def _distinct(directions: F64, distances: F64) -> NDArray[np.intp]:
     return np.sort(order[first])
 
 
-def _title(file: _File) -> str:
+def _title(file: _SofaFile) -> str:
     parts = (file.attributes.get(name, "") for name in ("Title", "DatabaseName", "ListenerShortName"))
     return " ".join(dict.fromkeys(word for part in parts for word in part.split()))[:_LONGEST_TEXT]

@@ -15,7 +15,7 @@ from generators.acoustics.tracer.device.ears import SPHERE, Ears
 from generators.acoustics.tracer.receivers.basis import Components, DirectionalBasis, directional_basis
 from generators.acoustics.tracer.receivers.sphere import sphere_response
 from generators.acoustics.tracer.receivers.synthesis import (
-    Port,
+    ReceiverPort,
     checked,
     grids_of_length,
     response_length,
@@ -51,7 +51,7 @@ class SphericalHead:
         for ear in (0, 1):
             theta = hrtf.incidence(directions, ear)
             index = np.rint(theta * (STEPS / np.pi)).astype(np.int32)
-            ports.append(Port(hrtf.ear_delay(theta), index, basis.rows, basis.columns, basis.filters(grids)))
+            ports.append(ReceiverPort(hrtf.ear_delay(theta), index, basis.rows, basis.columns, basis.filters(grids)))
         return synthesise(arrivals, ports, grids, samples)
 
     def ears(self, sample_rate: int) -> Ears:

@@ -45,7 +45,7 @@ _UNIT = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Port:
+class ReceiverPort:
     """How one point of a receiver hears the arrivals.
 
     Attributes:
@@ -105,7 +105,7 @@ def grids_of_length(samples: int, sample_rate: int) -> Grids:
     return grids_for(fft_length(samples + math.ceil(GUARD * sample_rate)), sample_rate)
 
 
-def synthesise(arrivals: Arrivals, ports: Sequence[Port], grids: Grids, samples: int) -> F32:
+def synthesise(arrivals: Arrivals, ports: Sequence[ReceiverPort], grids: Grids, samples: int) -> F32:
     """The response (channels, samples) float32 of all ports, one after the other.
 
     Args:
@@ -119,7 +119,7 @@ def synthesise(arrivals: Arrivals, ports: Sequence[Port], grids: Grids, samples:
     return np.ascontiguousarray(irfft(spectra, grids.samples, axis=0)[:samples].T, dtype=np.float32)
 
 
-def _port_spectra(arrivals: Arrivals, port: Port, grids: Grids) -> C128:
+def _port_spectra(arrivals: Arrivals, port: ReceiverPort, grids: Grids) -> C128:
     """(bins, channels) spectra of one port."""
     ranks = np.array([count for _, count in port.columns])
     sizes = np.where(grids.lengths > 0, grids.lengths + TAPS, 0) * ranks

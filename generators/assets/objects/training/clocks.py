@@ -97,7 +97,7 @@ def _pendulum_box(b: MeshBuilder, rng: Generator, top: float, depth: float, case
     width, height = between(rng, 0.12, 0.18), min(between(rng, 0.12, 0.22), 0.58 + 2 * top)
     middle = top - height / 2 + 0.005
     b.box((width, height, depth), (0, middle, depth / 2), case, bevel=0.003)
-    back = decals.Canvas(64, 96, tone(rng, "#1d1712", "#e9dfc4", "#2c2f33"))
+    back = decals.DecalCanvas(64, 96, tone(rng, "#1d1712", "#e9dfc4", "#2c2f33"))
     paste(b, back.pixels(), (0, middle, depth + 0.0008), (0.8 * width, 0.85 * height), name="pane", acoustic="glass")
     shiny = metal(rng, "pendulum")
     swing = rotation("z", between(rng, -9, 9))
@@ -199,7 +199,7 @@ def _digital(rng: Generator) -> Design:
     ground = tone(rng, "#07090b", "#10161a") if dark else tone(rng, "#aab59f", "#b9c0b2", "#d5d8d4")
     glow = tone(rng, *GLOWS, spread=0.03) if dark else "#1a201a"
     w, h = width - between(rng, 0.03, 0.06), height * between(rng, 0.55, 0.78)
-    canvas = decals.Canvas(round(900 * w / 0.36), round(900 * h / 0.36), ground)
+    canvas = decals.DecalCanvas(round(900 * w / 0.36), round(900 * h / 0.36), ground)
     high = min(0.8 * canvas.height, canvas.width / 3.6)
     canvas.digits(
         (canvas.width / 2, canvas.height * between(rng, 0.45, 0.52)),

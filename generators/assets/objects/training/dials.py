@@ -38,7 +38,7 @@ def draw_paper(rng: Generator) -> tuple[str, str]:
     return paper, tone(rng, "#f2f2ee", "#e2c58a", "#d9dcde", spread=0.02)
 
 
-def draw_marks(rng: Generator, canvas: decals.Canvas, ink: str, square: bool) -> None:
+def draw_marks(rng: Generator, canvas: decals.DecalCanvas, ink: str, square: bool) -> None:
     """Numerals, ticks, rings and a name on a dial, in any combination."""
     size = canvas.width
     middle = (size / 2, size / 2)
@@ -82,7 +82,7 @@ def draw_marks(rng: Generator, canvas: decals.Canvas, ink: str, square: bool) ->
 def draw_face(rng: Generator, square: bool = False) -> tuple[Pixels, str, str]:
     """A dial's picture (384 px), and the colours of its paper and its print."""
     paper, ink = draw_paper(rng)
-    canvas = decals.Canvas(384, 384, paper)
+    canvas = decals.DecalCanvas(384, 384, paper)
     if chance(rng, 0.2) and not square:
         canvas.disc((192, 192), between(rng, 90, 135), shade(rng, paper, 0.12))
     draw_marks(rng, canvas, ink, square)

@@ -42,7 +42,7 @@ def window_print(rng: Generator, size: tuple[float, float]) -> Pixels:
             if chance(rng, 0.6)
             else np.asarray(np.clip(pixels.astype(int) + rng.integers(5, 40), 0, 255), dtype=np.uint8)
         )
-    canvas = decals.Canvas(width, height, ground)
+    canvas = decals.DecalCanvas(width, height, ground)
     if kind < 0.8:
         edge = between(rng, 0.05, 0.16) * height
         canvas.box(

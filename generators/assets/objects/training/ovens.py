@@ -20,7 +20,7 @@ Box = tuple[float, float, float, float]
 def _window(rng: Generator, size: tuple[float, float]) -> Pixels:
     """Glass with one or two racks and heating elements behind it."""
     width, height = round(1200 * size[0]), round(1200 * size[1])
-    canvas = decals.Canvas(width, height, tone(rng, "#101112", "#1c1a18", "#2a2622", spread=0.02))
+    canvas = decals.DecalCanvas(width, height, tone(rng, "#101112", "#1c1a18", "#2a2622", spread=0.02))
     hot = tone(rng, "#8a3e20", "#c05a2a", "#5a4a40", "#6d6f70")
     for share in rng.uniform(0.06, 0.14, size=int(rng.integers(1, 3))):
         for y in (share * height, (1 - share) * height):

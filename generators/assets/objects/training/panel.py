@@ -103,7 +103,7 @@ class Panel:
         self.turn = np.eye(3) if turn is None else turn
         self.scale = min(DENSITY, MOST_PIXELS / max(size))
         pixels = [max(8, round(side * self.scale)) for side in size]
-        self.canvas = decals.Canvas(pixels[0], pixels[1], colour)
+        self.canvas = decals.DecalCanvas(pixels[0], pixels[1], colour)
         self.ink = ink_on(colour)
         self.glow = tone(rng, *GLOWS, spread=0.02)
         self.knob_trim = trim(rng, f"{name}_knob")
@@ -191,7 +191,7 @@ class Panel:
                     rotate=self.turn,
                 )
                 if label:
-                    picture = decals.Canvas(36, 36, self.key_colour)
+                    picture = decals.DecalCanvas(36, 36, self.key_colour)
                     picture.text((18, 18), label, 30, ink, bold=0.4)
                     side = 0.62 * min(w, h)
                     paste(

@@ -99,7 +99,7 @@ def fill_desk_panel(panel: Panel) -> None:
         at = 0.5 * high - 0.3 * rest
         slab(panel.b, (size[0], size[1], 0.008), panel.at(0, at, 0.002), bezel, corner=0.005, rotate=panel.turn)
         ground = tone(rng, "#9fb59a", "#b9cfd8", "#c8ccb8", "#10161a")
-        lcd = decals.Canvas(240, max(40, round(240 * size[1] / size[0])), ground)
+        lcd = decals.DecalCanvas(240, max(40, round(240 * size[1] / size[0])), ground)
         lcd.digits((120, lcd.height / 2), clock_time(rng), min(0.5 * lcd.height, 60), ink_on(ground))
         paste(
             panel.b,
@@ -121,7 +121,7 @@ def fill_desk_panel(panel: Panel) -> None:
 
 def dial_print(rng: Generator, paper: str) -> Pixels:
     """The ring of numbers under a finger wheel."""
-    canvas = decals.Canvas(256, 256, paper)
+    canvas = decals.DecalCanvas(256, 256, paper)
     for k in range(10):
         a = np.radians(60 - 30 * k)
         canvas.text((128 + 86 * np.cos(a), 128 - 86 * np.sin(a)), str((k + 1) % 10), 34, ink_on(paper), bold=0.8)

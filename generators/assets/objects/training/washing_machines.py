@@ -22,7 +22,7 @@ from generators.assets.objects.training.draw import (
     word,
 )
 from generators.assets.objects.training.panel import Panel, feet, finished, grip
-from generators.assets.objects.training.washing_parts import Port, add_door, add_front_panel, add_plinth
+from generators.assets.objects.training.washing_parts import DoorPort, add_door, add_front_panel, add_plinth
 from generators.assets.shapes import MeshBuilder, rotation
 from generators.core.scene import Material
 
@@ -41,7 +41,7 @@ def _front_door(rng: Generator) -> Design:
     radius = min(between(rng, 0.135, 0.21), 0.5 * room - 0.045, 0.5 * width - 0.06)
     ring = min(between(rng, 0.022, 0.075), 0.5 * room - radius - 0.005, 0.5 * width - radius - 0.012)
     slack = 0.5 * room - radius - ring
-    port = Port(between(rng, -0.02, 0.02), 0.10 + room / 2 + between(rng, -1, 1) * slack, face, radius, ring)
+    port = DoorPort(between(rng, -0.02, 0.02), 0.10 + room / 2 + between(rng, -1, 1) * slack, face, radius, ring)
     middle = (0.0, (0.018 + shelf) / 2, 0.0)
     housing_with_port(
         b,
@@ -188,7 +188,7 @@ def _front_marks(b: MeshBuilder, rng: Generator, size: tuple[float, float], face
             metal(rng, "stripe"),
             acoustic=False,
         )
-    plate = decals.Canvas(256, 64, "#d9dbdd")
+    plate = decals.DecalCanvas(256, 64, "#d9dbdd")
     plate.text((128, 32), word(rng), 36, "#25282b", bold=0.8)
     x, y = between(rng, -0.25, 0.25) * width, between(rng, 0.82, 0.9) * height
     corners = [(x + sx * 0.06, y + sy * 0.015, face + 0.0012) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
@@ -245,7 +245,9 @@ def _built_in(rng: Generator) -> Design:
         acoustic=False,
     )
     radius = between(rng, 0.14, 0.19)
-    port = Port(0.0, kick + between(rng, 0.45, 0.55) * (height - kick - 0.08), face, radius, between(rng, 0.02, 0.05))
+    port = DoorPort(
+        0.0, kick + between(rng, 0.45, 0.55) * (height - kick - 0.08), face, radius, between(rng, 0.02, 0.05)
+    )
     middle = (0.0, (kick + height) / 2, 0.0)
     housing_with_port(
         b,

@@ -27,7 +27,7 @@ PROGRAMMES = ("ECO", "20", "30", "40", "60", "90", "WOOL", "MIX", "SPIN", "FAST"
 
 
 @dataclass(frozen=True)
-class Port:
+class DoorPort:
     """The round door of a front loader: centre and radius of the opening, width of the ring around it (m)."""
 
     x: float
@@ -62,7 +62,7 @@ def glass_print(rng: Generator) -> Pixels:
     return np.asarray(np.clip(np.round(value[..., None] * tint), 0, 255), dtype=np.uint8)
 
 
-def add_door(b: MeshBuilder, rng: Generator, port: Port, body: Material, colour: str) -> None:
+def add_door(b: MeshBuilder, rng: Generator, port: DoorPort, body: Material, colour: str) -> None:
     """Ring or square frame, glass that bulges out or in, gasket, hinge and grip."""
     turn = rotation("x", 90)
     centre = (port.x, port.y, port.z)
