@@ -38,7 +38,7 @@ _DRIVE = re.compile(r"^.:")
 
 @dataclass(frozen=True)
 class ZipLimits:
-    """What an honest archive stays below. The defaults are for one model.
+    """Limits that an honest archive stays below. The defaults are for one model.
 
     Attributes:
         members: number of members.

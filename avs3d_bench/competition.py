@@ -1,4 +1,4 @@
-"""What a competition's scoring program is told: which observations it scores and which figures it reports.
+"""Settings of a competition's scoring program: which observations it scores and which figures it reports.
 
 `avs3d export codabench` writes this record beside the scoring program, and `evaluators.competition` reads it there.
 """

@@ -542,7 +542,7 @@ class Dataset:
         return self.open(self.keys[place])
 
     def _ipython_key_completions_(self) -> list[str]:
-        """What IPython and Jupyter offer after ``dataset["``."""
+        """Completions that IPython and Jupyter offer after ``dataset["``."""
         return list(self.keys)
 
     def __iter__(self) -> Iterator[Observation]:

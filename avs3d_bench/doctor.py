@@ -324,7 +324,7 @@ def print_finding(finding: CheckResult, console: Console) -> None:
 
 
 def print_summary(findings: Iterable[CheckResult], console: Console) -> None:
-    """What can be done here and what cannot."""
+    """Print which groups of checks are complete, and what the others lack."""
     bad: dict[str, list[str]] = {}
     groups = dict.fromkeys(finding.group for finding in findings)
     for finding in findings:

@@ -96,8 +96,8 @@ def open_locked(
 def wait_for_lock(path: Path, waiting: Callable[[], None] = lambda: None) -> Iterator[None]:
     """Hold the lock file ``path``, after waiting until no other process holds it; the file stays.
 
-    For what several processes need and one should make, such as compiled kernels: who comes second finds it made.
-    If files cannot be written or locked there, the call does not wait.
+    Use it for a result that several processes need and one should make, such as compiled kernels: the others find it
+    made when they have waited. If files cannot be written or locked there, the call does not wait.
 
     Args:
         path: of the file; missing folders are made.

@@ -240,7 +240,7 @@ def stem_path(name: str, index: int, receiver: str | None = None) -> str:
 
 @dataclass(frozen=True)
 class SoundScene:
-    """What decides which files an observation of part_3 has, beside its number of frames.
+    """Facts that decide which files a part_3 observation has, beside its number of frames.
 
     Attributes:
         sources: ids of all sources.

@@ -107,7 +107,7 @@ def _row(observation: Observation) -> ListedObservation:
 
 
 def describe_sound(record: ObservationRecord) -> str | None:
-    """What sounds in an observation of part_3, in a few words; None in the other parts.
+    """The sources of a part_3 observation in a few words; None in the other parts.
 
     Off-screen sources have their room behind them; a background comes last.
     """

@@ -36,7 +36,7 @@ _INDICES = (layout.DATASET_JSON, layout.SUBMISSION_JSON, layout.SEAL_JSON, layou
 
 @dataclass(frozen=True)
 class Signature:
-    """What the content of a file says about the command that wrote it. At least one attribute has to be given.
+    """Marks in the content of a file that tell which command wrote it. At least one attribute has to be given.
 
     Attributes:
         start: the first bytes of the file.

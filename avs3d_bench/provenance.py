@@ -57,7 +57,7 @@ _MODULE_TEXT = re.compile(rf"(?:{'|'.join(PACKAGES)})(?:\.\w+)+")
 
 @dataclass(frozen=True)
 class Module:
-    """What one source file imports and names.
+    """The imports and names of one source file.
 
     Attributes:
         name: dotted.
@@ -161,7 +161,7 @@ class Sources:
         return Provenance(sources, dict(sorted(versions.items())), f"{sys.version_info[0]}.{sys.version_info[1]}")
 
     def module(self, name: str) -> Module:
-        """What is known of a module of ours.
+        """The imports and names of a module of ours.
 
         Raises:
             Avs3dError: if its source cannot be read.
@@ -228,7 +228,7 @@ class Sources:
                 yield from self._targets(*on_demand[each], seen | {target})
 
     def _on_demand(self, name: str) -> Mapping[str, tuple[str, str | None]] | None:
-        """What a package resolves on demand: from its TYPE_CHECKING block and its stub file."""
+        """Names that a package resolves on demand, from its TYPE_CHECKING block and its stub file."""
         spec = self._spec(name)
         if spec is None or spec.submodule_search_locations is None:
             return None

@@ -316,7 +316,7 @@ class AcousticsRecord(Record):
 
     @property
     def receivers(self) -> dict[str, AmbisonicsRecord | ArrayRecord]:
-        """What hears the observation beside the two ears: name of a receiver (`layout.RECEIVERS`) → its channels."""
+        """The receivers beside the two ears: name (`layout.RECEIVERS`) → channels."""
         named = {layout.AMBISONICS: self.ambisonics, layout.ARRAY: self.array}
         return {name: found for name, found in named.items() if found is not None}
 
@@ -680,7 +680,7 @@ class PosesRecord(Record):
 
     @classmethod
     def of(cls, record: ObservationRecord, files: dict[str, str]) -> Self:
-        """What may be told of an observation; ``files``: the published ones → sha256."""
+        """The part of an observation's record that may be published; ``files``: the published ones → sha256."""
         return cls(
             key=record.key,
             intrinsics=record.intrinsics,

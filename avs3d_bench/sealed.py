@@ -57,7 +57,7 @@ _MOST_SEAL = 2**30
 
 
 class CommitmentsRecord(_Record):
-    """What the organiser cannot change any more."""
+    """Commitments by which the organiser is bound."""
 
     left_out: ClassVar[frozenset[str]] = frozenset({"private"})
 

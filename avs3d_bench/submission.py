@@ -51,7 +51,7 @@ _OWN_FILE = re.compile(
 
 @dataclass(frozen=True)
 class Prediction:
-    """What a method predicts for a frame, where that is more than a mask.
+    """A method's prediction for a frame, where it is more than a mask.
 
     Attributes:
         mask: (H, W) bool, or whole numbers 0 and 1, or 0 and 255.

@@ -270,7 +270,7 @@ class _Builder:
         self._add(event, content)
 
     def _merge(self, event: Any, merged: Any) -> dict[Any, Any]:
-        """What ``<<: merged`` brings: of several mappings the first one wins."""
+        """The fields that ``<<: merged`` adds: of several mappings the first one wins."""
         found: dict[Any, Any] = {}
         for each in merged if isinstance(merged, list) else [merged]:
             if not isinstance(each, dict):

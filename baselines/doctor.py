@@ -1,4 +1,4 @@
-"""What `avs3d doctor` looks for on behalf of the baselines: PyTorch, a GPU, gsplat, checkpoints."""
+"""Checks of `avs3d doctor` for the baselines: PyTorch, a GPU, gsplat, checkpoints."""
 
 from __future__ import annotations
 

@@ -168,7 +168,7 @@ class FactorCurve:
     unknown: Mapping[str, int]
 
 
-#: What is resampled as a whole (observation or group) → what counts alike in the mean (the same) → its value.
+#: Resampled unit (observation or group) → unit of equal weight in the mean (likewise) → its value.
 _Values = dict[str, dict[str, float]]
 
 

@@ -1,4 +1,4 @@
-"""What travels through the evaluator: a submission on disk, the figures of a frame, the outcome of an evaluation."""
+"""Records of the evaluator: a submission on disk, the figures of a frame, the result of an evaluation."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Submission:
 
     @property
     def named(self) -> Path:
-        """What messages call it."""
+        """Its name in messages."""
         return self.source or self.root
 
     def mask_path(self, key: str, frame: str) -> Path:
@@ -149,7 +149,7 @@ class SiblingFrame:
 
 @dataclass(frozen=True)
 class ScoredObservation:
-    """What scoring one observation gave.
+    """The scores of one observation.
 
     Attributes:
         scores: of the submission; None if a file of it is bad.

@@ -71,7 +71,7 @@ SHOWN_FRAMES = 12
 
 @dataclass(frozen=True)
 class ScoringJob:
-    """What one process scores at a time: an observation, or the siblings of a group of part_3.
+    """Observations that one process scores at a time: one, or the siblings of a group of part_3.
 
     Attributes:
         keys: of the observations.
@@ -201,7 +201,7 @@ def score(
 
 
 def _units(observations: Sequence[Observation]) -> list[ScoringJob]:
-    """What is scored together, in the order of the first observation of each."""
+    """Group the observations that are scored together, in the order of the first one of each."""
     found: dict[tuple[bool, str], list[Observation]] = {}
     for o in observations:
         group = o.group if o.is_sound_scene else None  # which reads observation.json

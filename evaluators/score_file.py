@@ -90,7 +90,7 @@ def read_verification(path: Path) -> VerificationRecord:
 
 
 def _repetitions(scores: Scores) -> Iterator[str]:
-    """What is listed twice, or under a name that is not its own."""
+    """Yield the entries that are listed twice, or under a name that is not their own."""
     for row in scores.observations:
         try:
             place = layout.parse_key(row.key)
@@ -172,7 +172,7 @@ def _row_faults(row: ObservationScores, scores: Scores) -> Iterator[str]:
 
 
 def _group_faults(where: str, group: GroupScores, found: GroupScores) -> Iterator[str]:
-    """What a group of the file has and its observations do not give."""
+    """Yield the figures of a group that its observations do not give."""
     for name in ("observations", "frames"):
         if getattr(group, name) != getattr(found, name):
             yield f"{where}.{name}: {getattr(group, name)}, but the list of observations has {getattr(found, name)}"

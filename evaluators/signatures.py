@@ -1,4 +1,4 @@
-"""What the files that the evaluator's commands write say about themselves: those alone are replaced by a rerun."""
+"""Signatures of the files that the evaluator's commands write: a rerun replaces only files that carry one."""
 
 from __future__ import annotations
 

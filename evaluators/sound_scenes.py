@@ -44,7 +44,7 @@ from evaluators.records import (
 
 @dataclass(frozen=True)
 class GroupOutcome:
-    """What scoring a group gave.
+    """The scores of a group.
 
     Attributes:
         outcomes: of each sibling, by key.

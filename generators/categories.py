@@ -166,5 +166,5 @@ class CategorySpec(BaseModel):
         return "surface"
 
     def identity(self) -> dict[str, Any]:
-        """What goes into digests: options that later versions added count only where they are set."""
+        """Content for digests: options that later versions added count only where they are set."""
         return self.model_dump(exclude_defaults=True)

@@ -26,7 +26,7 @@ _RECEIVERS = ("ambisonics", "array")
 
 @dataclass(frozen=True)
 class ExtraOutputs:
-    """What `--with` adds.
+    """Outputs that `--with` adds.
 
     Attributes:
         folders: optional folders.

@@ -170,7 +170,7 @@ class ScanSpec(_Model):
         return self
 
     def identity(self) -> dict[str, Any]:
-        """What goes into digests: options that later versions added count only where they are set."""
+        """Content for digests: options that later versions added count only where they are set."""
         late = ("up", "front", "materials")
         return {name: value for name, value in self.model_dump().items() if value is not None or name not in late}
 
@@ -194,7 +194,7 @@ class AssetSpec(_Model):
         return self
 
     def identity(self) -> dict[str, Any]:
-        """What goes into digests: options that later versions added count only where they are set."""
+        """Content for digests: options that later versions added count only where they are set."""
         return {name: value for name, value in self.model_dump().items() if value is not None or name != "asset"}
 
 
@@ -451,7 +451,7 @@ class ObservationSpec(_Model):
             raise FieldError(*faults)
 
     def _fault_of(self, source: SourceSpec, among: list[int | None]) -> str:
-        """What is wrong with a source; empty if nothing is.
+        """The fault of a source; empty if there is none.
 
         Args:
             source: one of ``sources``.
@@ -503,7 +503,7 @@ class ObservationSpec(_Model):
         return self.instances or (1 if self.part == "part_1" else 2)
 
     def identity(self) -> dict[str, Any]:
-        """What goes into digests: options that later versions added count only where they are set."""
+        """Content for digests: options that later versions added count only where they are set."""
         usual: dict[str, Any] = {"acoustics": AcousticsSpec().model_dump(), "source_motion": "static"}
         usual |= dict.fromkeys(("like", "variant_of", "sources", "background"))
         return {name: value for name, value in self.model_dump().items() if name not in usual or value != usual[name]}
@@ -606,7 +606,7 @@ class Manifest(_Model):
         return self
 
     def _faults_of(self, entry: ObservationSpec) -> Iterator[Fault]:
-        """What is wrong with an observation: its home, its programmes, the files of its categories, its variant."""
+        """Yield the faults of an observation: of its home, its programmes, the files of its categories, its variant."""
         if entry.scan not in self.scans:
             expected = _listed(tuple(self.scans))
             yield ("scan",), f"{entry.key}: unknown scan {entry.scan!r}; expected {expected}"

@@ -1,4 +1,4 @@
-"""What is wrong with a manifest, in words: one line for each problem, with the field and the line of the file."""
+"""Messages about a manifest: one line for each problem, with the field and the line of the file."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def _describe(one: Any, place: Place, record: type[BaseModel]) -> str:
 
 
 def _hint(place: Place, record: type[BaseModel]) -> str:
-    """What to do about a field that its record does not have: another name, or another record."""
+    """Advice about a field that its record does not have: another name, or another record."""
     name, records = str(place[-1]), _records(record)
     own = next((found for at, found in records.items() if _matches(at, place[:-1])), None)
     # Its own name in another record comes before a similar one in this one.

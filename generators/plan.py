@@ -157,7 +157,7 @@ class ObservationPlan:
 
     @property
     def optional_files(self) -> OptionalFiles:
-        """What decides which optional files its writer writes."""
+        """The optional files that its writer writes."""
         return {"depth": self.depth, "rirs": self.rirs, "receivers": self.receivers.channels}
 
     @cached_property
@@ -231,7 +231,7 @@ class ObservationPlan:
         return {name: self.models[name] for name in self.spec.objects if name in self.models}
 
     def _declarations(self, used: Iterable[str]) -> dict[str, Any]:
-        """What the manifest declares of the categories ``used``, for digests."""
+        """The manifest's declarations of the categories ``used``, for digests."""
         return {name: self.categories[name].identity() for name in used if name in self.categories}
 
     def _file_digests(self, *, sounds: bool = True) -> dict[str, str]:

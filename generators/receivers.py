@@ -35,7 +35,7 @@ PARTS = {
 
 @dataclass(frozen=True)
 class Receivers:
-    """What hears the sound of an observation.
+    """The receivers of an observation.
 
     Attributes:
         hrtf: SOFA file of the head that hears the binaural clips, absolute; None: the engine's own head.
@@ -64,7 +64,7 @@ class Receivers:
         return found
 
     def identity(self) -> dict[str, Any]:
-        """What an observation depends on; where the SOFA file lies and what it is called is no part of it.
+        """Content for digests; the place and the name of the SOFA file are no part of it.
 
         observation.json records the name that the file had (``asset`` of `HrtfRecord`, the setting ``hrtf_file``).
         A rerun and a regeneration compare the sha256 of its contents alone.

@@ -425,7 +425,7 @@ def _off_screen(plan: ObservationPlan, home: Scene, room: str, nth: int) -> Vect
 
 
 def contents_of(plan: ObservationPlan, ready: PreparedScene) -> layout.SoundScene:
-    """What decides which files the observation has."""
+    """The facts that decide which files the observation has."""
     return layout.SoundScene(
         sources=tuple(source.id for source in ready.sources),
         in_room=bool(ready.sounding),
@@ -441,7 +441,7 @@ def next_second(
     seconds: Iterator[tuple[HeardSource, ...]],
     index: int,
 ) -> tuple[HeardSource, ...]:
-    """What is heard of every source in the next second; nothing if there is none.
+    """Hear every source in the next second; an observation without a source gives nothing.
 
     Responses, and all that other receivers hear of the sources, are written at once.
     """

@@ -44,7 +44,7 @@ _SIZES = (
 
 @dataclass(frozen=True)
 class SceneFacts:
-    """What an observation of part_3 has beside it.
+    """Facts that only a part_3 observation has.
 
     Attributes:
         group: key of the observation whose pictures it shares.

@@ -51,7 +51,7 @@ _STARTING_KIT, _SOLUTION, _REFERENCE, _DATA = (
 
 @dataclass(frozen=True)
 class CompetitionSettings:
-    """What an organiser decides.
+    """Choices of the organiser.
 
     Attributes:
         title: of the competition.
@@ -105,7 +105,7 @@ class Phase:
 
 @dataclass(frozen=True)
 class Written:
-    """What `write_codabench` wrote.
+    """Files that `write_codabench` wrote.
 
     Attributes:
         phases: in order.

@@ -18,7 +18,7 @@ _SIDE = 256
 
 @dataclass(frozen=True)
 class CompetitionFacts:
-    """What the pages say.
+    """Facts on the pages of a competition.
 
     Attributes:
         title: of the competition.

@@ -70,7 +70,7 @@ def _check_tar(root: Path, deep: bool, pair: tuple[ObservationShard, str]) -> li
 
 
 def _faults(path: Path, deep: bool, shard: ObservationShard, digest: str) -> Iterator[str]:
-    """What is wrong with a tar, the first fault that hides others alone."""
+    """Yield the faults of a tar. A fault that makes the rest unreadable is the last one."""
     if not path.is_file():
         yield "missing"
         return

@@ -130,7 +130,7 @@ def write_tar(stream: BinaryIO, record: ObservationRecord, files: Mapping[str, b
 
 
 def find_fault(path: Path) -> str:
-    """What is wrong with a tar: cut short, or other bytes than its digest is of; empty if nothing is.
+    """The fault of a tar: it is cut short, or its bytes are not those of its digest. Empty if there is none.
 
     Raises:
         Avs3dError: if it is missing or cannot be read.

@@ -209,7 +209,7 @@ def has_sound_scenes(keys: Iterable[str]) -> bool:
 
 
 def described(kinds: Mapping[str, FileKind]) -> dict[str, str]:
-    """What an index says of the members of its samples; of kinds with a file per source under ``source_*.…``, too."""
+    """Descriptions of the members of a sample for an index; a kind with a file per source has ``source_*.…`` too."""
     several = {f"source_*.{kinds[name].member}": kinds[name].what for name in _PER_SOURCE if name in kinds}
     return {kind.member: kind.what for kind in kinds.values()} | several
 
@@ -314,7 +314,7 @@ def source_facts(source: SourceRecord) -> dict[str, Any]:
 
 
 def scene_facts(record: ObservationRecord, frame: FrameRecord) -> dict[str, Any]:
-    """What a frame of part_3 has beside the facts of all parts.
+    """Facts that only a frame of part_3 has.
 
     ``categories`` names the classes: class id c of a category mask is number c − 1 of the list.
     """
@@ -376,7 +376,7 @@ def frame_facts(frame: Frame) -> dict[str, Any]:
 
 
 def receiver_facts(record: ObservationRecord) -> dict[str, Any]:
-    """What hears the observation beside the two ears: name of a receiver → its channels, as plain data."""
+    """The receivers beside the two ears: name → channels, as plain data."""
     return {name: found.model_dump(mode="json") for name, found in record.acoustics.receivers.items()}
 
 

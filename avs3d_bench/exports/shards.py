@@ -78,7 +78,7 @@ class ShardIndex(Record):
 
 
 class Subject(Record):
-    """What an export is an export of: one folder holds one."""
+    """The dataset, split and choice that an export holds; one folder holds one export."""
 
     format: Format
     dataset: Text

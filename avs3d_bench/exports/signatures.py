@@ -1,4 +1,4 @@
-"""What exported files say about themselves: those alone are replaced by a rerun."""
+"""Signatures of exported files: a rerun replaces only files that carry one."""
 
 from __future__ import annotations
 

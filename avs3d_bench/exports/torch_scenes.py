@@ -1,4 +1,4 @@
-"""What items of `AVS3DDataset` hold of sound scenes (part_3); those of the other parts are scenes of one source."""
+"""Items of `AVS3DDataset` in part_3; an item of the other parts is handled as one with a single source."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ NO_CATEGORY = -1
 
 @dataclass(frozen=True)
 class Scenes:
-    """What all items of a dataset with part_3 have in common.
+    """Sizes that all items of a dataset with part_3 have in common.
 
     Attributes:
         own: categories that the manifest adds.

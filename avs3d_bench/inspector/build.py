@@ -45,7 +45,7 @@ _OWN = re.compile(
 
 @dataclass(frozen=True)
 class Built:
-    """What was written.
+    """The pages and files that were written.
 
     Attributes:
         folder: the site.

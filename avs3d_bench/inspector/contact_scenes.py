@@ -1,4 +1,4 @@
-"""What the contact sheet of a sound scene (part_3) has of its own: who is audible, all sources on the map, lanes."""
+"""Parts of the contact sheet for part_3 alone: who is audible, all sources on the map, lanes."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def draw_azimuths(axes: Any, scene: ShownScene, times: list[float]) -> None:
 
 
 def scene_summary(scene: ShownScene, record: ObservationRecord) -> str:
-    """What sounds, for the title of the sheet."""
+    """The sounding sources in words, for the title of the sheet."""
     away = sum(source.off_screen for source in scene.sources)
     names = f"{scene.title}, {away} off-screen" if away and len(scene.sources) > 1 else scene.title
     tail = f" over {words(record.background.kind)}" if record.background and scene.sources else ""

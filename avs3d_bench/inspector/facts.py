@@ -1,4 +1,4 @@
-"""What the page of an observation says, gathered from a dataset of ours or from the official release as it is.
+"""Facts for the page of an observation, gathered from a dataset of ours or from the official release as it is.
 
 What the data does not tell is None here, and a line in `PageFacts.missing` says so on the page. Time runs at one frame
 a second: frame k (in the order of names) is shown during [k, k + 1) s, while its clip is heard.

@@ -49,7 +49,7 @@ Outlines = tuple[NDArray[np.float64], ...]
 
 @dataclass(frozen=True)
 class Bounds:
-    """What a map shows, metres: x to the right, z downwards."""
+    """The area that a map shows (m): x to the right, z downwards."""
 
     left: float
     top: float

@@ -48,7 +48,7 @@ class KeptFiles:
             self._file = tempfile.TemporaryFile(buffering=0, prefix="avs3d-view-")  # noqa: SIM115
 
     def get(self, name: str) -> bytes | None:
-        """What was put under ``name``; None if nothing was, or it could not be kept."""
+        """The bytes that were put under ``name``; None if none were, or they could not be kept."""
         with self._lock, suppress(OSError):
             if self._file is not None and name in self._places:
                 start, length = self._places[name]

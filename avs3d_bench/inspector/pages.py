@@ -145,7 +145,7 @@ def sibling_script(page: PageOf) -> bytes:
 
 
 def _common(page: PageOf) -> dict[str, Any]:
-    """What changes from sibling to sibling, for the templates."""
+    """Values for the templates that change from sibling to sibling."""
     site, facts = page.site, page.site.facts
     lines = [*page.problems, *site.mask_problems, *site.stem_problems]
     hidden = [site.without_paths(line) for line in few(site.observation, lines)]
@@ -180,7 +180,7 @@ def problem_page(key: str, problem: str, *, before: str | None, after: str | Non
 
 
 def _player_data(site: ObservationSite, linked: bool) -> dict[str, Any]:
-    """What the scripts need; the names are short because every frame has them."""
+    """Data for the scripts; the names are short because every frame has them."""
     facts, bounds = site.facts, map_bounds(site.facts)
     width, height = site.size
     more: dict[str, Any] = {} if facts.scene is None else {"scene": _scene_data(site)}
@@ -222,7 +222,7 @@ def _player_data(site: ObservationSite, linked: bool) -> dict[str, Any]:
 
 
 def _scene_data(site: ObservationSite) -> dict[str, Any]:
-    """What the lanes, the map and the plots show of a sound scene; one value for each frame in every list."""
+    """Data for the lanes, the map and the plots in part_3; every list has one value for each frame."""
     scene = site.facts.scene
     assert scene is not None
     background = None

@@ -146,7 +146,7 @@ class ObservationSite:
 
     @cached_property
     def facts(self) -> PageFacts:
-        """What the page says.
+        """The facts on the page.
 
         Raises:
             Avs3dError: if the observation cannot be read.

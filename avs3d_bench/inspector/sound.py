@@ -47,7 +47,7 @@ _FIRST_ORDER = 4
 
 @dataclass(frozen=True)
 class Track:
-    """What the player plays.
+    """Sound for the player.
 
     Attributes:
         data: FLAC, 44,100 Hz, 16 bits; two channels, four of ambisonics.
@@ -91,7 +91,7 @@ def read_clip(frame: Frame) -> NDArray[np.float32]:
 
 
 def _second(read: NDArray[np.float32], where: Path, channels: int = 2) -> NDArray[np.float32]:
-    """What was read from ``where``, of the length of a second."""
+    """Cut samples that were read from ``where`` to one second, or fill them with zeros."""
     if read.shape[0] != channels or not read.shape[1]:
         found = f"{read.shape[0]} channel(s) of {read.shape[1]} samples"
         raise Avs3dError(f"{where}: {found}, expected {channels} of a second")

@@ -1,4 +1,4 @@
-"""What the viewer shows of a sound scene (part_3): its sources, its background, and the siblings of its group.
+"""Part_3 in the viewer: the sources of an observation, its background, and the siblings of its group.
 
 Colours belong to instances: an instance that sounds in one sibling and is silent in the next keeps its colour, so that
 siblings can be compared.
@@ -124,7 +124,7 @@ class ShownScene:
 
     @property
     def nothing(self) -> str:
-        """What is heard in frames without an audible source."""
+        """Words for frames without an audible source."""
         return without_source(self.background)
 
     def audible(self, number: int) -> tuple[ShownSource, ...]:
@@ -191,7 +191,7 @@ def instance_names(record: ObservationRecord) -> dict[int, str]:
 
 
 def scene_title(record: ObservationRecord) -> str:
-    """What sounds, in a few words: ``microwave #3``, ``telephone, off-screen``, ``2 sources``, ``silence``."""
+    """The sounding sources in a few words: ``microwave #3``, ``telephone, off-screen``, ``2 sources``, ``silence``."""
     sources = record.sources or ()
     if len(sources) > 1:
         return f"{len(sources)} sources"
@@ -203,7 +203,7 @@ def scene_title(record: ObservationRecord) -> str:
 
 
 def without_source(background: BackgroundRecord | None) -> str:
-    """What is heard where no source is audible: ``silence``, of which room tone is a part, or ``noise alone``."""
+    """Words for seconds without an audible source: ``silence``, of which room tone is a part, or ``noise alone``."""
     return "noise alone" if background is not None and background.kind == "noise" else SILENCE
 
 
@@ -216,7 +216,7 @@ def scene_kinds(record: ObservationRecord) -> tuple[str, ...]:
 
 
 def read_sound_scene(observation: Observation) -> ShownScene | None:
-    """What sounds in an observation of part_3; None in the other parts and in the official release.
+    """Read the sources of a part_3 observation; None in the other parts and in the official release.
 
     Raises:
         Avs3dError: if observation.json is damaged.

@@ -54,7 +54,7 @@ SMALLEST, LARGEST = 64, 2160
 
 @dataclass(frozen=True)
 class Film:
-    """What was written.
+    """The film that was written.
 
     Attributes:
         path: the file.

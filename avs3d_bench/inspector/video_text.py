@@ -28,7 +28,7 @@ def halved(picture: U8, shape: tuple[int, ...]) -> U8:
 
 
 def _plain(text: str) -> str:
-    """What OpenCV's font has: other letters become question marks."""
+    """Replace letters that OpenCV's font does not have by question marks."""
     return text.encode("ascii", "replace").decode()
 
 

@@ -1,4 +1,4 @@
-"""What `avs3d view-3d` shows, gathered from disk: nothing here needs viser.
+"""Data that `avs3d view-3d` shows, gathered from disk: nothing here needs viser.
 
 World coordinates: metres, Y up. What the official release does not have (mesh, instances, source) is left out.
 """
@@ -178,7 +178,7 @@ def _moment(frame: Frame, record: ObservationRecord | None, scene: ShownScene | 
 
 
 def moved_from(first: Pose, now: Pose) -> Pose:
-    """What takes points of an object from where it is at pose ``first`` to where it is at pose ``now``."""
+    """The transform that takes points of an object from its place at pose ``first`` to that at pose ``now``."""
     rotation = now.rotation_matrix @ first.rotation_matrix.T
     x, y, z, w = (float(c) for c in Rotation.from_matrix(rotation).as_quat())
     px, py, pz = (float(c) for c in np.asarray(now.position) - rotation @ np.asarray(first.position))

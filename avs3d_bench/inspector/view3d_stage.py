@@ -34,7 +34,7 @@ Colour = tuple[int, int, int]
 
 
 def legend(scene: Scene3D) -> list[tuple[Colour, str]]:
-    """What the colours of the scene mean: (RGB, text), the objects first."""
+    """Meanings of the colours in the scene: (RGB, text), the objects first."""
     rows: list[tuple[Colour, str]] = []
     if scene.scene is not None:
         rows += [(s.colour, f"{s.name} (off-screen)" if s.off_screen else s.name) for s in scene.scene.sources]

@@ -41,7 +41,7 @@ LONGEST = 0.35
 
 @dataclass(frozen=True, eq=False)
 class VisibleSurface:
-    """What one frame shows of the room.
+    """The surface of the room that one frame shows.
 
     Attributes:
         name: of the frame.

@@ -329,7 +329,7 @@ class _DaskRun:
             future.release()
 
     def _values(self, done: list[Any]) -> dict[Any, Any]:
-        """What finished tasks have returned; without those whose worker was lost meanwhile and that failed again."""
+        """Values of finished tasks, without those whose worker was lost meanwhile and that failed again."""
         try:
             return dict(zip(done, self._client.gather(done), strict=True)) if done else {}
         except Exception:
@@ -344,7 +344,7 @@ class _DaskRun:
             self._listen(Event("worker", "", f"{content.get('worker')} is lost; its tasks run elsewhere"))
 
     def _attempt_of(self, error: BaseException) -> Attempt:
-        """Whatever a Dask task ended with, as a failed attempt.
+        """A failed attempt with the error that a Dask task ended with.
 
         Raises:
             Avs3dError: if the scheduler cannot read any task of this project.

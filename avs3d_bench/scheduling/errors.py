@@ -1,4 +1,4 @@
-"""What tasks raise for the schedulers to see."""
+"""Errors that tasks raise for the schedulers to see."""
 
 from __future__ import annotations
 

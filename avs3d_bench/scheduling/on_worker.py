@@ -1,7 +1,7 @@
-"""What runs inside a Dask worker: an attempt at a task, in a supervised process that the worker keeps.
+"""Code that runs inside a Dask worker: it attempts a task in a supervised process, which the worker keeps.
 
-Nothing that a task does to its process reaches the worker: a crash, a kill or a passed time limit becomes an
-`AttemptError`, which the one who submitted the task decides about.
+A crash, a kill or a time limit ends the process of the task, not the worker. The worker raises an `AttemptError`, and
+the scheduler that submitted the task decides what happens next.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class AttemptError(Exception):
 
     @property
     def attempt(self) -> Attempt:
-        """What failed, where and why."""
+        """The failed attempt: where it failed and why."""
         return self.args[0]  # type: ignore[no-any-return]
 
 

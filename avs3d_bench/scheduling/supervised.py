@@ -84,7 +84,7 @@ class Supervised:
 
     @property
     def worker(self) -> str:
-        """What failures call this process."""
+        """Name of this process in failures."""
         return f"{self._name or socket.gethostname()} (process {self.pid})"
 
     @property

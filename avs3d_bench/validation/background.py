@@ -75,7 +75,7 @@ class Coherence:
         return frequency[inside], np.asarray(coherence[inside])
 
     def problem(self) -> str | None:
-        """What is wrong with the coherence, with the spacing that fits best; None if it is that of a diffuse field."""
+        """The problem of the coherence, with the spacing that fits best; None if it is that of a diffuse field."""
         if self.frames < LEAST_FRAMES:
             return None
         frequency, found = self.value()

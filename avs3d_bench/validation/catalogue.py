@@ -20,7 +20,7 @@ NON_COMMERCIAL = {"soundspaces": "CC-BY-NC"}
 
 @dataclass(frozen=True)
 class ManifestFacts:
-    """What a manifest says in plain scalars.
+    """Plain scalars of a manifest.
 
     Attributes:
         scalars: its top-level entries, e.g. name, version, seed.
@@ -91,7 +91,7 @@ def read_facts(text: str) -> ManifestFacts | None:
 
 
 def check_catalogue(record: DatasetRecord, records: Mapping[str, ObservationRecord]) -> Iterator[Problem]:
-    """What is wrong with dataset.json, seen from inside the dataset.
+    """Yield the problems of dataset.json that show inside the dataset.
 
     Args:
         record: dataset.json.

@@ -38,7 +38,7 @@ class Findings:
 
 
 def read(findings: Findings, files: set[str], path: str, reader: Callable[[], _T]) -> _T | None:
-    """What ``reader`` gives for a file that is there; its complaint becomes a problem."""
+    """Read a file that is there with ``reader``; its error becomes a problem."""
     if path not in files:
         return None  # already named as missing
     try:

@@ -264,7 +264,7 @@ def check_sides(record: ObservationRecord | None, heard: Sequence[Hearing], find
 
 
 def order_problem(levels: Sequence[SideLevel], sines: NDArray[np.float64]) -> str | None:
-    """What is wrong with levels that do not follow the sines (n,) although all bands agree on them."""
+    """The problem of levels that do not follow the sines (n,) although all bands agree on them."""
     found = np.array([level.db for level in levels])
     whole = float(found.var(ddof=1)) if len(found) >= ORDER_FRAMES else 0.0
     if not whole or float(sines.std()) < _ORDER_SPREAD:

@@ -51,7 +51,7 @@ def check_mesh(
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """What was decoded of one frame; None where a file is missing, damaged or of another size than the record says.
+    """Decoded files of one frame; None where a file is missing, damaged or of another size than the record says.
 
     Attributes:
         rgb: (H, W, 3) uint8.

@@ -139,7 +139,7 @@ def check_labels(labels: Labels, findings: Findings) -> None:
 
 
 def colour_problem(rgb: NDArray[np.uint8], sightings: Sightings) -> str | None:
-    """What is wrong with a picture (H, W, 3), told by the colours of the points that it shows."""
+    """The problem of a picture (H, W, 3), told by the colours of the points that it shows."""
     seen = rgb[sightings.row, sightings.column].astype(np.int16)
     off = np.abs(seen - sightings.colour).max(axis=1, initial=0)
     wrong, total = int((off[sightings.origin] > 0).sum()), int(sightings.origin.sum())
@@ -160,7 +160,7 @@ LEAST_SIGHTINGS = 20
 
 
 def depth_problem(depth: NDArray[np.float32], z: NDArray[np.float64], sightings: Sightings) -> str | None:
-    """What is wrong with a depth map (H, W), told by the points that were taken from it; ``z`` (n,) is theirs."""
+    """The problem of a depth map (H, W), told by the points that were taken from it; ``z`` (n,) is theirs."""
     mine = sightings.origin & (z < MOST_DEPTH)
     found = depth[sightings.row, sightings.column]
     wrong = int((np.abs(found - z)[mine] > DEPTH_STEP).sum())

@@ -45,7 +45,7 @@ LEAST_SOUNDING = 1.0
 
 @dataclass
 class Stems:
-    """What is collected of the stems, frame by frame; `finish` judges it.
+    """Figures of the stems, collected frame by frame; `finish` judges them.
 
     Attributes:
         power: source's id → mean square of both ears in blocks of `BLOCK` samples, one array per frame (None where the

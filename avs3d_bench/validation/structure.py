@@ -106,7 +106,7 @@ def _check_missing(expected: set[str], files: set[str], findings: Findings) -> N
 
 
 def _sound_scene(observation: Observation, record: ObservationRecord | None, files: set[str]) -> SoundScene | None:
-    """What decides the files of an observation of part_3: its record, or the folders where that cannot be read."""
+    """Facts that decide the files of a part_3 observation: from its record, or from folders if that is unreadable."""
     if not observation.is_sound_scene:
         return None
     stems = any(has_stems(files, receiver) for receiver in (None, *_receivers(record, files)))

@@ -146,7 +146,7 @@ def infer(
 
 @dataclass(frozen=True, eq=False)
 class ClipEvidence:
-    """What the clips say: the cells and levels of each, and the densities of the cells for each place.
+    """Evidence of the clips: the cells and levels of each, and the densities of the cells for each place.
 
     Attributes:
         count: number of candidates, the first places of ``heard``; the rest are elsewhere.

@@ -24,7 +24,7 @@ LIMIT = 6 * 3600.0
 
 
 class KeyedJob(Protocol):
-    """What `run_each` needs of a job: the key of its observation."""
+    """A job for `run_each`: it has the key of its observation."""
 
     @property
     def key(self) -> str: ...  # noqa: D102
@@ -35,7 +35,7 @@ J = TypeVar("J", bound=KeyedJob)
 
 @dataclass(frozen=True)
 class JobsOutcome:
-    """What became of the jobs.
+    """Results of the jobs.
 
     Attributes:
         values: what the calls returned, in the order in which they were done.

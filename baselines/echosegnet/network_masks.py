@@ -31,7 +31,7 @@ class Marker(Protocol):
 
     @property
     def name(self) -> str:
-        """What submission.json calls it."""
+        """Its name in submission.json."""
 
     @property
     def notes(self) -> str:
@@ -79,7 +79,7 @@ class NetworkMasks:
         return KeptMasks(self.name, observation.key, kept)
 
 
-#: What gives the masks of a run.
+#: Sources of the masks of a run.
 AnySource = MaskSource | NetworkMasks
 
 

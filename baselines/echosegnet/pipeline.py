@@ -184,7 +184,7 @@ def predict(
 
 @dataclass(frozen=True, eq=False)
 class _Lifted:
-    """What the stages after the lifting start from.
+    """Input of the stages after the lifting.
 
     Attributes:
         gaussians: of the whole scene.
@@ -259,7 +259,7 @@ def _nothing(observation: Observation, source: MaskSource, clock: _Clock) -> Pre
 
 @dataclass(frozen=True, eq=False)
 class _Sounding:
-    """What sounds when.
+    """Which clusters of Gaussians sound in each view.
 
     Attributes:
         labels: (n,) cluster of each labelled Gaussian; −1 for none.

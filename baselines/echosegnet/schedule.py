@@ -1,4 +1,4 @@
-"""What happens when in a training of 3D Gaussians, and how fast things are learnt."""
+"""Schedule and learning rates of a training of 3D Gaussians."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ class MaskSource(Protocol):
 
     @property
     def name(self) -> str:
-        """What submission.json calls it."""
+        """Its name in submission.json."""
 
     def mask(self, frame: Frame) -> Mask:
         """(H, W) bool, of the frame's size."""

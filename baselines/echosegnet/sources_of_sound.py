@@ -54,7 +54,7 @@ _LEAST_FRAMES, _MOST_BELOW, _MOST_CONTRADICTIONS = 3, 5.0, 0.02
 
 @dataclass(frozen=True, eq=False)
 class HeardFrames:
-    """What was heard in T frames.
+    """Cells and levels of the sound in T frames.
 
     Attributes:
         weights: (T, C) of the cells; one effective bin per frame.

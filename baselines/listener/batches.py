@@ -41,7 +41,7 @@ _NUMBER = {name: number for number, name in enumerate(CATEGORIES)}
 
 
 class SoundKind(IntEnum):
-    """What a sound is to its picture."""
+    """Relation of a sound to its picture."""
 
     OWN = 0
     SWAPPED = 1

@@ -35,7 +35,7 @@ LICENCE = "Apache-2.0"
 
 @dataclass(frozen=True)
 class RunMachine:
-    """What the run ran on.
+    """The machine of a training run.
 
     Attributes:
         devices: names of the devices.

@@ -74,7 +74,7 @@ class Settings:
 
 @dataclass
 class State:
-    """What a checkpoint holds, beside the settings.
+    """Content of a checkpoint beside the settings.
 
     Attributes:
         network: learns.

@@ -1,4 +1,4 @@
-"""What training minimises, and what validation measures."""
+"""Losses of the training, and figures of the validation."""
 
 from __future__ import annotations
 

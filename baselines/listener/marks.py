@@ -39,7 +39,7 @@ CATEGORY_THRESHOLD = 0.2
 
 @dataclass(frozen=True)
 class ListenerMarker:
-    """What marks train frames; it can be pickled, and loads the network on the device where it is used.
+    """Marks train frames; it can be pickled, and loads the network on the device where it is used.
 
     Attributes:
         weights: file of weights; None: those of the package.
@@ -58,7 +58,7 @@ class ListenerMarker:
 
     @property
     def entry(self) -> str:
-        """What computes the masks (see `avs3d_bench.provenance`)."""
+        """The module that computes the masks (see `avs3d_bench.provenance`)."""
         return "baselines.listener.marks:ListenerMarker"
 
     @property
@@ -102,7 +102,7 @@ class ListenerMarker:
 
 
 def _answers(method: ListenerMethod, frames: Sequence[Frame]) -> list[Answer]:
-    """What the network says of frames."""
+    """The network's answers for frames."""
     found: list[Answer] = []
     for start in range(0, len(frames), BATCH):
         part = frames[start : start + BATCH]

@@ -21,7 +21,7 @@ MOST_LOGIT = 6.0
 
 @dataclass(frozen=True)
 class Answer:
-    """What the network says of a frame, in n × n cells: 126 of one look at 252², 252 with one at 504².
+    """The network's answer for a frame, in n × n cells: 126 of one look at 252², 252 with one at 504².
 
     Attributes:
         mask: (n, n) float32 logits: what sounds.

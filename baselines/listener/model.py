@@ -114,7 +114,7 @@ class ListenerOutput(NamedTuple):
 
 
 class SoundFeatures(NamedTuple):
-    """What `Listener` gets of B sounds: see `features` and `direction`.
+    """Input of `Listener` from B sounds: see `features` and `direction`.
 
     Attributes:
         bands: (B, features.CHANNELS, features.BANDS, T).
@@ -269,7 +269,7 @@ class Listener(nn.Module):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What `Widths` was built with, as JSON types."""
+        """The values of `Widths` as JSON types."""
         return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self.widths).items()}
 
     def forward(self, picture: Tensor, sound: SoundFeatures | None = None) -> ListenerOutput:

@@ -1,4 +1,4 @@
-"""What the listener needs beside the core install."""
+"""Packages that the listener needs beside the core install."""
 
 from __future__ import annotations
 

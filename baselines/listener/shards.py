@@ -78,7 +78,7 @@ class FrameEntry:
 
 @dataclass(frozen=True)
 class ShardTable:
-    """What is stored, without the pixels and samples. A *view* is a picture with all sounds that belong to it.
+    """Index of the stored frames, without pixels and samples. A *view* is a picture with all its sounds.
 
     Attributes:
         version: `VERSION`.

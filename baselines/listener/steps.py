@@ -39,7 +39,7 @@ _TERMS = ("mask", "dice", "classes", "audible")
 
 @dataclass(frozen=True)
 class Schedule:
-    """When a run looks around.
+    """When a run stops, keeps a checkpoint and validates.
 
     Attributes:
         minutes: time after which the run stops and keeps its checkpoint; None: none.
@@ -174,7 +174,7 @@ class Run:
         return self._planner(step)(step, self.fabric.global_rank)
 
     def _planner(self, step: int) -> Callable[..., BatchPlan]:
-        """What plans the batches of the stage that a step belongs to."""
+        """The function that plans the batches of the stage of a step."""
         return self.sampler.picture_plan if step < self.settings.picture_steps else self.sampler.plan
 
     def _gather(self, step: int, plan: BatchPlan, rank: int) -> Batch:

@@ -95,7 +95,7 @@ class Reader:
         return path.relative_to(self.submission.root).as_posix()
 
     def _note(self, path: Path) -> Callable[[bytes], None]:
-        """What keeps the digest of the bytes of a file."""
+        """A function that keeps the digest of the bytes of a file."""
 
         def note(data: bytes) -> None:
             self.digests[self._name(path)] = sha256_bytes(data)

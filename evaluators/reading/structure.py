@@ -236,7 +236,7 @@ def _surplus(observation: Observation, submission: Submission, inside: str) -> s
 
 
 def _link_fault(root: Path, path: Path) -> str | None:
-    """What is wrong with a symbolic link; None for one to a file inside the submission."""
+    """The fault of a symbolic link; None for one to a file inside the submission."""
     try:
         target = path.resolve(strict=True)
         mode = target.stat().st_mode

@@ -334,7 +334,7 @@ def p_text(one: PairedDifference) -> str:
 
 
 def verdict_text(one: PairedDifference) -> str:
-    """What follows for the two methods."""
+    """The conclusion about the two methods."""
     return {
         "better": f"{one.first} is better", "worse": f"{one.second} is better",
         "equal": "equal in every observation", "undecided": "not separated",

@@ -121,7 +121,7 @@ def factor_values(tables: Sequence[Sequence[FrameRow]]) -> tuple[dict[str, Any],
 
 
 def factor_page(tables: Sequence[Sequence[FrameRow]]) -> dict[str, Any]:
-    """What a page with the macros of `factor_macros.html.j2` needs; see `factor_values`."""
+    """Values for a page with the macros of `factor_macros.html.j2`; see `factor_values`."""
     found = factor_values(tables)
     metrics = [each["metric"] for each in found]
     return {
@@ -132,7 +132,7 @@ def factor_page(tables: Sequence[Sequence[FrameRow]]) -> dict[str, Any]:
 
 
 def _notes(found: Sequence[FactorCurve]) -> tuple[str, ...]:
-    """What is not drawn or left out, each once with the titles of all factors that it concerns."""
+    """Notes on figures that are not drawn or left out, each once with the titles of all factors that it concerns."""
     titles: dict[str, list[str]] = {}
     for each in found:
         note = _note(each)

@@ -268,7 +268,7 @@ def _truth_words(truth: Mask, category: str, sounds: str, twins: list[Mask]) -> 
 
 
 def error_words(truth: Mask, prediction: Mask) -> str:
-    """What a prediction hits and marks wrongly, for those who do not see the picture."""
+    """Describe what a prediction hits and marks wrongly, for those who do not see the picture."""
     false = f"{percent(float((prediction & ~truth).mean()))} of the picture marked wrongly"
     if not truth.any():
         return false

@@ -81,7 +81,7 @@ class ScoresEntry:
 
 @dataclass(frozen=True, order=True)
 class ScoringRule:
-    """What figures are measured with: a protocol, its version, and the voxels of the 3D figures where it has them."""
+    """A protocol, its version, and the voxels of the 3D figures where it has them."""
 
     protocol: str
     version: str
@@ -232,7 +232,7 @@ def _group(entry: ScoresEntry, part: str) -> GroupScores | None:
 
 
 def dataset_identity(entry: ScoresEntry) -> tuple[str, str, str, int]:
-    """What two entries must share to have been scored against the same dataset."""
+    """Values that two entries share if they were scored against the same dataset."""
     data = entry.scores.dataset
     return data.name, data.version or "", data.sha256 or "", data.observations
 

@@ -1,4 +1,4 @@
-"""What sounds in a frame of part_3, for reports: in words, and which instances are taken for it most easily."""
+"""Sources in a frame of part_3, for reports: in words, and the instances that are taken for them most easily."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from avs3d_bench.dataset import Frame
 
 
 def sounds_in(frame: Frame) -> str:
-    """What is audible in a frame, in words: ``microwave and telephone``, ``clock in the living room``, ``silence``."""
+    """Audible sources of a frame in words: ``microwave and telephone``, ``clock in the living room``, ``silence``."""
     record, entry = frame.observation.record, frame.record
     if record is None or entry is None or entry.audible is None:
         return "not known"

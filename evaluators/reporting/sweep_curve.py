@@ -60,7 +60,7 @@ class SweepPoint:
     siblings: tuple[SiblingScores, ...]
 
     def units(self, metric: Metric) -> dict[str, tuple[str, float]]:
-        """What differences are paired by (an original, or a group) → its cluster, and its value of a figure."""
+        """The units by which differences are paired (an original, or a group) → their cluster and value of a figure."""
         if (metric.protocol, metric.name) == ("listen", "pair_accuracy"):
             found = group_accuracies(self.siblings, [row.key for row in self.rows])
             return {group: (group, value) for group, value in found.items()}

@@ -55,7 +55,7 @@ class PaperRow:
 
 @dataclass(frozen=True)
 class PaperSection:
-    """What compares.
+    """Rows that can be compared.
 
     Attributes:
         number: from 1.

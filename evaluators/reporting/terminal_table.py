@@ -111,7 +111,7 @@ def print_scores(scores: Scores, console: Console | None = None) -> None:
 
 
 def _print_notes(scores: Scores, out: Console) -> None:
-    """What the reference rows are, and which figures are missing or leave observations out."""
+    """Print what the reference rows are, and which figures are missing or leave observations out."""
     from rich.text import Text
 
     deaf = [f"{name.replace('_', ' ')}, {masks}" for name, masks in _DEAF_MASKS.items() if name in scores.references]

@@ -38,7 +38,7 @@ RESIDUAL = 0.06
 
 @dataclass(frozen=True)
 class AcousticMaterial:
-    """What sound meets at a surface.
+    """Acoustic properties of a surface.
 
     Attributes:
         label: `Material.acoustic` of the faces it belongs to.

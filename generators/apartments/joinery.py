@@ -92,7 +92,7 @@ _HANDLE_NECK = _Fitting((0.08, 0.06), (1.04, 1.06), (0.014, 0.045))
 
 @dataclass(frozen=True)
 class ShellStyle:
-    """What varies in the joinery of a flat (metres).
+    """Dimensions that vary in the joinery of a flat (m).
 
     Attributes:
         skirting: height of the skirting boards.
@@ -152,7 +152,7 @@ def sky_strips(style: ShellStyle, view: Texture) -> tuple[Material, ...]:
 
 @dataclass(frozen=True, eq=False)
 class WindowMaterials:
-    """What the parts of a window are made of; ``sky`` are the strips of its panes from the bottom to the top."""
+    """Materials of the parts of a window; ``sky`` are the strips of its panes from the bottom to the top."""
 
     lining: Material
     frame: Material

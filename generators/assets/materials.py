@@ -82,7 +82,7 @@ class _Once:
         self._lock = threading.Lock()
 
     def get(self, name: str, make: Callable[[], T]) -> T:
-        """What ``make`` returned on the first call with this name; others wait for it."""
+        """The value that ``make`` returned on the first call with this name; other callers wait for it."""
         with self._lock:
             known = self._made.get(name)
             own = self._made[name] = Future() if known is None else known

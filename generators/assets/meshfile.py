@@ -37,7 +37,7 @@ FARTHEST = 1e12
 
 
 class CategoryDefaults(NamedTuple):
-    """What is usual for a category: height (m), mount, and height of the sound source as a share of the object's."""
+    """Defaults of a category: height (m), mount, and height of the sound source as a share of the object's."""
 
     height: float
     mount: Mount
@@ -180,7 +180,7 @@ def world_vertices(file: Path, name: str, part: Any, matrix: Array) -> Array:
 
 
 def usual_of(category: str) -> CategoryDefaults:
-    """What is usual for a category of the benchmark, or a distractor.
+    """Defaults of a category of the benchmark, or of a distractor.
 
     Raises:
         UsageError: if there is no such category.

@@ -147,7 +147,7 @@ def most_workers() -> int:
 
 
 def cuda_version() -> str:
-    """What decides a kernel's bytes: numba-cuda's version and the kind of device.
+    """The versions that decide a kernel's bytes: numba-cuda and the kind of device.
 
     Raises:
         Avs3dError: if CUDA cannot be used.

@@ -185,7 +185,7 @@ def _sunlight(texels: Texels, blocks: Blocks, beam: Sun | None, tracer: Tracer, 
 
 
 def _patches(texels: Texels, blocks: Blocks, direct: F32, preset: Quality, workers: int) -> tuple[Emitters, F32]:
-    """What stands out by its direct light as emitters, and the light (N, 3) of the texels in them."""
+    """Patches of strong direct light as emitters, and the light (N, 3) of the texels in them."""
 
     def average(rows: slice) -> F32:
         own = blocks.members[rows]

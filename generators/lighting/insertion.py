@@ -102,7 +102,7 @@ def _prepare(parts: tuple[Part, ...]) -> tuple[Objects, list[LightMapLayout]]:
 
 @dataclass(frozen=True, eq=False)
 class Gathered:
-    """What the objects' texels see, before it is known how they shade the room.
+    """The view of the objects' texels, before it is known how they shade the room.
 
     Attributes:
         direct: (N, 3) light of emitters and the sun.
@@ -126,7 +126,7 @@ class Gathered:
 
 
 def gather_light(objects: Objects, room: Surroundings) -> Gathered:
-    """What the objects' texels see of the room and of one another, with the light that reaches them directly."""
+    """Gather the surfaces that the objects' texels see, and the light that reaches them directly."""
     texels = objects.texels
     count = len(texels)
     table, narrow = bundle()

@@ -1,9 +1,9 @@
 """The lit scene of every moment while one object moves through it.
 
-The object gathers its light anew wherever it is, and takes from the surfaces around it what it is in the way of, so
-that its contact shadow goes with it (generators/lighting/insertion.py). What does not change is done once: the room's
-surfaces, its emitters, chosen for the whole way and so the same in every frame, and the layout of the object's light
-map, whose texels keep their sampling patterns: nothing flickers while it moves.
+At every moment the object gathers its light again and shades the surfaces around it, so that its contact shadow moves
+with it (generators/lighting/insertion.py). Computed once are the room's surfaces, its emitters, and the layout of the
+object's light map. The emitters are chosen for the whole path and the texels keep their sampling patterns, so that
+nothing flickers while the object moves.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What newly placed objects take from the light of the surfaces around them.
+"""Light that newly placed objects take from the surfaces around them.
 
 A texel near the objects loses the part of its light that comes along rays the objects are in the way of, and gains
 what they reflect. A texel that no such ray leaves keeps its bytes.

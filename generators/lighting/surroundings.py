@@ -61,7 +61,7 @@ class Objects:
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """What objects find in a room.
+    """A lit room that receives objects.
 
     Attributes:
         lit: the room with all its light.

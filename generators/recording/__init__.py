@@ -1,1 +1,1 @@
-"""What is heard and seen of an observation, on its way into files."""
+"""The sound and the pictures of an observation, on their way into files."""

@@ -1,4 +1,4 @@
-"""What is heard from each pose of an observation: in this process, or in one beside it once a core is free."""
+"""Hear an observation from each pose: in this process, or in one beside it once a core is free."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What one receiver hears in one second.
+    """The sound of one receiver in one second.
 
     Attributes:
         clip: (channels, 44100) float32.
@@ -47,7 +47,7 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class ReceiverClips:
-    """What is heard in one second.
+    """The sound of all receivers in one second.
 
     Attributes:
         head: what the two ears hear; channel 0 is left.
@@ -99,7 +99,7 @@ class AcousticJob:
 
 
 def hear(listening: AcousticJob) -> Generator[ReceiverClips]:
-    """What is heard in each second, in order: an engine's responses depend on the sequence of calls."""
+    """Hear each second, in order: an engine's responses depend on the sequence of calls."""
     session = listening.engine().open(
         listening.scene, listening.sources[0], room=listening.room, sample_rate=layout.SAMPLE_RATE
     )
@@ -117,7 +117,7 @@ def hear(listening: AcousticJob) -> Generator[ReceiverClips]:
 def hear_in_background(
     sounds: Generator[Sound], device: str, beside: Callable[[], bool] = lambda: False
 ) -> AbstractContextManager[Iterator[Sound]]:
-    """What is heard, in a process of its own from the second on for which ``beside`` says yes (see `continue_in_fork`).
+    """Hear in a process of its own from the second on for which ``beside`` says yes (see `continue_in_fork`).
 
     The SoundSpaces engine holds Python's global lock while it works: in this process no other thread would get on. Its
     responses depend on all that came before them, so that no second process could share the work. What CUDA does stays
@@ -138,7 +138,7 @@ def responses_at(session: AcousticSession, pose: Pose) -> dict[str, NDArray[np.f
 
 
 def hear_still(session: AcousticSession, listening: AcousticJob, index: int) -> ReceiverClips:
-    """What is heard in second ``index`` of a source that stands still."""
+    """Hear second ``index`` of a source that stands still."""
     responses = responses_at(session, listening.poses[index])
     samples, second = listening.samples, index + PRE_ROLL
     return _heard({name: Recording(receiver_clip(samples, one, second), one) for name, one in responses.items()})

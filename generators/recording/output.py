@@ -2,7 +2,7 @@
 
 `generators.recording.writer` encodes the files and hands them over; an output stores them and, when the observation is
 whole, gives it its name. Every attempt writes under a temporary name of its own, since an attempt that a scheduler
-thinks lost may still be at work on another machine. Who is second finds the place taken by the same bytes.
+believes lost may still run on another machine. The attempt that ends second finds the same bytes there already.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What is heard of each source of a sound scene: its own clip (stem), and the figures that follow from the stems.
+"""Stems: the clip of each source of a part_3 observation alone, and the figures that follow from them.
 
 The sources are independent of one another: each has an acoustic session of its own, so that its stem has the same bytes
 whatever else sounds, and the clip is the sum of the stems.
@@ -24,9 +24,9 @@ Clip = NDArray[np.float32]
 
 #: Poses that all sessions together compute at a time; their arrivals are in memory, about 1 MB each.
 _TOGETHER = 128
-#: What is this far below a stem is no part of it, but rounding (dB).
+#: Level below that of a stem under which a difference is rounding (dB).
 _NO_PART_DB = -90.0
-#: What is quieter than this (dB re full scale) is rounding of 32-bit samples, not sound.
+#: Level below which samples are rounding of 32-bit numbers, not sound (dB re full scale).
 _NOTHING_DB = -150.0
 
 
@@ -48,7 +48,7 @@ class HeardSource:
 
 
 def hear_sources(listenings: Sequence[AcousticJob]) -> Generator[tuple[HeardSource, ...]]:
-    """What is heard of every source in each second, in order; one response per source and second.
+    """Hear every source in each second, in order; one response per source and second.
 
     Args:
         listenings: one per source, with the same poses; empty for a scene without sources, which yields nothing.

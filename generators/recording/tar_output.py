@@ -28,8 +28,8 @@ def tar_plan_digest(plan: str) -> str:
 class TarOutput:
     """An observation as one tar file of samples: its files are in memory until it is whole.
 
-    The tar holds what training needs: see `avs3d_bench.exports.observation_tar`. An observation changes the name space
-    twice (a file is made and renamed), and once for each folder above it that is not there yet.
+    The tar holds what training needs: see `avs3d_bench.exports.observation_tar`. An observation costs a
+    shared file system two entries of a folder (a file is made and renamed), and one for each folder that is missing.
 
     Args:
         place: the tar's path without its suffix.

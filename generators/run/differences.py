@@ -1,4 +1,4 @@
-"""What a finished observation was made with against what a run asks for, for the message that refuses it."""
+"""Differences between a finished observation and a run's options, for the message that refuses it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `avs3d doctor` looks for on behalf of the generator: renderers, acoustic engines, scans, assets."""
+"""Checks of `avs3d doctor` for the generator: renderers, acoustic engines, scans, assets."""
 
 from __future__ import annotations
 

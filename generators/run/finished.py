@@ -12,7 +12,7 @@ from generators.recording.output import hidden_name, remove
 
 
 def find_damage(folder: Path, record: ObservationRecord) -> str:
-    """What is missing in a finished observation, or of another size than recorded; empty if nothing is.
+    """The file that is missing in a finished observation, or has another size than recorded; empty if there is none.
 
     Contents are not read: `avs3d validate --deep` compares hashes. Records of older versions have no sizes; of their
     files only existence is checked, and that they are not empty.

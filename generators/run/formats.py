@@ -65,7 +65,7 @@ class DatasetFormat(Protocol):
         """
 
     def find_damage(self, root: Path, record: ObservationRecord) -> str:
-        """What is wrong with a finished observation; empty if nothing is."""
+        """The damage of a finished observation; empty if there is none."""
 
     def seal(
         self,
@@ -124,7 +124,7 @@ class FolderFormat:
         return record, files.sha256_file(root / key / layout.OBSERVATION_JSON)
 
     def find_damage(self, root: Path, record: ObservationRecord) -> str:
-        """What is missing, or of another size: contents are not read."""
+        """The file that is missing, or has another size; contents are not read."""
         return find_damage(root / record.key, record)
 
     def seal(

@@ -1,4 +1,4 @@
-"""What one may choose when a manifest is generated; imports nothing heavy, for the command line."""
+"""Options of a run of the generator; imports nothing heavy, for the command line."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ORDERS = (1, 3)
 
 @dataclass(frozen=True)
 class GenerateOptions:
-    """What is made of a manifest, and with how many processes.
+    """Options of `generate`.
 
     Attributes:
         only: shell patterns of observation keys; none: all observations.

@@ -77,7 +77,7 @@ def _read(plan: ObservationPlan, category: str, item: AssetSpec) -> None:
 
 
 def _faults(place: tuple[str | int, ...], read: Callable[..., object], *args: object) -> Iterator[_Fault]:
-    """What is wrong with the file that ``read`` reads, if anything is."""
+    """Yield the fault of the file that ``read`` reads, if there is one."""
     try:
         read(*args)
     except Avs3dError as error:

@@ -63,7 +63,7 @@ _NAMED = 3
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run did: keys that were made, kept from an earlier run, and failed (with their message).
+    """Result of a run: keys that were made, kept from an earlier run, and failed (with their message).
 
     Attributes:
         made, kept, failed: see above.

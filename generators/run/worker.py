@@ -1,4 +1,4 @@
-"""What a worker does for a run: builds and lights a home, makes an observation. Runs in any process, on any machine."""
+"""Tasks of a run: build and light a home, make an observation. They run in any process, on any machine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What other manifests use: seeds of homes and of manifests, and variants of the procedural models."""
+"""Seeds of homes and of manifests, and variants of the procedural models, that other manifests use."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from generators.manifest import Manifest, read_manifest
 
 @dataclass(frozen=True)
 class Excluded:
-    """What a sampled manifest must not use.
+    """Seeds and variants that a sampled manifest must not use.
 
     Attributes:
         homes: seed of a procedural home → name of a manifest that has it.

@@ -1,4 +1,4 @@
-"""What stands in the rooms of a sampled manifest: categories and numbers that procedural rooms have places for."""
+"""Contents of the rooms of a sampled manifest: categories and numbers that procedural rooms have places for."""
 
 from __future__ import annotations
 

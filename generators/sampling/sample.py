@@ -45,7 +45,7 @@ MOST_DRAWS = 20
 
 @dataclass(frozen=True)
 class Wanted:
-    """What to sample.
+    """Options of `sample`.
 
     Attributes:
         homes, observations: numbers of them.

@@ -1,4 +1,4 @@
-"""What sounds in a group of part_3: six siblings with the same pictures.
+"""Sources of a group of part_3: six siblings with the same pictures.
 
 Every group has two objects that sound alone, silence and a source in another room. What is off-screen has the category
 of an object that stands silent in the room in half of the groups: the sound is the same, and nothing may be marked.

@@ -1,4 +1,4 @@
-"""What people wrote on a scan: which surface is which object, in which region; whatever data set it comes from.
+"""Annotations of a scan, whatever data set it comes from: which surface is which object, in which region.
 
 Coordinates are those of the scan after its axes were turned: metres, Y up.
 """

@@ -80,7 +80,7 @@ class ScanFiles:
 
 
 def _referred(mesh: Path) -> tuple[Path, ...]:
-    """What the mesh refers to, as far as it exists.
+    """Files that the mesh refers to, as far as they exist.
 
     The buffers and textures of a .gltf, the material library of an .obj and its textures, the texture of a .ply.
     """
@@ -118,7 +118,7 @@ def _texture_of_ply(mesh: Path) -> list[str]:
 
 
 def _after(file: Path, key: str) -> list[str]:
-    """What follows ``key`` at the start of a line."""
+    """Texts that follow ``key`` at the start of a line."""
     with file.open(encoding="utf-8", errors="replace") as lines:
         pairs = [line.strip().partition(" ") for line in lines if line.lstrip()[: len(key)].lower() == key]
     return [rest.strip() for head, _, rest in pairs if head.lower() == key and rest.strip()]

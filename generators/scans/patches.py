@@ -58,7 +58,7 @@ _AXES = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0
 
 @dataclass(frozen=True, eq=False)
 class Layers:
-    """What rays straight down meet: (NX, NZ, LAYERS) arrays, from the top; NaN where there is nothing further.
+    """Surfaces that rays straight down meet: (NX, NZ, LAYERS) arrays, from the top; NaN below the last one.
 
     Attributes:
         x: (NX,) grid coordinates.

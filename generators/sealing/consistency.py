@@ -214,7 +214,7 @@ def _check_observation(
 
 
 def _against_manifest(record: ObservationRecord, spec: ObservationSpec, opened: Opened) -> Iterator[str]:
-    """What an observation's record says otherwise than the manifest and the draws of the secret."""
+    """Contradictions between an observation's record and the manifest with the draws of the secret."""
     manifest = opened.manifest
     found: list[tuple[str, object, object]] = [
         ("seed", record.seed, manifest.seed),

@@ -39,7 +39,7 @@ PUBLISHED_TIME = 315_532_800
 
 @dataclass(frozen=True)
 class Sealing:
-    """What a sealed test is made from.
+    """Inputs of a sealed test.
 
     Attributes:
         template: the text of the manifest before.

@@ -42,7 +42,7 @@ from generators.sealing.texts import sealed_text
 
 @dataclass(frozen=True)
 class UnsealResult:
-    """What was found when a sealed test was opened.
+    """Result of opening a sealed test.
 
     Attributes:
         seal: its commitments.
@@ -112,7 +112,7 @@ def unseal(folder: Path, secret: bytes, again: Again | None = None) -> UnsealRes
 
 
 def other_software(seal: SealRecord) -> Iterator[str]:
-    """What is said if the software is not that of the seal."""
+    """Yield the lines to print if the software is not that of the seal."""
     made: dict[str, Any] = dict(seal.settings)
     here = observation_provenance(made["vision"], made["audio"], made["device"])
     if here.digest == seal.provenance.digest:
@@ -210,7 +210,7 @@ def _options(seal: SealRecord, again: Again) -> GenerateOptions:
 
 
 def _compare(private: Path, root: Path, key: str) -> Iterator[Problem]:
-    """What differs between an observation and the one that was generated again."""
+    """Differences between an observation and its regeneration."""
     name = layout.OBSERVATION_JSON
     if files.sha256_file(private / key / name) == files.sha256_file(root / key / name):
         return  # it has the sha256 of every other file

@@ -114,7 +114,7 @@ def _picture(pool: TexturePool, texture: int) -> U8:
 
 
 def _develop(pixels: U8, colour: F32, glow: F32, done: bool) -> U8:
-    """What is displayed of a texture with that colour and emission; its light is developed already if ``done``."""
+    """Develop a texture with that colour and emission for display; ``done``: its light is developed already."""
     light = decode_table().astype(np.float64)[:, None] * colour + (0.0 if done else glow)
     shown = np.rint(255.0 * srgb_encode(light if done else tone_curve(light))).astype(np.uint8)
     return np.stack([shown[pixels[..., channel], channel] for channel in range(3)], axis=2)

@@ -276,7 +276,7 @@ def start(interpreter: str, limits: WorkerTimeouts, folder: str | None = None) -
 
 
 def _advice(lost: WorkerLostError) -> str:
-    """What to do about a worker that ended while a scene was being opened."""
+    """Advice about a worker that ended while a scene was being opened."""
     if lost.status == 1 or "EGL" in lost.lines:
         return (
             "; it ends like that where it finds no EGL device: install a GPU driver or Mesa (apt-get install libegl1"

@@ -222,7 +222,7 @@ class World:
 
 
 class Service:
-    """What each command does; at most one scene is open."""
+    """Commands of the worker; at most one scene is open."""
 
     def __init__(self) -> None:
         self.world: World | None = None
@@ -253,7 +253,7 @@ class Service:
         raise ValueError(f"unknown command {command!r}")
 
     def hello(self) -> dict[str, Any]:
-        """What runs here."""
+        """Versions of the software that runs here."""
         habitat_sim = _habitat_sim()
         return {
             "protocol": PROTOCOL,

@@ -15,7 +15,7 @@ F64 = NDArray[np.float64]
 
 
 class SceneTables(NamedTuple):
-    """What shading reads (named tuples go into kernels as they are).
+    """Arrays for shading (named tuples go into kernels as they are).
 
     Attributes:
         normal: (F, 3) float32 unit geometric normal, by the corners' order; 0 for a face without area.

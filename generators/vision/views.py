@@ -1,4 +1,4 @@
-"""What the renderers of this package share: the camera as kernels read it, its checks, and a scene to warm up with."""
+"""Common parts of the renderers: the camera as kernels read it, its checks, and a scene to warm up with."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from baselines.echosegnet.views import RegisteredView
 
 
 def contributions(rasteriser: Rasteriser, gaussians: Gaussians, view: RegisteredView, weights: Tensor) -> Tensor:
-    """What each Gaussian contributes to the pixels of a view, occlusion included: Σ over pixels of weight · T · α.
+    """Contribution of each Gaussian to the pixels of a view, occlusion included: Σ over pixels of weight · T · α.
 
     The derivative of Σ weight · image by a feature of the Gaussian is exactly that sum, so one backward pass
     gives it for all of them, with any rasteriser.

@@ -45,7 +45,7 @@ _VIEWS = 200
 
 @dataclass(frozen=True, eq=False)
 class _Source:
-    """What is kept of a source: candidates for its images, the edges as it sees them, what was traced from it."""
+    """State of a source: candidates for its images, the edges as it sees them, its traced energy."""
 
     images: Images
     edges: LitEdges
@@ -206,7 +206,7 @@ class TracerSession:
         return self._announced[first : first + self._together]
 
     def _trace(self, source: _Source, position: Position) -> dict[Position, Arrivals]:
-        """What arrives at ``position`` and the others of its batch."""
+        """Trace the arrivals at ``position`` and at the others of its batch."""
         batch = self._batch(position)
         listeners = np.array(batch)
         late = trace(self._surfaces, source.images, listeners, self._settings, self.rays, self._threads)

@@ -303,7 +303,7 @@ def _taken(  # pragma: no cover  # compiled
 
 @dataclass(frozen=True, eq=False)
 class _Tables:
-    """What one length of response needs.
+    """Tables for responses of one length.
 
     Attributes:
         layout: on the device.

@@ -1,4 +1,4 @@
-"""What a pair of ears needs on a CUDA device: for every direction a delay and a row of weights, and the filters."""
+"""Tables of a pair of ears on a CUDA device: for every direction a delay and a row of weights, and the filters."""
 
 from __future__ import annotations
 

@@ -125,7 +125,7 @@ class DeviceScene:
 
 @dataclass(frozen=True, eq=False)
 class DeviceTrace:
-    """What a trace found.
+    """The result of a trace.
 
     Attributes:
         records: `Records` on the device, in any order.

@@ -226,7 +226,7 @@ def _sphere_delays(directions: F64) -> F64:
 
 @dataclass(frozen=True, eq=False)
 class _Calibration:
-    """What sets a measurement's time and level to those of the sphere.
+    """Delay and gain that set a measurement's time and level to those of the sphere.
 
     Attributes:
         zero: s, when a sound that passes the head's centre is in the file's responses.

@@ -131,7 +131,7 @@ def read_hrirs(path: str | Path) -> HrirSet:
 
 @dataclass(frozen=True, eq=False)
 class _SofaFile:
-    """What is read of a file.
+    """Contents of a SOFA file.
 
     Attributes:
         path: of the file.

@@ -177,7 +177,7 @@ def _console(
 
 
 def _front_marks(b: MeshBuilder, rng: Generator, size: tuple[float, float], face: float) -> None:
-    """What the plain front of a top loader has: a seam, a name plate or a stripe."""
+    """Add a seam, a name plate or a stripe to the plain front of a top loader."""
     width, height = size
     gap = plastic("seam", "#55585c")
     b.box((width - 0.01, 0.003, 0.002), (0, height - between(rng, 0.05, 0.14), face), gap, acoustic=False)
