@@ -568,21 +568,6 @@ def test_validation_looks_at_homes_that_are_kept(store: shards.ShardStore) -> No
     assert [homes.homes[view] for view in validation.validation_views(homes)] == list(kept)
 
 
-def test_the_table_of_thresholds_marks_less_with_a_higher_one(
-    store: shards.ShardStore, fabric: Any, tmp_path: Path, data: Path
-) -> None:
-    from benchmarks import listener_thresholds
-
-    trained = run(store, tmp_path, fabric, settings(steps=1))
-    training.prepare(data, tmp_path, fabric, workers=1)
-    weights.save_weights(trained.network, tmp_path / "listener.safetensors")
-    rows = listener_thresholds.table(tmp_path)
-    assert [row["threshold"] for row in rows] == list(listener_thresholds.THRESHOLDS)
-    false = [row["fp_rate"] for row in rows]
-    assert false == sorted(false, reverse=True)
-    assert all(row["audible"] == rows[0]["audible"] for row in rows)
-
-
 def test_the_average_soon_forgets_the_first_weights() -> None:
     state = new_state(settings(average=0.9))
     parameter = next(state.network.parameters())

@@ -193,25 +193,6 @@ def test_several_looks_are_the_mean_of_their_probabilities_in_the_finest_cells(s
     np.testing.assert_allclose(mean.audible, 0.4, atol=1e-6)
 
 
-def test_the_benchmark_of_looks_has_a_row_for_each_combination(scenes: Path, saved: Path) -> None:
-    from benchmarks import listener_looks
-
-    model = predict.load_method(saved, device="cpu")
-    found = listener_looks.table(model, Dataset(scenes), every=5)
-    assert next(iter(found)) == ("252²",)
-    assert list(found)[-1] == ("252²", "252², mirrored", "504²", "504², mirrored")
-    for figures in found.values():
-        assert set(figures) == {"IoU", "right", "false"}
-        assert all(0 <= value <= 1 for value in figures.values())
-    # The first row is what the method does with one look.
-    frame = Dataset(scenes)[tiny_scenes.FIRST].frames[0]
-    single = listener_looks.answers(model, frame)
-    sound, camera = predict.clip_of(frame)[None], np.asarray([predict.camera_of(frame)], np.float32)
-    with torch.inference_mode():
-        (one,) = model.answers([frame.rgb()], sound, camera, looks="one")
-    np.testing.assert_allclose(single["252²"].mask, one.mask, atol=1e-4)
-
-
 def test_without_sound_or_with_a_wrong_one_its_own_is_not_read(
     saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

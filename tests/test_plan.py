@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 import yaml
 from numpy.random import SeedSequence
+from seed_mixing import exchanged_pool
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.taxonomy import CATEGORIES, ROOMS
-from benchmarks.seed_mixing import exchanged_pool
 from generators.plan import SECRET_SEEDS, derive_rng, make_plans, read_manifest, resolve_file
 
 MANIFESTS = Path(__file__).parent.parent / "scenes_manifest"

@@ -40,7 +40,7 @@ from baselines.listener.masks import (
 from baselines.listener.shards import SIDE
 from baselines.networks.device import inference, pick_device
 
-#: Probability above which a pixel is marked; chosen on validation homes (`benchmarks.listener_thresholds`).
+#: Probability above which a pixel is marked; chosen on validation homes (docs/listener-training.md).
 THRESHOLD = 0.5
 
 
