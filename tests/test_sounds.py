@@ -14,10 +14,9 @@ from generators.assets.sounds import (
     TARGET_LUFS,
     load_sound,
     loop,
-    second_levels,
     synthesise,
 )
-from generators.assets.synthesis.loudness import integrated_loudness, k_weighting, limit, true_peak
+from generators.assets.synthesis.loudness import integrated_loudness, k_weighting, limit, true_peak_envelope
 
 SR = 44_100
 SECONDS = 26
@@ -26,6 +25,16 @@ SECONDS = 26
 @pytest.fixture(scope="module")
 def sources():
     return {category: synthesise(category, SECONDS, np.random.default_rng(3)) for category in CATEGORIES}
+
+
+def second_levels(signal):
+    """(whole seconds,) RMS level of each second in dBFS."""
+    whole = len(signal) // SR
+    return 10 * np.log10(np.mean(np.square(np.float64(signal[: whole * SR]).reshape(whole, SR)), axis=1))
+
+
+def true_peak(signal):
+    return float(true_peak_envelope(signal).max())
 
 
 def sine(frequency, seconds, rate, level_db=0.0):

@@ -24,7 +24,7 @@ from generators.core.rays import RayCaster
 from generators.core.scene import Part, Room, Scene
 from generators.paths.gaze import Sight, Views
 from generators.paths.trajectory import Walk, WalkTask, plan_walk
-from generators.paths.watcher import line_of_sight, outer_samples, visible_fraction
+from generators.paths.watcher import line_of_sight, outer_samples
 from generators.placement.placement import Placement, place
 from generators.placement.site import Site
 
@@ -243,12 +243,13 @@ def test_line_of_sight_is_blocked_by_others_but_not_by_the_object_itself() -> No
     assert seen(*(source + (0, 0, 0.01)))
 
 
-def test_visible_fraction_is_the_share_beside_the_screen() -> None:
+def test_a_screen_hides_what_is_behind_it() -> None:
     builder = MeshBuilder().box((1.0, 2.0, 0.02), (0.5, 1.0, 1.0), PLAIN)
     caster = RayCaster(Scene("toy", (Part("screen", builder.build()),), (Room("r", (0, 0, 0), (1, 1, 1)),), ()))
     line = np.stack([np.linspace(-1, 1, 200), np.full(200, 1.0), np.zeros(200)], axis=1)
     # From z = 2, the screen's edge at x = 0 throws its shadow on x > 0.
-    assert visible_fraction(caster, Pose.from_yaw((0.0, 1.0, 2.0), 0.0), line) == pytest.approx(0.5, abs=0.01)
+    start = np.broadcast_to((0.0, 1.0, 2.0), line.shape)
+    assert caster.occluded(start, line - start, 0.999).mean() == pytest.approx(0.5, abs=0.01)
 
 
 def test_samples_lie_outside_and_never_on_inner_surfaces() -> None:

@@ -22,8 +22,7 @@ cues are tempered to an effective number of independent observations, `CueWeight
 A sound may come from anywhere on an object: a cluster's likelihood is the mean over points spread over it (not their
 maximum, which would favour large ones). Its prior is its share of the points, which settles what sound cannot tell
 apart: an object from the crumbs beside it. Front and back, above and below sound alike from one pose (Blauert's cone of
-confusion); the agent's turning tells them apart. If no cluster reaches the posterior `DECIDED`, the choice is
-``undecided`` and a caller may keep every candidate; ``chosen`` names the best one all the same.
+confusion); the agent's turning tells them apart. ``chosen`` names the best cluster even if its posterior is low.
 
 Nothing is learned, and only train views are let in. `benchmarks/instance_selection.py` measures it.
 """
@@ -49,8 +48,6 @@ Array = NDArray[np.float64]
 
 #: This head's ITD over that of Woodworth's sphere of 8.75 cm: the spread of human heads, and of HRTFs in use.
 HEAD_SCALES = (0.7, 0.8, 0.9, 1.0, 1.1)
-#: From this posterior on a choice is decided.
-DECIDED = 0.9
 #: Degrees of freedom of Student's t.
 _FREEDOM = 4.0
 _ITERATIONS = 8
@@ -128,11 +125,6 @@ class SpatialChoice:
     concentration: float
     heard: int
 
-    @property
-    def undecided(self) -> bool:
-        """Whether the posterior of the best cluster is below `DECIDED`; a caller may then keep all candidates."""
-        return self.best < 0 or bool(self.posterior[self.best] < DECIDED)
-
 
 def choose(
     points: NDArray[np.floating],
@@ -152,7 +144,7 @@ def choose(
         weights: of the cues.
 
     Returns:
-        The choice. Without any cluster nothing is chosen; without any sound the largest cluster is, undecided.
+        The choice. Without any cluster nothing is chosen; without any sound the largest cluster is.
 
     Raises:
         Avs3dError: if shapes do not fit, a number is NaN or infinite, or a view is no train view.

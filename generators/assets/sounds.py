@@ -57,14 +57,6 @@ def synthesise(category: str, seconds: float, rng: Generator) -> NDArray[np.floa
     return normalised(raw, SAMPLE_RATE, TARGET_LUFS, CEILING_DB)
 
 
-def second_levels(signal: NDArray[np.floating], sample_rate: int = SAMPLE_RATE) -> NDArray[np.float64]:
-    """(whole seconds,) RMS level of each second in dBFS; −inf for silence."""
-    whole = len(signal) // sample_rate
-    blocks = np.asarray(signal[: whole * sample_rate], dtype=np.float64).reshape(whole, sample_rate)
-    with np.errstate(divide="ignore"):
-        return np.asarray(10 * np.log10(np.mean(np.square(blocks), axis=1)))
-
-
 def load_sound(
     path: Path | str, seconds: float, sample_rate: int = SAMPLE_RATE, *, start: float = 0.0
 ) -> NDArray[np.float32]:

@@ -16,8 +16,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from avs3d_bench.errors import Avs3dError
-
 Array = NDArray[np.float64]
 
 #: Fixed point of the curve, as radiance times exposure: 18 % grey, sRGB 118 of 255.
@@ -62,23 +60,6 @@ def srgb_decode(encoded: ArrayLike) -> Array:
 def develop(radiance: ArrayLike) -> NDArray[np.uint8]:
     """8-bit sRGB of exposed scene radiance: tone curve, transfer function, rounding."""
     return np.asarray(np.rint(255.0 * srgb_encode(tone_curve(radiance))), dtype=np.uint8)
-
-
-def exposure_for(radiance: float, level: float) -> float:
-    """The exposure at which ``radiance`` is shown at the 8-bit sRGB ``level``.
-
-    Args:
-        radiance: scene radiance before exposure, > 0 (say, the median of a room).
-        level: in (0, 255].
-
-    Raises:
-        Avs3dError: if either is out of range.
-    """
-    if not (np.isfinite(radiance) and radiance > 0):
-        raise Avs3dError(f"exposure: the radiance is {radiance}; expected a finite number > 0 (is the room unlit?)")
-    if not 0 < level <= 255:
-        raise Avs3dError(f"exposure: the level is {level}; expected 0 < level ≤ 255")
-    return float(inverse_tone_curve(srgb_decode(level / 255.0))) / radiance
 
 
 def tone_table() -> NDArray[np.float32]:

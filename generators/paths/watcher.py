@@ -214,10 +214,3 @@ def point_in_sight(caster: RayCaster, pose: Pose, point: ArrayLike) -> bool:
     if length < 0.05:
         return True
     return float(caster.closest(start[None], (end - start)[None] / length)[0][0]) >= length - 0.05
-
-
-def visible_fraction(caster: RayCaster, pose: Pose, points: ArrayLike) -> float:
-    """Share of ``points`` (N, 3) with a free line to the sensor; points should lie a little off their surface."""
-    ends = np.asarray(points, dtype=np.float64)
-    start = np.asarray(pose.position)
-    return float(1.0 - caster.occluded(np.broadcast_to(start, ends.shape), ends - start, 0.999).mean())

@@ -82,11 +82,6 @@ def true_peak_envelope(signal: NDArray[np.floating]) -> Array:
     return np.maximum(out, np.abs(samples))
 
 
-def true_peak(signal: NDArray[np.floating]) -> float:
-    """True peak of the signal, full scale 1."""
-    return float(true_peak_envelope(signal).max(initial=0.0))
-
-
 def limit(signal: NDArray[np.floating], sample_rate: int, ceiling: float) -> Array:
     """Look-ahead limiter: smoothly reduces the gain from 4 ms before to 4 ms after each peak above ``ceiling``."""
     samples = np.asarray(signal, dtype=np.float64)
