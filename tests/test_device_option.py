@@ -87,7 +87,7 @@ def test_the_record_names_the_device(manifest, monkeypatch) -> None:
 
 def test_an_engine_that_can_choose_gets_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
     got = {}
-    monkeypatch.setattr(backends, "load", lambda entry: lambda **options: got.update({entry: options}))
+    monkeypatch.setattr(backends, "import_by_name", lambda entry: lambda **options: got.update({entry: options}))
     for name in backends.ACOUSTIC:
         backends.acoustic_backend(name, device="cuda")
         backends.acoustic_backend(name)

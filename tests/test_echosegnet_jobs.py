@@ -95,8 +95,8 @@ def test_a_compiler_that_fails_is_one_line_and_another_worker_may_try(tmp_path: 
 def test_a_turn_is_taken_one_after_the_other_and_dies_with_its_process(tmp_path: Path):
     path = tmp_path / "new/folder/lock"
     hold = (
-        "import sys, pathlib, time\nfrom avs3d_bench.file_lock import turn\n"
-        f"with turn(pathlib.Path({str(path)!r})):\n    print('held', flush=True)\n    time.sleep(600)"
+        "import sys, pathlib, time\nfrom avs3d_bench.file_lock import wait_for_lock\n"
+        f"with wait_for_lock(pathlib.Path({str(path)!r})):\n    print('held', flush=True)\n    time.sleep(600)"
     )
     process = subprocess.Popen([sys.executable, "-c", hold], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None

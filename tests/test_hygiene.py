@@ -24,7 +24,7 @@ from generators.assets.meshfile import load_mesh, load_model
 from generators.assets.modelframe import upright
 from generators.core.scene import Licence, Mesh
 from generators.library import simplify
-from generators.library.mesh_cleaning import Finding, clean
+from generators.library.mesh_cleaning import MeshFinding, clean
 from generators.library.orientation import find_winding
 
 Array = NDArray[np.float64]
@@ -45,7 +45,9 @@ def obj(vertices: object, faces: Sequence[Sequence[int]], *, head: str = "", per
     return "\n".join(lines) + "\n"
 
 
-def cleaned(folder: Path, text: str, mtl: str | None = None, **how: object) -> tuple[Mesh, tuple[Finding, ...], bytes]:
+def cleaned(
+    folder: Path, text: str, mtl: str | None = None, **how: object
+) -> tuple[Mesh, tuple[MeshFinding, ...], bytes]:
     """The clean mesh as the rest of the toolkit reads it, the findings, and the GLB."""
     folder.mkdir(exist_ok=True)
     (folder / "a.obj").write_text(text)
@@ -56,7 +58,7 @@ def cleaned(folder: Path, text: str, mtl: str | None = None, **how: object) -> t
     return load_mesh(folder / "clean.glb"), findings, data
 
 
-def said(findings: tuple[Finding, ...], *parts: str) -> bool:
+def said(findings: tuple[MeshFinding, ...], *parts: str) -> bool:
     """Whether one finding holds all the parts; every finding is one line."""
     assert all("\n" not in str(finding) for finding in findings)
     return any(all(part in str(finding) for part in parts) for finding in findings)
@@ -333,7 +335,7 @@ def test_a_texture_without_coordinates_gives_way_to_a_plain_colour(tmp_path: Pat
     np.testing.assert_allclose(mesh.materials[0].colour, (0, 0.86, 0), atol=0.01)
 
 
-def textured_quad(folder: Path, size: tuple[int, int], flip: bool = False) -> tuple[Mesh, tuple[Finding, ...]]:
+def textured_quad(folder: Path, size: tuple[int, int], flip: bool = False) -> tuple[Mesh, tuple[MeshFinding, ...]]:
     """A standing quad whose picture is red at its lower left."""
     folder.mkdir(exist_ok=True)
     pixels = np.full((size[1], size[0], 3), 255, dtype=np.uint8)

@@ -451,7 +451,7 @@ def test_a_deaf_answer_is_never_a_right_pair() -> None:
     batch = pair()
     both = torch.where(batch.masks.any(dim=0), 9.0, -9.0)[::2, ::2].expand(2, -1, -1)
     classes = torch.zeros(1, CLASSES, 32, 32)
-    output = losses.Output(classes, torch.zeros(2, len(CATEGORIES)), both)
+    output = losses.ListenerOutput(classes, torch.zeros(2, len(CATEGORIES)), both)
     sums = losses.measure(output, batch)
     assert sums["pairs"] == 1
     assert sums["right_pairs"] == 0

@@ -439,8 +439,8 @@ def test_a_lock_says_who_holds_the_folder_and_leaves_nothing(tmp_path: Path) -> 
 
 def test_the_file_of_a_killed_process_is_taken_over(tmp_path: Path) -> None:
     code = (
-        "import os, signal, sys; from pathlib import Path; from avs3d_bench.scheduling.lock import held\n"
-        "with held(Path(sys.argv[1])): os.kill(os.getpid(), signal.SIGKILL)"
+        "import os, signal, sys; from pathlib import Path; from avs3d_bench.scheduling.lock import folder_lock\n"
+        "with folder_lock(Path(sys.argv[1])): os.kill(os.getpid(), signal.SIGKILL)"
     )
     subprocess.run([sys.executable, "-c", code, tmp_path], check=False)
     left = holder_of(tmp_path)
@@ -479,12 +479,12 @@ def test_other_machines_can_read_who_holds_it_at_once(tmp_path: Path, monkeypatc
 def test_of_many_who_come_at_once_one_at_a_time_holds_it(tmp_path: Path) -> None:
     code = (
         "import os, sys, time; from pathlib import Path\n"
-        "from avs3d_bench.scheduling.lock import held; from avs3d_bench.errors import Avs3dError\n"
+        "from avs3d_bench.scheduling.lock import folder_lock; from avs3d_bench.errors import Avs3dError\n"
         "root, got = Path(sys.argv[1]), 0\n"
         "end = time.monotonic() + 3\n"
         "while time.monotonic() < end:\n"
         "    try:\n"
-        "        with held(root):\n"
+        "        with folder_lock(root):\n"
         "            os.close(os.open(root / 'mine', os.O_CREAT | os.O_EXCL)); got += 1\n"
         "            os.unlink(root / 'mine')\n"
         "    except Avs3dError: pass\n"
