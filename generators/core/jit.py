@@ -31,7 +31,10 @@ def _cache_folder() -> Path:
     """The first folder that can be written to."""
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     own = f"avs3d-bench-{os.getuid()}" if hasattr(os, "getuid") else "avs3d-bench"
-    candidates = [Path(chosen)] if chosen else []
+    candidates = []
+    if chosen:  # by the user, or below by the process that started this one
+        folder = Path(chosen)
+        candidates.append(folder.parent if folder.name == kernel_digest() else folder)
     with suppress(Avs3dError):  # the user has no home folder
         candidates.append(user_cache() / "numba")
     candidates.append(Path(tempfile.gettempdir()) / own / "numba")
@@ -45,23 +48,46 @@ def _cache_folder() -> Path:
     )
 
 
+@lru_cache(maxsize=1)
+def kernel_digest() -> str:
+    """Digest of the source files with kernels, or with named tuples that kernels take.
+
+    numba compares the date of a kernel's own file alone, and fails at compiled code whose types have new names.
+    """
+    return _digest(lambda text: b"core.jit" in text or b"NamedTuple" in text)
+
+
+def _digest(counts: Callable[[bytes], bool]) -> str:
+    """Digest of source files of the generator, by name and content."""
+    root = Path(__file__).parents[1]
+    digest = hashlib.sha256()
+    for path in sorted(root.rglob("*.py")):
+        text = path.read_bytes()
+        if counts(text):
+            digest.update(path.relative_to(root).as_posix().encode() + b"\0" + text)
+    return digest.hexdigest()[:16]
+
+
 CACHE_FOLDER = _cache_folder()
-os.environ["NUMBA_CACHE_DIR"] = str(CACHE_FOLDER)
+_KERNELS = str(CACHE_FOLDER / kernel_digest())
+# numba reads the variable again now and then, and so do other processes.
+os.environ["NUMBA_CACHE_DIR"] = _KERNELS
 try:
     import numba
 except ImportError as _error:
     raise Avs3dError(
         f"rendering needs numba, which cannot be imported ({_error}): pip install 'avs3d-bench[generate]'"
     ) from _error
+
 # numba reads the variable when it is imported, which may have happened already.
 _config: Any = numba.config
-_config.CACHE_DIR = str(CACHE_FOLDER)
+_config.CACHE_DIR = _KERNELS
 
 
 def njit(function: F) -> F:
     """Compile ``function`` in nopython mode on its first call, or load it from the cache; releases the GIL.
 
-    The cache detects changes of the kernel's own file only: values from other files must be passed as arguments.
+    The cache detects changes of the files of `kernel_digest` only: values from others must be passed as arguments.
     """
     return cast(F, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
 
@@ -74,11 +100,7 @@ def inline(function: F) -> F:
 @lru_cache(maxsize=1)
 def source_digest() -> str:
     """Digest of all source files of the generator, by name and content."""
-    root = Path(__file__).parents[1]
-    digest = hashlib.sha256()
-    for path in sorted(root.rglob("*.py")):
-        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()[:16]
+    return _digest(lambda _: True)
 
 
 @contextmanager

@@ -1,0 +1,72 @@
+"""Compiled kernels in the cache are those of the present sources."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from generators.core import jit
+
+KERNEL = """
+from typing import NamedTuple
+
+import numpy as np
+
+from generators.core.jit import njit
+
+
+class {name}(NamedTuple):
+    values: np.ndarray
+
+
+@njit
+def total(box):
+    return {factor} * box.values.sum()
+
+
+print(total({name}(np.ones(3))))
+"""
+
+
+def run(folder: Path, cache: Path, *, name: str, factor: int) -> str:
+    """What a copy of the generator prints whose kernel takes a type of some name; all files keep one date."""
+    target = folder / "generators/core/summing.py"
+    target.write_text(KERNEL.format(name=name, factor=factor))
+    os.utime(target, (10**9, 10**9))
+    environment = os.environ | {"PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(cache)}
+    command = [sys.executable, "-m", "generators.core.summing"]
+    done = subprocess.run(
+        command, env=environment, cwd=folder, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_kernels_whose_types_or_sources_changed_are_compiled_again(tmp_path: Path) -> None:
+    source = Path(jit.__file__).parents[2]
+    for part in ("generators/__init__.py", "generators/__init__.pyi", "generators/core"):
+        place = tmp_path / part
+        place.parent.mkdir(parents=True, exist_ok=True)
+        if (source / part).is_dir():
+            place.mkdir()
+            for file in (source / part).glob("*.py*"):
+                place.joinpath(file.name).write_bytes(file.read_bytes())
+        else:
+            place.write_bytes((source / part).read_bytes())
+    (tmp_path / "avs3d_bench").symlink_to(source / "avs3d_bench")
+    cache = tmp_path / "cache"
+    assert run(tmp_path, cache, name="Box", factor=2) == "6.0"
+    assert run(tmp_path, cache, name="Bag", factor=2) == "6.0"
+    assert run(tmp_path, cache, name="Bag", factor=5) == "15.0"
+    assert len([path for path in cache.iterdir() if path.is_dir()]) == 3
+
+
+def test_files_without_kernels_leave_the_compiled_code_alone() -> None:
+    root = Path(jit.__file__).parents[1]
+    counted = [path for path in root.rglob("*.py") if b"core.jit" in path.read_bytes()]
+    assert root / "vision/kernels.py" in counted
+    assert root / "run/runner.py" not in counted
+    assert len(jit.kernel_digest()) == len(jit.source_digest()) == 16
+    assert jit.kernel_digest() != jit.source_digest()
