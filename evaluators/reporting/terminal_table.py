@@ -114,9 +114,11 @@ def _print_notes(scores: Scores, out: Console) -> None:
     """Print what the reference rows are, and which figures are missing or leave observations out."""
     from rich.text import Text
 
-    deaf = [f"{name.replace('_', ' ')}, {masks}" for name, masks in _DEAF_MASKS.items() if name in scores.references]
+    deaf = {name: masks for name, masks in _DEAF_MASKS.items() if name in scores.references}
     if deaf:
-        out.print(Text(f"deaf: true masks, chosen without the sound ({'; '.join(deaf)})", style="dim"))
+        out.print(Text("deaf: true masks, chosen without the sound", style="dim"))
+        for name, masks in deaf.items():
+            out.print(Text(f"  {name.removeprefix('deaf_').replace('_', ' ')}: {masks}", style="dim"))
         if "deaf_category" in scores.references:
             out.print(Text("in part_1 nothing else could sound, so that they are the truth", style="dim"))
     part = scores.dataset
