@@ -157,11 +157,9 @@ def _fault(member: zipfile.ZipInfo, seen: set[str], limits: ZipLimits) -> Fault 
     # field: the name in the archive and the one it would be written under must both do, and be the same.
     name, second = member.orig_filename, member.filename
     kind = _name_fault(name, limits)
-    if kind is None and _UNICODE_PATH in _extra_fields(member.extra):
+    if kind is None and (plain_name(name) != plain_name(second) or _UNICODE_PATH in _extra_fields(member.extra)):
         kind = "second name"
     kind = kind or _name_fault(second, limits)
-    if kind is None and plain_name(name) != plain_name(second):
-        kind = "second name"
     if kind:
         return Fault(kind, member)
     if stat.S_IFMT(member.external_attr >> 16) not in (0, stat.S_IFREG, stat.S_IFDIR):

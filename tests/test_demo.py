@@ -45,7 +45,8 @@ def make(folder: Path, *, weights: bool, torch: bool) -> str:
 
 def test_it_is_scored_where_it_can_run(tmp_path: Path) -> None:
     output = make(tmp_path, weights=True, torch=True)
-    assert "avs3d baseline listener --device cpu --looks one --dataset data/demo -o" in output
+    command = "avs3d baseline listener --device cpu --looks one --dataset data/demo -o data/demo-submissions/listener"
+    assert command in output
     assert "eval data/demo-submissions/listener --dataset data/demo" in output
     assert "not scored" not in output
 

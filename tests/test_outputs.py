@@ -151,7 +151,7 @@ def test_what_cannot_be_written_to_is_one_line(tmp_path: Path):
             (tmp_path / "link", "found a folder, expected a file"),
             (Path(short, "s"), "found a socket, expected a file"),
             (tmp_path / "circle", "too many levels of symbolic links"),
-            (tmp_path / "nul\0", "cannot write: .*; expected the path of a file"),
+            (tmp_path / "nul\0", "embedded null (byte|character)"),
         ]:
             with pytest.raises(Avs3dError, match=says) as caught:
                 write_bytes(path, b"x")

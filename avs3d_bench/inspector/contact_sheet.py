@@ -99,7 +99,7 @@ def draw_contact_sheet(observation: Observation, columns: int = 8) -> Figure:
         # The names of what is audible stand below the pictures of a sound scene.
         lines = 0 if scene is None else max(1, *(len(scene.audible(number)) for number in range(len(observation))))
         upper = 5.0 + 0.25 * lines
-        figure = Figure(figsize=(20, 12.6 + 0.28 * lines), facecolor="white", layout="constrained")
+        figure = Figure(figsize=(20, 12.6 + 0.28 * lines), facecolor="white", layout="constrained", dpi=100)
         FigureCanvasAgg(figure)
         figure.suptitle(_title(record, scene), fontsize=17, x=0.01, ha="left")
         halves: Any = figure.subfigures(2, 1, height_ratios=[upper, 6.2])
