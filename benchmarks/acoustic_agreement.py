@@ -30,9 +30,10 @@ from benchmarks.acoustic_measures import ENGINES, OCTAVES, decibels, head_levels
 from benchmarks.unseen_homes import home_of
 from generators.acoustics.direct import DirectPath
 from generators.acoustics.materials import material_for, spectral_label
-from generators.arrangement import arrange, draw_sounding
 from generators.core.scene import Part, Scene
-from generators.paths.stage import Stage
+from generators.observation.arrangement import arrange, draw_sounding
+from generators.observation.stage import Stage
+from generators.options import GenerateOptions
 from generators.paths.watcher import line_of_sight
 from generators.plan import ObservationPlan, make_plans, read_manifest
 
@@ -64,8 +65,8 @@ def observe(plan: ObservationPlan, poses: int, even: bool) -> dict[str, Any]:
     """Both engines at ``poses`` poses of one observation; ``even``: with `even_surfaces`."""
     home = home_of(plan).for_room(plan.spec.room)
     seen = arrange(plan, home)
-    stage = Stage(home, seen.placements, draw_sounding(plan, seen.placements), seen.motion)
-    source = stage.source(0)
+    stage = Stage(home, seen.placements, seen.motion)
+    source = stage.placement(draw_sounding(plan, seen.placements), 0)
     scene = even_surfaces(stage.scene(0)) if even else stage.scene(0)
     chosen = [seen.poses[k] for k in np.unique(np.linspace(0, len(seen.poses) - 1, poses).round().astype(int))]
     path = DirectPath(scene, source.source_position)
@@ -298,7 +299,7 @@ def run(plans: Sequence[ObservationPlan], settings: Settings, workers: int, fold
 @click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("build/agreement"), show_default=True)
 def main(poses: int, workers: int, only: tuple[str, ...], even: bool, output: Path) -> None:
     """Compare the engines, print the tables, and write them below OUTPUT."""
-    plans = make_plans(read_manifest(MANIFEST), audio="analytic", only=only)
+    plans = make_plans(read_manifest(MANIFEST), GenerateOptions(audio="analytic", only=only))
     found = list(run(plans, Settings(poses, even), workers, output))
     summary = summarise(found, {engine: head_levels(engine) for engine in ENGINES})
     write_json(output / "agreement.json", summary)

@@ -28,11 +28,11 @@ from generators.acoustics.soundspaces import SoundSpacesBackend
 from generators.acoustics.tracer.backend import TracerBackend
 from generators.acoustics.tracer.settings import TraceSettings
 from generators.apartments.apartment import build_apartment
-from generators.arrangement import arrange, draw_sounding
 from generators.assets.sounds import synthesise
 from generators.core.cuda import cuda_problem
 from generators.core.scene import Scene
-from generators.paths.stage import Stage
+from generators.observation.arrangement import arrange, draw_sounding
+from generators.observation.stage import Stage
 from generators.plan import ObservationPlan, make_plans, read_manifest
 
 Position = tuple[float, float, float]
@@ -224,8 +224,8 @@ def spreads_of_rooms() -> dict[str, dict[str, float]]:
         plan = first[name]
         home = home_of(plan).for_room(plan.spec.room)
         seen = arrange(plan, home)
-        stage = Stage(home, seen.placements, draw_sounding(plan, seen.placements), seen.motion)
-        scene, source = stage.scene(0), stage.source(0).source_position
+        stage = Stage(home, seen.placements, seen.motion)
+        scene, source = stage.scene(0), stage.placement(draw_sounding(plan, seen.placements), 0).source_position
         pose, room = seen.poses[len(seen.poses) // 2], plan.spec.room
         engine = SoundSpacesBackend().open(scene, source, room=room)
         found[name] = {

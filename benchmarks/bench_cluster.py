@@ -17,6 +17,7 @@ from avs3d_bench.scheduling.tasks import Context, Event, Policy, Scheduler, Task
 from benchmarks.bench_pipeline import MANIFEST
 from generators.core.folders import default_cache
 from generators.homes.store import prepare_home
+from generators.options import GenerateOptions
 from generators.plan import make_plans, read_manifest
 from generators.run.runner import RunSettings, run
 
@@ -49,7 +50,7 @@ def overhead(scheduler: Scheduler, count: int = COUNT) -> dict[str, float]:
 def scaling(repeats: int) -> dict[str, float]:
     """Frames per second (wall) of one and of two Dask worker processes while all are rendering, and their ratio."""
     source = read_manifest(MANIFEST)
-    plans = make_plans(source, frames=FRAMES, size=SIZE)
+    plans = make_plans(source, GenerateOptions(frames=FRAMES, size=SIZE))
     cache = default_cache()
     prepare_home(plans[0], cache, workers=available_cores())
     rates: dict[int, list[float]] = defaultdict(list)

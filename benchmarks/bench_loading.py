@@ -41,11 +41,12 @@ Sample = dict[str, Any]
 def make_example(root: Path, frames: int = 48) -> None:
     """The demo's observations at full size, for machines without a dataset."""
     from generators.core.folders import default_cache
+    from generators.options import GenerateOptions
     from generators.plan import make_plans, read_manifest
     from generators.run.runner import RunSettings, run
 
     source = read_manifest(Path(__file__).parent.parent / "scenes_manifest" / "demo.yaml")
-    plans = make_plans(source, frames=frames, size=1008, audio="analytic")
+    plans = make_plans(source, GenerateOptions(frames=frames, size=1008, audio="analytic"))
     run(source, plans, root, RunSettings(default_cache(), WORKERS), lambda _: None)
 
 

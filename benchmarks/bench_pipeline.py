@@ -19,14 +19,15 @@ from unittest.mock import patch
 from avs3d_bench.parallel import available_cores
 from avs3d_bench.scheduling.tasks import Event
 from generators import backends
-from generators import observation as story
 from generators.acoustics.clips import receiver_clip
 from generators.core.folders import default_cache
 from generators.homes.store import prepare_home
 from generators.manifest import ManifestFile
+from generators.observation import hearing, prepare
+from generators.observation.generate import generate_observation
+from generators.observation.writer import ObservationWriter
+from generators.options import GenerateOptions
 from generators.plan import ObservationPlan, make_plans, read_manifest
-from generators.recording import hearing
-from generators.recording.writer import ObservationWriter
 from generators.run.runner import RunSettings, run
 
 MANIFEST = Path(__file__).parent.parent / "scenes_manifest" / "demo.yaml"
@@ -75,13 +76,14 @@ def timed_engines(spent: dict[str, float], wall: dict[str, float] | None = None)
         return made
 
     with (
-        patch.object(story, "vision_backend", backend(backends.vision_backend, "render", "render")),
+        patch.object(prepare, "vision_backend", backend(backends.vision_backend, "render", "render")),
         patch.object(
             hearing, "acoustic_backend", backend(backends.acoustic_backend, "impulse_response", "impulse response")
         ),
         patch.object(hearing, "receiver_clip", timed("convolve", receiver_clip)),
         patch.object(ObservationWriter, "add_pictures", timed("encode", ObservationWriter.add_pictures)),
-        patch.object(ObservationWriter, "add_sound", timed("encode", ObservationWriter.add_sound)),
+        patch.object(ObservationWriter, "add_masks", timed("encode", ObservationWriter.add_masks)),
+        patch.object(ObservationWriter, "add_clip", timed("encode", ObservationWriter.add_clip)),
         patch.object(ObservationWriter, "add_mono", timed("encode", ObservationWriter.add_mono)),
     ):
         yield
@@ -113,7 +115,7 @@ def per_frame(plan: ObservationPlan, cache: Path, repeats: int = REPEATS) -> dic
         stamps: list[float] = []
         with tempfile.TemporaryDirectory() as folder, timed_engines(spent):
             start = time.process_time()
-            story.generate_observation(plan, Path(folder), cache, partial(_stamp, stamps))
+            generate_observation(plan, Path(folder), cache, partial(_stamp, stamps))
             wholes.append(time.process_time() - start)
         loops.extend(b - a for a, b in pairwise(stamps))
         loop = (stamps[-1] - stamps[0]) / (len(stamps) - 1)
@@ -183,15 +185,15 @@ def peak_memory(frames: int = 8, repeats: int = REPEATS) -> dict[str, float]:
 
 def one_observation(frames: int) -> None:
     """Make the demo's first observation at full size, and discard it."""
-    plan = make_plans(read_manifest(MANIFEST), frames=frames, size=SIZE)[0]
+    plan = make_plans(read_manifest(MANIFEST), GenerateOptions(frames=frames, size=SIZE))[0]
     with tempfile.TemporaryDirectory() as folder:
-        story.generate_observation(plan, Path(folder), default_cache())
+        generate_observation(plan, Path(folder), default_cache())
 
 
 def run_all(repeats: int = REPEATS) -> dict[str, float]:
     """Every figure of this file."""
     source = read_manifest(MANIFEST)
-    plans = make_plans(source, frames=FRAMES, size=SIZE)
+    plans = make_plans(source, GenerateOptions(frames=FRAMES, size=SIZE))
     cache = default_cache()
     prepare_home(plans[0], cache, workers=available_cores())
     per_frame(plans[0], cache, repeats=1)  # compiles and warms up

@@ -9,8 +9,10 @@ from pathlib import Path
 
 from generators.core.folders import default_cache
 from generators.homes.store import prepare_home
+from generators.observation.generate import generate_observation
+from generators.observation.prepare import prepare_observation
+from generators.options import GenerateOptions
 from generators.plan import make_plans, read_manifest
-from generators.sound_scene import generate_sound_scene, prepare_scene
 
 #: Number of frames, fewer than in an observation: the cost per frame does not depend on it.
 FRAMES = 24
@@ -42,15 +44,15 @@ def run_all(repeats: int) -> dict[str, float]:
     with tempfile.TemporaryDirectory(prefix="avs3d-bench-") as folder:
         path = Path(folder) / "siblings.yaml"
         path.write_text(MANIFEST)
-        first, sibling = make_plans(read_manifest(path), frames=FRAMES)
+        first, sibling = make_plans(read_manifest(path), GenerateOptions(frames=FRAMES))
         prepare_home(first, default_cache())
-        prepare_scene(first, default_cache()).sight.warm_up()  # both find the arrangement of the room
+        prepare_observation(first, default_cache()).renderer.warm_up()  # both find the arrangement of the room
         costs: dict[str, list[float]] = {"first": [], "sibling": []}
         for number in range(repeats):
             root = Path(folder) / str(number)
             for name, plan, pictures in (("first", first, None), ("sibling", sibling, root / first.key)):
                 started = time.process_time()
-                generate_sound_scene(plan, root, default_cache(), pictures=pictures)
+                generate_observation(plan, root, default_cache(), pictures=pictures)
                 costs[name].append(time.process_time() - started)
     each = {name: statistics.median(found) / FRAMES for name, found in costs.items()}
     return {

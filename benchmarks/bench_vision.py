@@ -89,9 +89,12 @@ def run_all(repeats: int = 5) -> dict[str, float]:
     from benchmarks.bench_pipeline import MANIFEST
     from generators.core.folders import default_cache
     from generators.homes.store import open_home
+    from generators.options import GenerateOptions
     from generators.plan import make_plans, read_manifest
 
-    flat = open_home(make_plans(read_manifest(MANIFEST), audio="analytic")[0], default_cache(), workers=2)
+    flat = open_home(
+        make_plans(read_manifest(MANIFEST), GenerateOptions(audio="analytic"))[0], default_cache(), workers=2
+    )
     figures = bench_vision(flat, repeats=repeats)
     on_device = {} if cuda_problem() else {"RGB + ids + depth, 1008², on CUDA (s)": cuda_frame(flat, repeats=repeats)}
     return on_device | {

@@ -42,7 +42,7 @@ SHARES = {
     "draw the pictures": (("generators/vision/cuda.py", "render"), ("generators/vision/embree.py", "render")),
     "open the renderer": (("generators/vision/cuda.py", "open"), ("generators/vision/embree.py", "open")),
     "encode pictures and masks": (("generators/recording/writer.py", "add_pictures"),),
-    "sound": (("generators/recording/hearing.py", "hear"), ("generators/recording/writer.py", "add_sound")),
+    "sound": (("generators/observation/hearing.py", "hear_sources"), ("generators/observation/writer.py", "add_clip")),
     "light of the objects": (("generators/lighting/insertion.py", "insert"),),
     "place the objects, plan the walk": (("generators/arrangement.py", "arrange"),),
     "points of the surfaces": (("generators/recording/surface_points.py", "add"),),
@@ -230,14 +230,14 @@ def observation(manifest: Path, audio: str, frames: int) -> None:
     """Where the time of one observation goes, in one process."""
     from generators.homes.store import prepare_home
     from generators.manifest import read_manifest
-    from generators.observation import generate_observation
-    from generators.run.generation import plans_of
-    from generators.run.options import GenerateOptions
+    from generators.observation.generate import generate_observation
+    from generators.options import GenerateOptions
+    from generators.plan import make_plans
 
     source = read_manifest(manifest)
     for device in devices():
         options = GenerateOptions(device=device, audio=audio, frames=frames)  # type: ignore[arg-type]
-        plan = plans_of(source, options)[0]
+        plan = make_plans(source, options)[0]
         with tempfile.TemporaryDirectory() as folder:
             cache = Path(folder) / "cache"
             home = clock(partial(prepare_home, plan, cache, workers=available_cores()))
@@ -277,14 +277,14 @@ def dataset(manifest: Path, audio: str, output: Path | None, frames: int | None)
     """Time of the whole benchmark, on the best device that is there."""
     from generators.core.folders import default_cache
     from generators.manifest import read_manifest
-    from generators.run.generation import plans_of
-    from generators.run.options import GenerateOptions
+    from generators.options import GenerateOptions
+    from generators.plan import make_plans
     from generators.run.runner import RunSettings, run
 
     device = devices()[-1]
     source = read_manifest(manifest)
     times = _Times(time.perf_counter(), [], [], [], [])
-    plans = plans_of(source, GenerateOptions(device=device, audio=audio, frames=frames))  # type: ignore[arg-type]
+    plans = make_plans(source, GenerateOptions(device=device, audio=audio, frames=frames))  # type: ignore[arg-type]
     planned = time.perf_counter() - times.start
 
     def listen(event: object) -> None:

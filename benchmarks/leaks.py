@@ -29,14 +29,14 @@ from avs3d_bench.geometry import Intrinsics, Pose
 from avs3d_bench.parallel import process_each
 from avs3d_bench.taxonomy import DISTRACTORS
 from benchmarks.unseen_homes import ROOMS, home_of, plans_of, sample_manifest
-from generators.arrangement import arrange, draw_sounding
 from generators.core.rays import RayCaster
 from generators.core.scene import Scene
+from generators.observation.arrangement import arrange, draw_sounding
+from generators.observation.surface_points import SurfaceSampler
 from generators.paths.trajectory import WalkTask, plan_walk
 from generators.placement.placement import Placement
 from generators.placement.site import Site
 from generators.plan import ObservationPlan
-from generators.recording.surface_points import SurfaceSampler
 from generators.vision.base import RenderedView
 
 Array = NDArray[np.float64]

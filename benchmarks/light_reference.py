@@ -276,12 +276,13 @@ def prepared_room(key: str, cache: Path, *, matte: bool) -> tuple[Scene, str, tu
     Raises:
         Avs3dError: if the manifest has no such observation.
     """
-    from generators.arrangement import arrange
     from generators.homes.store import open_home
     from generators.lighting.bake import bake, insert
+    from generators.observation.arrangement import arrange
+    from generators.options import GenerateOptions
     from generators.plan import make_plans, read_manifest
 
-    plans = {plan.key: plan for plan in make_plans(read_manifest(MANIFEST), audio="analytic")}
+    plans = {plan.key: plan for plan in make_plans(read_manifest(MANIFEST), GenerateOptions(audio="analytic"))}
     if key not in plans:
         raise Avs3dError(f"{MANIFEST.name}: no observation {key!r}; expected one like {OBSERVATIONS[0]}")
     plan = plans[key]

@@ -22,7 +22,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import click
 
@@ -68,7 +68,7 @@ def controls() -> dict[str, float]:
 
 def _work(plan: Any, cache: str, barrier: Any, results: Any) -> None:
     from benchmarks.bench_pipeline import timed_engines
-    from generators import observation as story
+    from generators.observation.generate import generate_observation
 
     def once() -> dict[str, float]:
         cpu: dict[str, float] = defaultdict(float)
@@ -77,7 +77,7 @@ def _work(plan: Any, cache: str, barrier: Any, results: Any) -> None:
         usage = resource.getrusage(resource.RUSAGE_SELF)
         with tempfile.TemporaryDirectory() as folder, timed_engines(cpu, wall):
             start = time.perf_counter()
-            story.generate_observation(plan, Path(folder), Path(cache), lambda _: stamps.append(time.perf_counter()))
+            generate_observation(plan, Path(folder), Path(cache), lambda _: stamps.append(time.perf_counter()))
             whole = time.perf_counter() - start
         after = resource.getrusage(resource.RUSAGE_SELF)
         frames = plan.camera.frames
@@ -124,9 +124,10 @@ def main(workers: tuple[int, ...], frames: int, audio: str, output: Path | None)
     from benchmarks.bench_pipeline import MANIFEST
     from generators.core.folders import default_cache
     from generators.homes.store import prepare_home
+    from generators.options import Audio, GenerateOptions
     from generators.plan import make_plans, read_manifest
 
-    plan = make_plans(read_manifest(MANIFEST), frames=frames, size=1008, audio=audio)[0]
+    plan = make_plans(read_manifest(MANIFEST), GenerateOptions(frames=frames, size=1008, audio=cast(Audio, audio)))[0]
     cache = default_cache()
     prepare_home(plan, cache, workers=os.cpu_count() or 1)
     figures = {str(count): measure(plan, cache, count) for count in workers}

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import combinations
 from pathlib import Path
+from typing import cast
 
 import click
 import numpy as np
@@ -25,13 +26,16 @@ from avs3d_bench import layout, media
 from benchmarks.sealed_attacks import judge, table
 from benchmarks.sealed_takes import Clips, Sibling, clips_of, take_cases
 from generators.apartments.apartment import build_apartment
-from generators.arrangement import Arrangement, arrange
 from generators.backends import vision_backend
 from generators.core.scene import Scene
 from generators.homes.store import open_home
+from generators.observation.arrangement import Arrangement, arrange
+from generators.observation.hearing import hear_sources
+from generators.observation.mixing import make_background, mix, stems_of
+from generators.observation.prepare import prepare_sources
+from generators.observation.stems import Stem
+from generators.options import Audio, GenerateOptions
 from generators.plan import ObservationPlan, make_plans, read_manifest
-from generators.recording.stems import hear_sources
-from generators.sound_scene import make_background, mix, prepare_sources
 
 #: Largest lag of the correlation (s).
 LAG = 0.1
@@ -56,14 +60,14 @@ def hear_siblings(plans: Sequence[ObservationPlan], root: Path) -> list[Sibling]
     """Write the binaural clips of observations of part_3 below ``root``, and nothing else."""
     found = []
     for plan in plans:
-        ready = prepare_sources(plan, *arranged_unlit(plan), vision_backend(plan.vision))
-        heard = list(hear_sources(ready.listenings(plan))) or [()] * plan.camera.frames
-        _, noise = make_background(plan, [[one.stem for one in second] for second in heard])
-        for index, second in enumerate(heard):
-            media.write_wav(
-                root / plan.key / layout.audio_path(layout.BINAURAL, index), mix(plan, ready, index, second, noise)[0]
-            )
-        sources = tuple((source.category, source.instance) for source in ready.sources)
+        prepared = prepare_sources(plan, *arranged_unlit(plan), vision_backend(plan.options.renderer))
+        heard = hear_sources(prepared.acoustic_jobs, plan.camera.frames)
+        seconds = [[Stem(one.head.clip) for one in second] for second in heard]
+        _, noise = make_background(plan, seconds)
+        for index, second in enumerate(seconds):
+            clip = mix(prepared, list(stems_of(prepared, second, noise, index).values()), index)
+            media.write_wav(root / plan.key / layout.audio_path(layout.BINAURAL, index), clip)
+        sources = tuple((source.category, source.instance) for source in prepared.sources)
         found.append(Sibling(plan.key, plan.spec.like or plan.key, sources))
     return found
 
@@ -139,7 +143,8 @@ def report(pairs: Sequence[Pair]) -> Iterator[str]:
 def main(manifest: Path, audio: str | None, frames: int, only: tuple[str, ...], workers: int, out: Path | None) -> None:
     """Hear the siblings of part_3 of MANIFEST, compare their clips, and attack them."""
     groups: dict[str, list[ObservationPlan]] = {}
-    for plan in make_plans(read_manifest(manifest), only=only, audio=audio, frames=frames, size=64):
+    options = GenerateOptions(only=only, audio=cast(Audio | None, audio), frames=frames, size=64)
+    for plan in make_plans(read_manifest(manifest), options):
         if plan.spec.is_sound_scene:
             groups.setdefault(plan.spec.like or plan.key, []).append(plan)
     with tempfile.TemporaryDirectory(prefix="avs3d-siblings-") as folder, ProcessPoolExecutor(workers) as pool:

@@ -21,8 +21,9 @@ import yaml
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.yamlfile import read_yaml
 from generators.apartments.apartment import build_apartment
-from generators.arrangement import arrange
 from generators.core.scene import Scene
+from generators.observation.arrangement import arrange
+from generators.options import GenerateOptions
 from generators.plan import ObservationPlan, make_plans, read_manifest
 
 MANIFESTS = Path(__file__).parent.parent / "scenes_manifest"
@@ -125,7 +126,7 @@ def plans_of(document: dict[str, Any]) -> list[ObservationPlan]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "manifest.yaml"
         path.write_text(yaml.safe_dump(document, sort_keys=False))
-        return list(make_plans(read_manifest(path), audio="analytic"))
+        return list(make_plans(read_manifest(path), GenerateOptions(audio="analytic")))
 
 
 @lru_cache(maxsize=1)

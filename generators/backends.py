@@ -12,11 +12,12 @@ from generators.acoustics.base import AcousticBackend, CompiledBackend
 from generators.core.by_name import import_by_name
 from generators.core.cuda import cuda_version
 from generators.core.rays import TRACERS
-from generators.receivers import ENGINE, PARTS, Receivers, check_engine
+from generators.options import EngineOptions
+from generators.receivers import ENGINE, PARTS, check_engine
 from generators.vision.base import VisionBackend
 
-#: The functions that make an observation, of parts 1 and 2 and of part_3 (see `avs3d_bench.provenance`).
-OBSERVATION = ("generators.observation:generate_observation", "generators.sound_scene:generate_sound_scene")
+#: The function that makes an observation (see `avs3d_bench.provenance`).
+OBSERVATION = ("generators.observation.generate:generate_observation",)
 #: Backends by name: module and class of each.
 VISION = {
     "embree": "generators.vision.embree:EmbreeBackend",
@@ -32,8 +33,6 @@ ACOUSTIC = {
 ON_DEVICE = ("tracer",)
 #: Acoustic engines whose random numbers have a seed.
 SEEDED = ("tracer", "analytic")
-#: The renderer of each device, where none is named.
-RENDERERS = {"cpu": "embree", "cuda": "cuda"}
 
 
 def vision_backend(name: str) -> VisionBackend:
@@ -50,48 +49,43 @@ def vision_backend(name: str) -> VisionBackend:
 
 
 def acoustic_backend(
-    name: str,
-    *,
-    absorption_scale: float = 1.0,
-    receivers: Receivers | None = None,
-    device: str = "cpu",
-    seed: int | None = None,
+    options: EngineOptions, *, absorption_scale: float = 1.0, seed: int | None = None
 ) -> AcousticBackend:
-    """The acoustic engine called ``name``.
+    """The acoustic engine that ``options`` name, with its receivers, on its device.
 
     Args:
-        name: of the engine.
+        options: of the run. Engines that cannot choose a device work on the CPU.
         absorption_scale: see `AcousticBackend`.
-        receivers: what hears the sound beside, or instead of, the engine's own head.
-        device: what traces the sound, of an engine that can choose; the others work on the CPU.
         seed: of the random numbers, of an engine that has a seed; None: the engine's usual one.
 
     Raises:
         UsageError: if there is no engine of that name, or it has no such receivers.
         Avs3dError: if what it needs is not installed, or the scale is out of range.
     """
+    name, receivers = options.engine, options.receivers
     if name not in ACOUSTIC:
         raise UsageError(f"unknown acoustic backend {name!r}: expected {_any_of(ACOUSTIC)}")
-    options: dict[str, Any] = {"absorption_scale": absorption_scale}
+    arguments: dict[str, Any] = {"absorption_scale": absorption_scale}
     if receivers:
         check_engine(name, hrtf=receivers.hrtf, **receivers.channels)
-        options |= {"receiver": receivers.head(), "others": receivers.others()}
-    if device != "cpu" and name in ON_DEVICE:
-        options["device"] = device
+        arguments |= {"receiver": receivers.head(), "others": receivers.others()}
+    if options.device != "cpu" and name in ON_DEVICE:
+        arguments["device"] = options.device
     if seed is not None and name in SEEDED:
-        options["seed"] = seed
-    backend: AcousticBackend = import_by_name(ACOUSTIC[name])(**options)
+        arguments["seed"] = seed
+    backend: AcousticBackend = import_by_name(ACOUSTIC[name])(**arguments)
     return backend
 
 
-def warm_up_acoustics(name: str, receivers: Receivers | None = None, device: str = "cpu") -> None:
-    """Import the acoustic engine called ``name``, read what its receivers need, compile its kernels if it has any.
+def warm_up(options: EngineOptions) -> None:
+    """Import renderer and engine, read what receivers need, compile the kernels if there are any.
 
     Raises:
-        UsageError: if there is none of that name.
+        UsageError: if there is no renderer or engine of that name.
         Avs3dError: if what it needs is not installed.
     """
-    engine = acoustic_backend(name, receivers=receivers, device=device)
+    vision_backend(options.renderer).warm_up()
+    engine = acoustic_backend(options)
     if isinstance(engine, CompiledBackend):
         engine.warm_up()
 
@@ -102,33 +96,34 @@ def _any_of(names: Iterable[str]) -> str:
     return f"{', '.join(first)} or {last}"
 
 
-def unused_backends(vision: str, audio: str, device: str = "cpu") -> tuple[str, ...]:
+def unused_backends(options: EngineOptions) -> tuple[str, ...]:
     """The entries of the backends, ray tracers and receivers that are not chosen, and so never run."""
-    unused = [entry for name, entry in VISION.items() if name != vision]
-    unused += [entry for name, entry in ACOUSTIC.items() if name != audio]
-    unused += PARTS.values() if audio != ENGINE else ()
-    return (*unused, *(entry for name, entry in TRACERS.items() if name not in ("cpu", device)))
+    unused = [entry for name, entry in VISION.items() if name != options.renderer]
+    unused += [entry for name, entry in ACOUSTIC.items() if name != options.engine]
+    unused += PARTS.values() if options.engine != ENGINE else ()
+    return (*unused, *(entry for name, entry in TRACERS.items() if name not in ("cpu", options.device)))
 
 
-def observation_provenance(vision: str, audio: str, device: str = "cpu") -> Provenance:
-    """The software that observations made with these backends depend on."""
-    return provenance(*OBSERVATION, without=unused_backends(vision, audio, device))
+def observation_provenance(options: EngineOptions) -> Provenance:
+    """The software that observations made with these options depend on."""
+    return provenance(*OBSERVATION, without=unused_backends(options))
 
 
-def backend_versions(vision: str, audio: str, device: str = "cpu") -> dict[str, str]:
+def backend_versions(options: EngineOptions) -> dict[str, str]:
     """Name → version of all software and settings that an observation's bytes may depend on.
 
     Raises:
         UsageError: if there is no backend of that name.
         Avs3dError: if what a backend needs is not installed, or the device cannot be used.
     """
-    sight, sound = vision_backend(vision), acoustic_backend(audio, device=device)
-    software = observation_provenance(vision, audio, device)
+    renderer = vision_backend(options.renderer)
+    engine = acoustic_backend(EngineOptions(audio=options.audio, device=options.device))
+    device = options.device
     return {
         "avs3d-bench": __version__,
-        **software.versions,
-        f"settings of {sound.name}": repr(sorted(sound.describe().items())),
-        sight.name: sight.version,
-        sound.name: sound.version,
+        **observation_provenance(options).versions,
+        f"settings of {engine.name}": repr(sorted(engine.describe().items())),
+        renderer.name: renderer.version,
+        engine.name: engine.version,
         **({} if device == "cpu" else {f"device {device}": cuda_version()}),
     }

@@ -17,7 +17,7 @@ from avs3d_bench.one_thread import ONE_THREAD
 from avs3d_bench.outputs import OUTPUT_FOLDER
 from avs3d_bench.scheduling.options import Options, scheduling_options
 from generators.core.limits import FRAMES, SIZE, WORKERS
-from generators.run.options import Audio, Device, Extra, Form, GenerateOptions, Vision
+from generators.options import Audio, Device, Extra, Form, GenerateOptions, Vision
 
 #: Folders and receivers that `--with` takes; a receiver has a value of its own.
 _FOLDERS: tuple[Extra, ...] = get_args(Extra)
@@ -147,14 +147,13 @@ def with_option(*more: str) -> Callable[[Callable[..., Any]], Callable[..., Any]
     )
 
 
-def choose_tools(habitat_python: Path | None, scans: Path | None) -> None:
+def choose_tools(habitat_python: Path | None) -> None:
     """Set the variables that worker processes read, before numpy is imported."""
     os.environ.update(ONE_THREAD)
     from avs3d_bench.user_path import user_path
 
-    for variable, named in (("AVS3D_HABITAT_PYTHON", habitat_python), ("AVS3D_SCANS", scans)):
-        if named is not None:
-            os.environ[variable] = str(user_path(named).absolute())
+    if habitat_python is not None:
+        os.environ["AVS3D_HABITAT_PYTHON"] = str(user_path(habitat_python).absolute())
 
 
 class _FormChoice(click.Choice[str]):
@@ -195,7 +194,6 @@ def generate(
     manifest: Path,
     root: Path,
     habitat_python: Path | None,
-    scans: Path | None,
     scheduling: Options,
     beside: ExtraOutputs,
     **chosen: Any,
@@ -206,13 +204,14 @@ def generate(
     SoundSpaces engine (RLRAudioPropagation, CC-BY-NC 4.0) is for non-commercial research; that of the tracer, the
     default, and of --audio analytic is free.
     """
-    choose_tools(habitat_python, scans)
+    choose_tools(habitat_python)
     from generators.manifest import read_manifest
-    from generators.run.generation import generate_plans, plans_of
+    from generators.plan import make_plans
+    from generators.run.generation import generate_plans
 
     options = GenerateOptions(extras=beside.folders, ambisonics=beside.ambisonics, array=beside.array, **chosen)
     source = read_manifest(manifest)
-    plans = plans_of(source, options)
+    plans = make_plans(source, options)
     outcome = generate_plans(source, plans, root, options, scheduling)
     said = f" (see the messages above, and {root / layout.FAILURES_JSONL})" if outcome.failed else ""
     click.echo(f"{root}: {len(outcome.made)} made, {len(outcome.kept)} kept, {len(outcome.failed)} failed{said}")

@@ -34,6 +34,7 @@ from avs3d_bench.yamlfile import read_yaml, step
 from generators.categories import CategoryName, CategorySpec, Number, check_name, declared, missing_files
 from generators.core.limits import FRAMES, MOST_INDEX, SIZE
 from generators.manifest_messages import Fault, FieldError, in_lines, messages
+from generators.options import DEFAULT_AUDIO
 
 #: Largest coordinate of a room's box (m): far beyond any home, and small enough for millimetres in single precision.
 FARTHEST = 10_000.0
@@ -486,10 +487,16 @@ class ObservationSpec(_Model):
         return dict(sorted((counts | ({self.category: self.copies} if self.category else {})).items()))
 
     @property
+    def sounding(self) -> tuple[SourceSpec, ...]:
+        """Its sources; in part_1 and part_2 one of its ``category``, which always sounds."""
+        if self.sources is None and self.category is not None:
+            return (SourceSpec(category=self.category, instance=None),)
+        return self.sources or ()
+
+    @property
     def heard(self) -> tuple[str, ...]:
         """Categories of all sources, sorted."""
-        sources = {source.category for source in self.sources or ()}
-        return tuple(sorted(sources | ({self.category} if self.category else set())))
+        return tuple(sorted({source.category for source in self.sounding}))
 
     @property
     def key(self) -> str:
@@ -507,10 +514,6 @@ class ObservationSpec(_Model):
         usual: dict[str, Any] = {"acoustics": AcousticsSpec().model_dump(), "source_motion": "static"}
         usual |= dict.fromkeys(("like", "variant_of", "sources", "background"))
         return {name: value for name, value in self.model_dump().items() if name not in usual or value != usual[name]}
-
-
-#: Acoustic engine of a manifest that names none.
-DEFAULT_AUDIO = "tracer"
 
 
 class Manifest(_Model):

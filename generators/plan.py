@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -35,7 +35,7 @@ from generators.manifest import (
     select,
 )
 from generators.manifest import read_manifest as read_manifest  # re-exported
-from generators.receivers import OWN_HEAD, Receivers
+from generators.options import EngineOptions, GenerateOptions
 from generators.scans.files import ScanFiles, digest, find_scan_files, scan_files_of
 
 #: Seeds from here on are secrets: no stream of theirs tells another.
@@ -79,14 +79,10 @@ class ObservationPlan:
         categories: the categories that the manifest adds, in its order.
         models: category → the procedural variants from which its objects are drawn; a category that is not listed
             has those of `generators.assets.catalogue.variants`.
-        vision, audio: names of the backends.
-        depth, rirs: whether the optional folders are written.
+        options: engines, and what they are asked for.
         backends: name → version of all software that the bytes depend on.
-        stems: whether the stems are written, in part_3.
         first: the plan of the observation whose pictures this one has, if it has those of another. Its bytes do not
             depend on it: where the pictures are not there, they are rendered again.
-        receivers: what hears the sound.
-        device: what bakes the light and, if the engine can choose, traces the sound: ``cpu`` or ``cuda``.
         takes: category that sounds from recordings → its takes; see `takes_of`.
     """
 
@@ -98,17 +94,11 @@ class ObservationPlan:
     base: Path
     objects: dict[str, tuple[ObjectSpec, ...]]
     sounds: dict[str, tuple[SoundSpec, ...]]
-    vision: str
-    audio: str
-    depth: bool
-    rirs: bool
+    options: EngineOptions
     backends: dict[str, str]
-    stems: bool = False
     first: ObservationPlan | None = None
     categories: dict[str, CategorySpec] = field(default_factory=dict)
     models: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    receivers: Receivers = OWN_HEAD
-    device: str = "cpu"
     takes: dict[str, Takes] = field(default_factory=dict)
 
     @property
@@ -134,7 +124,7 @@ class ObservationPlan:
         return derive_rng(self.seed, self.spec.like or self.key, purpose)
 
     def own_rng(self, purpose: str) -> np.random.Generator:
-        """As `rng`, but a sibling has generators of its own; a variant of a sound scene has those of its original.
+        """As `rng`, but a sibling has generators of its own; a variant has those of its original.
 
         All that is heard is drawn from these, so that siblings never share a take.
         """
@@ -143,7 +133,7 @@ class ObservationPlan:
     @property
     def own_key(self) -> str:
         """The key from which `own_rng` derives."""
-        return self.spec.variant_of or self.key
+        return self.spec.variant_of or (self.key if self.spec.is_sound_scene else self.spec.like or self.key)
 
     @property
     def acoustic_seed(self) -> int | None:
@@ -152,13 +142,14 @@ class ObservationPlan:
 
     @property
     def keeps_stems(self) -> bool:
-        """Whether it writes stems; only sound scenes in which something can be heard have some."""
-        return self.stems and bool(self.spec.sources or self.spec.background)
+        """Whether it writes stems; only in part_3, where something can be heard, there are some."""
+        return "stems" in self.options.extras and bool(self.spec.sources or self.spec.background)
 
     @property
     def optional_files(self) -> OptionalFiles:
         """The optional files that its writer writes."""
-        return {"depth": self.depth, "rirs": self.rirs, "receivers": self.receivers.channels}
+        extras = self.options.extras
+        return {"depth": "depth" in extras, "rirs": "rirs" in extras, "receivers": self.options.receivers.channels}
 
     @cached_property
     def pictures_digest(self) -> str:
@@ -173,7 +164,7 @@ class ObservationPlan:
             "seed": self.seed,
             "models": _identities(self.objects, spec.objects),
             "categories": self._declarations(spec.objects),
-            "vision": self.vision,
+            "vision": self.options.renderer,
             "backends": self.backends,
             "files": self._file_digests(sounds=False),
         }
@@ -195,9 +186,8 @@ class ObservationPlan:
             "seed": self.seed,
             "objects": _identities(self.objects, self.spec.objects),
             "sounds": _identities(self.sounds, self.spec.heard),
-            "vision": self.vision,
-            "audio": self.audio,
-            "with": [self.depth, self.rirs, *(("stems",) if self.keeps_stems else ())],
+            "options": self.options.identity(),
+            "extras": sorted({*self.options.extras} - (set() if self.keeps_stems else {"stems"})),
             "backends": self.backends,
             "files": self._file_digests(),
         }
@@ -207,10 +197,6 @@ class ObservationPlan:
             document["categories"] = [list(self.categories), self._declarations(used)]
         if self._variants:
             document["variants"] = self._variants
-        if self.receivers:
-            document["receivers"] = self.receivers.identity()
-        if self.device != "cpu":
-            document["device"] = self.device
         if self.takes:
             document["takes"] = self.takes
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
@@ -258,7 +244,7 @@ class ObservationPlan:
         Raises:
             Avs3dError: if the file that the manifest names is missing, or no scan of that id is found.
         """
-        root, name = scans_root(self.base), self.scan.file
+        root, name = scans_root(self.base, self.options.scans), self.scan.file
         if name:
             return scan_files_of(resolve_file(root, name, f"scan {self.spec.scan}"))
         return find_scan_files(self.spec.scan, root)
@@ -302,10 +288,10 @@ class ObservationPlan:
         """sha256 of all that the lit home depends on; observations with the same value share one entry of the cache."""
         document: list[Any] = [self.spec.scan, self.scan.identity(), self.light, ""]
         if self.scan.source == "scan":
-            document += [self.vision, self._scan_digests()]
-        elif self.device != "cpu":
+            document += [self.options.renderer, self._scan_digests()]
+        elif self.options.device != "cpu":
             # Rays differ by rounding: the bytes are those of this kind of device.
-            document.append(self.backends[f"device {self.device}"])
+            document.append(self.backends[f"device {self.options.device}"])
         return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
 
@@ -374,45 +360,29 @@ def _check_variants(manifest: Manifest) -> None:
             )
 
 
-def make_plans(
-    source: ManifestFile,
-    *,
-    only: Sequence[str] = (),
-    vision: str = "embree",
-    audio: str | None = None,
-    frames: int | None = None,
-    size: int | None = None,
-    extras: Collection[str] = (),
-    receivers: Receivers = OWN_HEAD,
-    device: str = "cpu",
-) -> tuple[ObservationPlan, ...]:
+def make_plans(source: ManifestFile, options: GenerateOptions | None = None) -> tuple[ObservationPlan, ...]:
     """One plan per selected observation.
 
     Args:
         source: the manifest.
-        only: shell patterns of observation keys; none: all observations.
-        vision: name of the renderer.
-        audio: name of the acoustic engine; None: the manifest's, else the tracer.
-        frames: frames per observation; None: the manifest's.
-        size: side of the pictures (pixels); None: the manifest's.
-        extras: names of the optional folders: depth, rirs, stems.
-        receivers: what hears the sound; see `generators.receivers.choose_receivers`.
-        device: what bakes the light and traces the sound: cpu or cuda.
+        options: of the run; None: the defaults.
 
     Raises:
-        UsageError: if a pattern of ``only`` matches nothing, or the lock file lacks an asset.
-        Avs3dError: if a backend is not installed, the device cannot be used, or an asset is not in the store.
+        UsageError: if a pattern of ``only`` matches nothing, the engine lacks a receiver, or the lock file lacks an
+            asset.
+        Avs3dError: if a backend is not installed, the device cannot be used, an asset is not in the store, or the file
+            of a receiver is missing or wrong.
     """
     from generators.backends import backend_versions
     from generators.library.references import check_assets
 
-    manifest = source.manifest
-    changes = {"frames": frames, "size": size}
+    manifest, asked = source.manifest, options or GenerateOptions()
+    changes = {"frames": asked.frames, "size": asked.size}
     camera = manifest.camera.model_copy(update={name: value for name, value in changes.items() if value is not None})
-    engine = manifest.engine(audio)
-    backends = backend_versions(vision, engine, device)
+    engines = asked.engine_options(manifest.engine())
+    backends = backend_versions(engines)
     _check_variants(manifest)
-    selected = select(manifest, only)
+    selected = select(manifest, asked.only)
     check_assets(
         source.base / LOCK_NAME,
         manifest.objects,
@@ -432,16 +402,10 @@ def make_plans(
             base=source.base,
             objects=manifest.objects,
             sounds=manifest.sounds,
-            vision=vision,
-            audio=engine,
-            depth="depth" in extras,
-            rirs="rirs" in extras,
+            options=engines,
             backends=backends,
-            stems="stems" in extras,
             categories=manifest.categories,
             models=manifest.models,
-            receivers=receivers,
-            device=device,
             takes=takes.get(spec.variant_of or spec.key, {}),
         )
 
@@ -450,9 +414,9 @@ def make_plans(
     return tuple(replace(planned(spec), first=firsts.get(spec.like or "")) for spec in selected)
 
 
-def scans_root(base: Path) -> Path:
-    """Where relative names of scan files start: ``$AVS3D_SCANS``, else the manifest's folder."""
-    named = os.environ.get("AVS3D_SCANS")
+def scans_root(base: Path, chosen: Path | None = None) -> Path:
+    """Where relative names of scan files start: the folder that was chosen, ``$AVS3D_SCANS``, or the manifest's."""
+    named = chosen or os.environ.get("AVS3D_SCANS")
     return user_path(named) if named else base
 
 

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 from avs3d_bench import layout
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.schema import AmbisonicsRecord, ArrayRecord
 from avs3d_bench.user_path import user_path
 from generators.core.by_name import import_by_name
 
 if TYPE_CHECKING:
+    from avs3d_bench.schema import ArrayRecord
     from generators.acoustics.tracer.receivers.base import FreeFieldReceiver
     from generators.acoustics.tracer.receivers.measured import SofaHead
 
@@ -58,7 +58,7 @@ class Receivers:
         """Those beside the two ears, of `layout.RECEIVERS`, in that order → number of their channels."""
         found = {}
         if self.ambisonics:
-            found[layout.AMBISONICS] = AmbisonicsRecord(order=self.ambisonics).channels
+            found[layout.AMBISONICS] = (self.ambisonics + 1) ** 2
         if self.array is not None:
             found[layout.ARRAY] = self.array.channels
         return found
@@ -131,9 +131,7 @@ def choose_receivers(
     """
     check_engine(audio, hrtf=hrtf, ambisonics=ambisonics, array=array)
     microphones: ArrayRecord | None = (
-        array
-        if array is None or isinstance(array, ArrayRecord)
-        else import_by_name(PARTS["array file"])(user_path(array))
+        import_by_name(PARTS["array file"])(user_path(array)) if isinstance(array, str | os.PathLike) else array
     )
     if ambisonics is not None:
         import_by_name(PARTS["ambisonics"])(ambisonics)  # checks the order

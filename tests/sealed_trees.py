@@ -24,13 +24,12 @@ from avs3d_bench.geometry import Intrinsics
 from avs3d_bench.schema import ProvenanceRecord
 from avs3d_bench.sealed import commitment, opening_key
 from avs3d_bench.secret import CommittedSecret, commit
-from generators.arrangement import draw_among
 from generators.backends import observation_provenance
 from generators.manifest import ManifestFile, read_manifest
-from generators.plan import ObservationPlan
-from generators.recording.surface_points import draw_pixels
-from generators.run.generation import plans_of
-from generators.run.options import GenerateOptions
+from generators.observation.arrangement import draw_instances
+from generators.observation.surface_points import draw_pixels
+from generators.options import EngineOptions, GenerateOptions
+from generators.plan import ObservationPlan, make_plans
 from generators.sealing.draw import draw_document
 from generators.sealing.publish import Sealing, write_private, write_public
 from generators.sealing.seal import settings_of
@@ -192,7 +191,7 @@ def _draw(
         path = folder / "drawn.yaml"
         path.write_text(sealed_text(document))
         manifest = read_manifest(path)
-        plans = {plan.key: plan for plan in plans_of(manifest, options)}
+        plans = {plan.key: plan for plan in make_plans(manifest, options)}
         if scenes:
             spoken = {repr((s.sources, s.background)): key for key, plan in plans.items() for s in [plan.spec]}
             wanted = [read_manifest(_written(folder, template)).manifest.observations[n] for n in range(5)]
@@ -201,7 +200,7 @@ def _draw(
                 for key, spec in zip(tiny_scenes.GROUP, wanted, strict=True)
             }
             return bound, Drawn(manifest, options, plans, names)
-        if draw_among(plans[MULTI], ["microwave", "microwave"]) == 2:
+        if draw_instances(plans[MULTI], ["microwave", "microwave"]) == (2,):
             return bound, Drawn(manifest, options, plans, {tiny.SINGLE: SINGLE, tiny.MULTI: MULTI})
     raise AssertionError
 
@@ -224,7 +223,7 @@ def _adopt(work: Path, drawn: Drawn, scenes: bool) -> None:
         entry |= {"key": drawn.names[entry["key"]], "scan": "home_1"}
     data["observations"].sort(key=lambda entry: entry["key"])
     data |= {"manifest": drawn.manifest.text, "manifest_sha256": drawn.manifest.sha256}
-    data["provenance"] = ProvenanceRecord.of(observation_provenance("embree", "analytic")).model_dump()
+    data["provenance"] = ProvenanceRecord.of(observation_provenance(EngineOptions(audio="analytic"))).model_dump()
     tiny.write_sealed(work, data)
     for old, new in drawn.names.items():
         plan = drawn.plans[new]

@@ -10,9 +10,10 @@ import pytest
 from rooms import kitchen
 
 from avs3d_bench.dataset import Dataset
-from generators import observation
-from generators.arrangement import Arrangement, arrange, choose_models, draw_sounding
-from generators.observation import generate_observation
+from generators.observation import sources
+from generators.observation.arrangement import Arrangement, arrange, choose_models, draw_sounding
+from generators.observation.generate import generate_observation
+from generators.options import GenerateOptions
 from generators.plan import ObservationPlan, make_plans, read_manifest
 from tests.homes import tree_digest, write_manifest
 
@@ -24,7 +25,7 @@ BOTH = ("clock", "telephone")
 def plan_of(folder: Path, *, frames: int = 6, **entry: object) -> ObservationPlan:
     usual = {"part": "part_1", "scan": "box", "room": "kitchen", "index": 1}
     path = write_manifest(folder, observations=[usual | entry], camera={"size": 48, "frames": frames})
-    (plan,) = make_plans(read_manifest(path), audio="analytic")
+    (plan,) = make_plans(read_manifest(path), GenerateOptions(audio="analytic"))
     return plan
 
 
@@ -55,7 +56,7 @@ def test_which_twin_sounds_changes_no_picture(tmp_path: Path, monkeypatch: pytes
     plan = plan_of(tmp_path, part="part_2", category="clock", instances=2)
     trees = []
     for twin in (1, 2):
-        monkeypatch.setattr(observation, "draw_sounding", lambda *_, twin=twin: twin)
+        monkeypatch.setattr(sources, "draw_instances", lambda *_, twin=twin: (twin,))
         record = generate_observation(plan, tmp_path / f"out{twin}", tmp_path / "cache")
         assert record.sounding.id == twin
         trees.append(tree_digest(tmp_path / f"out{twin}" / plan.key))
@@ -85,7 +86,7 @@ def arranged(folder: Path, seed: int) -> tuple[ObservationPlan, Arrangement]:
     path = write_manifest(
         folder / str(seed), observations=[entry | {"silent": ["oven", "clock"]}], seed=seed, camera={"frames": 2}
     )
-    (plan,) = make_plans(read_manifest(path), audio="analytic")
+    (plan,) = make_plans(read_manifest(path), GenerateOptions(audio="analytic"))
     return plan, arrange(plan, kitchen().scene)
 
 

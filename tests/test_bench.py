@@ -14,23 +14,27 @@ from avs3d_bench.dataset import Dataset
 from benchmarks import bench_acoustics
 from benchmarks.bench_pipeline import timed_engines
 from benchmarks.dataset_report import facts
-from generators import observation as story
+from generators.observation import prepare
+from generators.observation.generate import generate_observation
+from generators.options import GenerateOptions
 from generators.plan import make_plans, read_manifest
 from tests.homes import write_manifest
 
 
 @pytest.mark.slow
 def test_the_engines_inside_an_observation_are_timed_and_then_left_alone(tmp_path: Path) -> None:
-    plan = make_plans(read_manifest(write_manifest(tmp_path)), only=["part_1/*"], frames=8, audio="analytic")[0]
+    plan = make_plans(
+        read_manifest(write_manifest(tmp_path)), GenerateOptions(only=["part_1/*"], frames=8, audio="analytic")
+    )[0]
     spent: dict[str, float] = defaultdict(float)
     frames: list[int] = []
     with timed_engines(spent):
-        assert story.vision_backend.__name__ == "made"
-        story.generate_observation(plan, tmp_path / "data", tmp_path / "cache", frames.append)
+        assert prepare.vision_backend.__name__ == "made"
+        generate_observation(plan, tmp_path / "data", tmp_path / "cache", frames.append)
     assert frames == list(range(8))
     assert set(spent) == {"render", "impulse response", "convolve", "encode"}
     assert all(seconds > 0 for seconds in spent.values())
-    assert story.vision_backend.__name__ == "vision_backend"
+    assert prepare.vision_backend.__name__ == "vision_backend"
 
 
 def test_the_level_of_a_dataset_is_that_of_its_energy(tmp_path: Path) -> None:

@@ -21,11 +21,12 @@ from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.taxonomy import CATEGORIES, DISTRACTORS, MOST_OWN_CATEGORIES, check_category, class_ids
 from avs3d_bench.validation.tree import validate
-from generators.arrangement import choose_models, placement_rules
 from generators.categories import SUPPORTS, CategorySpec, check_name, declared
 from generators.library.cli import assets
 from generators.library.lock import LOCK_NAME
 from generators.manifest import Manifest
+from generators.observation.arrangement import choose_models, placement_rules
+from generators.options import GenerateOptions
 from generators.placement.placement import RULES
 from generators.plan import ObservationPlan, make_plans, read_manifest
 from generators.run.generation import generate
@@ -53,7 +54,7 @@ def plans(folder: Path, content: dict[str, Any]) -> tuple[ObservationPlan, ...]:
     soundfile.write(folder / "dryer.wav", np.random.default_rng(0).normal(0, 0.1, 44_100), 44_100)
     path = folder / "mine.yaml"
     path.write_text(yaml.safe_dump(content, sort_keys=False))
-    return make_plans(read_manifest(path), audio="analytic")
+    return make_plans(read_manifest(path), GenerateOptions(audio="analytic"))
 
 
 def refusal(folder: Path, content: dict[str, Any]) -> str:

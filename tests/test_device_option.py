@@ -17,11 +17,10 @@ from generators.cli import generate as command
 from generators.core import cuda
 from generators.homes import cache
 from generators.manifest import ManifestFile, read_manifest
-from generators.observation import device_record
-from generators.plan import ObservationPlan
+from generators.observation.record import describe_device
+from generators.options import EngineOptions, GenerateOptions
+from generators.plan import ObservationPlan, make_plans
 from generators.run import generation
-from generators.run.generation import plans_of
-from generators.run.options import GenerateOptions
 
 MANIFEST = Path(__file__).parent.parent / "scenes_manifest/demo.yaml"
 RAYS = "generators.core.device_rays"
@@ -39,17 +38,17 @@ def planned(
     version = f"numba-cuda 0.30 on NVIDIA {kind}"
     monkeypatch.setattr(backends, "cuda_version", lambda: version)
     monkeypatch.setattr("generators.vision.cuda.cuda_version", lambda: version)
-    return plans_of(source, GenerateOptions(audio="analytic", **chosen))[0]  # type: ignore[arg-type]
+    return make_plans(source, GenerateOptions(audio="analytic", **chosen))[0]  # type: ignore[arg-type]
 
 
 def test_the_device_chooses_the_renderer_unless_one_is_named(manifest, monkeypatch) -> None:
-    assert planned(manifest, monkeypatch).vision == "embree"
+    assert planned(manifest, monkeypatch).options.renderer == "embree"
     on_device = planned(manifest, monkeypatch, device="cuda")
-    assert (on_device.vision, on_device.device) == ("cuda", "cuda")
+    assert (on_device.options.renderer, on_device.options.device) == ("cuda", "cuda")
     mixed = planned(manifest, monkeypatch, device="cuda", vision="embree")
-    assert (mixed.vision, mixed.device) == ("embree", "cuda")
+    assert (mixed.options.renderer, mixed.options.device) == ("embree", "cuda")
     pictures = planned(manifest, monkeypatch, vision="cuda")
-    assert (pictures.vision, pictures.device) == ("cuda", "cpu")
+    assert (pictures.options.renderer, pictures.options.device) == ("cuda", "cpu")
 
 
 def test_observations_and_homes_of_another_device_have_other_digests(manifest, monkeypatch) -> None:
@@ -70,18 +69,20 @@ def test_observations_and_homes_of_another_device_have_other_digests(manifest, m
 
 
 def test_what_runs_on_the_cpu_does_not_depend_on_the_sources_of_the_other_device() -> None:
-    own = backends.observation_provenance("embree", "analytic")
+    own = backends.observation_provenance(EngineOptions(audio="analytic"))
     assert RAYS not in own.sources
     assert "generators.vision.cuda" not in own.sources
-    assert RAYS in backends.observation_provenance("embree", "analytic", "cuda").sources
-    both = backends.observation_provenance("cuda", "analytic", "cuda")
+    assert (
+        RAYS in backends.observation_provenance(EngineOptions(vision="embree", audio="analytic", device="cuda")).sources
+    )
+    both = backends.observation_provenance(EngineOptions(audio="analytic", device="cuda"))
     assert {RAYS, "generators.vision.cuda", "generators.vision.device_kernels"} <= set(both.sources)
     assert cache.builder_version("cpu") != cache.builder_version("cuda")
 
 
 def test_the_record_names_the_device(manifest, monkeypatch) -> None:
-    assert device_record(planned(manifest, monkeypatch)) is None
-    record = device_record(planned(manifest, monkeypatch, device="cuda"))
+    assert describe_device(planned(manifest, monkeypatch)) is None
+    record = describe_device(planned(manifest, monkeypatch, device="cuda"))
     assert record == DeviceRecord(name="cuda", version="numba-cuda 0.30 on NVIDIA H200")
 
 
@@ -89,11 +90,11 @@ def test_an_engine_that_can_choose_gets_the_device(monkeypatch: pytest.MonkeyPat
     got = {}
     monkeypatch.setattr(backends, "import_by_name", lambda entry: lambda **options: got.update({entry: options}))
     for name in backends.ACOUSTIC:
-        backends.acoustic_backend(name, device="cuda")
-        backends.acoustic_backend(name)
+        backends.acoustic_backend(EngineOptions(audio=name, device="cuda"))
+        backends.acoustic_backend(EngineOptions(audio=name))
     assert all("device" not in options for options in got.values())  # the last call was for the CPU
-    backends.acoustic_backend("tracer", device="cuda")
-    backends.acoustic_backend("analytic", device="cuda")
+    backends.acoustic_backend(EngineOptions(audio="tracer", device="cuda"))
+    backends.acoustic_backend(EngineOptions(audio="analytic", device="cuda"))
     assert got[backends.ACOUSTIC["tracer"]]["device"] == "cuda"
     assert "device" not in got[backends.ACOUSTIC["analytic"]]
 
@@ -125,7 +126,7 @@ def test_without_a_device_the_command_ends_with_one_line(
 def test_a_plan_of_the_cpu_is_as_before(manifest, monkeypatch) -> None:
     plan = planned(manifest, monkeypatch)
     assert not [name for name in plan.backends if name.startswith("device")]
-    assert plan.digest == replace(plan, device="cpu").digest
+    assert plan.digest == replace(plan, options=replace(plan.options, device="cpu")).digest
 
 
 def test_dataset_json_lists_the_device_of_its_observations(tmp_path: Path) -> None:

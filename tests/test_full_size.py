@@ -9,10 +9,11 @@ import pytest
 
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.apartments.apartment import build_apartment
-from generators.arrangement import choose_models, draw_sounding
 from generators.core.rays import RayCaster
 from generators.core.scene import Scene
 from generators.lighting.bake import bake, insert
+from generators.observation.arrangement import choose_models, draw_sounding
+from generators.options import GenerateOptions
 from generators.paths.trajectory import WalkTask, plan_walk
 from generators.placement.placement import Placement, place
 from generators.placement.site import Site
@@ -29,7 +30,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def view() -> tuple[Scene, tuple[Placement, ...], Pose, RenderedView]:
     """The demo's kitchen in quickly baked light, from the pose that sees most of the sounding microwave."""
-    (plan,) = make_plans(read_manifest(MANIFEST), only=["part_2/*/kitchen/1"], audio="analytic")
+    (plan,) = make_plans(read_manifest(MANIFEST), GenerateOptions(only=["part_2/*/kitchen/1"], audio="analytic"))
     assert plan.scan.seed is not None
     home = bake(build_apartment(plan.spec.scan, plan.scan.seed), quality="preview").for_room(plan.spec.room)
     placed = place(Site.of(home, plan.spec.room), choose_models(plan), rng=plan.rng("placement"))

@@ -28,7 +28,7 @@ from avs3d_bench.exports.observation_check import check_tars
 from avs3d_bench.exports.observation_index import ObservationShardIndex
 from avs3d_bench.exports.shards import SHARDS_JSON
 from generators.cli import generate
-from generators.recording.tar_output import tar_plan_digest
+from generators.observation.tar_output import tar_plan_digest
 from tests.homes import tree_digest, write_manifest
 
 pytest.importorskip("embreex", reason="the renderer of the generate extra")

@@ -12,10 +12,12 @@ from avs3d_bench.decay import reverberation_time
 from avs3d_bench.geometry import direction_to
 from generators.acoustics.clips import binaural_clip, rms
 from generators.apartments.apartment import build_apartment
-from generators.arrangement import arrange, draw_sounding
 from generators.core.rays import RayCaster
 from generators.core.scene import Scene
-from generators.observation import PRE_ROLL, choose_sound
+from generators.observation.arrangement import arrange, draw_sounding
+from generators.observation.hearing import PRE_ROLL
+from generators.observation.sources import choose_signal
+from generators.options import GenerateOptions
 from generators.paths.watcher import line_of_sight
 from generators.plan import make_plans, read_manifest
 
@@ -52,14 +54,14 @@ def direct_sound(response: np.ndarray) -> np.ndarray:
 )
 def test_the_louder_ear_is_on_the_sources_side(manifest: str, key: str, share: float) -> None:
     """The direct sound is louder at the ear on the source's side; the clip, reflections included, nearly always."""
-    (plan,) = make_plans(read_manifest(MANIFESTS / f"{manifest}.yaml"), only=[key])
+    (plan,) = make_plans(read_manifest(MANIFESTS / f"{manifest}.yaml"), GenerateOptions(only=[key]))
     assert plan.scan.seed is not None
     flat = home(plan.spec.scan, plan.scan.seed)
     seen = arrange(plan, flat)
     placed, poses = seen.placements, seen.poses
     source = placed[draw_sounding(plan, placed) - 1]
     scene = flat.with_parts(tuple(p.part(number) for number, p in enumerate(placed, start=1)))
-    caster, sound = RayCaster(scene), choose_sound(plan, plan.spec.category, plan.rng("sound")).samples
+    caster, sound = RayCaster(scene), choose_signal(plan, plan.spec.category).samples
     session = SoundSpacesBackend().open(scene, source.source_position, room=plan.spec.room)
     right = direct_right = judged = 0
     responses = []

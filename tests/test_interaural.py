@@ -22,6 +22,7 @@ from generators.acoustics.clips import receiver_clip
 from generators.acoustics.materials import spectral_label
 from generators.assets.sounds import synthesise
 from generators.backends import acoustic_backend
+from generators.options import EngineOptions
 
 RATE, FRAMES = layout.SAMPLE_RATE, 32
 #: Size (m), absorption and where the source is. The small hard room is that of a phone scan of 26 m³: direct sound at
@@ -77,7 +78,7 @@ def heard(engine: str, room: str, kind: str) -> tuple[tuple[float, float, NDArra
 def responses(engine: str, room: str) -> tuple[tuple[Pose, NDArray[np.float32]], ...]:
     size, absorption, source = ROOMS[room]
     label = spectral_label((absorption,) * 6, (0.3,) * 6)
-    session = acoustic_backend(engine).open(box_scene(size, label=label), source, room="kitchen")
+    session = acoustic_backend(EngineOptions(audio=engine)).open(box_scene(size, label=label), source, room="kitchen")
     try:
         return tuple((pose, session.impulse_response(pose)) for pose in path(size, source))
     finally:

@@ -20,6 +20,7 @@ from generators.cli import generate
 from generators.library import LOCK_NAME, Store, open_asset, read_lock, update_lock
 from generators.library.cli import assets
 from generators.library.folder import mesh_files
+from generators.options import GenerateOptions
 from generators.plan import make_plans, read_manifest
 from tests.homes import tree_digest, write_manifest
 from tests.library_server import Reply as Answer
@@ -374,7 +375,7 @@ def test_plans_refuse_assets_that_are_not_there(tmp_path: Path, store: Store) ->
     assert import_folder(microwaves(tmp_path / "waves"), lock, "--height", 0.3).exit_code == 0
 
     def plans(**names: str) -> object:
-        return make_plans(read_manifest(small_manifest(tmp_path, **names)), audio="analytic")
+        return make_plans(read_manifest(small_manifest(tmp_path, **names)), GenerateOptions(audio="analytic"))
 
     with pytest.raises(UsageError, match=r"no asset 'folder/waves/obj/bax'; did you mean 'folder/waves/obj/box'\?"):
         plans(asset="folder/waves/obj/bax")

@@ -17,6 +17,7 @@ import yaml
 from avs3d_bench.errors import Avs3dError, UsageError
 from generators.library.lock import LOCK_NAME, parse_lock
 from generators.manifest import read_manifest
+from generators.options import GenerateOptions
 from generators.plan import check_scans, make_plans
 from generators.run.dataset_record import check
 
@@ -147,7 +148,7 @@ def outcome(path: Path) -> str:
             else:
                 source = read_manifest(path)
                 check(source)
-                plans = make_plans(source, audio="analytic")
+                plans = make_plans(source, GenerateOptions(audio="analytic"))
                 check_scans(plans)
                 for plan in plans[:3]:
                     assert plan.digest

@@ -15,6 +15,7 @@ from seed_mixing import exchanged_pool
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.taxonomy import CATEGORIES, ROOMS
+from generators.options import GenerateOptions
 from generators.plan import SECRET_SEEDS, derive_rng, make_plans, read_manifest, resolve_file
 
 MANIFESTS = Path(__file__).parent.parent / "scenes_manifest"
@@ -123,25 +124,29 @@ def test_files_that_are_no_manifest(tmp_path: Path) -> None:
 
 def test_only_selects_by_pattern_and_refuses_one_that_matches_nothing(tmp_path: Path) -> None:
     source = read_manifest(written(tmp_path, document()))
-    assert [plan.key for plan in make_plans(source, only=["part_2/*"], audio="analytic")] == ["part_2/flat/kitchen/1"]
-    assert len(make_plans(source, audio="analytic")) == 2
+    assert [plan.key for plan in make_plans(source, GenerateOptions(only=["part_2/*"], audio="analytic"))] == [
+        "part_2/flat/kitchen/1"
+    ]
+    assert len(make_plans(source, GenerateOptions(audio="analytic"))) == 2
     with pytest.raises(UsageError, match="matches no observation"):
-        make_plans(source, only=["part_3/*"], audio="analytic")
+        make_plans(source, GenerateOptions(only=["part_3/*"], audio="analytic"))
 
 
 def test_a_plan_digest_changes_with_everything_that_decides_bytes_and_nothing_else(tmp_path: Path) -> None:
     source = read_manifest(written(tmp_path, document()))
-    plan = make_plans(source, audio="analytic")[0]
-    assert plan.digest == make_plans(source, audio="analytic", only=["part_1/*"])[0].digest
+    plan = make_plans(source, GenerateOptions(audio="analytic"))[0]
+    assert plan.digest == make_plans(source, GenerateOptions(audio="analytic", only=["part_1/*"]))[0].digest
     others = [
-        make_plans(source, audio="analytic", frames=16)[0],
-        make_plans(source, audio="analytic", size=64)[0],
-        make_plans(source, audio="analytic", extras=("depth",))[0],
-        make_plans(source, audio="analytic", extras=("rirs",))[0],
-        make_plans(source, audio="analytic")[1],
+        make_plans(source, GenerateOptions(audio="analytic", frames=16))[0],
+        make_plans(source, GenerateOptions(audio="analytic", size=64))[0],
+        make_plans(source, GenerateOptions(audio="analytic", extras=("depth",)))[0],
+        make_plans(source, GenerateOptions(audio="analytic", extras=("rirs",)))[0],
+        make_plans(source, GenerateOptions(audio="analytic"))[1],
     ]
     for changed in ({"seed": 2}, {"light": "preview"}, {"scans": {"flat": {"source": "apartment", "seed": 4}}}):
-        others.append(make_plans(read_manifest(written(tmp_path, document() | changed)), audio="analytic")[0])
+        others.append(
+            make_plans(read_manifest(written(tmp_path, document() | changed)), GenerateOptions(audio="analytic"))[0]
+        )
     digests = [plan.digest, *(other.digest for other in others)]
     assert len(set(digests)) == len(digests)
 
@@ -199,7 +204,7 @@ def test_stems_count_only_where_something_can_be_heard(tmp_path: Path) -> None:
         {"like": first, "index": 3, "sources": [], "background": {"kind": "noise", "snr_db": 20}},
     ]
     source = read_manifest(written(tmp_path, content))
-    plain, stems = (make_plans(source, audio="analytic", extras=extras) for extras in ((), ("stems",)))
+    plain, stems = (make_plans(source, GenerateOptions(audio="analytic", extras=extras)) for extras in ((), ("stems",)))
     assert [a.digest == b.digest for a, b in zip(plain, stems, strict=True)] == [False, True, False]
     assert [plan.keeps_stems for plan in stems] == [True, False, True]
 
@@ -210,7 +215,7 @@ def test_stems_count_only_where_something_can_be_heard(tmp_path: Path) -> None:
 )
 def test_the_engine_is_the_one_asked_for_else_the_manifests_else_the_tracer(tmp_path, named, asked, expected) -> None:
     content = document() | ({} if named is None else {"audio": named})
-    assert make_plans(read_manifest(written(tmp_path, content)), audio=asked)[0].audio == expected
+    assert make_plans(read_manifest(written(tmp_path, content)), GenerateOptions(audio=asked))[0].audio == expected
 
 
 def test_published_manifests_name_the_engine_they_were_made_with() -> None:

@@ -23,6 +23,7 @@ from generators.homes import cache as cache
 from generators.library.mesh_cleaning import clean
 from generators.library.store import default_store
 from generators.manifest import LicenceSpec, ManifestFile, ScanSpec, read_manifest
+from generators.options import GenerateOptions
 from generators.plan import make_plans, resolve_file
 from generators.run.dataset_record import check
 from generators.run.generation import generate
@@ -41,7 +42,7 @@ def source(tmp_path: Path, **changes: object) -> ManifestFile:
 
 def refuses_to_run(manifest: ManifestFile, tmp_path: Path, folder: Path | None = None) -> str:
     """What `run` says; nothing must be built, and nothing be left."""
-    plans = make_plans(manifest, audio="analytic", frames=2, size=32)
+    plans = make_plans(manifest, GenerateOptions(audio="analytic", frames=2, size=32))
     root, events = tmp_path / "data", []
     with pytest.raises(Avs3dError) as caught:
         run(manifest, plans, root, RunSettings(folder or tmp_path / "cache"), events.append)
@@ -139,7 +140,7 @@ def test_the_content_of_a_file_below_a_home_folder_decides_the_digest(
     digests = set()
     for content in (b"ding", b"dong"):
         (tmp_path / "bell.wav").write_bytes(content)
-        digests.add(make_plans(read_manifest(manifest), audio="analytic")[0].digest)
+        digests.add(make_plans(read_manifest(manifest), GenerateOptions(audio="analytic"))[0].digest)
     assert len(digests) == 2
 
 
@@ -262,15 +263,15 @@ def test_files_that_the_chosen_observations_do_not_use_block_nothing(tmp_path: P
 def test_an_asset_of_another_category_may_be_missing_from_the_lock_file(tmp_path: Path) -> None:
     path = write_manifest(tmp_path)
     path.write_text(path.read_text() + "\nobjects: {clock: [{asset: folder/typo}]}\n")
-    assert len(make_plans(read_manifest(path), audio="analytic", only=["part_1/*"])) == 1
+    assert len(make_plans(read_manifest(path), GenerateOptions(audio="analytic", only=["part_1/*"]))) == 1
     with pytest.raises(UsageError, match="no asset 'folder/typo'"):
-        make_plans(read_manifest(path), audio="analytic")
+        make_plans(read_manifest(path), GenerateOptions(audio="analytic"))
 
 
 def test_a_file_that_has_gone_since_is_named(tmp_path: Path) -> None:
     """Its observation has another digest then; that it is from another manifest would be wrong."""
     path = with_files(tmp_path, {}, {"microwave": ["good.wav"]})
-    (plan,) = make_plans(read_manifest(path), audio="analytic", only=["part_1/*"])
+    (plan,) = make_plans(read_manifest(path), GenerateOptions(audio="analytic", only=["part_1/*"]))
     plan.check_files()
     (tmp_path / "good.wav").unlink()
     with pytest.raises(Avs3dError, match=r"good\.wav: sound for microwave not found"):

@@ -32,9 +32,10 @@ from generators.backends import OBSERVATION, observation_provenance, unused_back
 from generators.homes.cache import BUILDER
 from generators.library.store import CLEANING
 from generators.manifest import read_manifest
+from generators.observation.tar_output import WRITER
+from generators.options import EngineOptions, GenerateOptions
 from generators.plan import make_plans
 from generators.receivers import PARTS
-from generators.recording.tar_output import WRITER
 from generators.run.dataset_record import read_observation
 from generators.run.finished import find_damage
 from generators.run.worker import RunTarget, make_observation, prepare
@@ -44,7 +45,7 @@ ROOT = Path(__file__).parent.parent
 TORCH = "baselines.echosegnet.rasteriser.torch_rasteriser:TorchRasteriser"
 #: Result → the functions that make it, and what is certain not to run.
 RESULTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "observation": (OBSERVATION, unused_backends("embree", "analytic")),
+    "observation": (OBSERVATION, unused_backends(EngineOptions(audio="analytic"))),
     "tar": ((WRITER,), ()),
     "home": (BUILDER, ()),
     "training": ((*TRAINING, TORCH), ()),
@@ -181,7 +182,7 @@ def test_an_edit_changes_every_result_that_depends_on_it_and_no_other(packages: 
 @pytest.mark.parametrize("audio", ["soundspaces", "analytic"])
 def test_sound_of_other_engines_does_not_depend_on_the_tracer_and_its_receivers(audio: str) -> None:
     def parts_of_tracer(engine: str) -> set[str]:
-        return {name for name in observation_provenance("embree", engine).sources if ".tracer" in name}
+        return {name for name in observation_provenance(EngineOptions(audio=engine)).sources if ".tracer" in name}
 
     assert parts_of_tracer(audio) == set()
     named = {part.partition(":")[0] for part in PARTS.values()}
@@ -473,7 +474,7 @@ def test_files_say_which_software_made_them(made: tuple[Path, Path], tmp_path: P
     dataset = Dataset(made[1])
     assert dataset.record is not None
     said = dataset.record.provenance
-    assert said == ProvenanceRecord.of(observation_provenance("embree", "analytic"))
+    assert said == ProvenanceRecord.of(observation_provenance(EngineOptions(audio="analytic")))
     write_trivial("all-black", dataset, tmp_path / "black")
     evaluation = evaluate(tmp_path / "black", made[1])
     scores = Scores.model_validate_json(evaluation.scores.model_dump_json())
@@ -504,9 +505,9 @@ def test_files_without_provenance_are_read_and_keep_their_bytes(made: tuple[Path
 
 def test_a_worker_of_another_machine_compares_its_software_before_it_does_anything(tmp_path: Path) -> None:
     source = read_manifest(write_manifest(tmp_path))
-    plan = make_plans(source, audio="analytic", only=["part_1/*"])[0]
+    plan = make_plans(source, GenerateOptions(audio="analytic", only=["part_1/*"]))[0]
     mine = plan.backends[SOFTWARE]
-    assert mine == observation_provenance("embree", "analytic").digest
+    assert mine == observation_provenance(EngineOptions(audio="analytic")).digest
     other = replace(plan, backends=plan.backends | {SOFTWARE: "0" * 64})
     assert other.digest != plan.digest
     place = RunTarget(tmp_path / "out", tmp_path / "cache", token="run")

@@ -25,11 +25,11 @@ from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.backends import acoustic_backend
 from generators.cli import generate
 from generators.manifest import read_manifest
+from generators.observation.regenerate import regenerate
+from generators.options import EngineOptions, GenerateOptions
 from generators.plan import make_plans
 from generators.receivers import OWN_HEAD, Receivers, choose_receivers
-from generators.regenerate import regenerate
 from generators.run.differences import describe_differences
-from generators.run.options import GenerateOptions
 from tests.homes import tree_digest, write_manifest
 from tests.sofa_files import write_sphere
 
@@ -283,12 +283,12 @@ def test_every_option_that_is_recorded_is_named_where_it_differs(every: Dataset,
          "--with array (recorded centre at [0.0, 0.0, 0.0], asked centre at [0.0, 0.0, 0.5])"),
     ]  # fmt: skip
     for key, chosen, change, expected in cases:
-        (plan,) = make_plans(source, only=[key], receivers=chosen, **same | change)
+        (plan,) = make_plans(source, GenerateOptions(only=[key], receivers=chosen, **same | change))
         record = record_of(every[key])
         assert describe_differences(plan, record) == expected
         assert (plan.digest == record.plan_sha256) == (expected == "")
         if not expected:
-            elsewhere = replace(plan, vision="cuda", device="cuda", seed=plan.seed + 1)
+            elsewhere = replace(plan, options=replace(plan.options, vision="cuda", device="cuda"), seed=plan.seed + 1)
             elsewhere = replace(elsewhere, backends=plan.backends | {"tracer": "0.0"})
             assert describe_differences(elsewhere, record) == (
                 "--vision (recorded embree, asked cuda), --device (recorded cpu, asked cuda), "
@@ -337,7 +337,7 @@ def test_all_that_the_sound_depends_on_is_in_the_digest_of_the_plan(manifest: Pa
     source = read_manifest(manifest)
 
     def digest(receivers: Receivers) -> str:
-        return make_plans(source, only=[ONE], audio="tracer", receivers=receivers)[0].digest
+        return make_plans(source, GenerateOptions(only=[ONE], audio="tracer", receivers=receivers))[0].digest
 
     place = MicrophoneRecord(name="a", position=(0, 0, 0))
     arrays = [ArrayRecord(microphones=(place, place.model_copy(update=change))) for change in (
@@ -352,7 +352,7 @@ def test_all_that_the_sound_depends_on_is_in_the_digest_of_the_plan(manifest: Pa
     assert len({digest(choice) for choice in choices}) == len(choices)
     moved = Receivers(hrtf=Path("/b.sofa"), hrtf_sha256="1" * 64)
     assert digest(moved) == digest(choices[-2])
-    assert make_plans(source, only=[ONE], audio="tracer")[0].digest == digest(OWN_HEAD)
+    assert make_plans(source, GenerateOptions(only=[ONE], audio="tracer"))[0].digest == digest(OWN_HEAD)
 
 
 def test_a_head_that_changes_during_a_run_is_refused(head: Path, tmp_path: Path) -> None:
@@ -462,7 +462,7 @@ def test_options_in_python() -> None:
     with pytest.raises(UsageError, match="order is 0"):
         choose_receivers("tracer", ambisonics=0)
     with pytest.raises(UsageError, match="--with ambisonics needs the engine tracer"):
-        acoustic_backend("analytic", receivers=Receivers(ambisonics=1))
+        acoustic_backend(EngineOptions(audio="analytic", receivers=Receivers(ambisonics=1)))
 
 
 # --- what the validator finds ----------------------------------------------------------------------------------------

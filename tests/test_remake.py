@@ -14,8 +14,9 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.observation_check import check_tars
 from avs3d_bench.validate import validate
 from generators.manifest import read_manifest
+from generators.observation.output import FolderOutput, sweep
+from generators.options import GenerateOptions
 from generators.plan import make_plans
-from generators.recording.output import FolderOutput, sweep
 from generators.run.formats import FORMATS, is_of_plan
 from generators.run.generation import generate
 from tests.homes import tree_digest, write_manifest
@@ -60,7 +61,7 @@ def errors_of(root: Path, form: str) -> list[str]:
 @pytest.mark.parametrize("digest", ["digest", "pictures_digest"])
 def test_a_declaration_of_another_category_changes_no_digest(tmp_path: Path, digest: str) -> None:
     def digests(**changes: Any) -> tuple[str, ...]:
-        plans = make_plans(read_manifest(write(tmp_path, **changes)), audio="analytic")
+        plans = make_plans(read_manifest(write(tmp_path, **changes)), GenerateOptions(audio="analytic"))
         return tuple(getattr(plan, digest) for plan in plans)
 
     one, two = digests()
@@ -177,7 +178,7 @@ def test_a_kill_between_two_steps_loses_neither_the_old_nor_the_new(
     output = FolderOutput(place, replaces=True)
     output.open()
     steps = iter(range(10))
-    rename, remove = Path.rename, "generators.recording.output.remove"
+    rename, remove = Path.rename, "generators.observation.output.remove"
 
     def dying(self: Path, target: Path) -> Path:
         if next(steps) == step:
@@ -220,7 +221,9 @@ def test_a_dataset_of_other_software_is_refused_with_the_cure(tmp_path: Path, mo
     monkeypatch.setattr("generators.plan.json.dumps", lambda *_, **__: "as another version computes it")
     monkeypatch.setattr("generators.run.differences.__version__", "9.0.0")
     monkeypatch.setattr("generators.run.differences.observation_provenance", other_software)
-    assert not is_of_plan(FORMATS["folders"], root, make_plans(source, audio="analytic", frames=2, size=32)[0])
+    assert not is_of_plan(
+        FORMATS["folders"], root, make_plans(source, GenerateOptions(audio="analytic", frames=2, size=32))[0]
+    )
     with pytest.raises(UsageError, match=r"by other software \(version .*, not 9\.0\.0\); .* --remake"):
         generate(manifest, root, **SMALL)
     assert tree_digest(root) == before

@@ -16,6 +16,7 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.taxonomy import CATEGORIES, DISTRACTORS, PARTS, ROOMS
 from generators.assets import catalogue
 from generators.manifest import Manifest, ObservationSpec, read_manifest
+from generators.options import GenerateOptions
 from generators.plan import make_plans
 from generators.sampling import excluded as excluded_module
 from generators.sampling import sample as sample_module
@@ -339,11 +340,17 @@ def test_sampled_observations_fit_into_their_rooms() -> None:
 def test_a_source_elsewhere_of_a_category_in_the_room_marks_no_object() -> None:
     from types import SimpleNamespace
 
-    from generators.sound_scene import class_table
+    from generators.observation.generate import class_table
+    from generators.observation.parts import rules_of
 
     def table(instance: int | None) -> list[int]:
         source = SimpleNamespace(id="source_1", instance=instance, category="clock")
-        ready: Any = SimpleNamespace(sources=[source], seen=SimpleNamespace(placements=["clock", "clock"]))
+        ready: Any = SimpleNamespace(
+            plan=SimpleNamespace(own_categories=None),
+            rules=rules_of("part_3"),
+            sources=[source],
+            arrangement=SimpleNamespace(placements=["clock", "clock"]),
+        )
         audible: Any = [SimpleNamespace(source="source_1")]
         return class_table(ready, audible).tolist()
 
@@ -370,11 +377,11 @@ def tiny(**changes: Any) -> dict[str, Any]:
 def plans(tmp_path: Path, content: dict[str, Any]) -> tuple[Any, ...]:
     path = tmp_path / "tiny.yaml"
     path.write_text(yaml.safe_dump(content))
-    return make_plans(read_manifest(path), audio="analytic")
+    return make_plans(read_manifest(path), GenerateOptions(audio="analytic"))
 
 
 def test_models_restrict_what_is_drawn(tmp_path: Path) -> None:
-    from generators.arrangement import choose_models
+    from generators.observation.arrangement import choose_models
 
     for variant in catalogue.variants("clock"):
         plan, other = plans(tmp_path, tiny(models={"clock": [variant]}))

@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from avs3d_bench.errors import Avs3dError
+from generators.options import GenerateOptions
 from generators.plan import check_scans, make_plans, read_manifest, scans_root
 from generators.run.runner import RunSettings, run
 from generators.scans import files as scanfiles
@@ -165,7 +166,7 @@ def plan(folder: Path, **scan: object):
         "observations": [{"part": "part_1", "scan": "flat", "room": "kitchen", "index": 1, "category": "clock"}],
     }
     (folder / "m.yaml").write_text(yaml.safe_dump(document))
-    (one,) = make_plans(read_manifest(folder / "m.yaml"), audio="analytic")
+    (one,) = make_plans(read_manifest(folder / "m.yaml"), GenerateOptions(audio="analytic"))
     return one
 
 
@@ -214,7 +215,7 @@ def test_all_scans_missing_is_one_line_before_anything_else(tmp_path: Path, monk
     root = tmp_path / "scans"
     touch(root, "other.glb")
     monkeypatch.setenv("AVS3D_SCANS", str(root))
-    plans = make_plans(source, audio="analytic")
+    plans = make_plans(source, GenerateOptions(audio="analytic"))
     with pytest.raises(Avs3dError, match="none of the scans") as caught:
         run(source, plans, tmp_path / "out", RunSettings(tmp_path), lambda event: pytest.fail(str(event)))
     message = str(caught.value)

@@ -19,6 +19,7 @@ from generators.assets import gltf
 from generators.assets.meshfile import load_mesh
 from generators.assets.modelframe import upright
 from generators.homes.store import open_home
+from generators.options import GenerateOptions
 from generators.plan import make_plans, read_manifest
 from generators.scans.annotations import AnnotatedObject, Annotations, Region, spread_over
 from generators.scans.hm3d import read_hm3d, read_table
@@ -415,8 +416,8 @@ def test_habitat_decodes_them_itself_embree_cannot(basis: Path, monkeypatch: pyt
         "{name: tiny, seed: 1, scans: {abc: {source: scan, rooms: {kitchen: [[0, -0.2, -4], [4, 2.5, 0]]}}},"
         " observations: [{part: part_1, scan: abc, room: kitchen, index: 1, category: clock}]}"
     )
-    (plan,) = make_plans(read_manifest(manifest), audio="analytic")
-    home = open_home(replace(plan, vision="habitat"), basis.parent)
+    (plan,) = make_plans(read_manifest(manifest), GenerateOptions(audio="analytic"))
+    home = open_home(replace(plan, options=replace(plan.options, vision="habitat")), basis.parent)
     assert home.stage is not None
     assert (home.stage.path, home.stage.up, home.stage.front) == (basis, "z", "-y")
     with pytest.raises(Avs3dError, match="KTX2"):

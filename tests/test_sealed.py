@@ -27,6 +27,7 @@ from baselines.oracle import write_oracle
 from evaluators.cli import check, evaluate
 from evaluators.score import evaluate as score
 from generators.backends import observation_provenance
+from generators.options import EngineOptions
 from generators.sealing.cli import unseal
 from generators.sealing.unseal import other_software
 from generators.sealing.unseal import unseal as open_seal
@@ -483,7 +484,7 @@ def test_messages_of_usage_are_usage_errors(tmp_path: Path) -> None:
 def test_other_software_is_named_before_bytes_are_compared(made: Path) -> None:
     """Observations that are generated again by other versions may differ without anyone's fault."""
     seal = sealed.read_seal(made / "public")
-    here = ProvenanceRecord.of(observation_provenance("embree", "analytic"))
+    here = ProvenanceRecord.of(observation_provenance(EngineOptions(audio="analytic")))
     same = seal.model_copy(
         update={"provenance": here, "settings": {"vision": "embree", "audio": "analytic", "device": "cpu"}}
     )

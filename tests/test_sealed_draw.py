@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from generators.manifest import Manifest, read_manifest
-from generators.run.options import GenerateOptions
+from generators.options import GenerateOptions
 from generators.sealing import draw
 from generators.sealing.draw import check_template, draw_document, fit_homes, home_seed
 from generators.sealing.seal import PUBLIC_MANIFESTS, seal

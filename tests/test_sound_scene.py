@@ -22,9 +22,11 @@ from avs3d_bench.schema import AUDIBLE_LEVEL_DB, AUDIBLE_SNR_DB
 from avs3d_bench.validate import validate
 from generators.apartments.apartment import build_apartment
 from generators.cli import generate
+from generators.observation.arrangement import Arrangement
+from generators.observation.regenerate import regenerate
+from generators.observation.sources import SoundSource, choose_sources
+from generators.options import GenerateOptions
 from generators.plan import make_plans, read_manifest
-from generators.regenerate import regenerate
-from generators.sound_scene import SceneSource, choose_sources
 from tests.homes import tree_digest, write_manifest
 from tests.tiny import clone, replace
 
@@ -241,7 +243,7 @@ def test_gain_is_a_level(manifest: Path, group: Dataset, tmp_path: Path) -> None
 
 
 def test_what_sounds_changes_no_digest_of_the_pictures(manifest: Path) -> None:
-    plans = make_plans(read_manifest(manifest), audio="analytic")
+    plans = make_plans(read_manifest(manifest), GenerateOptions(audio="analytic"))
     assert len({plan.pictures_digest for plan in plans}) == 1
     assert len({plan.digest for plan in plans}) == len(plans)
 
@@ -435,7 +437,7 @@ def test_siblings_of_one_that_fails_are_made(group: Dataset, tmp_path: Path) -> 
     assert made == expected
 
 
-def away(folder: Path, *categories: str, **changes: object) -> tuple[SceneSource, ...]:
+def away(folder: Path, *categories: str, **changes: object) -> tuple[SoundSource, ...]:
     """Off-screen sources of these categories in the living room of an apartment."""
     entry = FIRST_ENTRY | {
         "scan": "flat",
@@ -443,8 +445,8 @@ def away(folder: Path, *categories: str, **changes: object) -> tuple[SceneSource
     }
     scans = {"flat": {"source": "apartment", "seed": 11}}
     path = write_manifest(folder, scans=scans, observations=[entry], **changes)
-    (plan,) = make_plans(read_manifest(path), audio="analytic")
-    return choose_sources(plan, build_apartment("flat", 11), ())
+    (plan,) = make_plans(read_manifest(path), GenerateOptions(audio="analytic"))
+    return choose_sources(plan, build_apartment("flat", 11), Arrangement((), (), ()))
 
 
 def test_off_screen_sources_of_one_room_stand_apart(tmp_path: Path) -> None:
@@ -458,7 +460,7 @@ def test_twins_do_not_play_a_recording_in_step(tmp_path: Path) -> None:
     soundfile.write(tmp_path / "hum.wav", noise, RATE, subtype="FLOAT")
     licence = {"name": "CC0-1.0", "author": "avs3d-bench"}
     sounds = {"microwave": [{"file": "hum.wav", "licence": licence}]}
-    first, second = (source.sound.samples for source in away(tmp_path, "microwave", "microwave", sounds=sounds))
+    first, second = (source.signal.samples for source in away(tmp_path, "microwave", "microwave", sounds=sounds))
     assert abs(np.corrcoef(first, second)[0, 1]) < 0.05
 
 

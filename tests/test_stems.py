@@ -15,8 +15,8 @@ from avs3d_bench.layout import SAMPLE_RATE
 from generators.acoustics.analytic import AnalyticBackend
 from generators.acoustics.direct import DirectPath
 from generators.manifest import SHORTEST_SOUND, BurstsSpec, ProgrammeSpec, TurnSpec
-from generators.programme import RAMP, gated, intervals_of
-from generators.recording.stems import HeardSource, audible_sources, direct_to_reverberant, mixture
+from generators.observation.programme import RAMP, gated, intervals_of
+from generators.observation.stems import Stem, audible_sources, direct_to_reverberant, mixture
 
 PRE_ROLL = 2.0
 RAMP_SAMPLES = round(RAMP * SAMPLE_RATE)
@@ -94,8 +94,8 @@ def test_a_source_that_always_sounds_has_no_ramp() -> None:
 # What is audible
 
 
-def heard(*stems: np.ndarray) -> dict[str, HeardSource]:
-    return {f"source_{n}": HeardSource(stem, None, np.zeros((2, 1))) for n, stem in enumerate(stems, start=1)}
+def heard(*stems: np.ndarray) -> dict[str, Stem]:
+    return {f"source_{n}": Stem(stem) for n, stem in enumerate(stems, start=1)}
 
 
 def test_levels_are_decibels_of_the_rms_over_both_ears() -> None:

@@ -15,6 +15,7 @@ from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import UsageError
 from avs3d_bench.validate import validate
 from generators.cli import generate
+from generators.options import GenerateOptions
 from generators.plan import make_plans, read_manifest
 from generators.sampling.sweep import MOST_VARIANTS
 from generators.sampling.sweep_cli import sweep
@@ -91,7 +92,9 @@ def test_part_1_varies_its_acoustics(tmp_path: Path) -> None:
 
 
 def test_variants_draw_what_their_original_draws(tmp_path: Path) -> None:
-    plans = make_plans(read_manifest(swept(write(tmp_path), f"{SNR}=none,5", only="part_3/*")), audio="analytic")
+    plans = make_plans(
+        read_manifest(swept(write(tmp_path), f"{SNR}=none,5", only="part_3/*")), GenerateOptions(audio="analytic")
+    )
     first, variant, sibling, siblings_variant = plans
     assert {plan.pictures_digest for plan in plans} == {first.pictures_digest}
     assert [plan.first and plan.first.key for plan in plans] == [None, SCENE, SCENE, SCENE]

@@ -25,10 +25,12 @@ from benchmarks.sealed_takes import TAKE_ATTACKS, Sibling, take_cases
 from benchmarks.sibling_clips import arranged_unlit, compare, hear_siblings
 from generators.assets.sounds import enough, stretches, synthesise
 from generators.backends import vision_backend
+from generators.observation.hearing import HEAD, responses_at
+from generators.observation.prepare import prepare_sources
+from generators.observation.sources import check_takes, choose_sources
+from generators.options import GenerateOptions
 from generators.plan import ObservationPlan, make_plans, read_manifest
-from generators.recording.hearing import HEAD, responses_at
 from generators.sealing.cli import seal
-from generators.sound_scene import check_takes, choose_sources, prepare_sources
 from tests.homes import write_manifest
 
 FIRST = "part_3/box/kitchen/1"
@@ -56,7 +58,7 @@ def plans_of(folder: Path, audio: str = "analytic", **changes: Any) -> dict[int,
     entries += [{"like": FIRST, "index": index, "sources": SOURCES[index]} for index in list(SOURCES)[1:]]
     camera = {"size": 64, "frames": FRAMES}
     path = write_manifest(folder, observations=[*entries, VARIANT], camera=camera, **changes)
-    plans = make_plans(read_manifest(path), audio=audio)
+    plans = make_plans(read_manifest(path), GenerateOptions(audio=audio))
     return {plan.spec.index: plan for plan in plans}
 
 
@@ -74,8 +76,8 @@ def takes(plan: ObservationPlan) -> list[np.ndarray]:
     """What the microwaves of an observation play, as long as its frames."""
 
     home, seen = arranged_unlit(plan)
-    sources = choose_sources(plan, home, seen.placements)
-    return [source.sound.samples for source in sources if source.category == "microwave"]
+    sources = choose_sources(plan, home, seen)
+    return [source.signal.samples for source in sources if source.category == "microwave"]
 
 
 def alike(one: np.ndarray, other: np.ndarray) -> float:
@@ -108,7 +110,7 @@ def test_the_random_numbers_of_the_acoustics_are_a_siblings_own(tmp_path: Path) 
     assert len({plan.pictures_digest for plan in plans.values()}) == 1
     noise = {index: plan.own_rng("background").integers(1 << 60) for index, plan in plans.items()}
     assert len({noise[index] for index in SOURCES}) == len(SOURCES)
-    others = make_plans(read_manifest(write_manifest(tmp_path)), audio="analytic")
+    others = make_plans(read_manifest(write_manifest(tmp_path)), GenerateOptions(audio="analytic"))
     assert [plan.acoustic_seed for plan in others] == [None, None]
 
 
@@ -119,10 +121,10 @@ def test_late_reverberation_differs_between_siblings(audio: str, tmp_path: Path)
     plans, found = plans_of(tmp_path, audio), {}
     for index in (1, 4, 2, 7):
         plan = plans[index]
-        ready = prepare_sources(plan, *arranged_unlit(plan), vision_backend(plan.vision))
-        (listening, *_) = ready.listenings(plan)
-        session = listening.engine().open(listening.scene, listening.sources[0], room=listening.room)
-        found[index] = responses_at(session, listening.poses[0])[HEAD].astype(float)
+        ready = prepare_sources(plan, *arranged_unlit(plan), vision_backend(plan.options.renderer))
+        (job, *_) = ready.acoustic_jobs
+        session = job.engine().open(job.scene, job.path[0], room=job.room)
+        found[index] = responses_at(session, job.poses[0])[HEAD].astype(float)
         session.close()
         assert ready.engine.describe()["seed"] == plan.acoustic_seed
 
@@ -172,7 +174,9 @@ def test_siblings_play_other_stretches_of_a_recording(tmp_path: Path) -> None:
     assert len(every) == 5
     assert max(alike(one, other) for one, other in combinations(every, 2)) < 0.05
     np.testing.assert_array_equal(played[7][0], played[2][0])
-    (alone,) = make_plans(read_manifest(tmp_path / "tiny.yaml"), only=("part_3/box/kitchen/3",), audio="analytic")
+    (alone,) = make_plans(
+        read_manifest(tmp_path / "tiny.yaml"), GenerateOptions(only=("part_3/box/kitchen/3",), audio="analytic")
+    )
     assert alone.digest == plans[3].digest
     np.testing.assert_array_equal(takes(alone), played[3])
 
@@ -193,7 +197,7 @@ def test_a_sealed_test_refuses_recordings_that_are_too_short(tmp_path: Path) -> 
     with pytest.raises(UsageError, match=message):
         CliRunner().invoke(seal, arguments, catch_exceptions=False)
     assert not (tmp_path / "test").exists()
-    check_takes(make_plans(read_manifest(tmp_path / "tiny.yaml"), audio="analytic", frames=2))
+    check_takes(make_plans(read_manifest(tmp_path / "tiny.yaml"), GenerateOptions(audio="analytic", frames=2)))
 
 
 def test_another_sibling_with_the_recording_changes_the_plans(tmp_path: Path) -> None:
@@ -204,7 +208,7 @@ def test_another_sibling_with_the_recording_changes_the_plans(tmp_path: Path) ->
         more = {"like": FIRST, "index": 9, "sources": sources}
         path = tmp_path / "more.yaml"
         path.write_text(yaml.safe_dump(document | {"observations": [*document["observations"], more]}))
-        after = {plan.spec.index: plan for plan in make_plans(read_manifest(path), audio="analytic")}
+        after = {plan.spec.index: plan for plan in make_plans(read_manifest(path), GenerateOptions(audio="analytic"))}
         assert (after[1].digest != before[1].digest) == changes
 
 

@@ -20,11 +20,12 @@ from avs3d_bench.ahead import continue_in_fork
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.scheduling.local import LocalScheduler, divide
 from avs3d_bench.scheduling.tasks import Context, Policy, Task
-from generators.observation import generate_observation
-from generators.paths.stage import MOST_THREADS, StageRenderer
+from generators.observation import hearing
+from generators.observation.generate import generate_observation
+from generators.observation.stage import MOST_THREADS, StageRenderer
+from generators.observation.writer import ObservationWriter
+from generators.options import GenerateOptions
 from generators.plan import make_plans, read_manifest
-from generators.recording import hearing
-from generators.recording.writer import ObservationWriter
 from generators.run import worker as work
 from tests.homes import write_manifest
 
@@ -39,9 +40,8 @@ def test_threads_change_no_byte(tmp_path: Path, audio: str) -> None:
     if audio == "soundspaces":
         pytest.importorskip("rlr_audio_propagation", reason="the SoundSpaces engine is not installed")
     plan = make_plans(
-        read_manifest(write_manifest(tmp_path)), only=["part_2/*"], frames=10, size=96, audio=audio,
-        extras=("depth", "rirs"),
-    )[0]  # fmt: skip
+        read_manifest(write_manifest(tmp_path)), GenerateOptions(only=["part_2/*"], frames=10, size=96, audio=audio,
+        extras=("depth", "rirs")))[0]  # fmt: skip
     constant = {str(n): repeat(n) for n in (1, 2, 3, 4, 32)}
     changing = {"growing": chain([1, 1, 1, 2, 2], repeat(32)), "shrinking": chain([1, 4, 4], repeat(1))}
     for name, cores in (constant | changing).items():
@@ -84,8 +84,11 @@ def test_frames_are_drawn_on_as_many_cores_as_there_are_now() -> None:
     cores = [at[max(start for start in at if start <= n)] for n in range(50)]
     given, finished = iter(cores), list[int]()
     still = SimpleNamespace(moves=False, scene=lambda _: None)
+    poses = dict(enumerate(range(50)))
     with closing(StageRenderer(_Drawing([], drawn), still, None)) as camera:  # type: ignore[arg-type]
-        shown = list(camera.frames(range(50), lambda second, _: finished.append(second), lambda: next(given)))  # type: ignore[arg-type]
+        shown = list(
+            camera.frames(poses, lambda second, _: finished.append(second), lambda: next(given))
+        )  # type: ignore[arg-type]
     assert shown == sorted(finished) == list(range(50))
     assert finished[:10] == list(range(10))
     assert max(drawn[:10]) == 1
@@ -99,7 +102,7 @@ def test_frames_are_drawn_on_fewer_cores_when_they_are_needed_elsewhere() -> Non
     given = iter(cores)
     still = SimpleNamespace(moves=False, scene=lambda _: None)
     with closing(StageRenderer(_Drawing([], drawn), still, None)) as camera:  # type: ignore[arg-type]
-        assert list(camera.frames(range(70), lambda *_: None, lambda: next(given))) == list(range(70))  # type: ignore[arg-type]
+        assert list(camera.frames(dict(enumerate(range(70))), lambda *_: None, lambda: next(given))) == list(range(70))  # type: ignore[arg-type]
     # Frames that were begun before the change, at most two per thread, are still drawn as before.
     assert max(drawn[:10]) == 4
     assert max(drawn[20:30]) == 2
@@ -196,7 +199,7 @@ def test_an_observation_asks_how_many_cores_it_has(tmp_path: Path, monkeypatch: 
         work, "generate_observation", lambda *_, cores, pictures, output: handed.append(cores()) or _Nothing()
     )
     monkeypatch.setattr(work, "_warm_up", lambda *_: None)
-    plan = make_plans(read_manifest(write_manifest(tmp_path)), only=["part_2/*"], audio="analytic")[0]
+    plan = make_plans(read_manifest(write_manifest(tmp_path)), GenerateOptions(only=["part_2/*"], audio="analytic"))[0]
     place = work.RunTarget(tmp_path, tmp_path)
     work.make_observation(Context(0, lambda *_: None), plan, place)
     work.make_observation(Context(0, lambda *_: None, lambda: 3), plan, place)
@@ -292,9 +295,10 @@ def test_an_observation_that_fails_on_several_cores_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str
 ) -> None:
     """One error, no process, no thread that draws, no file."""
-    plan = make_plans(read_manifest(write_manifest(tmp_path)), only=["part_2/*"], frames=10, size=64, audio="analytic")[
-        0
-    ]
+    plan = make_plans(
+        read_manifest(write_manifest(tmp_path)),
+        GenerateOptions(only=["part_2/*"], frames=10, size=64, audio="analytic"),
+    )[0]
 
     def fail(*_: object) -> None:
         raise Avs3dError("the clip is wrong")

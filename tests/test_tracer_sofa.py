@@ -21,7 +21,8 @@ from generators.acoustics.tracer.receivers.sofa import read_hrirs
 from generators.acoustics.tracer.receivers.sphere import sphere_response
 from generators.acoustics.tracer.receivers.sphere_mesh import SphereMesh
 from generators.backends import acoustic_backend
-from generators.observation import describe_head
+from generators.observation.record import describe_head
+from generators.options import EngineOptions
 from generators.receivers import choose_receivers
 from tests.sofa_files import RATE, fibonacci, sphere_impulses, write, write_sphere
 
@@ -303,7 +304,7 @@ def test_names_and_texts_that_are_no_utf_8_become_readable(tmp_path: Path) -> No
     assert record.author == "Universit\N{REPLACEMENT CHARACTER}t"
     assert record.name == "CC-BY 4.0 \N{REPLACEMENT CHARACTER}"
     assert record.source == "K\N{REPLACEMENT CHARACTER}pfe.sofa"
-    settings = acoustic_backend("tracer", receivers=receivers).describe()
+    settings = acoustic_backend(EngineOptions(audio="tracer", receivers=receivers)).describe()
     assert settings["hrtf_file"] == record.source
     for document in (record, settings):
         assert "\N{REPLACEMENT CHARACTER}" in dump_json(document).encode().decode()

@@ -20,6 +20,7 @@ from avs3d_bench.validate import validate
 from generators.acoustics.analytic import AnalyticBackend
 from generators.acoustics.materials import MATERIALS, mean_absorption
 from generators.cli import generate
+from generators.options import GenerateOptions
 from generators.plan import make_plans, read_manifest
 from tests.homes import tree_digest, write_manifest
 
@@ -115,7 +116,7 @@ def manifest(folder: Path, *entries: dict, **changes: object) -> Path:
 
 def test_a_variant_takes_everything_but_index_and_acoustics(tmp_path: Path) -> None:
     path = manifest(tmp_path, {"like": ORIGINAL, "index": 2, "acoustics": {"absorption_scale": 0.5}})
-    original, variant = make_plans(read_manifest(path), audio="analytic")
+    original, variant = make_plans(read_manifest(path), GenerateOptions(audio="analytic"))
     assert variant.key == "part_1/box/kitchen/2"
     taken = {"index", "acoustics", "like"}
     assert original.spec.model_dump(exclude=taken) == variant.spec.model_dump(exclude=taken)
@@ -135,14 +136,17 @@ def test_acoustics_of_the_manifest_hold_where_an_entry_says_nothing(tmp_path: Pa
         {"like": "part_1/box/kitchen/3", "index": 4},
         acoustics={"absorption_scale": 2.0},
     )
-    scales = [plan.spec.acoustics.absorption_scale for plan in make_plans(read_manifest(path), audio="analytic")]
+    scales = [
+        plan.spec.acoustics.absorption_scale
+        for plan in make_plans(read_manifest(path), GenerateOptions(audio="analytic"))
+    ]
     assert scales == [2.0, 3.0, 2.0, 3.0]
 
 
 def test_the_options_left_alone_leave_the_digest_alone(tmp_path: Path) -> None:
-    plain = make_plans(read_manifest(manifest(tmp_path / "a")), audio="analytic")[0]
+    plain = make_plans(read_manifest(manifest(tmp_path / "a")), GenerateOptions(audio="analytic"))[0]
     said = manifest(tmp_path / "b", acoustics={"absorption_scale": 1.0}, source_motion="static")
-    assert make_plans(read_manifest(said), audio="analytic")[0].digest == plain.digest
+    assert make_plans(read_manifest(said), GenerateOptions(audio="analytic"))[0].digest == plain.digest
     assert not {"acoustics", "source_motion", "like"} & set(plain.spec.identity())
 
 

@@ -35,9 +35,9 @@ def open_home(plan: ObservationPlan, folder: Path, *, workers: int = 1) -> Scene
 
             assert plan.scan.seed is not None
             unlit = build_apartment(plan.spec.scan, plan.scan.seed, workers)
-            return bake(unlit, quality=plan.light, workers=workers, device=plan.device)
+            return bake(unlit, quality=plan.light, workers=workers, device=plan.options.device)
 
-        scene = cached_scene(folder, plan.home_digest, build, plan.device)
+        scene = cached_scene(folder, plan.home_digest, build, plan.options.device)
     scene.room(plan.spec.room)
     return scene
 
@@ -54,7 +54,7 @@ def _open_scan(plan: ObservationPlan) -> Scene:
     if known and known.stage and known.stage.path == files.mesh and room in (each.name for each in known.rooms):
         return known
     # Habitat reads the stage file itself, with its compressed textures.
-    textures = plan.vision != "habitat" or can_decode_basis() or not has_basis(files.mesh)
+    textures = plan.options.renderer != "habitat" or can_decode_basis() or not has_basis(files.mesh)
     scene = load_scan(
         plan.spec.scan,
         files,

@@ -4,7 +4,7 @@
 that passes every test of generators/placement/fitting.py. Twins (identical copies) are at least a metre apart if the
 room allows; an oven and a microwave are side by side (the paper's hard pair).
 
-The sounding object is drawn later (generators/arrangement.py), so that no place can reveal it.
+The sounding object is drawn later (generators.observation.arrangement), so that no place can reveal it.
 """
 
 from __future__ import annotations

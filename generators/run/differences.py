@@ -36,7 +36,7 @@ def _other_source(plan: ObservationPlan, read_index: Callable[[], DatasetRecord]
         index = read_index()
     except Avs3dError:  # of a run that was interrupted
         return "from another manifest or by another version"
-    there, here = index.provenance, observation_provenance(plan.vision, plan.audio, plan.device)
+    there, here = index.provenance, observation_provenance(plan.options)
     if there is None or there.digest != here.digest:
         other = index.toolkit_version != __version__
         which = f"version {index.toolkit_version}, not {__version__}" if other else "its sources or libraries differ"
@@ -60,10 +60,10 @@ def describe_differences(plan: ObservationPlan, record: ObservationRecord) -> st
 
 def _options(plan: ObservationPlan, record: ObservationRecord) -> Iterator[tuple[str, str, str]]:
     """(option, recorded, asked) of every option."""
-    acoustics, asked = record.acoustics, plan.receivers
-    yield "--audio", acoustics.backend, plan.audio
-    yield "--vision", record.vision.backend, plan.vision
-    yield "--device", record.device.name if record.device else "cpu", plan.device
+    acoustics, asked = record.acoustics, plan.options.receivers
+    yield "--audio", acoustics.backend, plan.options.engine
+    yield "--vision", record.vision.backend, plan.options.renderer
+    yield "--device", record.device.name if record.device else "cpu", plan.options.device
     yield "--frames", str(len(record.frames)), str(plan.camera.frames)
     yield "--size", str(record.intrinsics.width), str(plan.camera.size)
     then, now = _head(acoustics), _chosen_head(asked)
@@ -74,9 +74,9 @@ def _options(plan: ObservationPlan, record: ObservationRecord) -> Iterator[tuple
     if acoustics.array != asked.array:
         yield "--with array", *_arrays(acoustics.array, asked.array)
     folders = {path.partition("/")[0] for path in record.files}
-    yield f"--with {layout.DEPTH}", _given(layout.DEPTH in folders), _given(plan.depth)
+    yield f"--with {layout.DEPTH}", _given(layout.DEPTH in folders), _given("depth" in plan.options.extras)
     if plan.spec.sources or not plan.spec.is_sound_scene:  # a silent scene has no responses, whatever was asked
-        yield f"--with {layout.RIRS}", _given(layout.RIRS in folders), _given(plan.rirs)
+        yield f"--with {layout.RIRS}", _given(layout.RIRS in folders), _given("rirs" in plan.options.extras)
     yield f"--with {layout.STEMS}", _given(layout.STEMS in folders), _given(plan.keeps_stems)
     yield "seed of the manifest", str(record.seed), str(plan.seed)
 

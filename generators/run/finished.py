@@ -8,7 +8,7 @@ from pathlib import Path
 from avs3d_bench import files
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.schema import ObservationRecord
-from generators.recording.output import hidden_name, remove
+from generators.observation.output import hidden_name, remove
 
 
 def find_damage(folder: Path, record: ObservationRecord) -> str:

@@ -21,9 +21,9 @@ from avs3d_bench.parallel import available_cores
 from avs3d_bench.provenance import Provenance
 from avs3d_bench.schema import DatasetRecord, ObservationRecord
 from generators.manifest import ManifestFile
+from generators.observation.output import FolderOutput, ObservationOutput
+from generators.observation.tar_output import TarOutput, tar_plan_digest
 from generators.plan import ObservationPlan
-from generators.recording.output import FolderOutput, ObservationOutput
-from generators.recording.tar_output import TarOutput, tar_plan_digest
 from generators.run.dataset_record import describe_dataset, read_observation
 from generators.run.differences import describe_mismatch
 from generators.run.finished import find_damage

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import inspect
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from avs3d_bench.errors import UsageError, excerpt
 from avs3d_bench.one_thread import ONE_THREAD
@@ -14,35 +16,17 @@ from avs3d_bench.scheduling.options import Options as Scheduling
 from avs3d_bench.scheduling.options import scheduler_of
 from avs3d_bench.scheduling.tasks import Listener
 from avs3d_bench.user_path import user_path
-from generators.backends import RENDERERS
 from generators.core.cuda import most_workers
 from generators.core.folders import default_cache
 from generators.manifest import ManifestFile, read_manifest, select
+from generators.options import GenerateOptions, check_path
 from generators.plan import ObservationPlan, make_plans
-from generators.receivers import choose_receivers
-from generators.run.options import Audio, Device, Extra, Form, GenerateOptions, Vision, check_path
 from generators.run.progress import reporting
 from generators.run.runner import Outcome, RunSettings, default_limit, run
 
 
 def generate(
-    manifest: ManifestFile | str | Path,
-    root: str | Path,
-    *,
-    only: Sequence[str] = (),
-    workers: int | None = None,
-    vision: Vision | None = None,
-    audio: Audio | None = None,
-    frames: int | None = None,
-    size: int | None = None,
-    extras: Sequence[Extra] = (),
-    progress: bool = False,
-    hrtf: str | Path | None = None,
-    ambisonics: int | None = None,
-    array: str | Path | None = None,
-    device: Device = "cpu",
-    format: Form = "folders",
-    remake: Sequence[str] = (),
+    manifest: ManifestFile | str | Path, root: str | Path, *, progress: bool = False, **options: Any
 ) -> Outcome:
     """Generate the dataset that a manifest describes into a folder, as `avs3d generate` does.
 
@@ -52,23 +36,8 @@ def generate(
     Args:
         manifest: the manifest's file, or what `read_manifest` returns.
         root: the dataset's folder; made if missing.
-        only: shell patterns of observation keys, e.g. ``("part_2/*",)``; the others are left out.
-        workers: number of processes; None: one per core.
-        vision: renderer; None: that of ``device``, embree or cuda. habitat needs ``$AVS3D_HABITAT_PYTHON``.
-        audio: acoustic engine; soundspaces needs rlr-audio-propagation (CC-BY-NC 4.0). None: the manifest's, or the
-            tracer.
-        frames: frames per observation; None: the manifest's.
-        size: side of the pictures (pixels); None: the manifest's.
-        extras: optional folders: depth pictures, impulse responses, stems (of part_3).
         progress: show a bar on stderr, and a line per finished observation.
-        hrtf: SOFA file of the head that hears the binaural clips; only with the tracer, as the next two.
-        ambisonics: order of ambisonic clips, 1 to 3, beside the binaural ones; None: there are none.
-        array: file that lists the microphones of an array; None: there is none.
-        device: what draws the pictures, bakes the light and, with the tracer, traces the sound; cuda needs ``[cuda]``.
-        format: ``folders``, a dataset as `avs3d_bench.Dataset` reads it; or ``webdataset``, a tar file of samples for
-            each observation and ``shards.json``: see `avs3d_bench.exports.observation_tar`.
-        remake: shell patterns of the keys of observations that are made again even if they are there, from whatever
-            manifest or version. Each stays until the new one is whole.
+        options: see the attributes of `GenerateOptions`.
 
     Returns:
         The keys that were made, kept from an earlier call, and failed with their message.
@@ -77,6 +46,7 @@ def generate(
         UsageError: if the manifest is wrong, a pattern of ``only`` matches nothing, or ``root`` holds observations that
             were made from another manifest or version.
         Avs3dError: if a backend, a scan or an asset is missing, or the folder cannot be written.
+        TypeError: if there is no option of that name.
 
     Examples:
         Two observations of 8 frames of 128 × 128 pixels, with sound of the closed-form renderer:
@@ -88,44 +58,22 @@ def generate(
             assert not outcome.failed
             print(Dataset("data/small")[0].frames[0].audio().shape)
     """
-    for name, path in (("root", root), ("hrtf", hrtf), ("array", array)):
-        if path is not None or name == "root":
-            check_path(name, path)
+    check_path("root", root)
     if not isinstance(manifest, ManifestFile):
         check_path("manifest", manifest)
-    options = GenerateOptions(
-        only,
-        workers,
-        vision,
-        audio,
-        frames,
-        size,
-        extras,
-        hrtf=None if hrtf is None else user_path(hrtf),
-        ambisonics=ambisonics,
-        array=None if array is None else user_path(array),
-        device=device,
-        format=format,
-        remake=remake,
-    )
+    chosen = GenerateOptions(**options)
     source = manifest if isinstance(manifest, ManifestFile) else read_manifest(Path(manifest))
-    return generate_plans(source, plans_of(source, options), Path(root), options, progress=progress)
+    return generate_plans(source, make_plans(source, chosen), Path(root), chosen, progress=progress)
 
 
-def plans_of(source: ManifestFile, options: GenerateOptions) -> tuple[ObservationPlan, ...]:
-    """The observations that ``options`` ask for; raises what `make_plans` and `choose_receivers` do."""
-    audio = source.manifest.engine(options.audio)
-    return make_plans(
-        source,
-        only=options.only,
-        vision=options.vision or RENDERERS[options.device],
-        audio=audio,
-        frames=options.frames,
-        size=options.size,
-        extras=options.extras,
-        receivers=choose_receivers(audio, hrtf=options.hrtf, ambisonics=options.ambisonics, array=options.array),
-        device=options.device,
-    )
+def _with_options(function: Callable[..., Outcome]) -> None:
+    """Show each option in the signature of ``function``, in place of ``**options``."""
+    shown = list(inspect.signature(function).parameters.values())[:-1]
+    shown += inspect.signature(GenerateOptions).parameters.values()
+    function.__signature__ = inspect.signature(function).replace(parameters=shown)  # type: ignore[attr-defined]
+
+
+_with_options(generate)
 
 
 def generate_plans(
@@ -141,7 +89,7 @@ def generate_plans(
 
     Args:
         source: the manifest.
-        plans: the observations to make, from `plans_of`.
+        plans: the observations to make, from `make_plans`.
         root: the dataset's folder; made if missing.
         options: number of processes, cache.
         scheduling: where it runs, retries and time limits; None: on this machine, with the defaults.

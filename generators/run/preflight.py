@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterator, Sequence
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from generators.acoustics.materialfile import read_material_file
-from generators.arrangement import load_object
 from generators.assets.meshcheck import check_file
 from generators.library.store import check_asset
 from generators.manifest import AssetSpec, ManifestFile, ObjectSpec, SoundSpec
-from generators.observation import sound_file
+from generators.observation.arrangement import load_object
+from generators.observation.hearing import PRE_ROLL
+from generators.observation.sources import sound_file
 from generators.plan import ObservationPlan
-from generators.recording.hearing import PRE_ROLL
 
 #: (field of the manifest, what is wrong with it)
 _Fault = tuple[tuple[str | int, ...], Avs3dError]
@@ -73,7 +73,7 @@ def _read(plan: ObservationPlan, category: str, item: AssetSpec) -> None:
     elif isinstance(item, ObjectSpec):
         load_object(plan, category, item)
     elif isinstance(item, SoundSpec):
-        sound_file(plan, category, item).sound(plan.camera.frames + PRE_ROLL)
+        sound_file(plan, category, item).signal(plan.camera.frames + PRE_ROLL)
 
 
 def _faults(place: tuple[str | int, ...], read: Callable[..., object], *args: object) -> Iterator[_Fault]:

@@ -32,8 +32,8 @@ from generators.backends import observation_provenance
 from generators.core.limits import MOST_CORES
 from generators.homes.cache import check_writable, is_stored
 from generators.manifest import CameraSpec, ManifestFile
+from generators.observation.output import sweep
 from generators.plan import ObservationPlan, check_scans
-from generators.recording.output import sweep
 from generators.run.dataset_record import check
 from generators.run.finished import discard
 from generators.run.formats import FORMATS, DatasetFormat, find_finished, is_of_plan, refuse_other_form
@@ -151,7 +151,7 @@ def run(
         sweep(root)
         # Existing observations must come from the same manifest and software, selected or not.
         done = _finished(form, source, plans, root, listen, settings.remake)
-        software = observation_provenance(plans[0].vision, plans[0].audio, plans[0].device)
+        software = observation_provenance(plans[0].options)
         if without := _of_other_plans(form, root, plans, settings.remake):
             form.seal(source, root, software, without)  # the index lists them no longer: the run may be killed
         log = FailureLog(root, {spec.key: plans[0].seed for spec in source.manifest.observations})
@@ -200,9 +200,7 @@ def _make(
         tasks = _tasks(todo, place, threads=threads, limit=settings.limit, remake=settings.remake)
         policy = replace(
             settings.policy,
-            warm_up=Task(
-                "warm_up_worker", warm_up_worker, (todo[0].vision, todo[0].audio, todo[0].receivers, todo[0].device)
-            ),
+            warm_up=Task("warm_up_worker", warm_up_worker, (todo[0].options,)),
         )
         with closing(pool.run(tasks, policy, lambda event: listen(_named(event)))) as results:
             for result in results:
@@ -279,7 +277,9 @@ def _check_cache(cache: Path, todo: Sequence[ObservationPlan]) -> None:
     Raises:
         Avs3dError: one line.
     """
-    if any(plan.scan.source == "apartment" and not is_stored(cache, plan.home_digest, plan.device) for plan in todo):
+    if any(
+        plan.scan.source == "apartment" and not is_stored(cache, plan.home_digest, plan.options.device) for plan in todo
+    ):
         check_writable(cache)
 
 

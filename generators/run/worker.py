@@ -17,13 +17,12 @@ from avs3d_bench.scheduling.errors import UnfitError
 from avs3d_bench.scheduling.lock import holder_of
 from avs3d_bench.scheduling.software import check_software
 from avs3d_bench.scheduling.tasks import Context
-from generators.backends import backend_versions, vision_backend, warm_up_acoustics
+from generators.backends import backend_versions, warm_up
 from generators.homes.store import prepare_home
-from generators.observation import generate_observation
+from generators.observation.generate import generate_observation
+from generators.options import EngineOptions
 from generators.plan import ObservationPlan
-from generators.receivers import Receivers
 from generators.run.formats import FORMATS, find_finished
-from generators.sound_scene import generate_sound_scene
 
 #: How often a worker looks for the run's folder before it says that it cannot see it, and seconds in between.
 _LOOKS, _PAUSE = 5, 1.0
@@ -53,12 +52,12 @@ def prepare(context: Context, plan: ObservationPlan, place: RunTarget, threads: 
     with _fit(plan, place):
         context.report("home", plan.spec.scan)
         prepare_home(plan, place.cache, workers=threads)
-        _warm_up(plan.vision, plan.audio, plan.receivers, plan.device)
+        _warm_up(plan.options)
 
 
-def warm_up_worker(_: Context, vision: str, audio: str, receivers: Receivers, device: str) -> None:
+def warm_up_worker(_: Context, options: EngineOptions) -> None:
     """Import and compile what observations need, while their homes are built elsewhere."""
-    _warm_up(vision, audio, receivers, device)
+    _warm_up(options)
 
 
 def make_observation(context: Context, plan: ObservationPlan, place: RunTarget) -> str:
@@ -68,17 +67,22 @@ def make_observation(context: Context, plan: ObservationPlan, place: RunTarget) 
         a line about it.
     """
     with _fit(plan, place):
-        _warm_up(plan.vision, plan.audio, plan.receivers, plan.device)
+        _warm_up(plan.options)
         started = time.perf_counter()
         context.report("start", str(plan.camera.frames))
 
         def on_frame(index: int) -> None:
             context.report("frame", str(index))
 
-        where, cores = (place.root, place.cache), context.cores
-        output = partial(FORMATS[place.format].output, replaces=place.replaces)
-        make = generate_sound_scene if plan.spec.is_sound_scene else generate_observation
-        record = make(plan, *where, on_frame, cores=cores, pictures=_pictures(plan, place), output=output)
+        record = generate_observation(
+            plan,
+            place.root,
+            place.cache,
+            on_frame,
+            cores=context.cores,
+            pictures=_pictures(plan, place),
+            output=partial(FORMATS[place.format].output, replaces=place.replaces),
+        )
     what = describe_sound(record) or record.category
     t30 = f"T30 {record.acoustics.t30:.2f} s, " if record.acoustics.t30 else ""
     visible = sum(frame.visible_pixels > 0 for frame in record.frames)
@@ -102,9 +106,8 @@ def _pictures(plan: ObservationPlan, place: RunTarget) -> Path | None:
 
 
 @lru_cache(maxsize=4)
-def _warm_up(vision: str, audio: str, receivers: Receivers, device: str) -> None:
-    vision_backend(vision).warm_up()
-    warm_up_acoustics(audio, receivers, device)
+def _warm_up(options: EngineOptions) -> None:
+    warm_up(options)
 
 
 @contextmanager
@@ -116,7 +119,7 @@ def _fit(plan: ObservationPlan, place: RunTarget) -> Iterator[None]:
     """
     try:
         if place.token is not None:
-            check_software(_versions(plan.vision, plan.audio, plan.device), plan.backends)
+            check_software(_versions(plan.options), plan.backends)
             _check_folder(place)
         yield
     except ModuleNotFoundError as error:
@@ -125,8 +128,8 @@ def _fit(plan: ObservationPlan, place: RunTarget) -> Iterator[None]:
 
 
 @lru_cache(maxsize=4)
-def _versions(vision: str, audio: str, device: str) -> dict[str, str]:
-    return backend_versions(vision, audio, device)
+def _versions(options: EngineOptions) -> dict[str, str]:
+    return backend_versions(options)
 
 
 def _check_folder(place: RunTarget) -> None:

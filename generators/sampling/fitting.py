@@ -9,9 +9,10 @@ from pathlib import Path
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.parallel import process_each
 from generators.apartments.apartment import build_apartment
-from generators.arrangement import arrange
 from generators.core.scene import Scene
 from generators.manifest import Manifest, ManifestFile
+from generators.observation.arrangement import arrange
+from generators.options import GenerateOptions
 from generators.placement.site import Site
 from generators.plan import ObservationPlan, make_plans
 
@@ -28,7 +29,9 @@ class SampleFitting:
 
     def __call__(self, manifest: Manifest) -> tuple[int, ...]:
         """The numbers of the observations whose objects or walk find no room, sorted."""
-        plans = make_plans(ManifestFile(manifest, Path("sampled.yaml").resolve(), "", ""), audio="analytic")
+        plans = make_plans(
+            ManifestFile(manifest, Path("sampled.yaml").resolve(), "", ""), GenerateOptions(audio="analytic")
+        )
         by_home: dict[str, list[int]] = {}
         for number, plan in enumerate(plans):
             by_home.setdefault(plan.spec.scan, []).append(number)

@@ -60,10 +60,10 @@ def seal(
     are not used. --with train-truth publishes the masks of train frames; --with depth publishes depth pictures; stems
     and impulse responses stay private.
     """
-    choose_tools(chosen.pop("habitat_python"), chosen.pop("scans"))
+    choose_tools(chosen.pop("habitat_python"))
     from avs3d_bench.errors import UsageError
     from generators.manifest import read_manifest
-    from generators.run.options import GenerateOptions
+    from generators.options import GenerateOptions
     from generators.sealing.seal import bind_secret
     from generators.sealing.seal import seal as make
 
@@ -116,7 +116,7 @@ def unseal(
     from the secret; records, masks and files against one another. --regenerate generates the observations, or those of
     --only, from the manifest again. Exit status: 0 all as committed to, 1 not (the files are named), 2 usage.
     """
-    choose_tools(None, None)
+    choose_tools(None)
     from avs3d_bench.errors import UsageError
     from avs3d_bench.report import SHOWN, printable, shorten
     from avs3d_bench.secret import read_secret

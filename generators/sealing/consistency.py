@@ -30,11 +30,10 @@ from avs3d_bench.validation.catalogue import check_catalogue
 from avs3d_bench.validation.findings import Findings
 from avs3d_bench.validation.masks import Contents, check_masks
 from avs3d_bench.validation.sightings import Labels, Sightings, check_labels, sightings_by_frame
-from generators.arrangement import draw_among
 from generators.manifest import Manifest, ObservationSpec
+from generators.observation.arrangement import draw_instances
+from generators.observation.surface_points import draw_pixels
 from generators.plan import ObservationPlan
-from generators.recording.surface_points import draw_pixels
-from generators.sound_scene import draw_instances
 
 #: Share of the sparse points that must be pixels that the secret draws. Of another seed's or observation's, few are.
 _LEAST_DRAWN = 0.9
@@ -256,7 +255,7 @@ def _sounding(record: ObservationRecord) -> list[int | None]:
 def _drawn(plan: ObservationPlan, record: ObservationRecord) -> list[int | None]:
     """The instance of each source that the secret draws, given the placed objects."""
     categories = [each.category for each in sorted(record.instances, key=lambda each: each.id)]
-    return [draw_among(plan, categories)] if record.sources is None else list(draw_instances(plan, categories))
+    return list(draw_instances(plan, categories))
 
 
 # Pictures

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from avs3d_bench.parallel import process_each
 from generators.manifest import Manifest, ManifestFile
+from generators.options import GenerateOptions
 from generators.plan import ObservationPlan, make_plans
 from generators.sampling.fitting import fits
 
@@ -28,7 +29,7 @@ class HomeFitting:
 
         A scan cannot be drawn again: what does not fit into it fails when it is generated.
         """
-        plans = make_plans(ManifestFile(manifest, self.path, "", ""), audio="analytic")
+        plans = make_plans(ManifestFile(manifest, self.path, "", ""), GenerateOptions(audio="analytic"))
         # Variants and siblings have the objects and the walk of their original.
         own = [plan for plan in plans if plan.spec.like is None and plan.scan.seed is not None]
         tasks = [[plan for plan in own if plan.spec.scan == home] for home in sorted(homes)]

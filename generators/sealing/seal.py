@@ -28,17 +28,17 @@ from avs3d_bench.sealed import (
 from avs3d_bench.secret import SECRET_BYTES, CommittedSecret, SecretCommitment, commit, read_secret, working_key
 from avs3d_bench.staging import staged_folder
 from avs3d_bench.yamlfile import read_yaml
-from generators.backends import RENDERERS
 from generators.manifest import Manifest, ManifestFile
-from generators.run.generation import generate_plans, plans_of
-from generators.run.options import GenerateOptions
+from generators.observation.sources import check_takes
+from generators.options import GenerateOptions
+from generators.plan import make_plans
+from generators.run.generation import generate_plans
 from generators.sampling.excluded import what_they_use
 from generators.sealing.draw import Document, check_template, fit_homes
 from generators.sealing.fitting import HomeFitting
 from generators.sealing.publish import Sealing, write_private, write_public
 from generators.sealing.strength import require_strong
 from generators.sealing.texts import sealed_text, template_text
-from generators.sound_scene import check_takes
 
 #: Where the whole dataset lies while it is generated; a second call goes on with it.
 WORK = ".generated"
@@ -98,7 +98,7 @@ def seal(
     _check_place(folder, secret_file)
     _refuse_seal(folder / PUBLIC)
     _refuse_others(folder / PRIVATE)
-    check_takes(plans_of(template, options))
+    check_takes(make_plans(template, options))
     taken = _taken_homes(template, exclude)
     bound = bind_secret(folder, secret_file)
     secret = bound.secret.key
@@ -109,7 +109,7 @@ def seal(
     options = replace(options, audio=None, frames=None, size=None)
     work = folder / WORK
     _make_folder(work, 0o700)
-    outcome = generate_plans(drawn, plans_of(drawn, options), work, options, scheduling, progress=progress)
+    outcome = generate_plans(drawn, make_plans(drawn, options), work, options, scheduling, progress=progress)
     if outcome.failed:
         key, message = outcome.failed[0]
         raise Avs3dError(
@@ -196,7 +196,7 @@ def as_manifest(document: Document, template: ManifestFile) -> ManifestFile:
 def settings_of(drawn: ManifestFile, options: GenerateOptions) -> dict[str, Scalar]:
     """The options on which the bytes depend, for seal.json."""
     return {
-        "vision": options.vision or RENDERERS[options.device],
+        "vision": options.renderer,
         "audio": drawn.manifest.engine(options.audio),
         "device": options.device,
         "frames": drawn.manifest.camera.frames,

@@ -32,9 +32,9 @@ from avs3d_bench.secret import SecretCommitment, derive
 from avs3d_bench.yamlfile import read_yaml
 from generators.backends import observation_provenance
 from generators.manifest import ManifestFile, read_manifest
+from generators.options import EngineOptions, GenerateOptions
 from generators.plan import ObservationPlan, make_plans
-from generators.run.generation import generate_plans, plans_of
-from generators.run.options import GenerateOptions
+from generators.run.generation import generate_plans
 from generators.sealing.consistency import Opened, check_consistency
 from generators.sealing.draw import draw_document
 from generators.sealing.texts import sealed_text
@@ -114,7 +114,7 @@ def unseal(folder: Path, secret: bytes, again: Again | None = None) -> UnsealRes
 def other_software(seal: SealRecord) -> Iterator[str]:
     """Yield the lines to print if the software is not that of the seal."""
     made: dict[str, Any] = dict(seal.settings)
-    here = observation_provenance(made["vision"], made["audio"], made["device"])
+    here = observation_provenance(EngineOptions(vision=made["vision"], audio=made["audio"], device=made["device"]))
     if here.digest == seal.provenance.digest:
         return
     then = ProvenanceRecord.of(here).model_dump()
@@ -156,9 +156,9 @@ def _opened(public: Path, private: Path, seal: SealRecord, again: Again) -> tupl
     if notes:
         notes.append("not compared with the draws of the secret: which objects sound, and the sparse points")
     else:
-        plans = {plan.key: plan for plan in make_plans(source, audio="analytic")}
+        plans = {plan.key: plan for plan in make_plans(source, GenerateOptions(audio="analytic"))}
         try:
-            digests = {plan.key: plan.digest for plan in plans_of(source, replace(_options(seal, again), only=()))}
+            digests = {plan.key: plan.digest for plan in make_plans(source, replace(_options(seal, again), only=()))}
         except Avs3dError as error:
             notes.append(f"plan_sha256 not compared: {error}")
     return Opened(public, private, seal, source.manifest, plans, digests), tuple(notes)
@@ -177,7 +177,7 @@ def _make_again(private: Path, seal: SealRecord, again: Again) -> tuple[tuple[st
     options = _options(seal, again)
     with tempfile.TemporaryDirectory(prefix="avs3d-unseal-") as place:
         root = Path(place) / "again"
-        outcome = generate_plans(source, plans_of(source, options), root, options)
+        outcome = generate_plans(source, make_plans(source, options), root, options)
         if outcome.failed:
             key, message = outcome.failed[0]
             raise Avs3dError(f"{key}: cannot be generated again: {message}")

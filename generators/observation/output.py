@@ -1,7 +1,7 @@
-"""Where the files of an observation go while it is made: a folder, or (`generators.recording.tar_output`) a tar file.
+"""Where the files of an observation go while it is made: a folder, or (see `tar_output`) a tar file.
 
-`generators.recording.writer` encodes the files and hands them over; an output stores them and, when the observation is
-whole, gives it its name. Every attempt writes under a temporary name of its own, since an attempt that a scheduler
+`ObservationWriter` encodes the files and hands them over; an output stores them and, when the observation is whole,
+gives it its name. Every attempt writes under a temporary name of its own, since an attempt that a scheduler
 believes lost may still run on another machine. The attempt that ends second finds the same bytes there already.
 """
 

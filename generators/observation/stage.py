@@ -1,10 +1,11 @@
-"""The lit scene at each second of an observation: all objects still, or the sounding one moving."""
+"""The lit scene at each second of an observation, all objects still or one moving, and its frames."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import cached_property
 from queue import SimpleQueue
 from threading import Semaphore
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from avs3d_bench.geometry import Intrinsics, Pose
 from generators.core.limits import MOST_CORES
 from generators.core.rays import RayCaster
-from generators.core.scene import Scene
+from generators.core.scene import Part, Scene
 from generators.lighting.bake import insert
 from generators.lighting.moving_light import MovingLight
 from generators.paths.motion import Motion
@@ -31,47 +32,63 @@ _AHEAD = 2
 
 
 class Stage:
-    """A lit home with the objects of an observation.
+    """A home with the objects of an observation; it is lit when its light is first asked for.
 
     Args:
         home: lit, without the objects.
         placements: the objects, at time 0; instance ids count from 1.
-        sounding_id: instance id of the sounding one, in observations with one source. Nothing visible depends on it.
-        motion: of the sounding one, if it moves.
+        motion: of the object that moves, if one does.
 
     Attributes:
         placements: the objects at time 0.
-        sounding_id: instance id of the sounding one.
-        moves: whether it moves.
-        caster: ray caster of all parts that do not move.
+        moves: whether one of them moves.
     """
 
-    def __init__(
-        self, home: Scene, placements: Sequence[Placement], sounding_id: int = 0, motion: Motion | None = None
-    ) -> None:
+    def __init__(self, home: Scene, placements: Sequence[Placement], motion: Motion | None = None) -> None:
         self.placements = tuple(placements)
-        self._motion = motion
         self.moves = motion is not None
-        self.sounding_id = sounding_id
-        parts = tuple(p.part(n) for n, p in enumerate(self.placements, start=1))
-        self._still = insert(home, tuple(p for p in parts if motion is None or p.instance_id != self.sounding_id))
-        self._light = None if motion is None else self._follow(motion)
+        self._home, self._motion = home, motion
         self._known: tuple[int, Scene] | None = None
-        self.caster = RayCaster(self._still)
 
-    def _follow(self, motion: Motion) -> MovingLight:
-        return MovingLight(self._still, motion.seconds[0].model.mesh, [placed.box for placed in motion.seconds])
+    @cached_property
+    def _still_parts(self) -> tuple[Part, ...]:
+        moving = None if self._motion is None else self._motion.index
+        placed = enumerate(self.placements)
+        return tuple(placement.part(number + 1) for number, placement in placed if number != moving)
 
-    def source(self, second: int) -> Placement:
-        """The placement of the sounding object at the beginning of a second."""
-        return self.placements[self.sounding_id - 1] if self._motion is None else self._motion.seconds[second]
+    @cached_property
+    def caster(self) -> RayCaster:
+        """Ray caster of all parts that do not move."""
+        return RayCaster(self._home.with_parts(self._still_parts))
+
+    @cached_property
+    def _still(self) -> Scene:
+        return insert(self._home, self._still_parts)
+
+    @cached_property
+    def _light(self) -> MovingLight:
+        assert self._motion is not None
+        seconds = self._motion.seconds
+        return MovingLight(self._still, seconds[0].model.mesh, [placed.box for placed in seconds])
+
+    def placement(self, instance: int, second: int) -> Placement:
+        """The placement of an instance at the beginning of a second."""
+        if self._motion is None or self._motion.index != instance - 1:
+            return self.placements[instance - 1]
+        return self._motion.seconds[second]
+
+    @property
+    def acoustic_scene(self) -> Scene:
+        """The scene at time 0, as an acoustic engine needs it: its light may be missing."""
+        return self.scene(0) if self.moves else self._home.with_parts(self._still_parts)
 
     def scene(self, second: int) -> Scene:
         """The lit scene at the beginning of a second; the same object while nothing changes."""
-        if self._light is None:
+        if self._motion is None:
             return self._still
         if self._known is None or self._known[0] != second:
-            self._known = second, self._light.at(self.source(second).part(self.sounding_id))
+            instance = self._motion.index + 1
+            self._known = second, self._light.at(self.placement(instance, second).part(instance))
         return self._known[1]
 
     def hidden(self, second: int, origins: Array, directions: Array, distance: Array) -> NDArray[np.bool_]:
@@ -81,7 +98,7 @@ class Stage:
         """
         found = self.caster.occluded(origins, directions, distance)
         if self._motion is not None:
-            found |= self._motion.occluded(self.source(second), origins, directions, distance)
+            found |= self._motion.occluded(self._motion.seconds[second], origins, directions, distance)
         return found
 
 
@@ -105,12 +122,15 @@ class StageRenderer:
         return self._session
 
     def frames(
-        self, poses: Sequence[Pose], then: Callable[[int, RenderedView], None], cores: Callable[[], int] = lambda: 1
-    ) -> Iterator[RenderedView]:
-        """Yield the frame of each second in order, after ``then(second, frame)`` has run on it.
+        self,
+        poses: Mapping[int, Pose],
+        then: Callable[[int, RenderedView], None],
+        cores: Callable[[], int] = lambda: 1,
+    ) -> Generator[RenderedView]:
+        """Yield the frames of some seconds in order, after ``then(second, frame)`` has run on each.
 
         Args:
-            poses: of the camera at the beginning of each second.
+            poses: of the camera at the beginning of these seconds.
             then: called on each frame in the thread that has rendered it.
             cores: how many frames may be rendered at the same time, called before each frame; it may grow and shrink.
                 There are never more than `MOST_THREADS`, and only one if the renderer needs it or an object moves. The
@@ -118,7 +138,7 @@ class StageRenderer:
         """
         sessions: SimpleQueue[VisionSession] = SimpleQueue()
         retired = Semaphore(0)  # how many sessions are to be given up when their frame is drawn
-        shared, begun = 0, 0
+        order, shared, begun = tuple(poses), 0, 0
 
         def draw(second: int) -> RenderedView:
             session = sessions.get()
@@ -133,7 +153,7 @@ class StageRenderer:
         ahead: deque[Future[RenderedView]] = deque()
         with ThreadPoolExecutor(MOST_THREADS) as pool:
             try:
-                for second, pose in enumerate(poses):
+                for number, second in enumerate(order):
                     wanted = 1 if self._stage.moves else min(cores(), MOST_THREADS)
                     while shared < wanted > 1:
                         # A session that was to be retired, but is not yet, stays.
@@ -145,15 +165,15 @@ class StageRenderer:
                     while shared > wanted:
                         retired.release()
                         shared -= 1
-                    while shared > 0 and begun < min(len(poses), second + _AHEAD * shared):
-                        ahead.append(pool.submit(draw, begun))
+                    while shared > 0 and begun < min(len(order), number + _AHEAD * shared):
+                        ahead.append(pool.submit(draw, order[begun]))
                         begun += 1
                     if ahead:
                         yield ahead.popleft().result()
                     else:
-                        frame = self.render(second, pose)
+                        frame = self.render(second, poses[second])
                         then(second, frame)
-                        begun = second + 1
+                        begun = number + 1
                         yield frame
             finally:
                 for waiting in ahead:

@@ -14,9 +14,8 @@ from avs3d_bench import colmap, files, layout, media, ply
 from avs3d_bench.geometry import Intrinsics, Pose
 from avs3d_bench.schema import CameraSplits, ObservationRecord
 from generators.core.scene import Mesh
-from generators.recording.hearing import Recording
-from generators.recording.output import ObservationOutput
-from generators.recording.surface_points import SurfacePoints
+from generators.observation.output import ObservationOutput
+from generators.observation.surface_points import SurfacePoints
 from generators.vision.base import RenderedView
 
 
@@ -28,6 +27,8 @@ class ObservationWriter:
 
     Args:
         output: where the files go.
+        contents: the facts that decide which files a part_3 observation has; None in the other parts, whose source has
+            no name.
         depth: write ``depth/``.
         rirs: write ``rirs/``.
         receivers: those beside the two ears whose clips (and responses) are written → number of their channels.
@@ -36,12 +37,14 @@ class ObservationWriter:
     def __init__(
         self,
         output: ObservationOutput,
+        contents: layout.SoundScene | None = None,
         *,
         depth: bool = False,
         rirs: bool = False,
         receivers: Mapping[str, int] | None = None,
     ) -> None:
         self._output = output
+        self._contents = contents
         self._depth = depth
         self._rirs = rirs
         self._channels = dict(receivers or {})
@@ -61,59 +64,83 @@ class ObservationWriter:
         """Whether a file of that name is part of the output."""
         return self._output.keeps(name)
 
+    def keeps_frame(self, index: int) -> bool:
+        """Whether the picture of frame ``index`` is part of the output."""
+        return self.keeps(layout.image_path(layout.INPUT, index))
+
     def share_pictures(self, sibling: Path) -> None:
         """Take over all that siblings and variants share from a finished one; ``sibling``: see `ObservationOutput`."""
         self._shared = self._output.share(sibling)
 
-    def add_mask_of(self, index: int, instance: int) -> NDArray[np.bool_]:
-        """Write the mask of frame ``index``, whose instance mask is there already.
-
-        Args:
-            index: of the frame.
-            instance: id of the instance that the mask marks.
-
-        Returns:
-            The mask (H, W).
-        """
-        out, name = self._output, layout.image_path(layout.INSTANCE_MASKS, index)
-        mask = media.read_png_ids(out.where(name), out.get(name)) == instance
-        name = layout.image_path(layout.SEMANTIC_MASKS, index)
-        out.put(name, media.encode_png_mask(out.where(name), mask))
-        return np.asarray(mask)
-
-    def add_pictures(self, index: int, frame: RenderedView, mask: NDArray[np.bool_] | None = None) -> None:
-        """Write the pictures of frame ``index``, and its mask (H, W); several threads may write different frames."""
+    def add_pictures(self, index: int, frame: RenderedView) -> None:
+        """Write the pictures of frame ``index``; several threads may write different frames."""
         out, picture = self._output, layout.image_path(layout.INPUT, index)
         out.put(picture, media.encode_png_rgb(out.where(picture), frame.rgb))
         again = layout.image_path(layout.IMAGES, index)
         if out.keeps(again):
             out.repeat(picture, again)
-        if mask is not None:
-            name = layout.image_path(layout.SEMANTIC_MASKS, index)
-            out.put(name, media.encode_png_mask(out.where(name), mask))
         name = layout.image_path(layout.INSTANCE_MASKS, index)
         out.put(name, media.encode_png_ids(out.where(name), frame.instance_ids))
         if self._depth:
             name = layout.image_path(layout.DEPTH, index)
             out.put(name, media.encode_png_depth_mm(out.where(name), frame.depth))
 
-    def add_sound(self, index: int, clip: NDArray[np.float32], response: NDArray[np.float32]) -> None:
-        """Write the binaural clip (2, 44100) of frame ``index``, and its impulse response (2, n) if it is kept."""
-        self.add_clip(index, clip)
-        if self._rirs:
-            self._put_response(layout.rir_path(index), response)
+    def add_masks(self, index: int, classes: NDArray[np.uint8]) -> int:
+        """Write the masks of frame ``index``, whose instance mask is there already.
 
-    def add_recordings(self, index: int, others: Mapping[str, Recording]) -> None:
-        """Write what the other receivers hear in frame ``index``: clips, and impulse responses if they are kept."""
-        for name, one in others.items():
-            self._put_clip(layout.audio_path(layout.clips_folder(name), index), one.clip)
-            if self._rirs:
-                self._put_response(layout.rir_path(index, receiver=name), one.response, self._channels[name])
+        Args:
+            index: of the frame.
+            classes: (instances + 1,) instance id → class id if the instance is marked in this frame, else 0.
 
-    def add_clip(self, index: int, clip: NDArray[np.float32]) -> None:
-        """Write the binaural clip (2, 44100) of frame ``index``."""
-        self._put_clip(layout.audio_path(layout.BINAURAL, index), clip)
+        Returns:
+            The number of marked pixels.
+        """
+        out, name = self._output, layout.image_path(layout.INSTANCE_MASKS, index)
+        kinds = classes[media.read_png_ids(out.where(name), out.get(name))]
+        mask = kinds > 0
+        name = layout.image_path(layout.SEMANTIC_MASKS, index)
+        out.put(name, media.encode_png_mask(out.where(name), mask))
+        if self._contents is not None:
+            name = layout.image_path(layout.CATEGORY_MASKS, index)
+            out.put(name, media.encode_png_categories(out.where(name), kinds))
+        return int(np.count_nonzero(mask))
+
+    def add_response(self, index: int, source: str, response: NDArray[np.float32], receiver: str | None = None) -> None:
+        """Write the response (channels, n) from a source to frame ``index``, if responses are kept.
+
+        Args:
+            index: of the frame.
+            source: id of the source.
+            response: what the receiver hears of an impulse.
+            receiver: its name; None: the two ears.
+        """
+        name = layout.rir_path(index, source if self._contents else None, receiver)
+        if self._rirs and self.keeps(name):
+            channels = self._channels[receiver] if receiver else 2
+            self._output.put(name, media.encode_rir(self._output.where(name), response, channels=channels))
+
+    def add_clip(self, index: int, clip: NDArray[np.float32], receiver: str | None = None) -> None:
+        """Write the clip (channels, 44100) of frame ``index``; ``receiver``: None: the two ears."""
+        self._put_clip(layout.audio_path(layout.clips_folder(receiver), index), clip)
         self._frames = max(self._frames, index + 1)
+
+    def read_clip(self, index: int, receiver: str) -> NDArray[np.float32]:
+        """The clip (channels, 44100) that `add_clip` wrote."""
+        name = layout.audio_path(layout.clips_folder(receiver), index)
+        return media.read_wav(self._output.where(name), self._output.get(name)).samples
+
+    def add_stems(self, index: int, stems: Mapping[str, NDArray[np.float32]], receiver: str | None = None) -> None:
+        """Write those of the stems (channels, 44100) of frame ``index`` that are kept.
+
+        Args:
+            index: of the frame.
+            stems: name of a stem → its samples.
+            receiver: that hears them; None: the two ears.
+        """
+        kept = self._contents.stem_names if self._contents else ()
+        for name, clip in stems.items():
+            if name in kept:
+                self._put_clip(layout.stem_path(name, index, receiver), clip)
 
     def add_mono(self, index: int, clip: NDArray[np.float32]) -> None:
         """Write the 2 s mono clip (88200,) of frame ``index``."""
@@ -138,7 +165,7 @@ class ObservationWriter:
     def add_sounding_mesh(self, *meshes: Mesh) -> None:
         """Write ``gt_3d/sounding_object.ply``: the instances' meshes in world coordinates, equal corners welded."""
         name, out = layout.SOUNDING_OBJECT, self._output
-        if not out.keeps(name):
+        if not meshes or not out.keeps(name):
             return
         corners = np.concatenate([mesh.positions.reshape(-1, 3) for mesh in meshes])
         vertices, index = np.unique(corners, axis=0, return_inverse=True)
@@ -166,10 +193,12 @@ class ObservationWriter:
         if self._output.keeps(name):
             self._output.put(name, media.encode_wav(self._output.where(name), clip))
 
-    def _put_response(self, name: str, response: NDArray[np.float32], channels: int = 2) -> None:
-        if self._output.keeps(name):
-            self._output.put(name, media.encode_rir(self._output.where(name), response, channels=channels))
-
     def _paths(self) -> tuple[str, ...]:
         """Every file that the observation must have, relative to its folder."""
-        return layout.expected_files(self._frames, depth=self._depth, rirs=self._rirs, receivers=self._channels)
+        return layout.expected_files(
+            self._frames,
+            depth=self._depth,
+            rirs=self._rirs,
+            sound_scene=self._contents,
+            receivers=self._channels,
+        )

@@ -8,14 +8,11 @@ the impulse responses are computed in order from the first frame.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
-from pathlib import Path
-
-import numpy as np
-from numpy.typing import NDArray
+from pathlib import Path, PurePath
+from typing import cast
 
 from avs3d_bench import __version__, files, layout
 from avs3d_bench.dataset import Dataset, Observation
@@ -23,29 +20,16 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.provenance import SOFTWARE
 from avs3d_bench.report import Problem
 from avs3d_bench.schema import AcousticsRecord, DatasetRecord, ObservationRecord
-from generators.acoustics.base import AcousticBackend
-from generators.acoustics.clips import mono_clip
-from generators.backends import observation_provenance
+from generators.backends import observation_provenance, vision_backend
 from generators.core.folders import default_cache
 from generators.manifest import ManifestFile, read_manifest
-from generators.observation import describe_frame, licence_record, prepare_observation
-from generators.paths.stage import Stage, StageRenderer
+from generators.observation.generate import generate_observation
+from generators.options import Audio, Extra, GenerateOptions, Vision
 from generators.plan import ObservationPlan, make_plans
 from generators.receivers import Receivers, choose_receivers
-from generators.recording.hearing import hear, hear_in_background
-from generators.recording.output import FolderOutput
-from generators.recording.scene_writer import SceneWriter
-from generators.recording.stems import hear_sources
-from generators.recording.writer import ObservationWriter
-from generators.sound_scene import (
-    contents_of,
-    make_background,
-    mix,
-    next_second,
-    other_backgrounds,
-    prepare_scene,
-    write_second,
-)
+
+#: Fields of observation.json that do not depend on single frames.
+_COMPARED = ("notes", "source_position", "instances", "sound", "sources", "background")
 
 
 def regenerate(
@@ -79,8 +63,7 @@ def regenerate(
         plans = {key: _plan(source, dataset[key], record, hrtf) for key in chosen}
         for key, indices in chosen.items():
             say(f"{key}: frames {', '.join(map(str, indices))}")
-            compare = _compare_scene if plans[key].spec.is_sound_scene else _compare
-            yield from compare(plans[key], dataset[key], tuple(indices), Path(folder))
+            yield from _compare(plans[key], dataset[key], tuple(indices))
 
 
 def _manifest(record: DatasetRecord, manifest: Path | None, folder: Path) -> ManifestFile:
@@ -106,18 +89,17 @@ def _plan(source: ManifestFile, observation: Observation, dataset: DatasetRecord
             f"{observation.path}: {layout.OBSERVATION_JSON} has no plan_sha256: it was not made by this toolkit"
         )
     camera = record.intrinsics
+    options = GenerateOptions(
+        only=(observation.key,),
+        vision=cast(Vision, record.vision.backend),
+        audio=cast(Audio, record.acoustics.backend),
+        device=record.device.name if record.device else "cpu",
+        receivers=_receivers(observation.key, record.acoustics, hrtf),
+        frames=len(record.frames),
+        size=camera.width,
+    )
     plans = [
-        make_plans(
-            source,
-            only=(observation.key,),
-            vision=record.vision.backend,
-            audio=record.acoustics.backend,
-            frames=len(record.frames),
-            size=camera.width,
-            extras=extras,
-            receivers=_receivers(observation.key, record.acoustics, hrtf),
-            device=record.device.name if record.device else "cpu",
-        )[0]
+        make_plans(source, replace(options, extras=cast(tuple[Extra, ...], tuple(extras))))[0]
         for extras in _possible_extras(record)
     ]
     found = next((plan for plan in plans if plan.digest == record.plan_sha256), None)
@@ -181,7 +163,7 @@ def _difference(plans: Sequence[ObservationPlan], record: ObservationRecord, dat
 
 def _other_versions(plan: ObservationPlan, record: ObservationRecord, dataset: DatasetRecord) -> list[str]:
     """The software that differs from what is installed: ``name version, installed: version``."""
-    there, here = dataset.provenance, observation_provenance(plan.vision, plan.audio, plan.device)
+    there, here = dataset.provenance, observation_provenance(plan.options)
     pairs = [
         ("avs3d-bench", dataset.toolkit_version, __version__),
         *([("python", there.python, here.python)] if there else []),
@@ -219,103 +201,97 @@ def _named_files(plan: ObservationPlan) -> tuple[str, ...]:
     return tuple(sorted(name for name in names if name))
 
 
-def _compare(
-    plan: ObservationPlan, observation: Observation, indices: tuple[int, ...], scratch: Path
-) -> Iterator[Problem]:
-    """Problems of one observation of part_1 or part_2."""
+def _compare(plan: ObservationPlan, observation: Observation, indices: tuple[int, ...]) -> Iterator[Problem]:
+    """Problems of one observation."""
     record = observation.record
     assert record is not None
-    ready = prepare_observation(plan, default_cache())
-    seen, stage = ready.seen, ready.stage
-    ready.sight.warm_up()
-    said = {
-        "notes": seen.notes,
-        "source_position": stage.source(0).source_position,
-        "instances": list(ready.instances),
-        "sound": {"asset": ready.sound.asset, "licence": licence_record(ready.sound.licence)},
-    }
-    yield from _fields(observation.key, "", said, record)
-    yield from _settings(observation.key, ready.engine, record)
-    needed = {frame for index in indices for frame, _, _ in layout.mono_window(index, len(seen.poses))}
-    clips: list[NDArray[np.float32]] = [np.zeros((2, layout.BINAURAL_SAMPLES), dtype=np.float32) for _ in seen.poses]
-    made = FolderOutput(scratch / plan.key)
-    with (
-        ObservationWriter(made, **plan.optional_files) as writer,
-        closing(StageRenderer(ready.sight, stage, ready.intrinsics)) as view,
-        hear_in_background(hear(ready.listening), ready.listening.device) as sounds,
-    ):
-        for index, sound in zip(range(max(needed) + 1), sounds, strict=False):
-            clip = clips[index] = sound.head.clip
-            if index not in indices:
-                continue
-            pose = seen.poses[index]
-            frame = view.render(index, pose)
-            mask = frame.instance_ids == ready.sounding
-            writer.add_pictures(index, frame, mask)
-            writer.add_sound(index, clip, sound.head.response)
-            writer.add_recordings(index, sound.others)
-            described = describe_frame(index, pose, mask, clip, stage)
-            yield from _fields(observation.key, f"frames[{index}]", {"frames": described}, record, index)
-        for index in indices:
-            writer.add_mono(index, mono_clip(clips, index))
-        writer.add_sounding_mesh(stage.source(0).mesh)
-        yield from _files(observation, made.folder)
+    vision_backend(plan.options.renderer).warm_up()
+    made = ComparingOutput(observation.path, indices)
+    generate_observation(plan, observation.path.parent, default_cache(), output=lambda _: made)
+    again = made.record
+    yield from _fields(observation.key, "", {name: getattr(again, name) for name in _COMPARED}, record)
+    yield from _settings(observation.key, again.acoustics.settings, record)
+    for index in indices:
+        yield from _fields(observation.key, f"frames[{index}]", {"frames": again.frames[index]}, record, index)
+    for name, text in sorted(made.differences.items()):
+        yield Problem("error", f"{observation.key}/{name}", text)
 
 
-def _compare_scene(
-    plan: ObservationPlan, observation: Observation, indices: tuple[int, ...], scratch: Path
-) -> Iterator[Problem]:
-    """Problems of one observation of part_3.
+class ComparingOutput:
+    """An output that keeps the files of some frames in memory and compares them with those of a finished observation.
 
-    The level of the background follows from the sound of all frames, so that all of it is computed if there is one.
+    Args:
+        folder: of the finished observation.
+        indices: of the frames.
+
+    Attributes:
+        differences: name of each file that differs → how.
+        record: of the regenerated observation; what follows from other frames is missing in it.
     """
-    record = observation.record
-    assert record is not None
-    ready = prepare_scene(plan, default_cache())
-    ready.sight.warm_up()
-    poses = ready.seen.poses
-    needed = {frame for index in indices for frame, _, _ in layout.mono_window(index, len(poses))}
-    last = len(poses) if plan.spec.background else max(needed) + 1
-    made = FolderOutput(scratch / plan.key)
-    with (
-        SceneWriter(made, contents_of(plan, ready), **plan.optional_files) as writer,
-        closing(StageRenderer(ready.sight, Stage(ready.home, ready.seen.placements), ready.intrinsics)) as view,
-        closing(hear_sources(ready.listenings(plan))) as seconds,
-    ):
-        heard = [next_second(plan, ready, writer, seconds, index) for index in range(last)]
-        background, noise = make_background(plan, [[one.stem for one in second] for second in heard])
-        said = {
-            "notes": ready.seen.notes,
-            "sources": [source.record for source in ready.sources],
-            "background": background,
-            "instances": list(ready.instances),
-        }
-        yield from _fields(observation.key, "", said, record)
-        yield from _settings(observation.key, ready.engine, record)
-        clips: list[NDArray[np.float32]] = [np.zeros((2, layout.BINAURAL_SAMPLES), dtype=np.float32) for _ in poses]
-        for index in needed:
-            clips[index], _ = mix(plan, ready, index, heard[index], noise)
-        for index in indices:
-            writer.add_pictures(index, view.render(index, poses[index]))
-            _, described = write_second(plan, ready, writer, index, heard[index], noise)
-            yield from _fields(observation.key, f"frames[{index}]", {"frames": described}, record, index)
-            writer.add_mono(index, mono_clip(clips, index))
-        if ready.sounding:
-            writer.add_sounding_mesh(*(placement.mesh for placement in ready.sounding.values()))
-        for index, others in enumerate(other_backgrounds(plan, background, last)):
-            if index in indices:
-                writer.add_other_background(index, others, f"{plan.key}, frame {index}")
-        written = (layout.rirs_folder, layout.clips_folder, layout.stems_folder)
-        for folder in {folder_of(receiver) for folder_of in written for receiver in (None, *plan.receivers.channels)}:
-            for path in (made.folder / folder).rglob("frame_*"):
-                if layout.frame_index(path.stem) not in indices:
-                    path.unlink()  # of a frame that nobody asked for
-        yield from _files(observation, made.folder)
+
+    record: ObservationRecord
+
+    def __init__(self, folder: Path, indices: Collection[int]) -> None:
+        self._folder = folder
+        self._chosen = {name for index in indices for name in (layout.frame_name(index), layout.audio_name(index))}
+        self._files: dict[str, bytes] = {}
+        self.differences: dict[str, str] = {}
+
+    def open(self) -> None:
+        """Nothing is written."""
+
+    def close(self) -> None:
+        """Forget the files."""
+        self._files.clear()
+
+    def keeps(self, name: str) -> bool:
+        """Files of the chosen frames, and the mesh; what follows from all frames is not made."""
+        return PurePath(name).stem in self._chosen or name == layout.SOUNDING_OBJECT
+
+    def where(self, name: str) -> Path:
+        """The file of the finished observation."""
+        return self._folder / name
+
+    def put(self, name: str, data: bytes) -> None:
+        """Keep the bytes; `finish` compares them."""
+        self._files[name] = data
+
+    def get(self, name: str) -> bytes:
+        """The bytes."""
+        return self._files[name]
+
+    def repeat(self, name: str, copy: str) -> None:
+        """Keep the same bytes twice."""
+        self._files[copy] = self._files[name]
+
+    def share(self, sibling: Path) -> dict[str, str]:
+        """Nothing is taken over: everything is made."""
+        return {}
+
+    def size(self, name: str) -> int:
+        """Their number."""
+        return len(self._files[name])
+
+    def digest(self, name: str) -> str:
+        """sha256 of the bytes."""
+        return files.sha256_bytes(self._files[name])
+
+    def finish(self, record: ObservationRecord) -> None:
+        """Compare the files."""
+        self.record = record
+        for name, data in self._files.items():
+            try:
+                same = files.read_bytes(self._folder / name) == data
+            except Avs3dError as error:
+                self.differences[name] = str(error).removeprefix(f"{self._folder / name}: ")
+                continue
+            if not same:
+                self.differences[name] = "differs from the regenerated file"
 
 
-def _settings(key: str, engine: AcousticBackend, record: ObservationRecord) -> Iterator[Problem]:
+def _settings(key: str, here: Mapping[str, object], record: ObservationRecord) -> Iterator[Problem]:
     """The settings of the engine that differ; what the SOFA file was called is not compared (`Receivers.identity`)."""
-    there, here = record.acoustics.settings, engine.describe()
+    there = record.acoustics.settings
     names = sorted({*there, *here} - {"hrtf_file"})
     other = [name for name in names if name not in there or name not in here or there[name] != here[name]]
     if other:
@@ -334,16 +310,3 @@ def _fields(
         if files.dump_json(value) != files.dump_json(there):
             text = f"{where or name} differs from the regenerated value"
             yield Problem("error", f"{key}/{layout.OBSERVATION_JSON}", text)
-
-
-def _files(observation: Observation, made: Path) -> Iterator[Problem]:
-    for path in sorted(path for path in made.rglob("*") if path.is_file()):
-        name = path.relative_to(made).as_posix()
-        try:
-            same = files.read_bytes(observation.path / name) == files.read_bytes(path)
-        except Avs3dError as error:
-            text = str(error).removeprefix(f"{observation.path / name}: ")
-            yield Problem("error", f"{observation.key}/{name}", text)
-            continue
-        if not same:
-            yield Problem("error", f"{observation.key}/{name}", "differs from the regenerated file")

@@ -1,9 +1,9 @@
-"""Chooses the visible part of an observation; then, independently of it, the instance that sounds.
+"""Chooses the visible part of an observation; then, independently of it, the instances that sound.
 
 The pictures must not reveal which object sounds. `arrange` therefore chooses the places of the objects, the instance
 ids, the walk and the gaze with the same rules for all objects: it reads only the set of models, in which the sounding
-category is not marked. `draw_sounding` draws the sounding instance from a random stream of its own, which nothing
-visible depends on. (With ``source_motion: path`` the motion itself reveals it: only the sounding object moves.)
+category is not marked. `draw_instances` draws the sounding instances from random streams of their own, which
+nothing visible depends on. (With ``source_motion: path`` the motion itself reveals it: only the sounding object moves.)
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from generators.core.freespace import Navigable
 from generators.core.scene import Licence, Scene
 from generators.library import open_asset
 from generators.manifest import ObjectSpec, SoundSpec
+from generators.observation.parts import rules_of
 from generators.paths.motion import Motion, movable, plan_motion
 from generators.paths.trajectory import WalkTask, plan_walk
 from generators.placement.placement import RULES, Placement, Rule, place
@@ -79,15 +80,37 @@ def arrange(
     return Arrangement(placements, walk.poses, walk.notes, motion)
 
 
-def draw_sounding(plan: ObservationPlan, placements: tuple[Placement, ...]) -> int:
-    """Draw the instance id (from 1) of the object that sounds, uniformly among those of the plan's category."""
-    return draw_among(plan, [placement.model.category for placement in placements])
+def draw_instances(plan: ObservationPlan, categories: Sequence[str]) -> tuple[int | None, ...]:
+    """Draw the instance of each source of a plan, from 1; None for one off-screen.
+
+    Args:
+        plan: of the observation.
+        categories: of the placed objects, in the order of their ids.
+    """
+    specs, stream = plan.spec.sounding, rules_of(plan.spec.part).instance_stream
+    same: dict[str, list[int]] = {}
+    for number, category in enumerate(categories, start=1):
+        same.setdefault(category, []).append(number)
+    taken = {same[s.category][s.instance - 1] for s in specs if s.room is None and s.instance is not None}
+    found: list[int | None] = []
+    for number, spec in enumerate(specs, start=1):
+        if spec.room is not None:
+            found.append(None)
+        elif spec.instance is not None:
+            found.append(same[spec.category][spec.instance - 1])
+        else:
+            free = [one for one in same[spec.category] if one not in taken]
+            drawn = free[int(plan.own_rng(stream.format(number=number)).integers(len(free)))]
+            found.append(drawn)
+            taken.add(drawn)
+    return tuple(found)
 
 
-def draw_among(plan: ObservationPlan, categories: Sequence[str]) -> int:
-    """As `draw_sounding`, of the objects' categories in the order of their ids."""
-    ids = [number for number, category in enumerate(categories, start=1) if category == plan.spec.category]
-    return ids[int(plan.rng("sounding").integers(len(ids)))]
+def draw_sounding(plan: ObservationPlan, placements: Sequence[Placement]) -> int:
+    """The instance, from 1, of the only source of a plan; see `draw_instances`."""
+    (instance,) = draw_instances(plan, [placement.model.category for placement in placements])
+    assert instance is not None
+    return instance
 
 
 def place_objects(plan: ObservationPlan, site: Site) -> tuple[tuple[Placement, ...], Motion | None]:

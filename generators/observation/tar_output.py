@@ -10,10 +10,10 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.exports import observation_tar
 from avs3d_bench.provenance import provenance
 from avs3d_bench.schema import ObservationRecord
-from generators.recording.output import hidden_name, remove, shared_files
+from generators.observation.output import hidden_name, remove, shared_files
 
 #: What writes the tars (see `avs3d_bench.provenance`).
-WRITER = "generators.recording.tar_output:TarOutput"
+WRITER = "generators.observation.tar_output:TarOutput"
 
 
 def tar_plan_digest(plan: str) -> str:

@@ -1,0 +1,197 @@
+"""Hear the sources of an observation from each pose: in this process, or in one beside it once a core is free.
+
+The sources are independent of one another: each has an acoustic session of its own, so that what is heard of it has the
+same bytes whatever else sounds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avs3d_bench import layout
+from avs3d_bench.ahead import continue_in_fork
+from avs3d_bench.geometry import Pose
+from generators.acoustics.base import AcousticBackend, AcousticSession, BatchSession, ReceiverSession
+from generators.acoustics.clips import binaural_clip, moving_clip, receiver_clip
+from generators.acoustics.direct import DirectPath
+from generators.backends import acoustic_backend
+from generators.core.scene import Scene
+from generators.observation.stems import Clip, direct_to_reverberant
+from generators.options import EngineOptions
+
+Sound = TypeVar("Sound")
+
+#: Seconds of the source before the first frame, so that the first clip holds reverberation too.
+PRE_ROLL = 2
+#: Name of the head among the receivers of `responses_at`.
+HEAD = "head"
+#: Poses that hear a moving source at one place: a clip needs the places one second before and after it too.
+_POSES_OF_A_PLACE = 3
+#: Poses that all sessions together compute at a time; their arrivals are in memory, about 1 MB each.
+_TOGETHER = 128
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """The sound of one receiver in one second.
+
+    Attributes:
+        clip: (channels, 44100) float32.
+        response: (channels, n) float32, from where the source is at the beginning of the second.
+    """
+
+    clip: NDArray[np.float32]
+    response: NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class HeardSource:
+    """The sound of one source in one second.
+
+    Attributes:
+        head: what the two ears hear; channel 0 is left.
+        others: name of each other receiver → what it hears.
+        drr_db: level of the direct sound in the head's clip above that of all that comes later; None where there is
+            none of either, or it was not asked for.
+    """
+
+    head: Recording
+    others: Mapping[str, Recording] = field(default_factory=dict)
+    drr_db: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class AcousticJob:
+    """Everything that decides what is heard of one source.
+
+    Attributes:
+        options: the acoustic engine, its receivers and its device.
+        absorption_scale: see `AcousticBackend`.
+        seed: of the engine's random numbers; None: its usual one.
+        scene: the home with the objects at time 0.
+        room: where the source is.
+        samples: (n,) float32, what the source plays from `PRE_ROLL` seconds before the first frame on.
+        poses: of the listener at the beginning of each second.
+        path: position of a source that moves at the beginning of each second and at the end, len(poses) + 1; the one
+            position of a source that stands still.
+        measures_direct: whether the level of the direct sound is measured.
+    """
+
+    options: EngineOptions
+    absorption_scale: float
+    seed: int | None
+    scene: Scene
+    room: str
+    samples: NDArray[np.float32]
+    poses: tuple[Pose, ...]
+    path: tuple[Vector, ...]
+    measures_direct: bool = False
+
+    def engine(self) -> AcousticBackend:
+        """The acoustic engine with its receivers."""
+        return acoustic_backend(self.options, absorption_scale=self.absorption_scale, seed=self.seed)
+
+    def open(self, together: int) -> AcousticSession:
+        """A session of the engine; ``together``: number of poses that it may compute at a time."""
+        session = self.engine().open(self.scene, self.path[0], room=self.room, sample_rate=layout.SAMPLE_RATE)
+        if isinstance(session, BatchSession):
+            session.prepare(self.poses, together)
+        return session
+
+    @property
+    def moves(self) -> bool:
+        """Whether the source moves."""
+        return len(self.path) > 1
+
+
+def hear_sources(jobs: Sequence[AcousticJob], seconds: int) -> Generator[tuple[HeardSource, ...]]:
+    """Hear every source in each second, in order: an engine's responses depend on the sequence of calls.
+
+    Args:
+        jobs: one per source, with the same poses; none for silence.
+        seconds: number of seconds.
+
+    Yields:
+        for each second what is heard of each source.
+    """
+    sessions: list[AcousticSession] = []
+    try:
+        for job in jobs:
+            sessions.append(job.open(_POSES_OF_A_PLACE if job.moves else max(1, _TOGETHER // len(jobs))))
+        paths = [DirectPath(job.scene, job.path[0]) if job.measures_direct else None for job in jobs]
+        for index in range(seconds):
+            yield tuple(_hear(*one, index) for one in zip(jobs, sessions, paths, strict=True))
+    finally:
+        for session in sessions:
+            session.close()
+
+
+def hear_in_background(
+    sounds: Generator[Sound], device: str, beside: Callable[[], bool] = lambda: False
+) -> AbstractContextManager[Iterator[Sound]]:
+    """Hear in a process of its own from the second on for which ``beside`` says yes (see `continue_in_fork`).
+
+    The SoundSpaces engine holds Python's global lock while it works: in this process no other thread would get on. Its
+    responses depend on all that came before them, so that no second process could share the work. What CUDA does stays
+    here: a forked process cannot use the device.
+
+    Args:
+        sounds: of each second, as `hear_sources` makes them.
+        device: that traces them.
+        beside: asked before each second.
+    """
+    return continue_in_fork(sounds, beside if device == "cpu" else lambda: False)
+
+
+def responses_at(session: AcousticSession, pose: Pose) -> dict[str, NDArray[np.float32]]:
+    """Receiver → its response (channels, n) at a pose; the head, called `HEAD`, comes first."""
+    found = {HEAD: session.impulse_response(pose)}
+    return found | session.other_responses(pose) if isinstance(session, ReceiverSession) else found
+
+
+def _hear(job: AcousticJob, session: AcousticSession, direct: DirectPath | None, index: int) -> HeardSource:
+    """Hear second ``index`` of one source."""
+    recordings = (_hear_moving if job.moves else _hear_still)(job, session, index)
+    head = recordings.pop(HEAD)
+    return HeardSource(head, recordings, None if direct is None else _direct_level(job, direct, head, index))
+
+
+def _hear_still(job: AcousticJob, session: AcousticSession, index: int) -> dict[str, Recording]:
+    """Receiver → what it hears of a source that stands still."""
+    responses, second = responses_at(session, job.poses[index]), index + PRE_ROLL
+    return {name: Recording(receiver_clip(job.samples, one, second), one) for name, one in responses.items()}
+
+
+def _hear_moving(job: AcousticJob, session: AcousticSession, index: int) -> dict[str, Recording]:
+    """The same of a source that moves: it is heard from where it was when the sound left it."""
+    pose = job.poses[index]
+    # Before the first frame the source stands where it begins.
+    places = [job.path[second] for second in range(max(index - 1, 0), index + 2)]
+    found: list[dict[str, NDArray[np.float32]]] = []
+    for place in places:
+        session.move_source(place)
+        found.append(responses_at(session, pose))
+    distances = [math.dist(place, pose.position) for place in places]
+    recordings = {}
+    for name in found[0]:
+        clip = moving_clip(job.samples, [one[name] for one in found], distances, index + PRE_ROLL)
+        recordings[name] = Recording(clip, found[-2][name])
+    return recordings
+
+
+def _direct_level(job: AcousticJob, path: DirectPath, head: Recording, index: int) -> float | None:
+    """Level of the direct sound above that of the rest, dB; None if there is no direct sound."""
+    direct = path.of(head.response, job.poses[index])
+    if direct is None:
+        return None
+    part: Clip = binaural_clip(job.samples, direct, index + PRE_ROLL)
+    return direct_to_reverberant(part, head.clip)
