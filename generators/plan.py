@@ -164,7 +164,7 @@ class ObservationPlan:
             "seed": self.seed,
             "models": _identities(self.objects, spec.objects),
             "categories": self._declarations(spec.objects),
-            "vision": self.options.renderer,
+            "options": self.options.identity(),
             "backends": self.backends,
             "files": self._file_digests(sounds=False),
         }

@@ -197,6 +197,23 @@ def test_baseline(tmp_path: Path, data: Path) -> None:
 
 
 @pytest.mark.slow
+def test_option(home: tuple[Desk, str]) -> None:
+    desk, _ = home
+    assert "1 made" in desk.follow(DOCUMENT, section(PAGE, "## An option"))
+    desk.lint()
+    (coloured,), (grey,) = Dataset(desk.folder / "data/mine"), Dataset(desk.folder / "data/grey")
+    picture = grey.frames[0].rgb().astype(int)
+    assert (picture == picture[:, :, :1]).all()
+    luma = coloured.frames[0].rgb() @ np.array([0.2126, 0.7152, 0.0722])
+    assert np.abs(picture[:, :, 0] - luma).max() <= 0.5 + 1e-9
+    assert grey.record is not None
+    # The digest of the plan covers the option: a rerun without it keeps nothing.
+    again = desk.run("bash", "-c", "! avs3d generate mine.yaml -o data/grey --audio analytic")
+    assert "part_1" in again
+    assert "--remake" in again
+
+
+@pytest.mark.slow
 def test_backend(home: tuple[Desk, str]) -> None:
     desk, _ = home
     said = desk.follow(DOCUMENT, section(PAGE, "## A backend"))
@@ -208,8 +225,9 @@ def test_backend(home: tuple[Desk, str]) -> None:
     assert record.acoustics.backend == "free-field"
     desk.run(
         "python", "-c", "from generators.backends import observation_provenance as made_by; "
-        "assert 'generators.acoustics.free_field' in made_by('embree', 'free-field').sources; "
-        "assert 'generators.acoustics.free_field' not in made_by('embree', 'analytic').sources",
+        "from generators.options import EngineOptions as Engines; "
+        "assert 'generators.acoustics.free_field' in made_by(Engines(audio='free-field')).sources; "
+        "assert 'generators.acoustics.free_field' not in made_by(Engines(audio='analytic')).sources",
     )  # fmt: skip
     # Louder at the ear that the source is nearer to.
     lateral = 0

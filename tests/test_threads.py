@@ -86,9 +86,7 @@ def test_frames_are_drawn_on_as_many_cores_as_there_are_now() -> None:
     still = SimpleNamespace(moves=False, scene=lambda _: None)
     poses = dict(enumerate(range(50)))
     with closing(StageRenderer(_Drawing([], drawn), still, None)) as camera:  # type: ignore[arg-type]
-        shown = list(
-            camera.frames(poses, lambda second, _: finished.append(second), lambda: next(given))
-        )  # type: ignore[arg-type]
+        shown = list(camera.frames(poses, lambda second, _: finished.append(second), lambda: next(given)))  # type: ignore[arg-type]
     assert shown == sorted(finished) == list(range(50))
     assert finished[:10] == list(range(10))
     assert max(drawn[:10]) == 1
