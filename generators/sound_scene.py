@@ -73,7 +73,7 @@ Vector = tuple[float, float, float]
 #: Height of an off-screen source above the floor (m), about that of a table top or a person's mouth.
 OFF_SCREEN_HEIGHT = 1.2
 #: Without sources, a background's SNR refers to this level (dB re full scale): about the mean level of one source in a
-#: room of the open benchmark (docs/sound-scenes.md).
+#: room of the open benchmark (docs/part-3.md).
 REFERENCE_LEVEL_DB = -35.0
 #: Signals that are kept for variants; one of 120 s takes 21 MB.
 MOST_SIGNALS = 3

@@ -74,7 +74,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, homes: Path) -> Iterator[Pa
     write_trivial("centre-box", dataset, folder / "data/demo-submissions/centre-box")
     tiny_scenes.write_sound_scenes(folder / "data/listen", frames=9, stems=True)
     shutil.copytree(ROOT / "scenes_manifest", folder / "scenes_manifest")
-    manifest = next(block for block in YAML if block.page.name == "sound-scenes.md")
+    manifest = next(block for block in YAML if block.page.name == "part-3.md")
     (folder / "scenes.yaml").write_text(manifest.code, encoding="utf-8")
     (folder / "models").mkdir()
     soundfile.write(folder / "models/ring.wav", np.random.default_rng(0).normal(0, 0.1, 44_100), 44_100)
