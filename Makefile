@@ -36,7 +36,7 @@ VISION ?=
 # What draws the pictures, bakes the light and, with AUDIO=tracer, traces the sound: cpu or cuda (docs/gpu.md).
 DEVICE ?= cpu
 
-.PHONY: help setup demo demo-validate demo-sheets demo-listener dataset listener test test-slow test-all test-latest lock lint docs bench schemas clean
+.PHONY: help setup demo demo-validate demo-sheets demo-listener dataset listener test test-slow test-all test-latest lock lint docs bench schemas docs-tables clean
 
 help: ## print one line for each target
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -169,6 +169,9 @@ lint: setup ## check style, types and the documentation site
 # The site of docs/ into site/; a broken link or an unknown name is an error. Nothing is fetched.
 docs: setup ## build the documentation site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+docs-tables: setup ## write the tables of recorded figures in README.md and docs/ again
+	$(BIN)/python -m benchmarks.docs_tables
 
 bench: setup ## measure speed and memory; writes build/bench.json
 	$(BIN)/python -m benchmarks.run

@@ -17,8 +17,8 @@ _LONGEST_NAME = 100
 class Avs3dError(Exception):
     """Something the user can fix: bad data, a missing asset, a full disk (exit code 1).
 
-    Args:
-        args: the message; or several, one for each problem of one input. Its text has each in a line of its own.
+    Its arguments are the message; or several, one for each problem of one input. Its text has each in a line of its
+    own.
 
     Examples:
         >>> print(UsageError("mine.yaml: seed is missing", "mine.yaml: scans is missing"))

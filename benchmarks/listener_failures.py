@@ -27,7 +27,7 @@ QUALITY = 85
 
 
 def iou_of(observation: ObservationScores) -> float | None:
-    """The IoU by which observations are ranked: strict, or listen of sound scenes."""
+    """The IoU by which observations are ranked: strict, or listen of part_3."""
     score = observation.listen or observation.strict
     return None if score is None else score.IoU
 

@@ -1,12 +1,11 @@
 """The tables of docs/listener-results.md, from the scores that `benchmarks.listener_tables` wrote.
 
-    python -m benchmarks.listener_page docs/results --page docs/listener-results.md \\
-        --summary README.md --summary docs/results.md
+    python -m benchmarks.listener_page SCORES [LABEL=]ROOT… --work DIR --page PAGE
 
 Writes a page for each dataset, ``results/listener-<dataset>.md`` beside PAGE, and replaces what is between the lines
-``<!-- tables -->`` and ``<!-- end of tables -->`` of PAGE: links to them, the summary, times. ``--summary`` puts the
-summary between ``<!-- results -->`` and ``<!-- end of results -->`` of other pages. With the datasets and ``--work`` it
-draws ``listener-<dataset>-failures.jpg`` as well (`benchmarks.listener_failures`).
+``<!-- tables -->`` and ``<!-- end of tables -->`` of PAGE: links to them, the summary, times. With the datasets and
+``--work`` it draws ``listener-<dataset>-failures.jpg`` as well (`benchmarks.listener_failures`). The pages of docs/
+are written by `benchmarks.docs_tables`, which uses `pages`.
 """
 
 from __future__ import annotations
@@ -41,8 +40,8 @@ from evaluators.comparison import compare_figure, metric_of
 from evaluators.reporting.compare import estimate_text, p_text
 from evaluators.reporting.paper import CITATION, DATASET, TABLE_2
 
-BEGIN, END = "<!-- tables -->", "<!-- end of tables -->"
-BEGIN_SUMMARY, END_SUMMARY = "<!-- results -->", "<!-- end of results -->"
+#: Name of the block of the overview (`insert`).
+TABLES = "tables"
 #: Figures of the tables of parts 1 and 2, and of part_3.
 FIGURES = {
     "part_1": ("official.mIoU", "official.F", "strict.IoU", "strict.boundary_F", "strict.FP_rate"),
@@ -61,7 +60,9 @@ COMPARED: dict[PartOrOverall, tuple[str, ...]] = {
     "part_2": ("strict.IoU", "official.mIoU", "strict.wrong_instance_rate"),
     "part_3": ("listen.pair_accuracy", "listen.IoU", "listen.FP_rate"),
 }
-PART_TITLES = {"part_1": "one instance of the category", "part_2": "several instances", "part_3": "sound scenes"}
+PART_TITLES = {
+    "part_1": "one instance of the category", "part_2": "several instances", "part_3": "several sources, or none",
+}  # fmt: skip
 _TITLES = {f"{metric.protocol}.{metric.name}": f"{metric.protocol} {metric.title}" for metric in METRICS}
 
 
@@ -142,7 +143,7 @@ def difference_table(found: Mapping[str, Scores]) -> list[str]:
 
 
 def category_table(found: Mapping[str, Scores]) -> list[str]:
-    """IoU per category: strict, or listen of sound scenes."""
+    """IoU per category: strict, or listen of part_3."""
     names = sorted({name for scores in found.values() for name in scores.categories})
     rows = []
     for name, scores in found.items():
@@ -193,7 +194,7 @@ def dataset_page(label: str, document: Mapping[str, Any], output: Path, picture:
     twins = twin_pairs(data["name"])
     lines = [f"# The listener on {label}", "",
              f"{data['name']} {data['version'] or '(official release)'}, weights with the sha256 "
-             f"`{document['weights'][:12]}…`. Written by `python -m benchmarks.listener_page`; "
+             f"`{document['weights'][:12]}…`. Written by `make docs-tables`; "
              f"[the listener's results]({home}) says what the rows are.", ""]  # fmt: skip
     lines += settings_lines({name: {label: made} for name, made in settings.items()})
     for part in FIGURES:
@@ -203,7 +204,7 @@ def dataset_page(label: str, document: Mapping[str, Any], output: Path, picture:
     if picture is not None:
         lines += [f"![Worst and median observations of {label}]({picture})", ""]
     lines += [f"paper: {CITATION}; measured on {DATASET}. *Slanted*: reference rows. In brackets: 95 % intervals,",
-              "bootstrap over observations, in sound scenes over groups of siblings. p: sign-flip permutation test,",
+              "bootstrap over observations, in part_3 over groups of siblings. p: sign-flip permutation test,",
               "corrected for the compared pairs of a part and figure (Holm)."]  # fmt: skip
     return "\n".join(lines) + "\n"
 
@@ -232,18 +233,54 @@ def has_summary(document: Mapping[str, Any]) -> bool:
     return all(f"{label}-{name}" in document["rows"] for label in labels for name in SUMMARY_ROWS)
 
 
-def insert(path: Path, text: str, begin_mark: str = BEGIN, end_mark: str = END) -> None:
-    """Put a text between the marks of a page.
+def pages(output: Path, target: Path, images: Path) -> dict[Path, str]:
+    """The overview and the pages of the datasets, as they are to be.
+
+    Args:
+        output: folder of the scores.
+        target: the overview, which has the block `TABLES`; the others lie in results/ beside it.
+        images: folder of the pictures of failures.
+
+    Returns:
+        File → its text.
+
+    Raises:
+        Avs3dError: if a file is missing or broken, or the overview has no block.
+    """
+    folder, document = target.parent / "results", read_json(output / RUN_JSON)
+    texts: dict[Path, str] = {}
+    for label in document["datasets"]:
+        picture = images / f"listener-{label}-failures.jpg"
+        shown = os.path.relpath(picture, folder) if picture.exists() else None
+        text = dataset_page(label, document, output, shown, os.path.relpath(target, folder))
+        if text is not None:
+            texts[folder / f"listener-{label}.md"] = text
+    links = {path.stem.removeprefix("listener-"): f"results/{path.name}" for path in texts}
+    old = target.read_text(encoding="utf-8")
+    return {**texts, target: insert(target, old, TABLES, page(document, output, links))}
+
+
+def insert(path: Path, page: str, name: str, text: str) -> str:
+    """Put a text between ``<!-- NAME -->`` and ``<!-- end of NAME -->`` of a page.
+
+    Args:
+        path: of the page, for messages.
+        page: its text.
+        name: of the block.
+        text: goes in.
+
+    Returns:
+        The new text of the page.
 
     Raises:
         Avs3dError: if the marks are not there.
     """
-    old = path.read_text(encoding="utf-8")
-    before, begin, rest = old.partition(begin_mark)
+    begin_mark, end_mark = f"<!-- {name} -->", f"<!-- end of {name} -->"
+    before, begin, rest = page.partition(begin_mark)
     _, end, after = rest.partition(end_mark)
     if not begin or not end:
         raise Avs3dError(f"{path}: expected the lines {begin_mark} and {end_mark}")
-    write_bytes(path, f"{before}{begin_mark}\n\n{text}\n\n{end_mark}{after}".encode())
+    return f"{before}{begin_mark}\n\n{text}\n\n{end_mark}{after}"
 
 
 @click.command()
@@ -252,33 +289,18 @@ def insert(path: Path, text: str, begin_mark: str = BEGIN, end_mark: str = END) 
 @click.option("--page", "target", type=click.Path(path_type=Path, dir_okay=False), required=True)
 @click.option("--work", type=click.Path(path_type=Path), help="Folder of the run, for the pictures.")
 @click.option("--images", type=click.Path(path_type=Path), help="Where the pictures go [images/ beside the page].")
-@click.option("--summary", "summaries", multiple=True, type=click.Path(path_type=Path, dir_okay=False, exists=True),
-              help="Another page that shows the summary; repeatable.")  # fmt: skip
-def main(
-    output: Path, datasets: tuple[str, ...], target: Path, work: Path | None, images: Path | None,
-    summaries: tuple[Path, ...],
-) -> None:  # fmt: skip
+def main(output: Path, datasets: tuple[str, ...], target: Path, work: Path | None, images: Path | None) -> None:
     """Write the tables of the scores in OUTPUT into a page, and draw what fails on the datasets."""
     images = images or target.parent / "images"
-    folder = target.parent / "results"
     try:
         for label, root in labelled(datasets).items():
             if work is None:
                 raise click.UsageError("pictures need --work, the folder of the run of benchmarks.listener_tables")
             for path in draw_failures(label, root, output, work / "submissions" / label, images):
                 click.echo(path)
-        folder.mkdir(parents=True, exist_ok=True)
-        document, pages = read_json(output / RUN_JSON), {}
-        for label in document["datasets"]:
-            picture = images / f"listener-{label}-failures.jpg"
-            shown = os.path.relpath(picture, folder) if picture.exists() else None
-            text = dataset_page(label, document, output, shown, os.path.relpath(target, folder))
-            if text is not None:
-                write_bytes(folder / f"listener-{label}.md", text.encode())
-                pages[label] = f"results/listener-{label}.md"
-        insert(target, page(document, output, pages))
-        for path in summaries:
-            insert(path, summary(output), BEGIN_SUMMARY, END_SUMMARY)
+        for path, text in pages(output, target, images).items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_bytes(path, text.encode())
     except Avs3dError as error:
         raise click.ClickException(str(error)) from None
     click.echo(target)

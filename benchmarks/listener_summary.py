@@ -19,7 +19,7 @@ from generators.manifest import read_manifest
 
 #: Manifests of the datasets, by their names.
 MANIFESTS = Path(__file__).parent.parent / "scenes_manifest"
-#: Datasets and their parts whose strict IoU is in the summary, with short headings; sound scenes that are.
+#: Datasets and their parts whose strict IoU is in the summary, with short headings; the dataset whose part_3 is.
 SUMMARY = {
     ("open-s34-o7", "part_1"): "open part_1", ("open-s34-o7", "part_2"): "open part_2",
     ("open-s34-o7-sh3d", "part_1"): "sh3d part_1", ("open-s34-o7-sh3d", "part_2"): "sh3d part_2",

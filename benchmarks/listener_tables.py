@@ -57,7 +57,7 @@ class Row:
         title: in tables.
         kind: what computes it; ``--rows`` takes kinds and names.
         setting: of what computes it: instance or deaf oracle, hearing, or variant.
-        scenes: whether it is for sound scenes alone.
+        scenes: whether it is for part_3 alone.
     """
 
     name: str
@@ -138,7 +138,7 @@ class Plan:
             source, settings = lifting(row, self)
             found |= {"looks": MARKING_LOOKS, "voting_threshold": settings.voting_threshold}
             if is_relative(settings.variant, source):
-                found["voting_threshold_of"] = "well-marked Gaussians; in sound scenes all votes"
+                found["voting_threshold_of"] = "well-marked Gaussians; in part_3 all votes"
         return found
 
 

@@ -52,7 +52,7 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stab
     "--sh3d", type=click.Path(exists=True, path_type=Path), help="Dataset of scenes_manifest/open-s34-o7-sh3d.yaml."
 )
 @click.option(
-    "--scenes", type=click.Path(exists=True, path_type=Path), help="Dataset with sound scenes, made `--with stems`."
+    "--scenes", type=click.Path(exists=True, path_type=Path), help="Dataset with part_3, made `--with stems`."
 )
 @click.option("--gallery", type=click.Path(exists=True, path_type=Path), help="Site that `avs3d view -o` wrote.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder to write the pictures to.")
@@ -127,7 +127,7 @@ def _film_picture(dataset: Dataset, shown: Frame, submission: Path | None = None
 
 
 def _richest_moment(dataset: Dataset) -> Frame:
-    """The frame of a sound scene in which most audible instances are visible; of those, the one that shows most."""
+    """The frame of part_3 in which most audible instances are visible; of those, the one that shows most."""
 
     def visible(frame: Frame) -> tuple[int, float]:
         mask = frame.mask()
@@ -135,12 +135,12 @@ def _richest_moment(dataset: Dataset) -> Frame:
 
     frames = [frame for observation in dataset if observation.group is not None for frame in observation.frames]
     if not frames:
-        raise Avs3dError(f"{dataset.root}: no sound scene; expected observations of part_3")
+        raise Avs3dError(f"{dataset.root}: no observation of part_3")
     return max(frames, key=visible)
 
 
 def _scene_player(root: Path, frame: Frame) -> np.ndarray:
-    """The player of a sound scene with its truth."""
+    """The player of a part_3 observation with its truth."""
     key = frame.observation.key
     with _served("view", str(root), "--no-browser", "--port", "0") as url, _page(1360, 960) as page:
         page.goto(f"{url}{key}/index.html#{frame.name}")

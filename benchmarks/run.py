@@ -39,7 +39,7 @@ TARGETS: dict[str, tuple[float | None, float | None]] = {
     "DataLoader over bare decoding, 2 workers": (None, 0.8),
 }
 #: Each is `bench_<name>.py`.
-SUITES = ("vision", "acoustics", "pipeline", "scenes", "scoring", "lifting", "cluster", "loading")
+SUITES = ("vision", "acoustics", "pipeline", "siblings", "scoring", "lifting", "cluster", "loading")
 
 
 @click.command()
@@ -54,8 +54,8 @@ def main(output: Path, repeats: int, only: str | None) -> None:
         bench_lifting,
         bench_loading,
         bench_pipeline,
-        bench_scenes,
         bench_scoring,
+        bench_siblings,
         bench_vision,
     )
 
@@ -63,7 +63,7 @@ def main(output: Path, repeats: int, only: str | None) -> None:
         "vision": bench_vision.run_all,
         "acoustics": bench_acoustics.run_all,
         "pipeline": bench_pipeline.run_all,
-        "scenes": bench_scenes.run_all,
+        "siblings": bench_siblings.run_all,
         "scoring": bench_scoring.run_all,
         "lifting": bench_lifting.run_all,
         "cluster": bench_cluster.run_all,

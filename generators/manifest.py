@@ -368,7 +368,7 @@ class SourceSpec(_Model):
 
 
 class BackgroundSpec(_Model):
-    """Diffuse background ``snr_db`` below the mean level of all sources (see docs/sound-scenes.md)."""
+    """Diffuse background ``snr_db`` below the mean level of all sources (see docs/part-3.md)."""
 
     kind: Literal["room_tone", "noise"]
     snr_db: Annotated[Number, Field(ge=SNR_DB[0], le=SNR_DB[1])]

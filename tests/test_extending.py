@@ -216,7 +216,7 @@ def test_option(home: tuple[Desk, str]) -> None:
 @pytest.mark.slow
 def test_backend(home: tuple[Desk, str]) -> None:
     desk, _ = home
-    said = desk.follow(DOCUMENT, section(PAGE, "## A backend"))
+    said = desk.follow(DOCUMENT, section(PAGE, "## An engine"))
     desk.lint()
     assert "1 made" in said
     (observation,) = Dataset(desk.folder / "data/free-field")

@@ -20,7 +20,7 @@ from benchmarks.listener_tables import ROWS, RUN_JSON, labelled, rows_of  # noqa
 from tests import score_examples, tiny_scenes  # noqa: E402
 from tests.tiny_listener import SMALL  # noqa: E402
 
-PAGE = f"# Listener\n\nbefore\n\n{listener_page.BEGIN}\nold\n{listener_page.END}\n\nafter\n"
+PAGE = "# Listener\n\nbefore\n\n<!-- tables -->\nold\n<!-- end of tables -->\n\nafter\n"
 
 
 @pytest.fixture(scope="module")
@@ -117,11 +117,10 @@ def test_the_page_has_every_method_the_differences_and_the_pictures(ran: Path) -
 
 
 def test_a_page_without_marks_is_one_line(tmp_path: Path) -> None:
-    (tmp_path / "page.md").write_text("nothing")
     with pytest.raises(
-        listener_page.Avs3dError, match=r"expected the lines <!-- tables --> and <!-- end of tables -->"
+        listener_page.Avs3dError, match=r"page.md: expected the lines <!-- tables --> and <!-- end of tables -->"
     ):
-        listener_page.insert(tmp_path / "page.md", "text")
+        listener_page.insert(tmp_path / "page.md", "nothing", "tables", "text")
 
 
 def test_the_paper_stands_beside_parts_1_and_2() -> None:

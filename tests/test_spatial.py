@@ -233,6 +233,17 @@ def test_size_settles_what_sound_cannot():
     assert choose(points, labels, listeners, free_field(SPOTS[1], listeners)).best == 1
 
 
+def test_weights_of_nothing_leave_the_prior():
+    """Without any cue the posterior is a cluster's share of the points."""
+    large, small = blobs(SPOTS[0], count=30)[0], blobs(SPOTS[1], count=10)[0]
+    points, labels = np.concatenate([large, small]), np.repeat([0, 1], [30, 10])
+    listeners = walk(0)
+    clips = free_field(SPOTS[1], listeners)
+    choice = choose(points, labels, listeners, clips, weights=CueWeights(0.0, 0.0, 0.0))
+    assert choice.posterior == pytest.approx([0.75, 0.25])
+    assert choose(points, labels, listeners, clips).posterior[1] > 0.9
+
+
 def test_one_cluster_is_the_answer():
     points, labels = blobs(SPOTS[0])
     choice = choose(points, labels, walk(0, 3), np.zeros((3, 2, 8192)))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.geometry import Pose
-from benchmarks.receivers import near_field, near_pressure
+from benchmarks.receivers import near_pressure
 from generators.acoustics.geometry import SPEED_OF_SOUND
 from generators.acoustics.hrtf import HEAD_RADIUS, woodworth_itd
 from generators.acoustics.tracer.arrivals import BANDS, Arrivals
@@ -288,28 +287,6 @@ def test_the_near_field_of_the_page_is_that_of_duda_and_martens(
     mu, rho = 2 * math.pi * frequency * HEAD_RADIUS / SPEED_OF_SOUND, distance / HEAD_RADIUS
     exact = [duda_martens(math.radians(90 + side * azimuth), mu, rho) for side in (1, -1)]
     assert right / left == pytest.approx(np.conj(exact[1] / exact[0]), rel=1e-6)
-
-
-def test_the_table_of_near_sources_is_what_the_benchmark_prints() -> None:
-    """docs/receivers.md says what the head lacks near a source."""
-    text = (Path(__file__).parent.parent / "docs" / "receivers.md").read_text(encoding="utf-8")
-    lines = [line for line in text.splitlines() if re.match(r"\| \d+° \|", line)]
-    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines]
-    assert rows == near_field()
-    values = {(row[0], row[1]): [float(cell) for cell in row[2:]] for row in rows}
-    flat = " ".join(text.split())
-    head = "the head, any distance"
-    assert (
-        f"level difference of {values['90°', head][0]} dB in the 250 Hz octave here, where a rigid sphere has "
-        f"{values['90°', 'exact, 1 m'][0]} dB" in flat
-    )
-    for distance in ("3", "1", "0.3"):
-        lacking = [
-            near - heard
-            for azimuth in ("30°", "60°", "90°")
-            for near, heard in zip(values[azimuth, f"exact, {distance} m"], values[azimuth, head], strict=True)
-        ]
-        assert f"{min(lacking):.1f} to {max(lacking):.1f} dB at {distance} m" in flat
 
 
 ANGLES = [(azimuth, 0) for azimuth in range(-180, 180, 15)] + [(20, 35), (-65, -40), (100, 60), (0, 90), (0, -90)]

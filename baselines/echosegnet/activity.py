@@ -19,7 +19,7 @@ Pools are compared by the forward algorithm (L. R. Rabiner, Proc. IEEE 77 (1989)
 that stays where it is adds up over all frames; the posterior of each frame is that of the forward–backward algorithm,
 averaged over the pools, which a beam search finds. Neighbouring bins hear the same reflections: `ActivityWeights`
 temper the likelihood to an effective number of independent bins, chosen by cross-entropy on homes that nothing is
-reported on (`benchmarks/listen_choice.py`), lest the posterior be too sure.
+reported on (docs/results-choice.md), lest the posterior be too sure.
 
 The clips of test frames are inputs of the task as their pictures are; no truth is read.
 """

@@ -20,7 +20,7 @@ from avs3d_bench.geometry import Intrinsics
 Mask = NDArray[np.bool_]
 #: Points with at most this share of their votes are not marked: crumbs at the edges of masks.
 MARKED = 0.1
-#: Quantile of the marked points' shares that says how well masks recognise an object (benchmarks/lifted_choice.py).
+#: Quantile of the marked points' shares that says how well masks recognise an object (docs/listener-trials.md).
 _WELL_MARKED = 0.85
 #: A point that a view does not see has this in place of a vote.
 NO_VOTE = -1

@@ -24,7 +24,7 @@ maximum, which would favour large ones). Its prior is its share of the points, w
 apart: an object from the crumbs beside it. Front and back, above and below sound alike from one pose (Blauert's cone of
 confusion); the agent's turning tells them apart. ``chosen`` names the best cluster even if its posterior is low.
 
-Nothing is learned, and only train views are let in. `benchmarks/instance_selection.py` measures it.
+Nothing is learned, and only train views are let in. docs/results-choice.md says how often it is right.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class CueWeights:
     """How much each cue counts; 0 leaves it out.
 
     The defaults were chosen on the homes of scenes_manifest/cue-weights.yaml, which nothing else is measured on: the
-    smallest weights whose cross-entropy is within one standard error of the least (benchmarks/cue_weights.py).
+    smallest weights whose cross-entropy is within one standard error of the least (docs/results-choice.md).
 
     Attributes:
         phase: independent phases per frame (of 31 bins), N.

@@ -17,7 +17,7 @@ ROOT_PAGES = {
 }
 #: Other folders and files that pages link to; they are not part of the site: such a link becomes plain text.
 OUTSIDE = ("scenes_manifest/", "tests/")
-OUTSIDE_SUFFIXES = (".json", ".csv", ".py", ".ipynb", "/")
+OUTSIDE_SUFFIXES = (".json", ".csv", ".cff", ".py", ".ipynb", "/")
 _LINK = re.compile(r"(?<!!)\[([^\]]+)\]\(([^)\s]+)\)")
 _FENCE = re.compile(r"^(```|~~~).*?^\1[ ]*$", re.M | re.S)
 #: A fence with several words that are no options, which the tests read: Python-Markdown takes it for a paragraph.

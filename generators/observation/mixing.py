@@ -16,7 +16,7 @@ from generators.observation.stems import Clip, Stem, decibels, mixture, power
 from generators.plan import ObservationPlan
 
 #: Without sources, a background's SNR refers to this level (dB re full scale): about the mean level of one source in a
-#: room of the open benchmark (docs/sound-scenes.md).
+#: room of the open benchmark (docs/part-3.md).
 REFERENCE_LEVEL_DB = -35.0
 
 

@@ -1,0 +1,389 @@
+"""`make docs-tables`: every table of recorded figures in README.md and docs/, from docs/results/ and docs/bench.json.
+
+    python -m benchmarks.docs_tables            # write the pages
+    python -m benchmarks.docs_tables --check    # name those that are not current
+
+A table stands between ``<!-- NAME -->`` and ``<!-- end of NAME -->``; `BLOCKS` says which page has which. The pages of
+the listener (`benchmarks.listener_page`) and the paper's tables (`avs3d tables`) are written as a whole.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import click
+
+from avs3d_bench.errors import Avs3dError
+from avs3d_bench.files import read_json, write_bytes
+from avs3d_bench.media import read_record
+from avs3d_bench.scores import GroupScores, Scores
+from benchmarks import comparison_power, listener_page, receivers
+from benchmarks.listener_summary import summary, table
+from benchmarks.run import TARGETS
+from evaluators.reporting import table_contents, tables_markdown
+from evaluators.reporting.leaderboard import read_entries
+from evaluators.reporting.pages import REFERENCE_TITLES
+from evaluators.reporting.paper import TABLE_2, TABLE_3
+
+ROOT = Path(__file__).parent.parent
+#: Masks of train frames by the oracle, in the names of files and in tables.
+MASKS = {"ambiguous": "category", "sounding": "sounding"}
+#: EchoSegnet, in the names of files and in tables.
+VARIANTS = {"no-aisrm": "official, no AISRM", "official": "official", "spatial": "**spatial**"}
+#: Figures of ``listen`` in tables.
+LISTEN = ("pair_accuracy", "IoU", "class_mIoU", "FP_rate")
+#: Text of a figure that is not there.
+MISSING = "–"
+
+
+def share(value: float | None, digits: int = 3) -> str:
+    """``.812``, ``1.000``; – for None."""
+    return MISSING if value is None else f"{value:.{digits}f}".removeprefix("0")
+
+
+def figures(group: GroupScores | None, protocol: str, *names: str) -> list[str]:
+    """Figures of a group, in a protocol, as text."""
+    found: Any = getattr(group, protocol, None)
+    return [share(getattr(found, name, None)) for name in names]
+
+
+def text(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A Markdown table."""
+    return "\n".join(table(head, rows)).rstrip()
+
+
+class Results:
+    """The tables whose figures are in a folder of results.
+
+    Args:
+        folder: docs/results.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def scores(self, name: str) -> Scores:
+        """A file of scores."""
+        return read_record(self.folder / f"{name}.json", Scores)
+
+    def json(self, name: str) -> Any:
+        """Another file."""
+        return read_json(self.folder / f"{name}.json")
+
+    def power(self) -> str:
+        """Errors of `avs3d compare` in a simulation."""
+        return "\n".join(comparison_power.tables(self.json("comparison-power")))
+
+    def guesses(self) -> str:
+        """Guesses with perfect masks under ``listen``."""
+        found = self.json("listen-chance")["guesses"]
+        known = {
+            "instance": ("nothing", "one instance at random"),
+            "presence, instance": ("whether a source is audible", "nothing, or one instance at random"),
+            "category, one": ("which categories are audible", "one instance at random of each"),
+            "category, all": ("which categories are audible", "all their instances"),
+        }
+        rows = [[*said, share(found[n]["pair_accuracy"]), share(found[n]["twins"])] for n, said in known.items()]
+        return text(["known from the sound", "marked", "pair_accuracy", "in pairs of twins"], rows)
+
+    def paper_methods(self) -> str:
+        """Table 2 of the paper, beside our figures."""
+        commands = {
+            "DenseAV": ("`avs3d baseline denseav` with a folder of weights", None),
+            "OWOD-BIND": ("`avs3d baseline owod-bind` with folders of weights", None),
+            "EchoSegnet without AISRM": ("`avs3d baseline echosegnet --variant official --no-aisrm`", "no-aisrm"),
+            "EchoSegnet with AISRM": ("`avs3d baseline echosegnet --variant official`", "official"),
+        }
+        rows = []
+        for method, (command, run) in commands.items():
+            paper = [f"{share(one['mIoU'])} / {share(one['F'])}" for one in TABLE_2[method].values()]
+            ours, verdict = [MISSING, MISSING], "not measured: weights are not shipped"
+            if run is not None:
+                verdict = "not the same: other data, masks of the oracle"
+                found = [self.scores(f"{masks}-{run}").parts for masks in MASKS]
+                ours = [
+                    "; ".join(" / ".join(figures(parts.get(part), "official", "mIoU", "F")) for parts in found)
+                    for part in ("part_1", "part_2")
+                ]  # fmt: skip
+            rows.append([method, *paper, *ours, command, verdict])
+        head = ["method", "single-instance (part_1)", "multi-instance (part_2)", "ours, part_1", "ours, part_2", "command", "verdict"]  # fmt: skip # noqa: E501
+        return text(head, rows)
+
+    def paper_thresholds(self) -> str:
+        """Table 3 of the paper, beside our figures."""
+        rows = []
+        for threshold, paper in TABLE_3.items():
+            ours = self.scores(f"voting-threshold-{threshold}").overall
+            rows.append([share(threshold, 1), share(paper["mIoU"]), share(paper["F"]),
+                         *figures(ours, "official", "mIoU", "F")])  # fmt: skip
+        return text(["voting threshold", "mIoU", "F", "ours: mIoU", "ours: F"], rows)
+
+    def training(self) -> str:
+        """Trainings without a cap."""
+        rows = [
+            [one["key"], f"{one['seconds'] / 60:.1f}", f"{one['gaussians']:,}", f"{median(one['test_psnr']):.1f} dB",
+             f"{min(one['test_psnr']):.1f} dB", f"{one['peak_gib']:.1f} GiB"]
+            for one in self.json("training")["observations"]
+        ]  # fmt: skip
+        head = ["observation", "minutes, three at a time", "Gaussians", "PSNR of test views, median", "lowest", "memory of the GPU"]  # fmt: skip # noqa: E501
+        return text(head, rows)
+
+    def caps(self) -> str:
+        """A cap on the number of Gaussians, and pruning by size on the screen."""
+        rows = []
+        runs = {"none": "no cap", "600k": "`--max-gaussians 600000`", "screen": "`--screen-pruning`"}
+        for name, title in runs.items():
+            (one,) = self.json(f"cap-{name}")["trainings"]
+            psnr = [f"{one[key]:.1f} dB" for key in ("psnr_test_median", "psnr_train_median")]
+            rows.append(
+                [title, f"{one['gaussians']:,}", *psnr, f"{one['minutes']:.1f}", f"{one['peak_memory_gib']:.1f} GiB"]
+            )
+        head = ["", "Gaussians", "PSNR of test views, median", "of train views, median", "minutes", "memory of the GPU"]
+        return text(head, rows)
+
+    def methods(self) -> str:
+        """Methods and parts, with masks of the oracle."""
+
+        def row(masks: str, title: str, parts: dict[Any, GroupScores]) -> list[str]:
+            one, several = parts["part_1"], parts["part_2"]
+            return [masks, title, " / ".join(figures(one, "official", "mIoU", "F")), *figures(one, "strict", "IoU"),
+                    " / ".join(figures(several, "official", "mIoU", "F")),
+                    *figures(several, "strict", "IoU", "wrong_instance_rate")]  # fmt: skip
+
+        rows = [
+            row(said, title, self.scores(f"{masks}-{run}").parts)
+            for masks, said in MASKS.items()
+            for run, title in VARIANTS.items()
+        ]
+        first = self.scores("ambiguous-official")
+        rows += [row(MISSING, REFERENCE_TITLES[name], dict(groups)) for name, groups in first.references.items()]
+        counts = [first.parts[part].observations for part in ("part_1", "part_2")]
+        head = ["masks", "variant", f"part_1 ({counts[0]})", "strict IoU", f"part_2 ({counts[1]})", "strict IoU", "wrong instance"]  # fmt: skip # noqa: E501
+        return text(head, rows)
+
+    def twins(self, name: str) -> str:
+        """The choice between true and invented twins."""
+        found = self.json(name)["rates"]
+        titles = {"twins": "the existing twins"}
+        titles |= {f"invented {d} m": f"one invented twin {d} m apart" for d in ("2", "1", "0.5")}
+
+        def pair(kind: str, form: Callable[[Any], str]) -> str:
+            return " / ".join(form(found[f"{kind} | {frames}"]) for frames in ("100%", "25%"))
+
+        rows = [
+            [title, pair(kind, lambda one: f"{one['cases']:,}"), pair(kind, lambda one: f"{100 * one['right']:.1f}")]
+            for kind, title in titles.items()
+        ]
+        return text(["candidates", "cases, all train frames / a quarter", "right (%)"], rows)
+
+    def calibration(self) -> str:
+        """Posteriors of the choice between twins."""
+        rows = [
+            [f"{one['from']:g}–{one['to']:g}", f"{one['cases']:,}", f"{one['posterior']:.1f}", f"{one['right']:.1f}"]
+            for one in self.json("cue-weights-unseen")["calibration"]
+        ]
+        return text(["posterior of the choice", "cases", "mean posterior (%)", "right (%)"], rows)
+
+    def engines(self) -> str:
+        """Both acoustic engines."""
+        rows = []
+        for part in ("part_1", "part_2"):
+            for variant in ("official", "spatial"):
+                for engine in ("tracer", "soundspaces"):
+                    group = self.scores(f"engines-{engine}-{variant}").parts[part]
+                    strict = figures(group, "strict", "IoU", "boundary_F", "wrong_instance_rate", "IoU_3D", "centroid_error")  # fmt: skip # noqa: E501
+                    official = " / ".join(figures(group, "official", "mIoU", "F"))
+                    rows.append([part, VARIANTS[variant], f"`{engine}`", official, *strict])
+        head = ["part", "variant", "sound", "mIoU / F", "strict IoU", "boundary F", "wrong instance", "3D IoU", "centroid error, m"]  # fmt: skip # noqa: E501
+        return text(head, rows)
+
+    def choice(self) -> str:
+        """The choice by sound in part_3, with true candidates."""
+        kinds = ("silence", "off-screen", "one source", "several")
+        sounding, rows = self.scores("listen-oracle-sounding"), []
+        names = ("pair_accuracy", "IoU", "class_mIoU", "FP_rate")
+
+        def row(title: str, group: GroupScores | None) -> list[str]:
+            first, *rest = figures(group, "listen", *names)
+            return [title, first, MISSING, *rest, *[MISSING] * len(kinds)]
+
+        rows = [row(REFERENCE_TITLES[name], groups.get("part_3")) for name, groups in sounding.references.items()]
+        rows += [row(f"oracle, {name}", self.scores(f"listen-oracle-{name}").overall) for name in ("category", "sounding")]  # fmt: skip # noqa: E501
+        for name in ("official", "spatial"):
+            one = self.json("listen-choice")[name]
+            values = [one[key] for key in ("pair_accuracy", "pair_accuracy_one_source", *names[1:])]
+            values += [one["FP_rate_by_kind"][kind] for kind in kinds]
+            rows.append([VARIANTS[name], *map(share, values)])
+        head = ["choice", names[0], "at most one source", *names[1:], "silence or noise", *kinds[1:]]
+        return text(head, rows)
+
+    def posteriors(self) -> str:
+        """Posteriors of the choice by sound in part_3."""
+        rows = [
+            [f"{one['from']:g}–{one['to']:g}", f"{one['cases']:,}", f"{100 * one['posterior']:.1f}", f"{100 * one['sounds']:.1f}"]  # noqa: E501
+            for one in self.json("listen-choice")["choice"]["reliability"]
+        ]  # fmt: skip
+        return text(["posterior", "cases (candidate and test frame)", "mean posterior (%)", "sounds (%)"], rows)
+
+    def pipeline(self) -> str:
+        """The whole pipeline on part_3."""
+        found = {name: self.scores(f"listen-pipeline-{name}") for name in ("official", "spatial")}
+        references = found["official"].references
+        rows = [
+            [REFERENCE_TITLES[name], *figures(references[name].get("part_3"), "listen", *LISTEN)]
+            for name in ("all_white", "deaf_all", "deaf_single")
+        ]
+        rows += [[VARIANTS[name], *figures(scores.overall, "listen", *LISTEN)] for name, scores in found.items()]
+        return text(["method", *LISTEN], rows)
+
+    def sweep(self, name: str, column: str, shown: Callable[[str], str]) -> str:
+        """Pair accuracy over the values of a sweep, from its CSV file."""
+        with (self.folder / f"{name}.csv").open(encoding="utf-8", newline="") as stream:
+            found = [line for line in csv.DictReader(stream) if line["figure"] == "listen.pair_accuracy"]
+        values = sorted({line[column] for line in found}, key=lambda value: -float("inf" if value == "none" else value))
+        if column != "background.snr_db":
+            values.reverse()
+        rows = []
+        if len({line["t30"] for line in found}) > 1:
+            seconds = {line[column]: float(line["t30"]) for line in found}
+            rows.append(["mean T30", *(f"{seconds[value]:.2f} s" for value in values)])
+        for method in ("official", "centre", "spatial"):
+            own = {line[column]: line for line in found if line["method"].endswith(f" {method}")}
+            cells = []
+            for value in values:
+                low, high = float(own[value]["low"]), float(own[value]["high"])
+                spread = f" ({low:.3f}–{high:.3f})" if low < high else ""
+                cells.append(share(float(own[value]["mean"])) + spread)
+            rows.append([VARIANTS.get(method, method), *cells])
+        return text([f"pair_accuracy: {'SNR' if column == 'background.snr_db' else 'absorption scale'}",
+                     *map(shown, values)], rows)  # fmt: skip
+
+    def curve(self) -> str:
+        """The learning curve of the listener."""
+        names = ("class_iou", "category_iou", "iou", "pair_accuracy", "fp_rate")
+        rows = [
+            [str(one["homes"]), f"{one['minutes']:.1f}", *(share(one["validation"][name]) for name in names)]
+            for one in self.json("listener-curve")["points"]
+        ]
+        head = ["homes to learn from", "minutes", "classes of pixels, IoU", "category that is heard, IoU", "what sounds, IoU", "pair accuracy", "marked where nothing sounds in view"]  # fmt: skip # noqa: E501
+        return text(head, rows)
+
+
+def speed(bench: Path) -> str:
+    """Speed and memory of the generator, from the file of `make bench`."""
+    found = {name: value for suite in read_json(bench)["figures"].values() for name, value in suite.items()}
+    titles = {
+        "RGB + ids + depth, 1008² (CPU s)": "RGB + ids + depth of a 1008² frame, CPU s",
+        "RGB + ids + depth, slowest view (CPU s)": "… of the slowest of 20 views",
+        "impulse response (CPU s)": "binaural impulse response of `soundspaces`, 1,888 acoustic faces, CPU s",
+        "impulse response, worst room (CPU s)": "… in the worst room",
+        "broadband level, SD over draws (dB)": "standard deviation of its broadband level, dB",
+        "broadband level, SD, worst room (dB)": "… in the worst room",
+        "frame of a 120-frame observation, all in (CPU s)":
+            "a frame of a 120-frame observation with everything, encoded and on disk, CPU s",
+        "overhead over the sum of the engines (%)":
+            "share of that time not spent on rendering, impulse response, convolution or encoding, %",
+        "two workers over one": "frames per second of two workers, relative to one worker",
+        "peak memory of a worker (MB)": "peak memory of a worker, its home in the cache, MB",
+    }  # fmt: skip
+    rows = []
+    for name, title in titles.items():
+        most, least = TARGETS.get(name, (None, None))
+        target = f"≤ {most:g}" if most is not None else f"≥ {least:g}" if least is not None else ""
+        rows.append([title, f"{found[name]:.3g}", target])
+    return text(["what", "median", "promised"], rows)
+
+
+def near_sources() -> str:
+    """Level differences of the head and of a rigid sphere near a source."""
+    return text(["azimuth", "", *(f"{band} Hz" for band in receivers.NEAR_BANDS)], receivers.near_field())
+
+
+def blocks(docs: Path) -> dict[str, list[tuple[str, Callable[[], str]]]]:
+    """Page, from the root → its tables in order: name of the block, and what makes it."""
+    own = Results(docs / "results")
+    return {
+        "README.md": [("results", lambda: summary(own.folder))],
+        "docs/comparing.md": [("power", own.power)],
+        "docs/generator.md": [("speed", lambda: speed(docs / "bench.json"))],
+        "docs/listener-training.md": [("curve", own.curve)],
+        "docs/official.md": [("table 2", own.paper_methods), ("table 3", own.paper_thresholds)],
+        "docs/protocol-listen.md": [("guesses", own.guesses)],
+        "docs/receivers.md": [("near sources", near_sources)],
+        "docs/results.md": [
+            ("results", lambda: summary(own.folder)), ("training", own.training), ("caps", own.caps),
+            ("methods", own.methods),
+        ],
+        "docs/results-choice.md": [
+            ("unseen twins", lambda: own.twins("cue-weights-unseen")), ("calibration", own.calibration),
+            ("open twins", lambda: own.twins("cue-weights-open")), ("engines", own.engines), ("choice", own.choice),
+            ("posteriors", own.posteriors), ("pipeline", own.pipeline),
+            ("noise", lambda: own.sweep("robustness-noise", "background.snr_db",
+                                        lambda value: value if value == "none" else f"{value} dB".replace("-", "−"))),
+            ("reverberation", lambda: own.sweep("robustness-reverberation", "acoustics.absorption_scale", str)),
+        ],
+    }  # fmt: skip
+
+
+def paper_tables(results: Path) -> dict[Path, str]:
+    """The paper's tables with our figures, as `avs3d tables` writes them without drawing."""
+    files = sorted(path for kind in ("ambiguous", "sounding", "voting") for path in results.glob(f"{kind}-*.json"))
+    entries = read_entries(files, reports=False)
+    found: dict[Path, str] = {}
+    for one in (table_contents.table_2(entries), table_contents.table_3(entries)):
+        if one is not None:
+            found[results / f"{one.name}.md"] = tables_markdown.markdown(one)
+            found[results / f"{one.name}.csv"] = table_contents.csv(one)
+    return found
+
+
+def texts(root: Path = ROOT) -> dict[Path, str]:
+    """Every file with recorded figures, as it is to be.
+
+    Args:
+        root: folder of README.md and docs/.
+
+    Returns:
+        File → its text.
+
+    Raises:
+        Avs3dError: if a file of results is missing or broken, or a page has no place for a table.
+    """
+    docs = root / "docs"
+    found = listener_page.pages(docs / "results", docs / "listener-results.md", docs / "images")
+    found |= paper_tables(docs / "results")
+    for name, made in blocks(docs).items():
+        page = (root / name).read_text(encoding="utf-8")
+        for block, make in made:
+            page = listener_page.insert(root / name, page, block, make())
+        found[root / name] = page
+    return found
+
+
+def outdated(root: Path = ROOT) -> dict[Path, str]:
+    """The files of `texts` that say something else, or do not exist."""
+    return {path: text for path, text in texts(root).items() if not path.exists() or path.read_bytes() != text.encode()}
+
+
+@click.command()
+@click.option("--check", is_flag=True, help="Write nothing; exit 1 if a page is not current.")
+def main(check: bool) -> None:
+    """Write the tables of recorded figures into README.md and docs/."""
+    try:
+        found = outdated()
+        for path, text in found.items():
+            click.echo(path.relative_to(ROOT))
+            if not check:
+                write_bytes(path, text.encode())
+    except Avs3dError as error:
+        raise click.ClickException(str(error)) from None
+    if check and found:
+        raise click.ClickException("these pages differ from docs/results/ and docs/bench.json: run make docs-tables")
+
+
+if __name__ == "__main__":
+    main()
