@@ -12,11 +12,9 @@ from generators.acoustics.base import AcousticBackend, CompiledBackend
 from generators.core.by_name import import_by_name
 from generators.core.cuda import cuda_version
 from generators.core.rays import TRACERS
-from generators.receivers import ENGINE, PARTS, Receivers, check_engine
+from generators.receivers import Receivers, check_engine
 from generators.vision.base import VisionBackend
 
-#: The functions that make an observation, of parts 1 and 2 and of part_3 (see `avs3d_bench.provenance`).
-OBSERVATION = ("generators.observation:generate_observation", "generators.sound_scene:generate_sound_scene")
 #: Backends by name: module and class of each.
 VISION = {
     "embree": "generators.vision.embree:EmbreeBackend",
@@ -103,16 +101,15 @@ def _any_of(names: Iterable[str]) -> str:
 
 
 def unused_backends(vision: str, audio: str, device: str = "cpu") -> tuple[str, ...]:
-    """The entries of the backends, ray tracers and receivers that are not chosen, and so never run."""
+    """The entries of the backends and ray tracers that are not chosen, and so never run."""
     unused = [entry for name, entry in VISION.items() if name != vision]
     unused += [entry for name, entry in ACOUSTIC.items() if name != audio]
-    unused += PARTS.values() if audio != ENGINE else ()
     return (*unused, *(entry for name, entry in TRACERS.items() if name not in ("cpu", device)))
 
 
 def observation_provenance(vision: str, audio: str, device: str = "cpu") -> Provenance:
     """The software that observations made with these backends depend on."""
-    return provenance(*OBSERVATION, without=unused_backends(vision, audio, device))
+    return provenance("observation", without=unused_backends(vision, audio, device))
 
 
 def backend_versions(vision: str, audio: str, device: str = "cpu") -> dict[str, str]:

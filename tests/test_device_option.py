@@ -24,7 +24,7 @@ from generators.run.generation import plans_of
 from generators.run.options import GenerateOptions
 
 MANIFEST = Path(__file__).parent.parent / "scenes_manifest/demo.yaml"
-RAYS = "generators.core.device_rays"
+RAYS = "generators/core/device_rays.py"
 
 
 @pytest.fixture
@@ -72,10 +72,10 @@ def test_observations_and_homes_of_another_device_have_other_digests(manifest, m
 def test_what_runs_on_the_cpu_does_not_depend_on_the_sources_of_the_other_device() -> None:
     own = backends.observation_provenance("embree", "analytic")
     assert RAYS not in own.sources
-    assert "generators.vision.cuda" not in own.sources
+    assert "generators/vision/cuda.py" not in own.sources
     assert RAYS in backends.observation_provenance("embree", "analytic", "cuda").sources
     both = backends.observation_provenance("cuda", "analytic", "cuda")
-    assert {RAYS, "generators.vision.cuda", "generators.vision.device_kernels"} <= set(both.sources)
+    assert {RAYS, "generators/vision/cuda.py", "generators/vision/device_kernels.py"} <= set(both.sources)
     assert cache.builder_version("cpu") != cache.builder_version("cuda")
 
 

@@ -181,7 +181,7 @@ def test_baseline(tmp_path: Path, data: Path) -> None:
     assert scores["submission"]["method"] == "ear-side"
     digest = desk.run(
         "python", "-c", "from avs3d_bench.provenance import provenance as p; "
-        "found = p('baselines.ear_side:write_ear_side'); assert 'baselines.ear_side' in found.sources; "
+        "found = p('baselines.ear_side:write_ear_side'); assert 'baselines/ear_side.py' in found.sources; "
         "print(found.digest)",
     )  # fmt: skip
     assert scores["submission"]["provenance"]["digest"] == digest.strip()
@@ -208,8 +208,8 @@ def test_backend(home: tuple[Desk, str]) -> None:
     assert record.acoustics.backend == "free-field"
     desk.run(
         "python", "-c", "from generators.backends import observation_provenance as made_by; "
-        "assert 'generators.acoustics.free_field' in made_by('embree', 'free-field').sources; "
-        "assert 'generators.acoustics.free_field' not in made_by('embree', 'analytic').sources",
+        "assert 'generators/acoustics/free_field.py' in made_by('embree', 'free-field').sources; "
+        "assert 'generators/acoustics/free_field.py' not in made_by('embree', 'analytic').sources",
     )  # fmt: skip
     # Louder at the ear that the source is nearer to.
     lateral = 0

@@ -255,7 +255,7 @@ def write_mask_folder(
         "dataset_sha256": sha256_file(record) if record.exists() else "",
         "method": model.method,
         "notes": model.notes,
-        "software": provenance("baselines.owod_bind.run:write_mask_folder").digest,
+        "software": provenance("baselines.owod_bind").digest,
         "split": split,
     }
     _claim(folder, made_from)

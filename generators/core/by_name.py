@@ -1,8 +1,7 @@
 """Loads what a text ``module:name`` names, on first use.
 
-A table of such texts keeps the digest of an observation's software small: of a table's entries only those count that
-are chosen (see `avs3d_bench.provenance`, and `generators.backends.unused_backends`). An import statement would count
-for every observation.
+Tables of such texts name the backends, so that only the chosen one is imported, and only its sources count for an
+observation (see `avs3d_bench.provenance` and `generators.backends.unused_backends`).
 """
 
 from __future__ import annotations

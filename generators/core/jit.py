@@ -22,6 +22,7 @@ from typing import Any, TypeVar, cast
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.file_lock import wait_for_lock
+from avs3d_bench.provenance import source_files
 from generators.core.folders import user_cache
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -59,12 +60,11 @@ def kernel_digest() -> str:
 
 def _digest(counts: Callable[[bytes], bool]) -> str:
     """Digest of source files of the generator, by name and content."""
-    root = Path(__file__).parents[1]
     digest = hashlib.sha256()
-    for path in sorted(root.rglob("*.py")):
-        text = path.read_bytes()
+    for path, file in source_files("generators"):
+        text = file.read_bytes()
         if counts(text):
-            digest.update(path.relative_to(root).as_posix().encode() + b"\0" + text)
+            digest.update(path.encode() + b"\0" + text)
     return digest.hexdigest()[:16]
 
 

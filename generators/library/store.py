@@ -27,8 +27,6 @@ from avs3d_bench.user_path import user_path
 from generators.library.archive import read_zip
 from generators.library.lock import AssetEntry, read_lock
 
-#: The function that makes a cleaned GLB from an original file (see `avs3d_bench.provenance`).
-CLEANING = "generators.library.store:clean"
 #: Suffixes that the cleaning reads.
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".dae")
 #: Suffixes that libsndfile ≥ 1.1 decodes.
@@ -143,7 +141,7 @@ class Store:
 
 def clean_key(entry: AssetEntry) -> str:
     """16 hex digits of a hash of all that the bytes of an object's cleaned GLB depend on."""
-    code = provenance(CLEANING).digest
+    code = provenance("asset").digest
     inputs = [entry.sha256, entry.file, entry.up, entry.front, entry.height, entry.yaw, code]
     return hashlib.sha256(json.dumps(inputs).encode()).hexdigest()[:16]
 
