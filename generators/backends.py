@@ -7,9 +7,9 @@ from typing import Any
 
 from avs3d_bench import __version__
 from avs3d_bench.errors import UsageError
+from avs3d_bench.imports import import_by_name
 from avs3d_bench.provenance import Provenance, provenance
 from generators.acoustics.base import AcousticBackend, CompiledBackend
-from generators.core.by_name import import_by_name
 from generators.core.cuda import cuda_version
 from generators.core.rays import TRACERS
 from generators.receivers import Receivers, check_engine

@@ -126,7 +126,7 @@ HOUSE = {
         "assets": "core",
         "vision": "core assets",
         "acoustics": "core",
-        "receivers": "core acoustics",
+        "receivers": "acoustics",
         "backends": "core vision acoustics receivers",
         "apartments": "core assets",
         "scans": "core assets acoustics",

@@ -57,6 +57,7 @@ NOT_COUNTED = {
     "avs3d_bench.ahead",
     "avs3d_bench.cli",
     "avs3d_bench.file_lock",
+    "avs3d_bench.imports",
     "avs3d_bench.outputs",
     "avs3d_bench.parallel",
     "avs3d_bench.provenance",

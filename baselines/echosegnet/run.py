@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Required, TypedDict, Unpack
 
-from avs3d_bench.cli import missing_extra
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.imports import missing_extra
 from avs3d_bench.provenance import Provenance, provenance
 from avs3d_bench.scheduling.errors import UnfitError
 from avs3d_bench.scheduling.options import Options

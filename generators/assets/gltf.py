@@ -8,7 +8,6 @@ Geometry that is compressed with Draco or meshopt is refused: pip offers no reli
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import io
 import json
 import struct
@@ -20,6 +19,7 @@ import numpy as np
 from PIL import Image
 
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.imports import has_package
 
 BASISU = "KHR_texture_basisu"
 KTX2 = "image/ktx2"
@@ -99,7 +99,7 @@ def has_basis(file: Path) -> bool:
 
 def can_decode_basis() -> bool:
     """Whether the decoder of KTX2 textures is installed."""
-    return importlib.util.find_spec("opengl_basisu") is not None
+    return has_package("opengl_basisu")
 
 
 def basis_error(file: Path) -> Avs3dError:

@@ -22,6 +22,7 @@ from typing import Any, TypeVar, cast
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.file_lock import wait_for_lock
+from avs3d_bench.imports import needing
 from avs3d_bench.provenance import source_files
 from generators.core.folders import user_cache
 
@@ -72,12 +73,8 @@ CACHE_FOLDER = _cache_folder()
 _KERNELS = str(CACHE_FOLDER / kernel_digest())
 # numba reads the variable again now and then, and so do other processes.
 os.environ["NUMBA_CACHE_DIR"] = _KERNELS
-try:
+with needing("rendering", "pip install 'avs3d-bench[generate]'"):
     import numba
-except ImportError as _error:
-    raise Avs3dError(
-        f"rendering needs numba, which cannot be imported ({_error}): pip install 'avs3d-bench[generate]'"
-    ) from _error
 
 # numba reads the variable when it is imported, which may have happened already.
 _config: Any = numba.config
