@@ -147,7 +147,7 @@ def scheduler_of(options: Options, workers: int, *, gpus: bool = False) -> Sched
         from avs3d_bench.scheduling.local import LocalScheduler
 
         return LocalScheduler(workers)
-    from avs3d_bench.scheduling.dask_ import DaskScheduler
+    from avs3d_bench.scheduling.dask_backend import DaskScheduler
 
     return DaskScheduler(
         workers,
