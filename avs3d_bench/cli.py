@@ -20,8 +20,8 @@ import click
 from click.exceptions import NoArgsIsHelpError
 
 from avs3d_bench import __version__
+from avs3d_bench.click_options import PATH, WORKERS, Group, only_option
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.groups import PATH, WORKERS, Group, only_option
 from avs3d_bench.imports import missing_extra, package_asking
 from avs3d_bench.memory_limit import check_address_space, out_of_memory
 from avs3d_bench.one_thread import ONE_THREAD
