@@ -152,7 +152,7 @@ def clean(entry: AssetEntry, path: Path) -> tuple[bytes, tuple[str, ...]]:
     Raises:
         Avs3dError: naming the asset, if there is no usable mesh in it.
     """
-    from generators.library import mesh_cleaning as hygiene
+    from generators.library import mesh_cleaning
 
     with tempfile.TemporaryDirectory(prefix="avs3d-asset-") as scratch:
         source = path
@@ -162,7 +162,7 @@ def clean(entry: AssetEntry, path: Path) -> tuple[bytes, tuple[str, ...]]:
                 files.write_bytes(Path(scratch) / name, data)
             source = Path(scratch) / main_mesh(tuple(members), entry.id)
         try:
-            data, findings = hygiene.clean(
+            data, findings = mesh_cleaning.clean(
                 source, up=entry.up or "y", front=entry.front or "+z", height=entry.height, yaw=entry.yaw or 0.0
             )
         except RecursionError:
