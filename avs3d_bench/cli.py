@@ -20,8 +20,9 @@ import click
 from click.exceptions import NoArgsIsHelpError
 
 from avs3d_bench import __version__
+from avs3d_bench.click_options import PATH, WORKERS, Group, only_option
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.groups import PATH, WORKERS, Group, only_option
+from avs3d_bench.imports import missing_extra, package_asking
 from avs3d_bench.memory_limit import check_address_space, out_of_memory
 from avs3d_bench.one_thread import ONE_THREAD
 from avs3d_bench.outputs import OUTPUT_FOLDER, OutputFile, Signature
@@ -64,8 +65,6 @@ SUMMARIES = {
 }
 #: Greatest length of a message of click (characters).
 _LONGEST = 600
-#: The extra that installs a package which the core install lacks; other packages are named themselves.
-_EXTRA_OF = {"generators": "generate", "baselines": "baselines", "evaluators": "generate"}
 
 
 def _entry_points() -> dict[str, metadata.EntryPoint]:
@@ -83,21 +82,6 @@ def _load(point: metadata.EntryPoint) -> click.Command:
     if not isinstance(command, click.Command):
         raise Avs3dError(f"avs3d {point.name}: {point.value} is no click command; fix the entry point")
     return command
-
-
-def missing_extra(error: ModuleNotFoundError, package: str) -> str:
-    """One line for a module that is not installed, on the way into ``package``."""
-    missing = (error.name or str(error)).split(".")[0]
-    if missing in sys.stdlib_module_names:
-        return (
-            f"{error.name} is a part of Python, but cannot be imported; check that the files below {sys.base_prefix} "
-            "are complete and may be read"
-        )
-    extra = _EXTRA_OF.get(package)
-    if missing == "rlr_audio_propagation":
-        extra = "soundspaces"
-    way = f"pip install 'avs3d-bench[{extra}]'" if extra else f"pip install {missing}"
-    return f"{missing} is not installed; this command needs {way}"
 
 
 class LazyGroup(Group):
@@ -327,7 +311,7 @@ def run(command: click.Command, arguments: Sequence[str] | None = None, *, progr
         package = (error.name or "").split(".")[0]
         if package in ("avs3d_bench", "generators", "evaluators", "baselines", ""):
             raise
-        _fail(1, program, missing_extra(error, _package_of(error)))
+        _fail(1, program, missing_extra(error, package_asking(error)))
     except (MemoryError, ImportError) as error:
         line = out_of_memory(error)
         if line is None:
@@ -338,16 +322,6 @@ def run(command: click.Command, arguments: Sequence[str] | None = None, *, progr
 
         _fail(1, program, os_error_line(error))
     raise SystemExit(code if isinstance(code, int) else 0)
-
-
-def _package_of(error: ModuleNotFoundError) -> str:
-    """The package of this project whose code asked for the missing module."""
-    trace, package = error.__traceback__, ""
-    while trace is not None:
-        name = str(trace.tb_frame.f_globals.get("__name__", "")).split(".")[0]
-        package = name if name in _EXTRA_OF else package
-        trace = trace.tb_next
-    return package
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:

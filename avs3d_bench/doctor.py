@@ -9,7 +9,6 @@ are reported like everything else.
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import os
 import re
 import shutil
@@ -26,6 +25,7 @@ from rich.console import Console
 from rich.text import Text
 
 from avs3d_bench import __version__
+from avs3d_bench.imports import has_package
 from avs3d_bench.parallel import available_cores
 
 GROUP = "avs3d.doctor"
@@ -121,14 +121,6 @@ def constant(group: str, name: str, state: State, found: str, fix: str = "") -> 
 # What checks are made of
 
 
-def has_module(name: str) -> bool:
-    """Whether a module is installed; it is not imported."""
-    try:
-        return importlib.util.find_spec(name) is not None
-    except (ImportError, ValueError):
-        return False
-
-
 def package_check(
     group: str, name: str, module: str, fix: str, *, program: str = "", limit: float = TIME_LIMIT, needed: str = ""
 ) -> Check:
@@ -145,7 +137,7 @@ def package_check(
     """
 
     def run() -> tuple[CheckResult, ...]:
-        if not has_module(module):
+        if not has_package(module):
             why = f"not installed; {needed}" if needed else "not installed"
             return (CheckResult(group, name, "missing", why, fix),)
         return (package_finding(group, name, fix, run_python(program or f"import {module}", limit=limit)),)

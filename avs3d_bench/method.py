@@ -35,7 +35,7 @@ class Method:
         points: the 3D prediction of an observation, (N, 3) metres; None if the method makes none.
         notes: settings and other remarks for readers.
         truth: what truth of the dataset it reads; None: none (see `SubmissionRecord`).
-        entry: ``package.module:function`` of ours that makes the masks; the digest of its sources is written, too.
+        entry: ``baselines.module:function`` that makes the masks; the digest of its sources is written, too.
         batch: frames that ``predict`` gets at a time, over all observations; None: the test frames of an observation.
     """
 

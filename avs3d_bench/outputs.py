@@ -1,6 +1,6 @@
 """Outputs of commands: none replaces what its command reads, or what its command has not written.
 
-An option for an output has the type `OutputFile` or `OutputFolder` instead of `avs3d_bench.groups.PATH`, the type of
+An option for an output has the type `OutputFile` or `OutputFolder` instead of `click_options.PATH`, the type of
 inputs. Their values are compared with each other before the command begins:
 
 - an output must not be an input, by whatever name (symbolic or hard link), nor another output of the command;

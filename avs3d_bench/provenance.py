@@ -1,41 +1,26 @@
 """Digest of the software that a result depends on: it changes when the result may change.
 
-    made_by = provenance("generators.apartments.apartment:build_apartment", "generators.lighting.bake:bake")
+    made_by = provenance("home")
     made_by.digest
 
-A result depends on the sources of the function's module and of everything in our packages that it imports, directly or
-through others; on the versions of the libraries that those import; and on Python's minor version. What is imported is
-read from the sources with `ast`. Nothing is executed, and no list is kept by hand:
-
-- ``import`` and ``from … import``, absolute and relative, at the top and inside functions and classes, but not under
-  ``if TYPE_CHECKING``; in ``from package import name`` the name is a module where there is one of that name;
-- the ``__init__`` of every package on the way, since Python executes it. An ``__init__`` that resolves names on demand
-  (it defines ``__getattr__``) counts with the name that is asked for, as its ``TYPE_CHECKING`` block or its ``.pyi``
-  file declares it;
-- a text ``"package.module"`` or ``"package.module:name"`` that names a module of ours (`importlib.import_module`, a
-  table of backends), and the entry points of a group, in a module that names the group and calls ``entry_points``;
-- a data file of the module's package whose name is a text of the module (``"materials.json"``).
-
-A source counts as its syntax tree without docstrings and positions: comments, docstrings and line breaks may change;
-any other edit counts, also one that happens to change no result. Sources are read through Python's import system, from
-a checkout, an installed wheel or a zip file, and each one once per process.
+A result depends on the sources in the folders and modules that `RESULTS` lists for it, on the versions of the libraries
+that those import, and on Python's minor version. A Python file counts as its syntax tree without docstrings and
+positions: comments, docstrings and line breaks may change; any other edit counts, also one that happens to change no
+result. Every other file of a folder counts with all its bytes. Nothing is executed, and files are read from a checkout,
+an installed wheel or a zip file.
 """
 
 from __future__ import annotations
 
 import ast
-import gc
 import hashlib
-import importlib.util
+import importlib.resources
 import json
-import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from importlib import metadata
-from importlib.machinery import ModuleSpec, PathFinder
 from typing import Any
 
 from avs3d_bench.errors import Avs3dError
@@ -44,36 +29,162 @@ from avs3d_bench.errors import Avs3dError
 PACKAGES = ("avs3d_bench", "generators", "evaluators", "baselines")
 #: Name of the digest in `Provenance.versions`.
 SOFTWARE = "software"
-#: Name of the distribution whose entry points count.
-DISTRIBUTION = "avs3d-bench"
 #: Version of the way a digest is computed; raise it when that changes.
-FORMAT = 1
+FORMAT = 2
+
+#: Records, file formats and geometry: what every reader and writer of a dataset or submission uses.
+CONTRACT = (
+    "avs3d_bench.archive",
+    "avs3d_bench.colmap",
+    "avs3d_bench.dataset",
+    "avs3d_bench.decay",
+    "avs3d_bench.errors",
+    "avs3d_bench.files",
+    "avs3d_bench.geometry",
+    "avs3d_bench.layout",
+    "avs3d_bench.media",
+    "avs3d_bench.method",
+    "avs3d_bench.ply",
+    "avs3d_bench.ply_reader",
+    "avs3d_bench.schema",
+    "avs3d_bench.submission",
+    "avs3d_bench.taxonomy",
+    "avs3d_bench.text",
+    "avs3d_bench.user_path",
+    "avs3d_bench.yamlfile",
+)
+#: What makes the cleaned mesh of an asset from the library.
+_ASSET = (
+    "generators.assets",
+    "generators.core",
+    "generators.library.archive",
+    "generators.library.cleanglb",
+    "generators.library.glazing",
+    "generators.library.lock",
+    "generators.library.mesh_cleaning",
+    "generators.library.objfile",
+    "generators.library.orientation",
+    "generators.library.rawmesh",
+    "generators.library.simplify",
+    "generators.library.store",
+)
+#: Result → folders (with all that is below them) and modules whose sources it depends on. A method of `baselines` that
+#: is not listed depends on its own folder or module and on `CONTRACT`.
+RESULTS: Mapping[str, tuple[str, ...]] = {
+    # A built and lit apartment, in the cache.
+    "home": (
+        "avs3d_bench.errors",
+        "generators.apartments",
+        "generators.assets.finishes",
+        "generators.assets.furniture",
+        "generators.assets.materials",
+        "generators.assets.shapes",
+        "generators.assets.styles",
+        "generators.assets.textures",
+        "generators.core",
+        "generators.homes.cache",
+        "generators.lighting",
+    ),
+    "asset": (*CONTRACT, *_ASSET),
+    # Of the backends, only those that are chosen count: see `generators.backends.observation_provenance`.
+    "observation": (
+        *CONTRACT,
+        *_ASSET,
+        "generators.acoustics",
+        "generators.apartments",
+        "generators.backends",
+        "generators.categories",
+        "generators.homes",
+        "generators.library.licences",
+        "generators.library.references",
+        "generators.lighting",
+        "generators.manifest",
+        "generators.manifest_messages",
+        "generators.observation",
+        "generators.options",
+        "generators.paths",
+        "generators.placement",
+        "generators.plan",
+        "generators.receivers",
+        "generators.scans",
+        "generators.vision",
+    ),
+    # The tar of an observation, besides the observation.
+    "tar": (
+        *CONTRACT,
+        "avs3d_bench.exports.observation_tar",
+        "avs3d_bench.exports.samples",
+        "avs3d_bench.exports.tar_format",
+        "generators.observation.output",
+        "generators.observation.tar_output",
+    ),
+    "scores": (
+        *CONTRACT,
+        "avs3d_bench.deaf_oracles",
+        "avs3d_bench.predictions",
+        "avs3d_bench.scores",
+        "avs3d_bench.sealed",
+        "avs3d_bench.secret",
+        "evaluators",
+    ),
+    "baselines.deaf": (
+        *CONTRACT,
+        "avs3d_bench.deaf_oracles",
+        "baselines.deaf",
+        "baselines.oracle_errors",
+        "baselines.oracle_scenes",
+    ),
+    "baselines.denseav": (*CONTRACT, "baselines.denseav", "baselines.networks"),
+    "baselines.echosegnet": (
+        *CONTRACT,
+        "baselines.echosegnet",
+        "baselines.oracle",
+        "baselines.oracle_errors",
+        "baselines.oracle_scenes",
+    ),
+    "baselines.listener": (*CONTRACT, "avs3d_bench.exports.samples", "baselines.listener", "baselines.networks"),
+    "baselines.oracle": (*CONTRACT, "baselines.oracle", "baselines.oracle_errors", "baselines.oracle_scenes"),
+    "baselines.owod_bind": (*CONTRACT, "baselines.networks", "baselines.owod_bind"),
+}
+#: Parts of listed folders that do not count, except where a row lists them by name: commands, pages, comparisons.
+LEFT_OUT = frozenset(
+    {
+        "baselines.listener.cli",
+        "evaluators.cli",
+        "evaluators.comparison",
+        "evaluators.competition",
+        "evaluators.curves",
+        "evaluators.factors",
+        "evaluators.frame_rows",
+        "evaluators.reporting",
+        "evaluators.score_file",
+        "evaluators.sign_flips",
+        "evaluators.signatures",
+        "evaluators.verify",
+        "generators.observation.tar_output",
+    }
+)
+#: Module of a backend → what else only this backend uses.
+BACKENDS: Mapping[str, tuple[str, ...]] = {
+    "generators.acoustics.tracer.backend": ("generators.acoustics.tracer",),
+    "generators.vision.cuda": ("generators.vision.device_kernels",),
+    "generators.vision.habitat": ("generators.vision.habitat_process", "generators.vision.habitat_worker"),
+}
+
 #: Libraries that only import names of ours on demand: no result depends on their version.
 _NAME_RESOLVERS = frozenset({"lazy_loader"})
-#: Files of a package that are no data.
-_CODE_SUFFIXES = (".py", ".pyi", ".pyc", ".so", ".typed")
-_MODULE_TEXT = re.compile(rf"(?:{'|'.join(PACKAGES)})(?:\.\w+)+")
-
-
-@dataclass(frozen=True)
-class Module:
-    """The imports and names of one source file.
-
-    Attributes:
-        name: dotted.
-        digest: sha256 of the normalised source.
-        imports: pairs (module, name or None) as the import statements have them, absolute.
-        texts: the text constants, without docstrings.
-        calls_entry_points: whether it looks up entry points.
-        on_demand: of a package that resolves names on demand: name → (module, name) of what it stands for.
-    """
-
-    name: str
-    digest: str
-    imports: frozenset[tuple[str, str | None]]
-    texts: frozenset[str]
-    calls_entry_points: bool
-    on_demand: Mapping[str, tuple[str, str | None]] | None
+#: Suffixes of files that do not count: compiled code, and declarations for type checkers.
+_IGNORED = (".pyc", ".pyi", ".so", ".typed")
+#: Functions that import the module of their first argument.
+_IMPORTERS = ("import_module", "__import__")
+#: Kind of node of a syntax tree → its fields that count.
+_FIELDS: Mapping[type, tuple[str, ...]] = {
+    kind: tuple(field for field in kind._fields if field not in ("ctx", "kind", "type_comment", "type_ignores"))
+    for kind in vars(ast).values()
+    if isinstance(kind, type) and issubclass(kind, ast.AST)
+}
+#: Kinds of nodes that may begin with a docstring.
+_DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
 
 @dataclass(frozen=True)
@@ -81,7 +192,7 @@ class Provenance:
     """The software behind a result.
 
     Attributes:
-        sources: module, or package and data file (``package/name``) → sha256 of what counts of it.
+        sources: path (``generators/core/scene.py``) → sha256 of what counts of the file.
         libraries: distribution → version; ``none`` for what is imported but not installed.
         python: Python's minor version (``3.11``).
     """
@@ -103,331 +214,130 @@ class Provenance:
 
 
 @lru_cache(maxsize=64)
-def provenance(*roots: str, without: tuple[str, ...] = ()) -> Provenance:
-    """The software that the result of functions of this installation depends on.
+def provenance(*results: str, without: tuple[str, ...] = ()) -> Provenance:
+    """The software of this installation that results depend on.
 
     Args:
-        roots: ``module:function`` (or ``module``) of each function that makes the result.
-        without: texts ``module:name`` that are certain not to be followed, such as the backends in a table of all of
-            them that were not chosen. An import statement for the same module still counts.
+        results: rows of `RESULTS`, or ``module:function`` of a method of `baselines`.
+        without: ``module`` or ``module:name`` of backends that were not chosen.
 
     Raises:
-        Avs3dError: if a root does not exist.
+        Avs3dError: if there is no such result, or a source is missing or cannot be read.
     """
-    return _installed().provenance(roots, without=without)
+    return read_provenance(importlib.resources.files, results, without=without)
 
 
-@lru_cache(maxsize=1)
-def _installed() -> Sources:
-    return Sources()
-
-
-class Sources:
-    """The sources of our packages, read on demand and kept.
+def read_provenance(files: Callable[[str], Any], results: Iterable[str], *, without: Iterable[str] = ()) -> Provenance:
+    """See `provenance`.
 
     Args:
-        path: folders and zip files in which the packages lie; None: where Python imports them from.
+        files: name of a package → its folder, a `pathlib.Path` or another ``Traversable``.
+        results: as for `provenance`.
+        without: as for `provenance`.
     """
-
-    def __init__(self, path: Sequence[str] | None = None) -> None:
-        self._path = None if path is None else list(path)
-        self._specs: dict[str, ModuleSpec | None] = {}
-        self._modules: dict[str, Module] = {}
-        self._data: dict[str, dict[str, str]] = {}
-
-    def provenance(self, roots: Sequence[str], *, without: Iterable[str] = ()) -> Provenance:
-        """See `provenance`."""
-        names = [root.partition(":")[0] for root in roots]
-        for root, name in zip(roots, names, strict=True):
-            if self._spec(name) is None:
-                raise Avs3dError(f"provenance of {root}: no module {name}; expected module:function of {PACKAGES}")
-        unused = frozenset(without)
-        sources: dict[str, str] = {}
-        libraries: set[str] = set()
-        waiting = list(names)
-        with _no_collection():
-            while waiting:
-                name = waiting.pop()
-                if name in sources:
-                    continue
-                module = self.module(name)
-                sources[name] = module.digest
-                sources |= self._data_of(module)
-                waiting += self._edges(module, unused)
-                libraries |= {found for target, _ in module.imports if (found := _library(target))}
-        versions: dict[str, str] = {}
-        for library in libraries:
-            versions |= _versions(library)
-        return Provenance(sources, dict(sorted(versions.items())), f"{sys.version_info[0]}.{sys.version_info[1]}")
-
-    def module(self, name: str) -> Module:
-        """The imports and names of a module of ours.
-
-        Raises:
-            Avs3dError: if its source cannot be read.
-        """
-        if name not in self._modules:
-            self._modules[name] = self._read(name)
-        return self._modules[name]
-
-    def _read(self, name: str) -> Module:
-        spec = self._spec(name)
-        loader: Any = spec.loader if spec else None
-        try:
-            source = loader.get_data(loader.get_filename(name))
-            return read_module(name, self._package_of(name), source)
-        except (AttributeError, ImportError, OSError, SyntaxError, ValueError) as error:
-            raise Avs3dError(
-                f"{name}: its source cannot be read ({error}); reinstall avs3d-bench with sources"
-            ) from None
-
-    def _spec(self, name: str) -> ModuleSpec | None:
-        """Where a module of ours lies; found without importing its package."""
-        if name not in self._specs:
-            parent = name.rpartition(".")[0]
-            self._specs[name] = self._find(name, parent)
-        return self._specs[name]
-
-    def _find(self, name: str, parent: str) -> ModuleSpec | None:
-        if not parent:
-            if name not in PACKAGES:
-                return None
-            return importlib.util.find_spec(name) if self._path is None else PathFinder.find_spec(name, self._path)
-        above = self._spec(parent)
-        if above is None or above.submodule_search_locations is None:
-            return None
-        return PathFinder.find_spec(name, list(above.submodule_search_locations))
-
-    def _edges(self, module: Module, unused: frozenset[str]) -> Iterator[str]:
-        """The modules of ours that a module has Python import, packages on the way included."""
-        for target, name in module.imports:
-            yield from self._targets(target, name)
-        for text in module.texts - unused:
-            named = text.partition(":")[0]
-            if _MODULE_TEXT.fullmatch(named) and self._spec(named):
-                yield from self._chain(named)
-        if module.calls_entry_points:
-            for group, target in _entry_points():
-                if group in module.texts:
-                    yield from self._chain(target)
-        yield from self._chain(module.name.rpartition(".")[0])
-
-    def _targets(self, target: str, name: str | None, seen: frozenset[str] = frozenset()) -> Iterator[str]:
-        if target.partition(".")[0] not in PACKAGES:
-            return
-        yield from self._chain(target)
-        if name is not None and self._spec(f"{target}.{name}") is not None:
-            target, name = f"{target}.{name}", None
-            yield target
-        on_demand = self._on_demand(target)
-        if on_demand is None or target in seen:
-            return
-        # Of a package that is imported as a whole, any name may be used.
-        for each in on_demand if name in (None, "*") else (name,):
-            if each in on_demand:
-                yield from self._targets(*on_demand[each], seen | {target})
-
-    def _on_demand(self, name: str) -> Mapping[str, tuple[str, str | None]] | None:
-        """Names that a package resolves on demand, from its TYPE_CHECKING block and its stub file."""
-        spec = self._spec(name)
-        if spec is None or spec.submodule_search_locations is None:
-            return None
-        declared = self.module(name).on_demand
-        if declared is None:
-            return None
-        loader: Any = spec.loader
-        try:
-            stub = loader.get_data(loader.get_filename(name) + "i")
-        except OSError:
-            return declared
-        return {**declared, **_names(_imports(ast.parse(stub).body, name))}
-
-    def _package_of(self, name: str) -> str:
-        """The package that a module lies in; a package lies in itself."""
-        spec = self._spec(name)
-        return name if spec and spec.submodule_search_locations is not None else name.rpartition(".")[0]
-
-    def _chain(self, name: str) -> Iterator[str]:
-        """A module and the packages that it lies in, as far as they exist; nothing for ``''``."""
-        while name:
-            if self._spec(name) is not None:
-                yield name
-            name = name.rpartition(".")[0]
-
-    def _data_of(self, module: Module) -> dict[str, str]:
-        """Data files that the module names: ``package/name`` → sha256."""
-        package = self._package_of(module.name)
-        if package not in self._data:
-            self._data[package] = {}
-            owner: Any = self._spec(package)
-            reader = owner.loader.get_resource_reader(package) if owner else None
-            if reader is not None:
-                self._data[package] = dict(_data_files(reader.files(), package))
-        named = {text.rpartition("/")[2] for text in module.texts}
-        return {path: digest for path, digest in self._data[package].items() if named & set(path.split("/")[1:])}
+    unused = {backend.partition(":")[0] for backend in without}
+    unused = unused.union(*(BACKENDS.get(module, ()) for module in unused), LEFT_OUT)
+    sources: dict[str, str] = {}
+    libraries: set[str] = set()
+    for name in dict.fromkeys(name for result in results for name in folders_of(result)):
+        for path, file in source_files(name, files, unused):
+            data = file.read_bytes()
+            if not path.endswith(".py"):
+                sources[path] = hashlib.sha256(data).hexdigest()
+                continue
+            try:
+                sources[path], imported = _read_source(data)
+            except (SyntaxError, ValueError) as error:
+                raise Avs3dError(f"{path}: cannot be read as Python ({error}); reinstall avs3d-bench") from None
+            libraries |= imported
+    versions: dict[str, str] = {}
+    for library in libraries:
+        versions |= _versions(library)
+    return Provenance(sources, dict(sorted(versions.items())), f"{sys.version_info[0]}.{sys.version_info[1]}")
 
 
-def _data_files(folder: Any, path: str) -> Iterator[tuple[str, str]]:
-    """Files of a package that are no code: ``package/folder/name`` and sha256."""
+def folders_of(result: str) -> tuple[str, ...]:
+    """The folders and modules that a result depends on.
+
+    Raises:
+        Avs3dError: if there is no such result.
+    """
+    if result in RESULTS:
+        return RESULTS[result]
+    package, *below = result.partition(":")[0].split(".")
+    if package != "baselines" or not below:
+        raise Avs3dError(
+            f"provenance of {result}: expected one of {', '.join(RESULTS)}, or module:function of a method of baselines"
+        )
+    method = f"{package}.{below[0]}"
+    return RESULTS.get(method, (*CONTRACT, method))
+
+
+def source_files(
+    name: str, files: Callable[[str], Any] = importlib.resources.files, without: Iterable[str] = ()
+) -> Iterator[tuple[str, Any]]:
+    """The files of a folder, with all that is below it, or of a module.
+
+    Args:
+        name: dotted.
+        files: as for `read_provenance`.
+        without: dotted names of folders and modules below it to leave out.
+
+    Yields:
+        The path, from the package's name on, and the file, in the order of the paths' names.
+
+    Raises:
+        Avs3dError: if there is no such folder or module.
+    """
+    package, *below = name.split(".")
+    place = files(package).joinpath(*below)
+    path = name.replace(".", "/")
+    if place.is_dir():
+        yield from _files_below(place, path, frozenset(each.replace(".", "/") for each in without))
+        return
+    module = files(package).joinpath(*below[:-1], f"{below[-1]}.py") if below else place
+    if not module.is_file():
+        raise Avs3dError(f"{path}: no such folder or module of this installation; reinstall avs3d-bench with sources")
+    yield f"{path}.py", module
+
+
+def _files_below(folder: Any, path: str, without: frozenset[str]) -> Iterator[tuple[str, Any]]:
     for entry in sorted(folder.iterdir(), key=lambda entry: str(entry.name)):
+        below = f"{path}/{entry.name}"
+        if entry.name == "__pycache__" or entry.name.startswith(".") or below.removesuffix(".py") in without:
+            continue
         if entry.is_dir():
-            # A folder with an __init__ is a package of its own.
-            if entry.name != "__pycache__" and not entry.joinpath("__init__.py").is_file():
-                yield from _data_files(entry, f"{path}/{entry.name}")
-        elif not entry.name.endswith(_CODE_SUFFIXES):
-            yield f"{path}/{entry.name}", hashlib.sha256(entry.read_bytes()).hexdigest()
+            yield from _files_below(entry, below, without)
+        elif not entry.name.endswith(_IGNORED):
+            yield below, entry
 
 
-def read_module(name: str, package: str, source: bytes) -> Module:
-    """Read what a module imports and names.
-
-    Args:
-        name: dotted name.
-        package: the package that its relative imports start from.
-        source: its text.
-
-    Raises:
-        SyntaxError, ValueError: if it is no Python.
-    """
+@lru_cache(maxsize=1024)
+def _read_source(source: bytes) -> tuple[str, frozenset[str]]:
+    """sha256 of a Python file's normal form, and the libraries that it imports."""
     tree = ast.parse(source)
-    reader = _TreeReader()
-    reader.read(tree)
-    imports = set(_imports(reader.imports, package))
-    constants = _constants(tree)
-    for argument in reader.imported_by_text:
-        text = argument.value if isinstance(argument, ast.Constant) else constants.get(getattr(argument, "id", ""))
-        if isinstance(text, str) and text.strip("."):
-            imports.add((importlib.util.resolve_name(text, package), None))
-    return Module(
-        name=name,
-        digest=hashlib.sha256("".join(reader.form).encode(errors="surrogatepass")).hexdigest(),
-        imports=frozenset(imports),
-        texts=frozenset(reader.texts),
-        calls_entry_points=reader.calls_entry_points,
-        on_demand=_names(_imports(reader.for_checkers, package)) if reader.resolves_names else None,
-    )
-
-
-class _TreeReader:
-    """Goes through a syntax tree once.
-
-    Attributes:
-        form: pieces of the normal form: node types and values in order, without docstrings, positions and what is for
-            type checkers only.
-        imports: the import statements.
-        imported_by_text: first arguments of `importlib.import_module` and ``__import__``.
-        texts: text constants.
-        for_checkers: statements under ``if TYPE_CHECKING``.
-        calls_entry_points: whether it calls ``entry_points``.
-        resolves_names: whether it defines or assigns ``__getattr__``.
-    """
-
-    def __init__(self) -> None:
-        self.form: list[str] = []
-        self.imports: list[ast.AST] = []
-        self.imported_by_text: list[ast.expr] = []
-        self.texts: set[str] = set()
-        self.for_checkers: list[ast.stmt] = []
-        self.calls_entry_points = False
-        self.resolves_names = False
-
-    def read(self, value: Any) -> None:
-        """Take in a node, a list of nodes or a plain value."""
-        kind = value.__class__
-        if kind is list:
-            self.form.append("[")
-            for each in value:
-                self.read(each)
-            self.form.append("]")
-            return
-        fields = _FIELDS.get(kind)
-        if fields is None:
-            self.form.append(repr(value))
-            return
-        if kind in _NOTED:
-            if kind is ast.If and _is_type_checking(value.test):
-                self.for_checkers += value.body
-                for each in value.orelse:
-                    self.read(each)
-                return
-            self._note(value)
-        self.form.append(kind.__name__)
-        self.form.append("(")
-        for field in fields:
-            self.read(getattr(value, field, None))
-        self.form.append(")")
-
-    def _note(self, node: Any) -> None:
-        if isinstance(node, ast.Constant):
-            if isinstance(node.value, str):
-                self.texts.add(node.value)
-        elif isinstance(node, ast.Import | ast.ImportFrom):
-            self.imports.append(node)
-        elif isinstance(node, ast.Call):
-            called = getattr(node.func, "attr", getattr(node.func, "id", ""))
-            self.calls_entry_points |= called == "entry_points"
-            if called in ("import_module", "__import__"):
-                self.imported_by_text += node.args[:1]
-        elif isinstance(node, ast.Name):
-            self.resolves_names |= node.id == "__getattr__"
-        elif isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-            self.resolves_names |= getattr(node, "name", "") == "__getattr__"
-            first = node.body[0] if node.body else None
-            value = first.value if isinstance(first, ast.Expr) else None
-            if isinstance(value, ast.Constant) and isinstance(value.value, str):
-                del node.body[0]  # the docstring
-
-
-#: Kind of node → its fields that count.
-_FIELDS: dict[type, tuple[str, ...]] = {
-    kind: tuple(field for field in kind._fields if field not in ("ctx", "type_comment", "kind", "type_ignores"))
-    for kind in vars(ast).values()
-    if isinstance(kind, type) and issubclass(kind, ast.AST)
-}
-#: Kinds of nodes that `_TreeReader` looks into.
-_NOTED = frozenset(
-    (ast.Constant, ast.Import, ast.ImportFrom, ast.Call, ast.Name, ast.If)
-    + (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
-)
-
-
-def _is_type_checking(test: ast.expr) -> bool:
-    return getattr(test, "attr", getattr(test, "id", "")) == "TYPE_CHECKING"
-
-
-def _imports(nodes: Iterable[ast.AST], package: str) -> Iterator[tuple[str, str | None]]:
-    """(module, name or None) of the import statements among ``nodes``, relative names resolved."""
-    for node in nodes:
+    imported: set[str] = set()
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            for alias in node.names:
-                yield alias.name, None
-        elif isinstance(node, ast.ImportFrom):
-            target = node.module or ""
-            if node.level:
-                above = package.split(".")[: len(package.split(".")) - node.level + 1]
-                target = ".".join([*above, *filter(None, [target])])
-            for alias in node.names:
-                yield target, alias.name
+            imported |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            imported.add(node.module or "")
+        elif isinstance(node, ast.Call) and getattr(node.func, "attr", getattr(node.func, "id", "")) in _IMPORTERS:
+            imported |= {str(argument.value) for argument in node.args[:1] if isinstance(argument, ast.Constant)}
+    tops = {module.partition(".")[0] for module in imported} - {"", *PACKAGES, *_NAME_RESOLVERS}
+    form = repr(_normal(tree)).encode(errors="surrogatepass")
+    return hashlib.sha256(form).hexdigest(), frozenset(tops - sys.stdlib_module_names)
 
 
-def _names(imports: Iterable[tuple[str, str | None]]) -> dict[str, tuple[str, str | None]]:
-    return {name or module: (module, name) for module, name in imports}
-
-
-def _constants(tree: ast.Module) -> dict[str, str]:
-    """The module's own names for texts: ``_DECODER = "opengl_basisu"``."""
-    found: dict[str, str] = {}
-    for node in tree.body:
-        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
-            found |= {target.id: node.value.value for target in node.targets if isinstance(target, ast.Name)}
-    return found
-
-
-def _library(module: str) -> str:
-    """The top-level package of a library; empty for Python's own, ours, and what only resolves names."""
-    top = module.partition(".")[0]
-    ignored = top in PACKAGES or top in sys.stdlib_module_names or top in _NAME_RESOLVERS
-    return "" if ignored else top
+def _normal(node: Any) -> Any:
+    """A syntax tree as nested lists, without docstrings and positions."""
+    if isinstance(node, list):
+        return [_normal(each) for each in node]
+    if not isinstance(node, ast.AST):
+        return node
+    if isinstance(node, _DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
+        del node.body[0]
+    return [type(node).__name__, *(_normal(getattr(node, field, None)) for field in _FIELDS[type(node)])]
 
 
 @lru_cache(maxsize=1)
@@ -443,25 +353,3 @@ def _versions(package: str) -> Mapping[str, str]:
         return {name: metadata.version(name) for name in names}
     except metadata.PackageNotFoundError:
         return {package: "none"}
-
-
-@lru_cache(maxsize=1)
-def _entry_points() -> tuple[tuple[str, str], ...]:
-    """(group, module) of our distribution's entry points."""
-    try:
-        points = metadata.distribution(DISTRIBUTION).entry_points
-    except metadata.PackageNotFoundError:
-        return ()
-    return tuple((point.group, point.module) for point in points)
-
-
-@contextmanager
-def _no_collection() -> Iterator[None]:
-    """Pause the garbage collector: parsing makes many objects and no rubbish, and takes a third of the time so."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()

@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from avs3d_bench.doctor import Check, CheckResult, constant, has_module, package_check, package_finding, run_in_turn
+from avs3d_bench.doctor import Check, CheckResult, constant, package_check, package_finding, run_in_turn
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.imports import has_package
 
 _EXTRA = "pip install 'avs3d-bench[baselines]'"
 _CUDA = """
@@ -54,13 +55,13 @@ def checks() -> tuple[Check, ...]:
 
 def _torch() -> tuple[CheckResult, ...]:
     """PyTorch, its device, and gsplat, which imports it: in one process, since the import takes seconds."""
-    if not has_module("torch"):
+    if not has_package("torch"):
         return (
             CheckResult("baselines", "torch", "missing", "not installed; every learned baseline", _EXTRA),
             CheckResult("baselines", "CUDA", "missing", "PyTorch is not installed", _EXTRA),
             CheckResult("baselines", "gsplat", "missing", "tried once PyTorch is there; EchoSegnet on a GPU", _EXTRA),
         )
-    there = has_module("gsplat")
+    there = has_package("gsplat")
     torch, cuda, *gsplat = run_in_turn(["import torch", _CUDA, *([_GSPLAT] if there else [])])
     last = (
         package_finding("baselines", "gsplat", _EXTRA, gsplat[0])
@@ -99,7 +100,7 @@ def _checkpoints() -> tuple[Check, ...]:
 
 
 def _checkpoint(kind: str, folder: Path) -> tuple[CheckResult, ...]:
-    from baselines.networks.checkpoints import CHECKPOINTS, find_checkpoint, has_package
+    from baselines.networks.checkpoints import CHECKPOINTS, find_checkpoint
 
     checkpoint = CHECKPOINTS[kind]
     try:

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from avs3d_bench.parallel import available_cores
-from avs3d_bench.scheduling.dask_ import DaskScheduler
+from avs3d_bench.scheduling.dask_backend import DaskScheduler
 from avs3d_bench.scheduling.local import LocalScheduler
 from avs3d_bench.scheduling.options import Options
 from avs3d_bench.scheduling.tasks import Context, Event, Policy, Scheduler, Task

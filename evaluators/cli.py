@@ -12,8 +12,8 @@ import click
 
 from avs3d_bench import __version__
 from avs3d_bench.cli import run
+from avs3d_bench.click_options import HELP, PATH, WORKERS, dataset_option, only_option
 from avs3d_bench.errors import UsageError
-from avs3d_bench.groups import HELP, PATH, WORKERS, dataset_option, only_option
 from avs3d_bench.outputs import OUTPUT_FOLDER, OutputFile
 from avs3d_bench.report import REPORT_JSON
 from avs3d_bench.taxonomy import PARTS

@@ -19,6 +19,7 @@ from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import read_bytes, write_bytes
 from avs3d_bench.frame_rows import COLUMNS, FrameRow
+from avs3d_bench.imports import needing
 from avs3d_bench.schema import describe
 from avs3d_bench.scores import Scores
 from avs3d_bench.text import no_formula
@@ -49,14 +50,9 @@ def check_suffix(path: Path) -> None:
 
 
 def _pyarrow(path: Path) -> Any:
-    try:
+    with needing(str(path), f"pip install 'avs3d-bench[parquet]', or choose a name ending in {CSV}"):
         import pyarrow
         import pyarrow.parquet
-    except ModuleNotFoundError:
-        raise Avs3dError(
-            f"{path}: Parquet needs the package pyarrow, which is not installed: pip install 'avs3d-bench[parquet]', "
-            f"or choose a name ending in {CSV}"
-        ) from None
     return pyarrow
 
 

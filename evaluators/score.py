@@ -63,8 +63,6 @@ from evaluators.sound_scenes import GroupOutcome, score_group
 from evaluators.summary import score_record
 from evaluators.volume import VolumeScore, score_points, true_volume
 
-#: What computes the figures (see `avs3d_bench.provenance`).
-SCORING = "evaluators.score:evaluate"
 #: Frames that the report shows, of each kind.
 SHOWN_FRAMES = 12
 
@@ -189,7 +187,7 @@ def score(
     best = tuple(frame for frame in best if frame not in worst)[:SHOWN_FRAMES]
     ordered_outcomes = [outcomes[observation.key] for observation in observations]
     ordered_groups = [groups[unit.group] for unit in units if unit.group is not None]
-    software = ProvenanceRecord.of(provenance(SCORING))
+    software = ProvenanceRecord.of(provenance("scores"))
     record = score_record(submission, dataset, wanted, points, ordered_outcomes, ordered_groups, software)
     record = with_conditions(record, observations)
     shown = sorted(

@@ -32,7 +32,7 @@ from avs3d_bench.scores import (
     VerifiedScores,
 )
 from evaluators.reading.submission import open_submission
-from evaluators.score import SCORING, open_dataset, score
+from evaluators.score import open_dataset, score
 from evaluators.score_file import contents_digest, read_scores
 
 #: Two figures are the same if they differ by no more than this share, or by `_NOISE`: a file keeps nine digits.
@@ -308,7 +308,7 @@ def _cores(count: int) -> str:
 
 def _software_notes(then: ProvenanceRecord) -> Iterator[str]:
     """How the software that wrote a file differs from this one."""
-    now = provenance(SCORING)
+    now = provenance("scores")
     if then.digest == now.digest:
         return
     # With the versions that the file names, this evaluator has the file's digest if its sources are the same.

@@ -4,8 +4,8 @@
 
     generate("scenes_manifest/demo.yaml", "data/demo")
 
-The story of one observation is in `generators.observation.generate`. The public names are listed in `__init__.pyi`; importing
-this package imports nothing: names are imported on first use.
+The story of one observation is in `generators.observation.generate`. The public names are listed in `__init__.pyi`;
+importing this package imports nothing: names are imported on first use.
 """
 
 import lazy_loader

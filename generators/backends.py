@@ -7,17 +7,15 @@ from typing import Any
 
 from avs3d_bench import __version__
 from avs3d_bench.errors import UsageError
+from avs3d_bench.imports import import_by_name
 from avs3d_bench.provenance import Provenance, provenance
 from generators.acoustics.base import AcousticBackend, CompiledBackend
-from generators.core.by_name import import_by_name
 from generators.core.cuda import cuda_version
 from generators.core.rays import TRACERS
 from generators.options import EngineOptions
-from generators.receivers import ENGINE, PARTS, check_engine
+from generators.receivers import check_engine
 from generators.vision.base import VisionBackend
 
-#: The function that makes an observation (see `avs3d_bench.provenance`).
-OBSERVATION = ("generators.observation.generate:generate_observation",)
 #: Backends by name: module and class of each.
 VISION = {
     "embree": "generators.vision.embree:EmbreeBackend",
@@ -97,16 +95,15 @@ def _any_of(names: Iterable[str]) -> str:
 
 
 def unused_backends(options: EngineOptions) -> tuple[str, ...]:
-    """The entries of the backends, ray tracers and receivers that are not chosen, and so never run."""
+    """The entries of the backends and ray tracers that are not chosen, and so never run."""
     unused = [entry for name, entry in VISION.items() if name != options.renderer]
     unused += [entry for name, entry in ACOUSTIC.items() if name != options.engine]
-    unused += PARTS.values() if options.engine != ENGINE else ()
     return (*unused, *(entry for name, entry in TRACERS.items() if name not in ("cpu", options.device)))
 
 
 def observation_provenance(options: EngineOptions) -> Provenance:
     """The software that observations made with these options depend on."""
-    return provenance(*OBSERVATION, without=unused_backends(options))
+    return provenance("observation", without=unused_backends(options))
 
 
 def backend_versions(options: EngineOptions) -> dict[str, str]:

@@ -12,7 +12,7 @@ from typing import Any, get_args
 import click
 
 from avs3d_bench import layout
-from avs3d_bench.groups import HELP, PATH, only_option
+from avs3d_bench.click_options import HELP, PATH, only_option
 from avs3d_bench.one_thread import ONE_THREAD
 from avs3d_bench.outputs import OUTPUT_FOLDER
 from avs3d_bench.scheduling.options import Options, scheduling_options

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from avs3d_bench import layout
 from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.imports import import_by_name
 from avs3d_bench.user_path import user_path
-from generators.core.by_name import import_by_name
 
 if TYPE_CHECKING:
     from avs3d_bench.schema import ArrayRecord

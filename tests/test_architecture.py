@@ -126,7 +126,7 @@ HOUSE = {
         "assets": "core",
         "vision": "core assets",
         "acoustics": "core",
-        "receivers": "core acoustics",
+        "receivers": "acoustics",
         "apartments": "core assets",
         "scans": "core assets acoustics",
         "lighting": "core",
@@ -140,8 +140,8 @@ HOUSE = {
         "library": "core assets vision lighting manifest",
         "plan": "assets scans categories options backends manifest library",
         "homes": "core assets apartments scans lighting plan",
-        "observation": "core assets vision acoustics receivers lighting placement paths options backends manifest library "
-        "plan homes",
+        "observation": "core assets vision acoustics receivers lighting placement paths options backends manifest "
+        "library plan homes",
         "run": "core assets vision acoustics receivers scans options backends manifest library plan homes observation",
         "sampling": "core assets apartments placement options manifest library plan observation",
         "cli": "core options manifest plan run",

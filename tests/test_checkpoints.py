@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from avs3d_bench import imports
 from avs3d_bench.errors import Avs3dError, UsageError
 
 torch = pytest.importorskip("torch", reason="torch is not installed: the learned baselines cannot run")
@@ -161,11 +162,11 @@ def test_nothing_is_fetched_while_loading(before: str | None, monkeypatch: pytes
 
 
 def test_a_missing_package_is_named_with_the_way_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(checkpoints, "has_package", lambda module: module != "denseav")
-    with pytest.raises(UsageError, match=r"DenseAV needs the Python package denseav, .* pip install git"):
+    monkeypatch.setattr(imports, "has_package", lambda module: module != "denseav")
+    with pytest.raises(UsageError, match=r"denseav is not installed; DenseAV needs it: pip install git"):
         checkpoints.require_packages("denseav")
-    monkeypatch.setattr(checkpoints, "has_package", lambda module: module != "torch")
-    with pytest.raises(UsageError, match="SAM needs the Python package torch"):
+    monkeypatch.setattr(imports, "has_package", lambda module: module != "torch")
+    with pytest.raises(UsageError, match="torch is not installed; SAM needs it"):
         checkpoints.require_packages("sam")
 
 

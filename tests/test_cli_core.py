@@ -125,10 +125,10 @@ def raising(error: BaseException) -> click.Command:
          "avs3d: error: /d/f: cannot use: no space left on device; free some space and run again"),
         (KeyboardInterrupt(), 130, "avs3d: error: interrupted"),
         (ModuleNotFoundError("No module named 'embreex'", name="embreex"), 1,
-         "avs3d: error: embreex is not installed; this command needs pip install embreex"),
+         "avs3d: error: embreex is not installed; this command needs it: pip install embreex"),
         (ModuleNotFoundError("…", name="rlr_audio_propagation"), 1,
          "avs3d: error: rlr_audio_propagation is not installed; "
-         "this command needs pip install 'avs3d-bench[soundspaces]'"),
+         "this command needs it: pip install 'avs3d-bench[soundspaces]'"),
         (ModuleNotFoundError("No module named 'importlib.resources'", name="importlib.resources"), 1,
          "avs3d: error: importlib.resources is a part of Python, but cannot be imported; check that the files below "
          f"{sys.base_prefix} are complete and may be read"),
@@ -187,7 +187,7 @@ def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytes
     monkeypatch.setattr(metadata.EntryPoint, "load", no_embree)
     code, _, err = call(capsys, "generate", "x")
     assert code == 1
-    assert err == "avs3d: error: embreex is not installed; this command needs pip install 'avs3d-bench[generate]'\n"
+    assert err == "avs3d: error: embreex is not installed; this command needs it: pip install 'avs3d-bench[generate]'\n"
 
 
 def test_a_foreign_command_is_loaded_when_called(

@@ -18,8 +18,8 @@ from typing import Any
 import pytest
 
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.scheduling import dask_, jobqueue
-from avs3d_bench.scheduling.dask_ import DaskScheduler
+from avs3d_bench.scheduling import dask_backend, jobqueue
+from avs3d_bench.scheduling.dask_backend import DaskScheduler
 from avs3d_bench.scheduling.failures import read_failures
 from avs3d_bench.scheduling.tasks import Event, Policy, Success, Task
 from avs3d_bench.validate import validate
@@ -264,7 +264,7 @@ def test_what_is_closed_stops_on_the_workers(address: str, tmp_path: Path) -> No
 def test_a_worker_that_does_not_answer_cannot_hold_up_the_end(
     address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(dask_, "_STOP", 1.5)
+    monkeypatch.setattr(dask_backend, "_STOP", 1.5)
     marks = tmp_path / "marks"
     with DaskScheduler(1, address=address) as cluster:
         run = cluster.run(
@@ -343,7 +343,7 @@ def test_who_is_not_a_scheduler_is_one_line_too(silent: str, address: str, monke
 
 
 def refusal_of(address: str, monkeypatch: pytest.MonkeyPatch) -> str:
-    monkeypatch.setattr(dask_, "_CONNECT", 1.0)
+    monkeypatch.setattr(dask_backend, "_CONNECT", 1.0)
     start = time.monotonic()
     with pytest.raises(Avs3dError) as refused, DaskScheduler(1, address=address):
         pass
@@ -463,7 +463,7 @@ def queue(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         (programs / name).chmod(0o755)
     monkeypatch.setenv("PATH", str(programs), prepend=os.pathsep)
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    monkeypatch.setattr(dask_, "_ASK", 0.5)
+    monkeypatch.setattr(dask_backend, "_ASK", 0.5)
     jobs = programs / "sbatch.jobs"
     yield jobs
     for job in jobs.read_text().split() if jobs.exists() else []:

@@ -89,7 +89,7 @@ cluster.close(timeout=5)
 
 
 LOCAL = """
-from avs3d_bench.scheduling.dask_ import DaskScheduler
+from avs3d_bench.scheduling.dask_backend import DaskScheduler
 if __name__ == "__main__":
     with DaskScheduler(1) as scheduler:
         client = scheduler._client

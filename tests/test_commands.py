@@ -15,8 +15,8 @@ import tiny
 from click.testing import CliRunner
 
 from avs3d_bench import cli
+from avs3d_bench.click_options import Group
 from avs3d_bench.dataset import Dataset
-from avs3d_bench.groups import Group
 from avs3d_bench.listing import list_dataset
 from avs3d_bench.outputs import NamedPath
 

@@ -203,7 +203,7 @@ def test_a_network_that_gives_nan_is_one_line(root: Path, model: denseav.DenseAv
 def test_without_the_package_the_way_to_get_it_is_said(tmp_path: Path) -> None:
     if denseav.has_package("denseav"):
         pytest.skip("denseav is installed: its absence cannot be seen")
-    with pytest.raises(UsageError, match="DenseAV needs the Python package denseav, which is not installed: pip"):
+    with pytest.raises(UsageError, match="denseav is not installed; DenseAV needs it: pip"):
         denseav.load_denseav(tmp_path)
 
 

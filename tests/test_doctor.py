@@ -96,12 +96,12 @@ def test_a_check_that_raises_is_a_finding_and_the_others_go_on():
 
 
 def test_a_bare_machine_has_every_missing_thing_named_with_its_remedy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    """As after `pip install avs3d-bench` without extras (has_module is the only way in which checks look)."""
+    """As after `pip install avs3d-bench` without extras (has_package is the only way in which checks look)."""
     import baselines.doctor
     import generators.run.doctor
 
     for module in (doctor, generators.run.doctor, baselines.doctor):
-        monkeypatch.setattr(module, "has_module", lambda name: False)
+        monkeypatch.setattr(module, "has_package", lambda name: False)
     monkeypatch.setattr(generators.run.doctor, "FURNITURE", tmp_path)
     findings = examine(all_checks())
     missing = {f.name for f in findings if f.state == "missing"}

@@ -674,5 +674,5 @@ for use in (lambda: avs3d_bench.exports.AVS3DDataset, lambda: write_huggingface(
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == [
         "torch is not installed; this export needs it: pip install torch",
-        "pyarrow is not installed; this export needs it: pip install 'avs3d-bench[exports]'",
+        "datasets is not installed; this export needs it: pip install 'avs3d-bench[exports]'",
     ]

@@ -181,7 +181,7 @@ def test_baseline(tmp_path: Path, data: Path) -> None:
     assert scores["submission"]["method"] == "ear-side"
     digest = desk.run(
         "python", "-c", "from avs3d_bench.provenance import provenance as p; "
-        "found = p('baselines.ear_side:write_ear_side'); assert 'baselines.ear_side' in found.sources; "
+        "found = p('baselines.ear_side:write_ear_side'); assert 'baselines/ear_side.py' in found.sources; "
         "print(found.digest)",
     )  # fmt: skip
     assert scores["submission"]["provenance"]["digest"] == digest.strip()
@@ -226,8 +226,8 @@ def test_backend(home: tuple[Desk, str]) -> None:
     desk.run(
         "python", "-c", "from generators.backends import observation_provenance as made_by; "
         "from generators.options import EngineOptions as Engines; "
-        "assert 'generators.acoustics.free_field' in made_by(Engines(audio='free-field')).sources; "
-        "assert 'generators.acoustics.free_field' not in made_by(Engines(audio='analytic')).sources",
+        "assert 'generators/acoustics/free_field.py' in made_by(Engines(audio='free-field')).sources; "
+        "assert 'generators/acoustics/free_field.py' not in made_by(Engines(audio='analytic')).sources",
     )  # fmt: skip
     # Louder at the ear that the source is nearer to.
     lateral = 0

@@ -2,139 +2,76 @@
 
 from __future__ import annotations
 
-import copy
 import os
 import shutil
 import subprocess
 import sys
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import dump_json
-from avs3d_bench.provenance import PACKAGES, SOFTWARE, Provenance, Sources, provenance
+from avs3d_bench.provenance import (
+    BACKENDS,
+    CONTRACT,
+    LEFT_OUT,
+    PACKAGES,
+    RESULTS,
+    SOFTWARE,
+    Provenance,
+    folders_of,
+    provenance,
+    read_provenance,
+    source_files,
+)
 from avs3d_bench.scheduling.errors import UnfitError
 from avs3d_bench.scheduling.software import check_software
 from avs3d_bench.scheduling.tasks import Context
 from avs3d_bench.schema import DatasetRecord, ObservationRecord, ProvenanceRecord, SubmissionRecord, parse_record
 from avs3d_bench.scores import Scores
-from baselines.echosegnet.training_stage import TRAINING
-from baselines.echosegnet.voting_stage import LIFTING
 from baselines.trivial import write_trivial
 from evaluators import evaluate, open_submission, write_report
-from evaluators.score import SCORING
-from generators.backends import OBSERVATION, observation_provenance, unused_backends
-from generators.homes.cache import BUILDER
-from generators.library.store import CLEANING
+from generators.backends import ACOUSTIC, VISION, observation_provenance, unused_backends
 from generators.manifest import read_manifest
-from generators.observation.tar_output import WRITER
 from generators.options import EngineOptions, GenerateOptions
 from generators.plan import make_plans
-from generators.receivers import PARTS
 from generators.run.dataset_record import read_observation
 from generators.run.finished import find_damage
 from generators.run.worker import RunTarget, make_observation, prepare
 from tests.homes import tree_digest, write_manifest
+from tests.test_architecture import MODULES, edges
 
 ROOT = Path(__file__).parent.parent
-TORCH = "baselines.echosegnet.rasteriser.torch_rasteriser:TorchRasteriser"
-#: Result → the functions that make it, and what is certain not to run.
-RESULTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "observation": (OBSERVATION, unused_backends(EngineOptions(audio="analytic"))),
-    "tar": ((WRITER,), ()),
-    "home": (BUILDER, ()),
-    "training": ((*TRAINING, TORCH), ()),
-    "lifting": ((*LIFTING, TORCH), ()),
-    "cleaning": ((CLEANING,), ()),
+#: What is certain not to run for an observation with Embree and the analytic engine.
+UNUSED = {"observation": unused_backends(EngineOptions(audio="analytic"))}
+#: Modules that listed folders import and that change no result: processes, progress, locks, messages, and packages that
+#: only pass names on.
+NOT_COUNTED = {
+    "avs3d_bench",
+    "avs3d_bench.ahead",
+    "avs3d_bench.cli",
+    "avs3d_bench.file_lock",
+    "avs3d_bench.imports",
+    "avs3d_bench.outputs",
+    "avs3d_bench.parallel",
+    "avs3d_bench.provenance",
+    "avs3d_bench.report",
+    "avs3d_bench.scheduling",
+    "avs3d_bench.staging",
+    "generators.library",
 }
-#: Edited file → the results that depend on it; nothing else may change.
-TABLE: dict[str, str] = {
-    "avs3d_bench/__init__.py": "observation tar home training lifting cleaning",
-    "avs3d_bench/errors.py": "observation tar home training lifting cleaning",
-    "avs3d_bench/schema.py": "observation tar training lifting cleaning",
-    "avs3d_bench/ply.py": "observation tar training lifting",
-    "avs3d_bench/colmap.py": "observation tar training lifting",
-    "avs3d_bench/cli.py": "",
-    "avs3d_bench/parallel.py": "",
-    "avs3d_bench/report.py": "",
-    "avs3d_bench/exports/observation_tar.py": "tar",
-    "avs3d_bench/exports/samples.py": "tar",
-    "avs3d_bench/exports/shards.py": "",
-    "avs3d_bench/exports/tar_format.py": "tar",
-    "avs3d_bench/inspector/site.py": "",
-    "avs3d_bench/scheduling/local.py": "",
-    "avs3d_bench/validation/structure.py": "",
-    "generators/paths/trajectory.py": "observation",
-    "generators/placement/placement.py": "observation",
-    "generators/observation.py": "observation",
-    "generators/programme.py": "observation",
-    "generators/sound_scene.py": "observation",
-    "generators/recording/output.py": "observation tar",
-    "generators/recording/tar_output.py": "tar",
-    "generators/recording/scene_writer.py": "observation",
-    "generators/recording/stems.py": "observation",
-    "generators/recording/writer.py": "observation",
-    "generators/sampling/sample.py": "",
-    "generators/sealing/seal.py": "",
-    "generators/run/runner.py": "",
-    "generators/run/worker.py": "",
-    "generators/run/progress.py": "",
-    "generators/cli.py": "",
-    "generators/acoustics/clips.py": "observation",
-    "generators/acoustics/analytic.py": "observation",
-    "generators/acoustics/soundspaces.py": "",
-    "generators/acoustics/tracer/arrivals.py": "",
-    "generators/acoustics/tracer/receivers/synthesis.py": "",
-    "generators/acoustics/tracer/device/trace.py": "",
-    "generators/vision/kernels.py": "observation",
-    "generators/vision/embree.py": "observation",
-    "generators/vision/habitat.py": "",
-    "generators/core/tone.py": "observation home",
-    "generators/lighting/bake.py": "observation home",
-    "generators/scans/scan.py": "observation",
-    "generators/apartments/floorplan.py": "observation home",
-    "generators/apartments/interior/kitchen.py": "observation home",
-    "generators/homes/store.py": "observation",
-    "generators/homes/cache.py": "observation home",
-    "generators/assets/textures/wood.py": "observation home",
-    "generators/assets/furniture/seating.py": "observation home",
-    "generators/assets/objects/clock.py": "observation",
-    "generators/assets/objects/training/clocks.py": "observation",
-    "generators/assets/synthesis/voices.py": "observation",
-    "generators/assets/shapes.py": "observation home cleaning",
-    "generators/library/mesh_cleaning.py": "observation cleaning",
-    "generators/library/simplify.py": "observation cleaning",
-    "generators/library/http.py": "",
-    "baselines/oracle_errors.py": "",
-    "baselines/networks/pixels.py": "",
-    "baselines/trivial.py": "",
-    "baselines/owod_bind/select.py": "",
-    "baselines/listener/shards.py": "",
-    "baselines/echosegnet/cache.py": "training lifting",
-    "baselines/echosegnet/training_stage.py": "training",
-    "baselines/echosegnet/voting_stage.py": "lifting",
-    "baselines/echosegnet/pipeline.py": "",
-    "baselines/echosegnet/train.py": "training",
-    "baselines/echosegnet/densify.py": "training",
-    "baselines/echosegnet/lift.py": "lifting",
-    "baselines/echosegnet/rasteriser/contributions.py": "lifting",
-    "baselines/echosegnet/gaussians.py": "training lifting",
-    "baselines/echosegnet/rasteriser/torch_rasteriser.py": "training lifting",
-    "baselines/echosegnet/rasteriser/gsplat_rasteriser.py": "",
-    "baselines/echosegnet/aisrm.py": "",
-    "evaluators/metrics.py": "",
-    "evaluators/reading/structure.py": "",
-    "evaluators/reporting/report.py": "",
+#: The same of one result. The listener reads shards for its training; its masks come from datasets.
+ALSO_NOT_COUNTED = {
+    "home": {"avs3d_bench.user_path"},
+    "baselines.listener": {"avs3d_bench.exports", "avs3d_bench.exports.shard_files", "avs3d_bench.exports.shards"},
 }
-
-
-def digests(sources: Sources) -> dict[str, str]:
-    return {name: sources.provenance(roots, without=without).digest for name, (roots, without) in RESULTS.items()}
 
 
 @pytest.fixture(scope="module")
@@ -146,73 +83,110 @@ def packages(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
-def known(packages: Path) -> Sources:
-    sources = Sources([str(packages)])
-    digests(sources)
-    return sources
+def files_in(folder: Path) -> Callable[[str], Path]:
+    return lambda package: folder / package
 
 
-def reread(known: Sources, module: str) -> Sources:
-    """The sources with one of them read again."""
-    fresh = copy.copy(known)
-    fresh._modules = {name: content for name, content in known._modules.items() if name != module}
-    return fresh
+def found_in(folder: Path, result: str) -> Provenance:
+    return read_provenance(files_in(folder), [result], without=UNUSED.get(result, ()))
 
 
-@pytest.mark.slow
-def test_an_edit_changes_every_result_that_depends_on_it_and_no_other(packages: Path, known: Sources) -> None:
-    before = digests(known)
-    assert len(set(before.values())) == len(before)
-    found = {}
-    for file in TABLE:
-        path = packages / file
-        text = path.read_text()
-        module = file.removesuffix(".py").replace("/", ".").removesuffix(".__init__")
-        path.write_text(text + "\nEDITED = 1\n")
-        after = digests(reread(known, module))
-        path.write_text(text + "\n# A comment.\n")
-        assert digests(reread(known, module)) == before, file
-        path.write_text(text)
-        found[file] = " ".join(name for name in RESULTS if after[name] != before[name])
-    assert found == TABLE
-    assert digests(Sources([str(packages)])) == before
+def digest(folder: Path, result: str) -> str:
+    return found_in(folder, result).digest
+
+
+@contextmanager
+def appended(path: Path, text: str) -> Iterator[None]:
+    """A file with more text at its end, for a while."""
+    before = path.read_text()
+    path.write_text(before + text)
+    try:
+        yield
+    finally:
+        path.write_text(before)
+
+
+@pytest.mark.parametrize("result", RESULTS)
+def test_an_edit_in_each_folder_changes_the_result_and_one_elsewhere_does_not(packages: Path, result: str) -> None:
+    before = found_in(packages, result)
+    listed = folders_of(result)
+    assert len(set(listed)) == len(listed)
+    inside = {}
+    for name in listed:
+        counted = (path for path, _ in source_files(name, files_in(packages)) if path in before.sources)
+        inside[name] = next(path for path in counted if path.endswith(".py"))
+    outside = {}
+    for package in PACKAGES:
+        for file in sorted((packages / package).rglob("*.py")):
+            if (path := file.relative_to(packages).as_posix()) not in before.sources:
+                outside.setdefault(file.parent, path)
+    assert len(outside) > 5
+    for name, path in inside.items():
+        with appended(packages / path, "\n# A comment.\n"):
+            assert digest(packages, result) == before.digest, path
+        with appended(packages / path, "\nEDITED = 1\n"):
+            assert digest(packages, result) != before.digest, name
+    for path in outside.values():
+        with appended(packages / path, "\nEDITED = 1\n"):
+            assert digest(packages, result) == before.digest, path
+
+
+METHODS = sorted(
+    {f"baselines.{name.split('.')[1]}" for name in MODULES if name.startswith("baselines.")}
+    - {"baselines.cli", "baselines.doctor", "baselines.networks", "baselines.oracle_errors", "baselines.oracle_scenes"}
+)
+
+
+@pytest.mark.parametrize("result", sorted({*RESULTS, *METHODS}))
+def test_listed_folders_import_nothing_that_is_not_listed(result: str) -> None:
+    modules = {module_of(path) for path in provenance(result).sources if path.endswith(".py")}
+    exceptions = NOT_COUNTED | ALSO_NOT_COUNTED.get(result, set())
+    missing = {
+        f"{name} imports {other}"
+        for name in modules
+        for other in edges(name) - modules
+        if other not in exceptions and not other.startswith("avs3d_bench.scheduling.")
+    }
+    assert not missing
+
+
+def module_of(path: str) -> str:
+    return path.removesuffix(".py").replace("/", ".").removesuffix(".__init__")
+
+
+def test_what_is_left_out_exists() -> None:
+    backends = {*BACKENDS, *(name for names in BACKENDS.values() for name in names)}
+    assert {*LEFT_OUT, *backends, *NOT_COUNTED} <= MODULES.keys()
+
+
+def test_only_the_backends_that_are_chosen_count() -> None:
+    for vision in VISION:
+        for audio in ACOUSTIC:
+            found = set(observation_provenance(vision, audio).sources)
+            for name, entry in (VISION | ACOUSTIC).items():
+                path = entry.partition(":")[0].replace(".", "/") + ".py"
+                assert (path in found) == (name in (vision, audio)), (vision, audio, path)
 
 
 @pytest.mark.parametrize("audio", ["soundspaces", "analytic"])
 def test_sound_of_other_engines_does_not_depend_on_the_tracer_and_its_receivers(audio: str) -> None:
     def parts_of_tracer(engine: str) -> set[str]:
-        return {name for name in observation_provenance(EngineOptions(audio=engine)).sources if ".tracer" in name}
+        return {name for name in observation_provenance(EngineOptions(audio=engine)).sources if "/tracer/" in name}
 
     assert parts_of_tracer(audio) == set()
-    named = {part.partition(":")[0] for part in PARTS.values()}
-    assert {*named, "generators.acoustics.tracer.receivers.sofa", "generators.acoustics.tracer.late"} <= (
-        parts_of_tracer("tracer")
-    )
-
-
-def test_the_table_has_a_file_of_every_folder() -> None:
-    folders = {
-        path.parent.relative_to(ROOT).as_posix()
-        for package in PACKAGES
-        for path in (ROOT / package).rglob("*.py")
-        if path.name != "__init__.py"
-    }
-    assert folders == {file.rpartition("/")[0] for file in TABLE}
-
-
-def test_the_installation_has_the_digests_of_its_sources(packages: Path, known: Sources) -> None:
-    roots, without = RESULTS["home"]
-    assert provenance(*roots, without=without).digest == known.provenance(roots, without=without).digest
+    folder = "generators/acoustics/tracer"
+    assert {f"{folder}/receivers/sofa.py", f"{folder}/late.py"} <= parts_of_tracer("tracer")
 
 
 def test_libraries_are_found_from_the_imports() -> None:
-    roots, without = RESULTS["observation"]
-    found = provenance(*roots, without=without)
+    found = observation_provenance(EngineOptions(audio="analytic"))
     assert {"numpy", "scipy", "numba", "embreex", "xatlas", "soundfile"} <= set(found.libraries)
-    assert {"opencv-python-headless", "pillow", "PyYAML"} & set(found.libraries)
-    assert not {"torch", "rich", "click", "distributed", "pytest"} & set(found.libraries)
-    assert "torch" in provenance(*TRAINING).libraries
+    assert {"pillow", "PyYAML", "opengl_basisu"} <= set(found.libraries)
+    others = {"torch", "rich", "click", "distributed", "pytest", "habitat_sim", "rlr_audio_propagation"}
+    assert not others & set(found.libraries)
+    assert "rlr_audio_propagation" in observation_provenance(EngineOptions(audio="soundspaces")).libraries
+    assert "torch" in provenance("baselines.echosegnet").libraries
+    assert "torch" not in provenance("baselines.trivial:write_trivial").libraries
     record = ProvenanceRecord.of(found)
     assert record.digest == found.digest
     assert record.libraries == dict(found.libraries)
@@ -225,109 +199,43 @@ def test_versions_of_libraries_and_python_are_part_of_the_digest() -> None:
     assert one.digest == Provenance({"a": "1"}, {"numpy": "2.0"}, "3.11").digest
 
 
-# ---- what is imported ------------------------------------------------------------------------------------------------
-
-TREE = {
-    "generators/__init__.py": "tar",
-    "generators/main.py": "",
-    "generators/a/__init__.py": "from generators.a import inside",
-    "generators/a/inside.py": "",
-    "generators/a/b.py": "NAME = 1",
-    "generators/a/c.py": "",
-    "generators/lazy/__init__.py": """
-        from typing import TYPE_CHECKING
-        if TYPE_CHECKING:
-            from generators.lazy.one import first
-            from generators.lazy.two import second
-        def __getattr__(name): ...
-    """,
-    "generators/lazy/one.py": "first = 1",
-    "generators/lazy/two.py": "second = 2",
-    "generators/stub/__init__.py": "import lazy_loader\n__getattr__, _ = lazy_loader.attach_stub(__name__, __file__)",
-    "generators/stub/__init__.pyi": "from .one import first\nfrom .two import second",
-    "generators/stub/one.py": "first = 1",
-    "generators/stub/two.py": "second = 2",
-}
-PACKAGE_A = {"generators.a", "generators.a.inside"}
+# ---- a method of its own ---------------------------------------------------------------------------------------------
 
 
-def write_tree(folder: Path, files: Mapping[str, str]) -> Path:
-    for name, text in (TREE | dict(files)).items():
-        path = folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        lines = text.split("\n")
-        indent = min((len(line) - len(line.lstrip()) for line in lines if line.strip()), default=0)
-        path.write_text("\n".join(line[indent:] for line in lines))
-    return folder
+@pytest.fixture
+def method(packages: Path) -> Any:
+    """The provenance of a method with this source."""
+    path = packages / "baselines/mine.py"
+
+    def read(code: str) -> Provenance:
+        path.write_text(code)
+        return read_provenance(files_in(packages), ["baselines.mine:write_mine"])
+
+    yield read
+    path.unlink(missing_ok=True)
 
 
-@pytest.mark.parametrize(
-    ("statement", "expected"),
-    [
-        ("import generators.a.b", PACKAGE_A | {"generators.a.b"}),
-        ("from generators.a.b import NAME", PACKAGE_A | {"generators.a.b"}),
-        ("from generators.a import b", PACKAGE_A | {"generators.a.b"}),
-        ("from .a import b as other", PACKAGE_A | {"generators.a.b"}),
-        ("from . import a", PACKAGE_A),
-        ("from .a.b import *", PACKAGE_A | {"generators.a.b"}),
-        ("def f():\n    from generators.a import b", PACKAGE_A | {"generators.a.b"}),
-        ("class A:\n    def f(self):\n        if f():\n            from .a import c", PACKAGE_A | {"generators.a.c"}),
-        ("try:\n    import generators.a.c\nexcept ImportError: pass", PACKAGE_A | {"generators.a.c"}),
-        ("from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import generators.a.b", set()),
-        ("import typing\nif typing.TYPE_CHECKING:\n    import generators.a.b\nelse:\n    import generators.a.c",
-         PACKAGE_A | {"generators.a.c"}),
-        ("from importlib import import_module\nimport_module('generators.a.b')", PACKAGE_A | {"generators.a.b"}),
-        ("TABLE = {'b': 'generators.a.b:NAME'}", PACKAGE_A | {"generators.a.b"}),
-        ("'''It is like generators.a.b.'''\n'generators.nowhere'", set()),
-        ("from generators.lazy import first", {"generators.lazy", "generators.lazy.one"}),
-        ("from generators.stub import second", {"generators.stub", "generators.stub.two"}),
-        ("from generators import stub", {"generators.stub", "generators.stub.one", "generators.stub.two"}),
-        ("import generators.lazy.two", {"generators.lazy", "generators.lazy.two"}),
-        ("import numpy", set()),
-    ],
-)  # fmt: skip
-def test_what_a_module_imports_is_found_from_its_source(tmp_path: Path, statement: str, expected: set[str]) -> None:
-    write_tree(tmp_path, {"generators/main.py": statement})
-    found = Sources([str(tmp_path)]).provenance(["generators.main:f"])
-    assert set(found.sources) == expected | {"generators", "generators.main"}
+def test_a_method_that_is_not_listed_depends_on_its_module_and_the_contract(method: Any) -> None:
+    assert folders_of("baselines.mine:write_mine") == (*CONTRACT, "baselines.mine")
+    found = method("")
+    assert {name for name in found.sources if not name.startswith("avs3d_bench/")} == {"baselines/mine.py"}
+    assert "avs3d_bench/schema.py" in found.sources
 
 
-def test_libraries_that_are_imported_by_name_or_missing_count(tmp_path: Path) -> None:
-    code = "import os, json, yaml\nfrom importlib import import_module\n_NAME = 'numpy'\n"
-    code += (
-        "import_module(_NAME)\nimport_module('scipy.signal')\ntry:\n    import no_such_library\nexcept ImportError: ..."
+def test_libraries_that_are_imported_by_name_or_missing_count(method: Any) -> None:
+    before = set(method("").libraries)
+    found = method(
+        "import os, json, rich.table\nfrom importlib import import_module\nfrom . import oracle\n"
+        "def f():\n    import_module('torch.hub')\n    try:\n        import no_such_library\n"
+        "    except ImportError: ..."
     )
-    write_tree(tmp_path, {"generators/main.py": code})
-    found = Sources([str(tmp_path)]).provenance(["generators.main"])
-    assert set(found.libraries) == {"PyYAML", "numpy", "scipy", "no_such_library"}
+    assert set(found.libraries) == before | {"rich", "torch", "no_such_library"}
     assert found.libraries["no_such_library"] == "none"
 
 
-def test_entry_points_of_a_group_count_where_they_are_looked_up(tmp_path: Path) -> None:
-    code = "from importlib.metadata import entry_points\nentry_points(group='avs3d.doctor')"
-    write_tree(tmp_path, {"generators/main.py": code, "generators/run/__init__.py": "", "generators/run/doctor.py": ""})
-    assert "generators.run.doctor" in Sources([str(tmp_path)]).provenance(["generators.main"]).sources
-
-
-def test_data_files_that_a_module_names_count(tmp_path: Path) -> None:
-    code = "from importlib.resources import files\nfiles('generators').joinpath('templates', 'materials.json')"
-    write_tree(tmp_path, {"generators/main.py": code, "generators/templates/materials.json": "{}"})
-    (tmp_path / "generators" / "other.json").write_text("{}")
-    before = Sources([str(tmp_path)]).provenance(["generators.main"])
-    assert set(before.sources) == {"generators", "generators.main", "generators/templates/materials.json"}
-    (tmp_path / "generators" / "other.json").write_text("[]")
-    assert Sources([str(tmp_path)]).provenance(["generators.main"]).digest == before.digest
-    (tmp_path / "generators" / "templates" / "materials.json").write_text("[]")
-    assert Sources([str(tmp_path)]).provenance(["generators.main"]).digest != before.digest
-
-
-def test_comments_docstrings_and_line_breaks_do_not_count_and_all_else_does(tmp_path: Path) -> None:
-    def digest(code: str) -> str:
-        write_tree(tmp_path, {"generators/main.py": code})
-        return Sources([str(tmp_path)]).provenance(["generators.main"]).digest
-
-    plain = digest("def f(a, b):\n    return a + b\n")
-    assert digest("'''A.'''\n\ndef f(a,\n      b):  # why\n    '''B.'''\n    return (a + b)\n") == plain
+def test_comments_docstrings_and_line_breaks_do_not_count_and_all_else_does(method: Any) -> None:
+    plain = method("def f(a, b):\n    return a + b\n").digest
+    assert method("'''A.'''\n\ndef f(a,\n      b):  # why\n    '''B.'''\n    return (a + b)\n").digest == plain
     others = [
         "def f(a, b):\n    return a - b\n",
         "def f(a, b=1):\n    return a + b\n",
@@ -339,29 +247,36 @@ def test_comments_docstrings_and_line_breaks_do_not_count_and_all_else_does(tmp_
         "@cache\ndef f(a, b):\n    return a + b\n",
         "def f(a, *b):\n    return a + b\n",
     ]
-    assert len({plain, *map(digest, others)}) == 1 + len(others)
+    assert len({plain, *(method(code).digest for code in others)}) == 1 + len(others)
 
 
-def test_a_zip_file_and_a_folder_have_the_same_digest(tmp_path: Path) -> None:
-    code = "from generators.a import b\nfrom generators.stub import first\nOPEN = 'materials.json'"
-    folder = write_tree(tmp_path / "folder", {"generators/main.py": code, "generators/materials.json": "{}"})
+def test_data_files_count(packages: Path) -> None:
+    before = digest(packages, "baselines.listener")
+    (packages / "baselines/listener/weights/table.json").write_text("{}")
+    one = digest(packages, "baselines.listener")
+    (packages / "baselines/listener/weights/table.json").write_text("[]")
+    assert len({before, one, digest(packages, "baselines.listener")}) == 3
+    (packages / "baselines/listener/weights/table.json").unlink()
+    assert digest(packages, "baselines.listener") == before
+
+
+def test_an_installation_a_copy_and_a_zip_file_have_the_same_digest(packages: Path, tmp_path: Path) -> None:
     archive = tmp_path / "wheel.zip"
     with zipfile.ZipFile(archive, "w") as file:
-        for path in sorted(folder.rglob("*.*")):
-            file.write(path, path.relative_to(folder).as_posix())
-    zipped, plain = (Sources([str(path)]).provenance(["generators.main"]) for path in (archive, folder))
-    assert "generators/materials.json" in plain.sources
-    assert "generators.stub.one" in plain.sources
-    assert zipped == plain
+        for path in sorted(packages.rglob("*.*")):
+            file.write(path, path.relative_to(packages).as_posix())
+    zipped = read_provenance(zipfile.Path(archive).joinpath, ["home"])
+    assert zipped == read_provenance(files_in(packages), ["home"]) == provenance("home")
 
 
-def test_what_does_not_exist_or_cannot_be_read_is_one_line(tmp_path: Path) -> None:
-    write_tree(tmp_path, {"generators/main.py": "def f(:"})
-    sources = Sources([str(tmp_path)])
-    with pytest.raises(Avs3dError, match=r"no module generators\.gone"):
-        sources.provenance(["generators.gone:f"])
-    with pytest.raises(Avs3dError, match=r"generators\.main: its source cannot be read"):
-        sources.provenance(["generators.main"])
+def test_what_does_not_exist_or_cannot_be_read_is_one_line(packages: Path, method: Any) -> None:
+    for unknown in ("generators.observation.generate:generate_observation", "numpy", "baselines"):
+        with pytest.raises(Avs3dError, match=rf"provenance of {unknown}: expected one of home, .*"):
+            provenance(unknown)
+    with pytest.raises(Avs3dError, match=r"baselines/gone: no such folder or module"):
+        provenance("baselines.gone:f")
+    with pytest.raises(Avs3dError, match=r"baselines/mine\.py: cannot be read as Python"):
+        method("def f(:")
 
 
 # ---- what is done with it --------------------------------------------------------------------------------------------
@@ -478,7 +393,7 @@ def test_files_say_which_software_made_them(made: tuple[Path, Path], tmp_path: P
     write_trivial("all-black", dataset, tmp_path / "black")
     evaluation = evaluate(tmp_path / "black", made[1])
     scores = Scores.model_validate_json(evaluation.scores.model_dump_json())
-    assert scores.avs3d_eval.provenance == ProvenanceRecord.of(provenance(SCORING))
+    assert scores.avs3d_eval.provenance == ProvenanceRecord.of(provenance("scores"))
     assert scores.dataset.provenance == said
     assert scores.submission.provenance == ProvenanceRecord.of(provenance("baselines.trivial:write_trivial"))
     with open_submission(tmp_path / "black") as submission:

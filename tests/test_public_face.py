@@ -110,7 +110,7 @@ def test_names_that_existed_keep_their_meaning() -> None:
 
 
 def test_the_loader_of_names_is_no_part_of_a_digest() -> None:
-    assert "lazy_loader" not in {name.replace("-", "_") for name in provenance("avs3d_bench.dataset").libraries}
+    assert "lazy_loader" not in {name.replace("-", "_") for name in provenance("scores").libraries}
 
 
 @pytest.mark.parametrize(

@@ -232,4 +232,4 @@ def test_a_dataset_of_other_software_is_refused_with_the_cure(tmp_path: Path, mo
 def other_software(*_: object) -> Any:
     from avs3d_bench.provenance import Provenance
 
-    return Provenance({"generators.observation": "0" * 64}, {}, "3.11")
+    return Provenance({"generators/observation.py": "0" * 64}, {}, "3.11")

@@ -19,7 +19,6 @@ from generators.acoustics.geometry import acoustic_mesh, blocked, longest_view, 
 from generators.core.scene import Part, Room, Scene
 
 pytest.importorskip("rlr_audio_propagation", reason="the acoustic engine (extra soundspaces) is not installed")
-from generators.acoustics import soundspaces
 from generators.acoustics.soundspaces import RaySettings, SoundSpacesBackend
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -184,10 +183,7 @@ def test_ray_settings_out_of_range_are_refused():
 
 
 def test_missing_package_names_the_extra_and_the_alternative(monkeypatch):
-    def absent(name):
-        raise ImportError(f"No module named {name!r}")
-
-    monkeypatch.setattr(soundspaces.importlib, "import_module", absent)
+    monkeypatch.setitem(sys.modules, "rlr_audio_propagation", None)
     with pytest.raises(Avs3dError, match=r"pip install 'avs3d-bench\[soundspaces\]', or use --audio tracer"):
         SoundSpacesBackend()
 

@@ -527,7 +527,7 @@ def test_without_matplotlib_a_line_says_what_to_do(
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     code, _, errors = call(capsys, *files, "-o", tmp_path / "out")
     assert (code, len(errors)) == (1, 1)
-    assert "matplotlib is not installed; plots need pip install 'avs3d-bench[plot]'" in errors[0]
+    assert "matplotlib is not installed; plotting needs it: pip install 'avs3d-bench[plot]'" in errors[0]
     assert call(capsys, *files, "-o", tmp_path / "out", "--no-plot")[0] == 0
 
 

@@ -344,5 +344,5 @@ def test_what_is_no_sofa_file_gets_one_line(tmp_path: Path) -> None:
 
 def test_without_h5py_the_extra_is_named(tmp_path: Path, sphere_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "h5py", None)
-    with pytest.raises(Avs3dError, match=r"needs h5py .*pip install 'avs3d-bench\[sofa\]'"):
+    with pytest.raises(Avs3dError, match=r"h5py is not installed; .*pip install 'avs3d-bench\[sofa\]'"):
         SofaHead(sphere_file)

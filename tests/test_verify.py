@@ -341,9 +341,8 @@ def test_other_software_and_another_machine_are_notes(scores: Scores) -> None:
 def origin_sources() -> Any:
     """Libraries, Python → the digest of this evaluator's sources with them."""
     from avs3d_bench.provenance import Provenance, provenance
-    from evaluators.score import SCORING
 
-    return lambda libraries, python: Provenance(provenance(SCORING).sources, libraries, python).digest
+    return lambda libraries, python: Provenance(provenance("scores").sources, libraries, python).digest
 
 
 def test_the_machine_is_named_without_host_or_user(scores: Scores) -> None:

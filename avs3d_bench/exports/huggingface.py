@@ -28,7 +28,6 @@ from avs3d_bench import media
 from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.exports.card import card_text, gather
-from avs3d_bench.exports.needs import need
 from avs3d_bench.exports.samples import (
     ALL_KINDS,
     KINDS,
@@ -45,6 +44,7 @@ from avs3d_bench.exports.samples import (
 )
 from avs3d_bench.exports.shards import ShardFormat, ShardIndex, export_shards
 from avs3d_bench.exports.webdataset import SHARD_MB, shard_limit
+from avs3d_bench.imports import needing
 
 #: Rows of a row group: about 45 MB of a full-size dataset, which is what a reader holds at a time.
 ROW_GROUP = 32
@@ -62,7 +62,8 @@ _STORED = ("rgb", "mask", "instance_ids", "category_mask", "depth")
 
 def _features(extras: Sequence[str], *, scenes: bool) -> Any:
     """Columns of `frames`; with ``scenes`` also those of part_3."""
-    hub = need("datasets")
+    import datasets as hub
+
     image, audio, value, many = hub.Image, partial(hub.Audio, decode=False), hub.Value, hub.List
     columns: dict[str, Any] = {
         _FILES[name]: audio() if name in _SOUNDS else value("binary") if name == "rirs" else image()
@@ -95,7 +96,8 @@ _LEVELS = ("level_db", "drr_db", "snr_db")
 
 def _scene_columns() -> dict[str, Any]:
     """Columns of part_3 that `frames` and `observations` share."""
-    hub = need("datasets")
+    import datasets as hub
+
     value, many = hub.Value, hub.List
     source: dict[str, Any] = dict.fromkeys(("id", "category", "room", "asset"), value("string"))
     source |= {"instance": value("int32"), "gain_db": value("float64"), "position": many(value("float64"))}
@@ -127,7 +129,9 @@ def _row(sample: Sample, columns: Sequence[str]) -> dict[str, Any]:
 
 def write_parquet(extras: tuple[str, ...], scenes: bool, stream: BinaryIO, samples: Iterator[Sample]) -> None:
     """Write samples as one Parquet file, a row group at a time; ``scenes``: with the columns of part_3."""
-    pa, parquet = need("pyarrow"), need("pyarrow.parquet")
+    import pyarrow as pa
+    from pyarrow import parquet
+
     features = _features(extras, scenes=scenes)
     schema = features.arrow_schema
     packing = {name: "NONE" if name.split(".")[0] in _STORED else "ZSTD" for name in _leaves(schema)}
@@ -144,7 +148,9 @@ def write_parquet(extras: tuple[str, ...], scenes: bool, stream: BinaryIO, sampl
 
 def _leaves(schema: Any) -> list[str]:
     """Paths of the leaf columns, as Parquet calls them."""
-    pq, pa = need("pyarrow.parquet"), need("pyarrow")
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     sink = io.BytesIO()
     pq.write_table(schema.empty_table(), pa.PythonFile(sink, mode="w"))
     found = pq.ParquetFile(io.BytesIO(sink.getvalue())).schema
@@ -196,7 +202,8 @@ def observation_row(observation: Observation) -> dict[str, Any]:
 
 def _observation_features(*, scenes: bool, receivers: bool) -> Any:
     """Columns of `observations`; with ``receivers`` also what hears beside the two ears, as JSON."""
-    hub = need("datasets")
+    import datasets as hub
+
     value, many = hub.Value, hub.List
     columns: dict[str, Any] = dict.fromkeys(
         ("key", "part", "scan", "room", "category", "variant_of", "acoustics", "vision", "sound"), value("string")
@@ -245,8 +252,11 @@ def write_huggingface(
     """
     dataset, keys = select(root, only)
     chosen, wanted = check_split(split), check_extras(extras)
-    pa, parquet = need("pyarrow"), need("pyarrow.parquet")
-    versions = f"pyarrow {pa.__version__}, datasets {need('datasets').__version__}"
+    with needing("this export", "pip install 'avs3d-bench[exports]'"):
+        import datasets as hub
+        import pyarrow as pa
+        from pyarrow import parquet
+    versions = f"pyarrow {pa.__version__}, datasets {hub.__version__}"
     scenes = has_sound_scenes(keys)
     revision = f"huggingface 1, {versions}, {' '.join(wanted)}{' and part_3' if scenes else ''}"
     style = ShardFormat("huggingface", revision, _room, partial(write_parquet, wanted, scenes), _name)

@@ -64,7 +64,6 @@ from numpy.typing import NDArray
 from avs3d_bench import media
 from avs3d_bench.dataset import Frame, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.exports.needs import need
 from avs3d_bench.exports.samples import (
     ALL_KINDS,
     FileKind,
@@ -87,12 +86,14 @@ from avs3d_bench.exports.torch_scenes import (
     read_second,
 )
 from avs3d_bench.exports.webdataset import planes
+from avs3d_bench.imports import import_by_name, needing
 from avs3d_bench.taxonomy import class_ids
 
 if TYPE_CHECKING:
     from torch.utils.data import Dataset as _TorchDataset
 else:
-    _TorchDataset = need("torch.utils.data").Dataset
+    with needing("this export"):
+        _TorchDataset = import_by_name("torch.utils.data:Dataset")
 
 Item = dict[str, Any]
 #: Facts of a frame that become tensors, with their types; the rest of `frame_facts` is for files.

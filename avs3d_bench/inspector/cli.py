@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from avs3d_bench.groups import HELP, PATH, WORKERS, only_option
+from avs3d_bench.click_options import HELP, PATH, WORKERS, only_option
 from avs3d_bench.outputs import OUTPUT_FOLDER
 
 if TYPE_CHECKING:

@@ -28,6 +28,7 @@ from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import atomic_path
+from avs3d_bench.imports import needing
 from avs3d_bench.inspector.facts import PageFacts, read_facts
 from avs3d_bench.inspector.sound import joined, read_clip
 from avs3d_bench.inspector.submissions import ShownSubmission, open_submissions
@@ -36,7 +37,7 @@ from avs3d_bench.inspector.video_map import MapInset
 from avs3d_bench.outputs import DRAWN_BY
 
 if TYPE_CHECKING:
-    from types import ModuleType
+    pass
 
 #: Pictures a second; it divides 44,100.
 RATE = 30
@@ -69,19 +70,6 @@ class Film:
     width: int
     height: int
     gain_db: int | None
-
-
-def load_av() -> ModuleType:
-    """PyAV.
-
-    Raises:
-        Avs3dError: if it is not installed.
-    """
-    try:
-        import av
-    except ModuleNotFoundError:
-        raise Avs3dError("av is not installed; avs3d video needs it: pip install 'avs3d-bench[inspect]'") from None
-    return av
 
 
 def write_video(
@@ -119,7 +107,8 @@ def write_video(
         raise UsageError(f"{target}: found a folder, expected the name of a file")
     if not SMALLEST <= size <= LARGEST:
         raise UsageError(f"size {size}: expected {SMALLEST} to {LARGEST} pixels")
-    av = load_av()
+    with needing("avs3d video", "pip install 'avs3d-bench[inspect]'"):
+        import av
     observation = dataset[key]
     predicted = _predicted(dataset, observation, Path(submission)) if submission is not None else None
     facts = read_facts(dataset, observation)

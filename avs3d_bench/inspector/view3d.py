@@ -28,8 +28,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from avs3d_bench.dataset import Dataset
-from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.errors import UsageError
 from avs3d_bench.files import atomic_path
+from avs3d_bench.imports import needing
 from avs3d_bench.inspector.view3d_data import Scene3D, read_scene
 from avs3d_bench.inspector.view3d_stage import ViserScene, legend
 from avs3d_bench.outputs import DRAWN_BY
@@ -50,13 +51,8 @@ def load_viser() -> ModuleType:
     Raises:
         Avs3dError: if it is not installed.
     """
-    try:
+    with needing("avs3d view-3d", "pip install 'avs3d-bench[inspect]'"):
         import viser
-    except ModuleNotFoundError as error:
-        name = error.name or "viser"
-        raise Avs3dError(
-            f"{name} is not installed; avs3d view-3d needs it: pip install 'avs3d-bench[inspect]'"
-        ) from None
     return viser
 
 

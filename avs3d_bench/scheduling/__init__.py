@@ -5,7 +5,7 @@
     supervised.py  a child process that runs one task at a time, with a time limit; replaced when it dies or hangs
     child.py       the program in that process
     local.py       a pool of supervised processes
-    dask_.py       the same on dask.distributed; each Dask worker keeps a supervised process of its own
+    dask_backend.py  the same on dask.distributed; each Dask worker keeps a supervised process of its own
     jobqueue.py    starts a Dask cluster through Slurm, PBS or Kubernetes
     options.py     the options of the command line, and `start`, which picks the scheduler they ask for
     lock.py        who holds a folder

@@ -13,11 +13,11 @@ from __future__ import annotations
 import inspect
 import subprocess
 from contextlib import suppress
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from avs3d_bench.errors import Avs3dError, UsageError, did_you_mean, excerpt
+from avs3d_bench.imports import import_by_name, needing
 from avs3d_bench.yamlfile import read_yaml
 
 #: Name → (module, class, package to install).
@@ -166,19 +166,17 @@ def _close(cluster: Any) -> None:
 def make_cluster(kind: str, options: dict[str, Any], path: Path) -> Any:
     """The cluster object without any workers; see `start_cluster`."""
     module, name, package = KINDS[kind]
-    try:
-        found = getattr(import_module(module), name)
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] != module.partition(".")[0]:
-            raise
-        extra = "'avs3d-bench[cluster]'" if package == "dask-jobqueue" else package
-        raise Avs3dError(f"--jobqueue {kind} needs {package}: pip install {extra}") from None
+    extra = "'avs3d-bench[cluster]'" if package == "dask-jobqueue" else package
+    with needing(f"--jobqueue {kind}", f"pip install {extra}"):
+        import dask
+
+        found = import_by_name(f"{module}:{name}")
     known = _parameters(found)
     for option in options:
         if option not in known:
             hint = did_you_mean(option, known, otherwise=f"; expected one of {', '.join(sorted(known))}")
             raise UsageError(f"{path}: unknown option {option!r} of {name}{hint}")
-    if "protocol" in known and import_module("dask.config").get("distributed.comm.require-encryption", None):
+    if "protocol" in known and dask.config.get("distributed.comm.require-encryption", None):
         # Without it, the scheduler would try to listen without TLS, and be refused.
         options = {"protocol": "tls://"} | options
     try:

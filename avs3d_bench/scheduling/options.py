@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 
 import click
 
+from avs3d_bench.click_options import PATH
 from avs3d_bench.errors import UsageError
-from avs3d_bench.groups import PATH
 from avs3d_bench.one_thread import ONE_THREAD
 from avs3d_bench.scheduling.jobqueue import KINDS
 from avs3d_bench.scheduling.tasks import Policy, Scheduler
@@ -147,7 +147,7 @@ def scheduler_of(options: Options, workers: int, *, gpus: bool = False) -> Sched
         from avs3d_bench.scheduling.local import LocalScheduler
 
         return LocalScheduler(workers)
-    from avs3d_bench.scheduling.dask_ import DaskScheduler
+    from avs3d_bench.scheduling.dask_backend import DaskScheduler
 
     return DaskScheduler(
         workers,

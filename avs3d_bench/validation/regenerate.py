@@ -11,6 +11,7 @@ import numpy as np
 from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset
 from avs3d_bench.errors import UsageError
+from avs3d_bench.imports import needing
 from avs3d_bench.report import Problem, ordered
 
 #: Entry points that make frames again: called with (root, key → indices, manifest or None, say, SOFA file or None),
@@ -19,6 +20,7 @@ GROUP = "avs3d.regenerate"
 Maker = Callable[
     [Path, Mapping[str, Sequence[int]], Path | None, Callable[[str], None], Path | None], Iterable[Problem]
 ]
+_INSTALL = "pip install 'avs3d-bench[generate]'"
 
 
 def choose_frames(root: str | Path, count: int, seed: int) -> dict[str, tuple[int, ...]]:
@@ -55,13 +57,10 @@ def find_maker() -> Maker:
         UsageError: if it is not installed.
     """
     for point in entry_points():
-        try:
+        with needing("--regenerate", _INSTALL, kind=UsageError):
             maker: Maker = point.load()
-        except ModuleNotFoundError as error:
-            missing = (error.name or str(error)).split(".")[0]
-            raise UsageError(f"--regenerate: {missing} is missing: pip install 'avs3d-bench[generate]'") from None
         return maker
-    raise UsageError("--regenerate needs the generator: pip install 'avs3d-bench[generate]'")
+    raise UsageError(f"--regenerate needs the generator: {_INSTALL}")
 
 
 def regenerate(

@@ -18,7 +18,7 @@ from avs3d_bench import layout
 from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import atomic_path, sha256_file
-from avs3d_bench.provenance import PACKAGES, provenance
+from avs3d_bench.provenance import provenance
 from baselines.echosegnet.rasteriser.rendering import Rasteriser
 from baselines.echosegnet.views import picture_folder
 
@@ -26,12 +26,11 @@ from baselines.echosegnet.views import picture_folder
 _READERS = 8
 
 
-def software_digest(roots: tuple[str, ...], rasteriser: Rasteriser) -> str:
-    """Digest of the software behind a stage: of ``roots`` and of the rasteriser in use."""
+def software_digest(rasteriser: Rasteriser) -> str:
+    """Digest of the software behind a stage, and of the rasteriser in use."""
     kind = type(rasteriser)
     named = f"{kind.__module__}:{kind.__qualname__}"
-    ours = kind.__module__.partition(".")[0] in PACKAGES
-    return digest([provenance(*roots, *([named] if ours else [])).digest, named, rasteriser.device.type])
+    return digest([provenance("baselines.echosegnet").digest, named, rasteriser.device.type])
 
 
 def inputs_digest(observation: Observation) -> str:

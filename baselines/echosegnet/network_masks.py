@@ -43,7 +43,7 @@ class Marker(Protocol):
 
     @property
     def entry(self) -> str:
-        """``package.module:name`` of what makes the masks (see `avs3d_bench.provenance`)."""
+        """``baselines.module:name`` of what makes the masks (see `avs3d_bench.provenance`)."""
 
     def mark(self, frames: Sequence[Frame], device: Any) -> Iterable[NDArray[np.uint8]]:
         """(H, W) class ids of each of the train frames of one observation, in their order."""

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Required, TypedDict, Unpack
 
-from avs3d_bench.cli import missing_extra
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.provenance import provenance
+from avs3d_bench.imports import missing_extra
+from avs3d_bench.provenance import Provenance, provenance
 from avs3d_bench.scheduling.errors import UnfitError
 from avs3d_bench.scheduling.options import Options
 from avs3d_bench.scheduling.software import check_software
@@ -36,12 +36,6 @@ __all__ = [
     "write_sweep",
 ]
 
-#: What makes a prediction (see `avs3d_bench.provenance`).
-METHOD = (
-    "baselines.echosegnet.pipeline:predict",
-    "baselines.echosegnet.sources:mask_source",
-    "avs3d_bench.submission:SubmissionFolder",
-)
 #: The voting thresholds of the paper's Table 3.
 SWEEP = tuple(round(0.1 * step, 1) for step in range(9, 0, -1))
 
@@ -71,11 +65,11 @@ class ObservationJob:
 
 def software(source: AnySource) -> dict[str, str]:
     """Name → version of the software that a prediction depends on, with the digest of its sources."""
-    return provenance(*_entries(source)).versions
+    return _provenance(source).versions
 
 
-def _entries(source: AnySource) -> tuple[str, ...]:
-    return (*METHOD, source.marker.entry) if isinstance(source, NetworkMasks) else METHOD
+def _provenance(source: AnySource) -> Provenance:
+    return provenance("baselines.echosegnet", *([source.marker.entry] if isinstance(source, NetworkMasks) else []))
 
 
 def method_name(settings: Settings, source: AnySource) -> str:
@@ -192,7 +186,7 @@ def _writer(
         f"masks of train frames: {source.name}"
     )
     oracle = source.name.startswith("oracle")
-    made_by = ProvenanceRecord.of(provenance(*_entries(source)))
+    made_by = ProvenanceRecord.of(_provenance(source))
     if isinstance(source, NetworkMasks):
         notes += f": {source.marker.notes}"
     if oracle:

@@ -13,8 +13,6 @@ from baselines.echosegnet.rasteriser.rendering import Rasteriser
 from baselines.echosegnet.train import Checkpoint, Pace, Progress, TrainingSettings, TrainingState, train
 from baselines.echosegnet.views import RegisteredView, load_points, train_views
 
-#: What makes the stage's result, besides the rasteriser (see `avs3d_bench.provenance`).
-TRAINING = ("baselines.echosegnet.training_stage:trained",)
 #: On a CPU, a hundred iterations may take an hour: then a report comes after this time (s).
 _REPORT_SECONDS = 5.0
 
@@ -33,7 +31,7 @@ def trained(
         The Gaussians on the rasteriser's device, the key of their file, and the iteration at which memory ended their
         growth (None: it did not).
     """
-    software = software_digest(TRAINING, rasteriser)
+    software = software_digest(rasteriser)
     key = digest({"inputs": inputs_digest(observation), "training": asdict(settings), "software": software})
     path, record = stages.path("gaussians", key, ".ply"), stages.path("gaussians", key, ".json")
     if path.exists():

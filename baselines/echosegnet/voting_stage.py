@@ -20,8 +20,6 @@ from baselines.echosegnet.rasteriser.rendering import Rasteriser
 from baselines.echosegnet.views import RegisteredView
 
 Variant = Literal["official", "spatial"]
-#: What makes the stage's result, besides the rasteriser (see `avs3d_bench.provenance`).
-LIFTING = ("baselines.echosegnet.voting_stage:count_votes",)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +62,7 @@ def count_votes(
         run: where an object is marked in some frames only, the largest share over runs of so many successive views in
             which the Gaussian has votes enough, instead of that over all views. None: over all. Only ``spatial``.
     """
-    software = software_digest(LIFTING, rasteriser)
+    software = software_digest(rasteriser)
     said = {"gaussians": key, "masks": arrays_digest(masks), "votes": variant, "software": software}
     if run is not None:
         return _largest_share(gaussians, views, masks, rasteriser, stages, said, run)

@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
+from avs3d_bench.click_options import PATH, WORKERS, Group
 from avs3d_bench.errors import UsageError
-from avs3d_bench.groups import PATH, WORKERS, Group
 from avs3d_bench.outputs import OUTPUT_FOLDER
 
 _PRECISION = {"bf16": "bf16-mixed", "fp32": "32-true"}

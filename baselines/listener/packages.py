@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from avs3d_bench.errors import UsageError
-from baselines.networks.checkpoints import has_package
+from avs3d_bench.imports import require_package
 
 #: Extra of the package → modules, of each tuple one is enough.
 NEEDED = {
@@ -19,9 +19,4 @@ def require(extra: str) -> None:
         UsageError: naming the package and how to install it.
     """
     for names in NEEDED[extra]:
-        if not any(has_package(name) for name in names):
-            name = names[0].replace("_", "-")
-            raise UsageError(
-                f"the listener needs the Python package {name}, which is not installed: "
-                f"pip install 'avs3d-bench[{extra}]'"
-            )
+        require_package(*names, user="the listener", how=f"pip install 'avs3d-bench[{extra}]'", kind=UsageError)

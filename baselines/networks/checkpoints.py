@@ -7,7 +7,6 @@ Networks are loaded inside `loading`, where no library may fetch anything.
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import pickle
@@ -21,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.imports import require_package
 
 #: Weights as `save_pretrained` writes them: one file, or an index beside several.
 _WEIGHTS = ("model.safetensors", "model.safetensors.index.json", "pytorch_model.bin", "pytorch_model.bin.index.json")
@@ -130,19 +130,8 @@ def require_packages(kind: str) -> None:
     """
     checkpoint = CHECKPOINTS[kind]
     for package in ("torch", *checkpoint.packages):
-        if not has_package(package):
-            how = _TRANSFORMERS if package == "torch" else checkpoint.install
-            raise UsageError(f"{checkpoint.name} needs the Python package {package}, which is not installed: {how}")
-
-
-def has_package(module: str) -> bool:
-    """Whether a module can be imported; it is not."""
-    if module in sys.modules:
-        return True
-    try:
-        return importlib.util.find_spec(module) is not None
-    except (ImportError, ValueError):
-        return False
+        how = _TRANSFORMERS if package == "torch" else checkpoint.install
+        require_package(package, user=checkpoint.name, how=how, kind=UsageError)
 
 
 def find_checkpoint(kind: str, folder: str | Path | None) -> dict[str, Path]:

@@ -14,12 +14,13 @@ from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset, Frame, Observation
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import dump_json, read_json, sha256_file, write_json
+from avs3d_bench.imports import has_package
 from avs3d_bench.media import write_png_mask
 from avs3d_bench.method import Method, write_submission
 from avs3d_bench.parallel import process_each
 from avs3d_bench.provenance import provenance
 from avs3d_bench.submission import SubmissionWriter
-from baselines.networks.checkpoints import find_checkpoint, has_package, require_packages
+from baselines.networks.checkpoints import find_checkpoint, require_packages
 from baselines.networks.device import enough_memory, inference, pick_device
 from baselines.networks.pixels import Picture
 from baselines.networks.sound import check_clip
@@ -255,7 +256,7 @@ def write_mask_folder(
         "dataset_sha256": sha256_file(record) if record.exists() else "",
         "method": model.method,
         "notes": model.notes,
-        "software": provenance("baselines.owod_bind.run:write_mask_folder").digest,
+        "software": provenance("baselines.owod_bind").digest,
         "split": split,
     }
     _claim(folder, made_from)

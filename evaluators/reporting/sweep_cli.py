@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from avs3d_bench.groups import HELP, PATH
+from avs3d_bench.click_options import HELP, PATH
 from avs3d_bench.outputs import OUTPUT_FOLDER
 
 

@@ -17,7 +17,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
-from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.errors import UsageError
+from avs3d_bench.imports import require_package
 from avs3d_bench.outputs import Signature, check_apart, write_outputs
 from evaluators.reporting.leaderboard import read_entries
 from evaluators.reporting.series import THRESHOLD
@@ -103,10 +104,5 @@ def need_matplotlib() -> None:
     Raises:
         Avs3dError: if it is not installed.
     """
-    from importlib.util import find_spec
-
-    if find_spec("matplotlib") is None:
-        raise Avs3dError(
-            "matplotlib is not installed; plots need pip install 'avs3d-bench[plot]', and --no-plot writes the "
-            "tables without them"
-        )
+    how = "pip install 'avs3d-bench[plot]'; --no-plot writes the tables without them"
+    require_package("matplotlib", user="plotting", how=how)

@@ -15,7 +15,6 @@ Reference: C. Chen et al., "SoundSpaces 2.0: A Simulation Platform for Visual-Ac
 from __future__ import annotations
 
 import ctypes
-import importlib
 import math
 import os
 import sys
@@ -32,6 +31,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import Pose
+from avs3d_bench.imports import needing
 from avs3d_bench.schema import Scalar
 from generators.acoustics.geometry import (
     AcousticMesh,
@@ -250,13 +250,9 @@ class SoundSpacesSession:
 
 
 def _import_engine() -> Any:
-    try:
-        return importlib.import_module("rlr_audio_propagation")
-    except ImportError as error:
-        raise Avs3dError(
-            f"the acoustic engine rlr-audio-propagation cannot be loaded ({error}): "
-            "pip install 'avs3d-bench[soundspaces]', or use --audio tracer"
-        ) from error
+    with needing("--audio soundspaces", "pip install 'avs3d-bench[soundspaces]', or use --audio tracer"):
+        import rlr_audio_propagation
+    return rlr_audio_propagation
 
 
 @contextmanager

@@ -8,7 +8,6 @@ Geometry that is compressed with Draco or meshopt is refused: pip offers no reli
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import io
 import json
 import struct
@@ -20,6 +19,7 @@ import numpy as np
 from PIL import Image
 
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.imports import has_package
 
 BASISU = "KHR_texture_basisu"
 KTX2 = "image/ktx2"
@@ -29,7 +29,6 @@ COMPRESSED = {
     "EXT_meshopt_compression": "meshopt",
     "KHR_meshopt_compression": "meshopt",
 }
-_DECODER = "opengl_basisu"
 #: Lists of the document that are read here, and those of them that contain names.
 _OF_NAMES = ("extensionsUsed", "extensionsRequired")
 _LISTS = (*_OF_NAMES, "buffers", "bufferViews", "images", "textures", "materials")
@@ -100,7 +99,7 @@ def has_basis(file: Path) -> bool:
 
 def can_decode_basis() -> bool:
     """Whether the decoder of KTX2 textures is installed."""
-    return importlib.util.find_spec(_DECODER) is not None
+    return has_package("opengl_basisu")
 
 
 def basis_error(file: Path) -> Avs3dError:
@@ -140,7 +139,7 @@ def without_basis(file: Path) -> bytes:
     """
     if not can_decode_basis():
         raise basis_error(file)
-    decoder = importlib.import_module(_DECODER)
+    decoder = importlib.import_module("opengl_basisu")
     tree, binary = _load(file)
     views = tree.setdefault("bufferViews", [])
     out = bytearray(binary)

@@ -22,6 +22,8 @@ from typing import Any, TypeVar, cast
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.file_lock import wait_for_lock
+from avs3d_bench.imports import needing
+from avs3d_bench.provenance import source_files
 from generators.core.folders import user_cache
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -59,12 +61,11 @@ def kernel_digest() -> str:
 
 def _digest(counts: Callable[[bytes], bool]) -> str:
     """Digest of source files of the generator, by name and content."""
-    root = Path(__file__).parents[1]
     digest = hashlib.sha256()
-    for path in sorted(root.rglob("*.py")):
-        text = path.read_bytes()
+    for path, file in source_files("generators"):
+        text = file.read_bytes()
         if counts(text):
-            digest.update(path.relative_to(root).as_posix().encode() + b"\0" + text)
+            digest.update(path.encode() + b"\0" + text)
     return digest.hexdigest()[:16]
 
 
@@ -72,12 +73,8 @@ CACHE_FOLDER = _cache_folder()
 _KERNELS = str(CACHE_FOLDER / kernel_digest())
 # numba reads the variable again now and then, and so do other processes.
 os.environ["NUMBA_CACHE_DIR"] = _KERNELS
-try:
+with needing("rendering", "pip install 'avs3d-bench[generate]'"):
     import numba
-except ImportError as _error:
-    raise Avs3dError(
-        f"rendering needs numba, which cannot be imported ({_error}): pip install 'avs3d-bench[generate]'"
-    ) from _error
 
 # numba reads the variable when it is imported, which may have happened already.
 _config: Any = numba.config

@@ -14,7 +14,7 @@ from numpy.lib.stride_tricks import as_strided
 from numpy.typing import ArrayLike, NDArray
 
 from avs3d_bench.errors import Avs3dError
-from generators.core.by_name import import_by_name
+from avs3d_bench.imports import import_by_name, needing
 from generators.core.scene import F32, I32, Scene
 
 #: Number of rays per call of Embree; its result arrays (32 bytes a ray) then fit into a core's cache.
@@ -44,13 +44,9 @@ class Tracer:
     calls_together = 1
 
     def __init__(self, triangles: F32) -> None:
-        try:
+        with needing("ray casting", "pip install 'avs3d-bench[generate]'"):
             from embreex.mesh_construction import TriangleMesh
             from embreex.rtcore_scene import EmbreeScene
-        except ImportError as error:
-            raise Avs3dError(
-                f"ray casting needs embreex, which cannot be imported ({error}): pip install 'avs3d-bench[generate]'"
-            ) from error
         triangles = np.ascontiguousarray(triangles, dtype=np.float32)
         if triangles.ndim != 3 or triangles.shape[1:] != (3, 3) or len(triangles) == 0:
             raise Avs3dError(f"ray casting: triangles have shape {triangles.shape}, expected (F, 3, 3) with F ≥ 1")

@@ -33,12 +33,6 @@ from generators.core.scene import Licence, LightMap, Material, Mesh, Part, Room,
 #: Version of the file layout; increase it when the layout changes.
 FORMAT = 1
 INDEX = "index.json"
-#: The functions that make a stored scene (see `avs3d_bench.provenance`).
-BUILDER = (
-    "generators.apartments.apartment:build_apartment",
-    "generators.lighting.bake:bake",
-    "generators.homes.cache:cached_scene",
-)
 #: Age (s) after which unfinished folders of dead processes are deleted.
 _STALE = 86400.0
 #: Array files: dtype and shape of one row.
@@ -62,7 +56,7 @@ class _BrokenError(Exception):
 def builder_version(device: str = "cpu") -> str:
     """Digest of the software that builds, lights and stores apartments, with rays on ``device``."""
     without = tuple(entry for name, entry in TRACERS.items() if name not in ("cpu", device))
-    return provenance(*BUILDER, without=without).digest
+    return provenance("home", without=without).digest
 
 
 def cached_scene(directory: Path, key: str, build: Callable[[], Scene], device: str = "cpu") -> Scene:

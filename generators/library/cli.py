@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from avs3d_bench.click_options import PATH, Group
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import os_error_line
-from avs3d_bench.groups import PATH, Group
 from avs3d_bench.outputs import OUTPUT_FOLDER
 from generators.library.cli_common import (
     CATEGORY,

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from avs3d_bench.click_options import PATH, Group
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.groups import PATH, Group
 from generators.library.cli_common import (
     CATEGORY,
     licence_option,

@@ -70,13 +70,13 @@ def asset_digests(lock: Path, assets: Iterable[str]) -> dict[str, str]:
 
     An asset that is missing from the lock file has none; this is reported when the asset is opened.
     """
-    from generators.library import mesh_cleaning as hygiene
+    from generators.library import mesh_cleaning
 
     table = read_lock(lock)
     found = {}
     for name in sorted(set(assets)):
         entry = table.find(name)
         if entry is not None:
-            document = [entry.model_dump(), hygiene.version() if entry.kind == "object" else ""]
+            document = [entry.model_dump(), mesh_cleaning.version() if entry.kind == "object" else ""]
             found[f"asset:{name}"] = hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
     return found

@@ -27,8 +27,6 @@ from avs3d_bench.user_path import user_path
 from generators.library.archive import read_zip
 from generators.library.lock import AssetEntry, read_lock
 
-#: The function that makes a cleaned GLB from an original file (see `avs3d_bench.provenance`).
-CLEANING = "generators.library.store:clean"
 #: Suffixes that the cleaning reads.
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".dae")
 #: Suffixes that libsndfile ≥ 1.1 decodes.
@@ -143,7 +141,7 @@ class Store:
 
 def clean_key(entry: AssetEntry) -> str:
     """16 hex digits of a hash of all that the bytes of an object's cleaned GLB depend on."""
-    code = provenance(CLEANING).digest
+    code = provenance("asset").digest
     inputs = [entry.sha256, entry.file, entry.up, entry.front, entry.height, entry.yaw, code]
     return hashlib.sha256(json.dumps(inputs).encode()).hexdigest()[:16]
 
@@ -154,7 +152,7 @@ def clean(entry: AssetEntry, path: Path) -> tuple[bytes, tuple[str, ...]]:
     Raises:
         Avs3dError: naming the asset, if there is no usable mesh in it.
     """
-    from generators.library import mesh_cleaning as hygiene
+    from generators.library import mesh_cleaning
 
     with tempfile.TemporaryDirectory(prefix="avs3d-asset-") as scratch:
         source = path
@@ -164,7 +162,7 @@ def clean(entry: AssetEntry, path: Path) -> tuple[bytes, tuple[str, ...]]:
                 files.write_bytes(Path(scratch) / name, data)
             source = Path(scratch) / main_mesh(tuple(members), entry.id)
         try:
-            data, findings = hygiene.clean(
+            data, findings = mesh_cleaning.clean(
                 source, up=entry.up or "y", front=entry.front or "+z", height=entry.height, yaw=entry.yaw or 0.0
             )
         except RecursionError:

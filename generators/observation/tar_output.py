@@ -12,9 +12,6 @@ from avs3d_bench.provenance import provenance
 from avs3d_bench.schema import ObservationRecord
 from generators.observation.output import hidden_name, remove, shared_files
 
-#: What writes the tars (see `avs3d_bench.provenance`).
-WRITER = "generators.observation.tar_output:TarOutput"
-
 
 def tar_plan_digest(plan: str) -> str:
     """sha256 of all that the bytes of a tar depend on: the plan of the observation, and what writes the tar.
@@ -22,7 +19,7 @@ def tar_plan_digest(plan: str) -> str:
     Args:
         plan: digest of the plan.
     """
-    return files.sha256_bytes(f"{plan} {provenance(WRITER).digest}".encode())
+    return files.sha256_bytes(f"{plan} {provenance('tar').digest}".encode())
 
 
 class TarOutput:

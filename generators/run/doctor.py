@@ -6,8 +6,9 @@ import os
 import shutil
 from pathlib import Path
 
-from avs3d_bench.doctor import Check, CheckResult, constant, has_module, package_check, run_python
+from avs3d_bench.doctor import Check, CheckResult, constant, package_check, run_python
 from avs3d_bench.errors import Avs3dError
+from avs3d_bench.imports import has_package
 from avs3d_bench.user_path import user_path
 
 _EXTRA = "pip install 'avs3d-bench[generate]'"
@@ -90,9 +91,9 @@ def checks() -> tuple[Check, ...]:
 
 def _cuda() -> tuple[CheckResult, ...]:
     fix = "pip install 'avs3d-bench[cuda]' (on a machine with an NVIDIA GPU)"
-    if not has_module("numba_cuda"):
+    if not has_package("numba_cuda"):
         return (CheckResult("generate", "numba-cuda", "missing", "not installed; --device cuda", fix),)
-    if not has_module("numba"):
+    if not has_package("numba"):
         return (CheckResult("generate", "numba-cuda", "note", "installed; tried once [generate] is there", _EXTRA),)
     works, said = run_python(_CUDA)
     if not works:
@@ -105,7 +106,7 @@ def _cuda() -> tuple[CheckResult, ...]:
 
 def _engine() -> Check:
     fix = "pip install 'avs3d-bench[soundspaces]' (needs a C++ compiler), or generate with --audio tracer"
-    if has_module("rlr_audio_propagation") and not all(has_module(name) for name in ("trimesh", "shapely")):
+    if has_package("rlr_audio_propagation") and not all(has_package(name) for name in ("trimesh", "shapely")):
         return constant("generate", "rlr-audio-propagation", "note", "installed; tried once [generate] is there")
     needed = "the acoustic engine of SoundSpaces 2.0"
     return package_check(
@@ -123,7 +124,7 @@ def _habitat() -> tuple[CheckResult, ...]:
         return (
             CheckResult("habitat", "habitat-sim", "missing", "AVS3D_HABITAT_PYTHON is not set; --vision habitat", fix),
         )
-    if not has_module("trimesh"):
+    if not has_package("trimesh"):
         return (CheckResult("habitat", "habitat-sim", "note", f"{python}: tried once [generate] is there", _EXTRA),)
     from generators.vision.habitat import probe
 
@@ -145,7 +146,7 @@ def _scans() -> tuple[CheckResult, ...]:
         return (CheckResult("scans", "scans", "broken", str(error), fix),)
     if not root.is_dir():
         return (CheckResult("scans", "scans", "broken", f"{root}: no such folder", fix),)
-    if not has_module("trimesh"):
+    if not has_package("trimesh"):
         return (CheckResult("scans", "scans", "note", f"{root}: looked at once [generate] is there", _EXTRA),)
     from generators.scans.files import find_scan_files
 
@@ -186,7 +187,7 @@ def _token(variable: str, service: str) -> Check:
 def _cache() -> tuple[CheckResult, ...]:
     from generators.core.folders import default_cache
 
-    if not os.environ.get("AVS3D_CACHE") and not has_module("platformdirs"):
+    if not os.environ.get("AVS3D_CACHE") and not has_package("platformdirs"):
         return (CheckResult("generate", "cache of homes", "note", "looked at once [generate] is there", _EXTRA),)
     try:
         folder = default_cache()

@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
+from avs3d_bench.click_options import PATH, WORKERS, Group
 from avs3d_bench.errors import UsageError, did_you_mean
-from avs3d_bench.groups import PATH, WORKERS, Group
 from avs3d_bench.outputs import OutputFile
 from avs3d_bench.taxonomy import PARTS
 from generators.core.limits import FRAMES, SIZE

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from avs3d_bench.groups import HELP, PATH, only_option
+from avs3d_bench.click_options import HELP, PATH, only_option
 from avs3d_bench.outputs import OutputFile
 from generators.sampling.document import SWEPT
 from generators.sampling.name_option import name_option

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from avs3d_bench.groups import HELP, PATH, WORKERS, only_option
+from avs3d_bench.click_options import HELP, PATH, WORKERS, only_option
 from avs3d_bench.outputs import OUTPUT_FOLDER
 from avs3d_bench.scheduling.options import Options, scheduling_options
 from generators.cli import ExtraOutputs, MakingCommand, choose_tools, making_options, with_option

@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 import sys
 from functools import cache
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -32,14 +31,14 @@ def gsplat() -> Any:
     os.environ.setdefault("MAX_JOBS", str(min(_COMPILERS, available_cores())))
     with wait_for_lock(lock_file(), _say_waiting):
         try:
-            package = import_module("gsplat")
-            kernels = import_module("gsplat.cuda._backend")._C
+            import gsplat as package
+            from gsplat.cuda import _backend
         except ImportError as error:
             raise UnfitError(f"gsplat cannot be imported ({error}); pip install gsplat, or use --device cpu") from None
         except Exception as error:  # a compiler that fails, a full disk: torch raises many kinds of errors
             line = " ".join(str(error).split())[:200] or type(error).__name__
             raise UnfitError(f"gsplat's kernels cannot be compiled ({line}); VERBOSE=1 shows why") from None
-    if kernels is None:
+    if _backend._C is None:
         raise UnfitError("gsplat has no CUDA kernels: install a CUDA toolkit and gsplat again, or use --device cpu")
     return package
 

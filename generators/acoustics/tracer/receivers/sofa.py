@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import open_regular, sha256_file
+from avs3d_bench.imports import needing
 from avs3d_bench.text import readable
 
 F64 = NDArray[np.float64]
@@ -168,10 +169,8 @@ def _opened(path: Path) -> _SofaFile:
     """The variables and attributes that are needed, read with h5py: a SOFA file is netCDF-4, which is HDF5."""
     with open_regular(path) as stream:
         stream.read(1)
-    try:
+    with needing(f"{path}: reading SOFA files", "pip install 'avs3d-bench[sofa]'"):
         import h5py
-    except ImportError as error:
-        raise Avs3dError(f"{path}: reading SOFA files needs h5py ({error}): pip install 'avs3d-bench[sofa]'") from None
     try:
         with h5py.File(path, "r", locking=False) as file:
             present = [name for name in _VARIABLES if isinstance(file.get(name), h5py.Dataset)]

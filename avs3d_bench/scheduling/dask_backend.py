@@ -22,6 +22,7 @@ from queue import Empty, SimpleQueue
 from typing import Any, Self
 
 from avs3d_bench.errors import Avs3dError, UsageError
+from avs3d_bench.imports import needing
 from avs3d_bench.scheduling.jobqueue import Jobs, start_cluster
 from avs3d_bench.scheduling.ledger import Ledger, Next
 from avs3d_bench.scheduling.on_worker import TOPIC, AttemptError, TaskSettings, attempt, busy
@@ -76,13 +77,9 @@ class DaskScheduler:
         self._jobs: Jobs | None = None
 
     def __enter__(self) -> Self:
-        try:
+        with needing("--scheduler dask", "pip install 'avs3d-bench[cluster]'"):
             import dask
             import distributed
-        except ModuleNotFoundError as error:
-            if error.name not in ("dask", "distributed"):
-                raise
-            raise Avs3dError("--scheduler dask needs distributed: pip install 'avs3d-bench[cluster]'") from None
         _mute_dask()
         with ExitStack() as stack:
             # A task that is tried again elsewhere must not be drawn back to where it failed.
