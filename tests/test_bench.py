@@ -14,7 +14,8 @@ from avs3d_bench.dataset import Dataset
 from benchmarks import bench_acoustics
 from benchmarks.bench_pipeline import timed_engines
 from benchmarks.dataset_report import facts
-from generators.observation.generate import generate_observation, prepare
+from generators.observation import prepare
+from generators.observation.generate import generate_observation
 from generators.options import GenerateOptions
 from generators.plan import make_plans, read_manifest
 from tests.homes import write_manifest
