@@ -1,7 +1,7 @@
 """Outputs of commands: none replaces what its command reads, or what its command has not written.
 
-An option for an output has the type `OutputFile` or `OutputFolder` instead of `avs3d_bench.click_options.PATH`, the type of
-inputs. Their values are compared with each other before the command begins:
+An option for an output has the type `OutputFile` or `OutputFolder`; that of an input has the type
+`avs3d_bench.click_options.PATH`. Their values are compared with each other before the command begins:
 
 - an output must not be an input, by whatever name (symbolic or hard link), nor another output of the command;
 - in a folder that is read, it must not take the name of an index or lie among the observations;

@@ -7,7 +7,7 @@
 What follows ``--`` goes to `avs3d train listener`. Homes of a smaller number are among those of a larger one, and the
 homes kept for validation are the same; every run takes the same number of steps. The frames of the shards are decoded
 once. Writes ``listener-curve.json``: for each number of homes the figures of the validation at the end of the run, and
-the scores of the row in 2D of each dataset. A run that is finished is not made again.
+the scores of the row in 2D of each dataset. A run that is finished is not repeated.
 """
 
 from __future__ import annotations
