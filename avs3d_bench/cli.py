@@ -134,7 +134,7 @@ def avs3d() -> None:
     "--json", "json_file", type=OutputFile(REPORT_JSON), metavar="FILE", help="Write the findings to this file as well."
 )
 @click.option("--workers", type=WORKERS, default=None, help="Processes of --deep [one per core].")
-@click.option("--regenerate", type=click.IntRange(1, 100_000), metavar="N", help="Make N random frames again, compare.")
+@click.option("--regenerate", type=click.IntRange(1, 100_000), metavar="N", help="Regenerate N random frames, compare.")
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=None, help="Which frames --regenerate takes.")
 @click.option("--manifest", type=PATH, metavar="FILE", help="Of --regenerate, if the manifest names files.")
 @click.option("--hrtf", type=PATH, metavar="FILE", help="Of --regenerate, if the dataset was made with a SOFA file.")
@@ -180,14 +180,14 @@ def validate(
 def _regenerate(
     root: Path, count: int, seed: int | None, manifest: Path | None, hrtf: Path | None
 ) -> tuple[Problem, ...]:
-    """Make frames again, saying which; threads are bounded before numpy starts them, as the generator does."""
+    """Regenerate frames, saying which; threads are bounded before numpy starts them, as the generator does."""
     os.environ.update(ONE_THREAD)
     import secrets
 
     from avs3d_bench.validation.regenerate import regenerate
 
     number = secrets.randbelow(2**32) if seed is None else seed
-    click.echo(f"making {count} random frames again (--seed {number})")
+    click.echo(f"regenerating {count} random frames (--seed {number})")
     return regenerate(root, count, seed=number, manifest=manifest, say=click.echo, hrtf=hrtf)
 
 

@@ -256,7 +256,7 @@ def markdown(summary: dict[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of a run; files of other settings are made again.
+    """Settings of a run; files of other settings are regenerated.
 
     Attributes:
         poses: of each observation.

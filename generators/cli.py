@@ -187,7 +187,7 @@ class _FormChoice(click.Choice[str]):
     "--remake",
     multiple=True,
     metavar="KEY_GLOB",
-    help="Make these observations again even if they are there; repeatable.",
+    help="Regenerate these observations even if they are there; repeatable.",
 )
 @scheduling_options
 def generate(

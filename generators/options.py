@@ -98,7 +98,7 @@ class GenerateOptions(EngineOptions):
         array: file that lists the microphones of an array; None: there is none.
         format: ``folders``, a dataset as `avs3d_bench.Dataset` reads it; or ``tar``, a tar file of samples for
             each observation and ``shards.json``: see `avs3d_bench.exports.observation_tar`.
-        remake: shell patterns of the keys of observations that are made again even if they are there, from whatever
+        remake: shell patterns of the keys of observations that are regenerated even if they are there, from whatever
             manifest or version. Each stays until the new one is whole.
     """
 

@@ -10,8 +10,8 @@ import pytest
 from rooms import kitchen
 
 from avs3d_bench.dataset import Dataset
-from generators.observation.arrangement import Arrangement, arrange, choose_models, draw_sounding
 from generators.observation import sources
+from generators.observation.arrangement import Arrangement, arrange, choose_models, draw_sounding
 from generators.observation.generate import generate_observation
 from generators.options import GenerateOptions
 from generators.plan import ObservationPlan, make_plans, read_manifest

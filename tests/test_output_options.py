@@ -372,7 +372,7 @@ def test_files_of_scores_beside_no_leaderboard_stay(place: Path, tmp_path: Path)
 def test_a_dataset_of_another_manifest_keeps_its_record(
     place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The manifest has no observation of the other dataset: none would be made again, but dataset.json be replaced."""
+    """The manifest has no observation of the other dataset: none would be regenerated, but dataset.json be replaced."""
     other = other_dataset(tmp_path / "other")
     before = contents(other)
     assert call(Case("generate manifest.yaml -o OUT --audio analytic --workers 1"), place, other) == 2

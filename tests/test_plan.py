@@ -215,7 +215,10 @@ def test_stems_count_only_where_something_can_be_heard(tmp_path: Path) -> None:
 )
 def test_the_engine_is_the_one_asked_for_else_the_manifests_else_the_tracer(tmp_path, named, asked, expected) -> None:
     content = document() | ({} if named is None else {"audio": named})
-    assert make_plans(read_manifest(written(tmp_path, content)), GenerateOptions(audio=asked))[0].options.engine == expected
+    assert (
+        make_plans(read_manifest(written(tmp_path, content)), GenerateOptions(audio=asked))[0].options.engine
+        == expected
+    )
 
 
 def test_published_manifests_name_the_engine_they_were_made_with() -> None:

@@ -357,7 +357,7 @@ def test_a_finished_observation_with_a_missing_or_cut_off_file_is_made_again(
     (observation / "sparse/0/points3D.bin").unlink()
     code, output = generate(ROOT, manifest, out)
     assert code == 0, output
-    assert f"made again: input/frame_002.png has 0 bytes, expected {size:,} (and 1 more files)" in output
+    assert f"regenerated: input/frame_002.png has 0 bytes, expected {size:,} (and 1 more files)" in output
     assert "1 made, 0 kept, 0 failed" in output
     assert tree_digest(out) == before
 

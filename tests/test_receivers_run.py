@@ -258,7 +258,7 @@ def test_a_rerun_keeps_what_the_same_receivers_heard_and_refuses_others(
         f"{measured.root / ONE}: was generated with other options or versions: --frames (recorded 2, asked 3), "
         f"--size (recorded 32, asked 48), --hrtf (recorded sphere.sofa, sha256 {sha}…, asked other.sofa, "
         f"sha256 {theirs}…), --with depth (recorded without, asked with); "
-        f"choose another folder with -o, or make it again with --remake '{ONE}'"
+        f"choose another folder with -o, or regenerate it with --remake '{ONE}'"
     )
     assert "--hrtf (recorded sphere.sofa, sha256" in str(call(manifest, measured.root, *one).exception)
 

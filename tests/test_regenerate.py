@@ -164,7 +164,7 @@ def test_the_command_prints_the_seed_and_gives_exit_codes(root: Path, manifest: 
 
     code, text = call(root, "--regenerate", 1, "--manifest", manifest)
     assert code == 0, text
-    assert "making 1 random frames again (--seed " in text
+    assert "regenerating 1 random frames (--seed " in text
     target = tiny.clone(root, tmp_path / "data")
     for index in range(FRAMES):
         tiny.replace(target / KEY / f"input/frame_{index:03d}.png", b"")
@@ -181,7 +181,7 @@ def test_the_command_prints_the_seed_and_gives_exit_codes(root: Path, manifest: 
 
 def test_the_release_and_a_missing_generator_are_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     release = tiny.write_release(tmp_path / "data", frames=2, size=16)
-    with pytest.raises(UsageError, match="official release cannot be made again"):
+    with pytest.raises(UsageError, match="official release cannot be regenerated"):
         choose_frames(release, 1, seed=1)
     monkeypatch.setattr(module, "entry_points", lambda: ())
     with pytest.raises(UsageError, match=r"pip install 'avs3d-bench\[generate\]'"):

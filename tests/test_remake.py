@@ -1,4 +1,4 @@
-"""`avs3d generate --remake`: named observations are made again, whole or not at all, and nothing else is touched."""
+"""`avs3d generate --remake`: named observations are regenerated, whole or not at all, and nothing else is touched."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def test_an_observation_stays_as_it_was_if_it_cannot_be_made_again(tmp_path: Pat
     assert key == TWO
     assert "the earlier observation is left as it was" in message
     assert tree_digest(form_of.path(root, TWO).parent) == before
-    assert listed(root, form) == [ONE], "the index is of one piece"
+    assert listed(root, form) == [ONE], "the index is whole"
     generate(write(tmp_path), root, **chosen)  # with the manifest that it is from, it is listed again
     assert tree_digest(root) == whole
 

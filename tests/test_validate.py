@@ -82,7 +82,7 @@ def record(change: Callable[[dict[str, Any]], None], *, rehash: bool = True) -> 
 
 
 def then_rehash(change: Change) -> Change:
-    """The damage of someone who has the hashes made anew: only the contents can give it away."""
+    """The damage of someone who has the hashes computed again: only the contents can give it away."""
 
     def both(root: Path) -> None:
         change(root)

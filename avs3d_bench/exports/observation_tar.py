@@ -171,7 +171,7 @@ def read_head(path: Path) -> tuple[ObservationRecord, str]:
         except tarfile.TarError:
             data, whole = b"", False
     if not data or not whole:
-        raise Avs3dError(f"{path}: does not begin with {RECORD_MEMBER}; delete it to have it made again")
+        raise Avs3dError(f"{path}: does not begin with {RECORD_MEMBER}; delete it to have it regenerated")
     return parse_record(data, ObservationRecord, f"{path}/{RECORD_MEMBER}"), hashlib.sha256(data).hexdigest()
 
 

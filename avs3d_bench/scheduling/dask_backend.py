@@ -311,7 +311,7 @@ class _DaskRun:
                 self._ledger.done(item.task)
                 yield Success(item.task, values[future])
             elif future.status in ("lost", "pending"):
-                # The worker was lost before its result was fetched: Dask has it made again.
+                # The worker was lost before its result was fetched: Dask runs it again.
                 self._open[future] = item
                 future.add_done_callback(self._news.put)
                 continue

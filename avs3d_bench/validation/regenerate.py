@@ -1,4 +1,4 @@
-"""`validate --regenerate N`: chooses frames and has the generator make them again, where it is installed."""
+"""`validate --regenerate N`: chooses frames and has the generator regenerate them, where it is installed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from avs3d_bench.errors import UsageError
 from avs3d_bench.imports import needing
 from avs3d_bench.report import Problem, ordered
 
-#: Entry points that make frames again: called with (root, key → indices, manifest or None, say, SOFA file or None),
+#: Entry points that regenerate frames: called with (root, key → indices, manifest or None, say, SOFA file or None),
 #: they give problems.
 GROUP = "avs3d.regenerate"
 Maker = Callable[
@@ -27,7 +27,7 @@ def choose_frames(root: str | Path, count: int, seed: int) -> dict[str, tuple[in
     """``count`` frames of a dataset at random, all if it has fewer: key → indices, ascending.
 
     Raises:
-        UsageError: if there is no observation whose frames could be made again.
+        UsageError: if there is no observation whose frames could be regenerated.
     """
     frames = [
         (observation.key, index)
@@ -36,7 +36,7 @@ def choose_frames(root: str | Path, count: int, seed: int) -> dict[str, tuple[in
         for index in range(len(observation.frame_names))
     ]
     if not frames:
-        raise UsageError(f"{root}: no {layout.OBSERVATION_JSON}: frames of the official release cannot be made again")
+        raise UsageError(f"{root}: no {layout.OBSERVATION_JSON}: frames of the official release cannot be regenerated")
     chosen = np.random.default_rng(seed).choice(len(frames), min(count, len(frames)), replace=False)
     out: dict[str, list[int]] = {}
     for number in sorted(chosen.tolist()):
@@ -46,7 +46,7 @@ def choose_frames(root: str | Path, count: int, seed: int) -> dict[str, tuple[in
 
 
 def entry_points() -> tuple[metadata.EntryPoint, ...]:
-    """The installed functions that make frames again."""
+    """The installed functions that regenerate frames."""
     return tuple(metadata.entry_points(group=GROUP))
 
 
@@ -72,7 +72,7 @@ def regenerate(
     say: Callable[[str], None] = lambda _: None,
     hrtf: Path | None = None,
 ) -> tuple[Problem, ...]:
-    """Make ``count`` random frames again and compare their bytes.
+    """Regenerate ``count`` random frames and compare their bytes.
 
     Args:
         root: the dataset.

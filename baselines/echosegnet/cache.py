@@ -73,7 +73,7 @@ class Stages:
         return self.folder / f"{stage}-{key}{suffix}"
 
     def load_arrays(self, stage: str, key: str) -> dict[str, NDArray[Any]] | None:
-        """Arrays kept earlier; None if there are none, or the file is damaged (then they are made again)."""
+        """Arrays kept earlier; None if there are none, or the file is damaged (then they are regenerated)."""
         path = self.path(stage, key, ".npz")
         try:
             with np.load(path) as file:

@@ -6,7 +6,7 @@
 
 An object's cleaned GLB (metres, Y up, front +Z) is made from the original file on first use. Its key is the hash of all
 its inputs: the original bytes, the entry's orientation, the cleaning code and its libraries. After a change of any of
-them it is made again, so that lock files need no version of the cleaning.
+them it is regenerated, so that lock files need no version of the cleaning.
 """
 
 from __future__ import annotations

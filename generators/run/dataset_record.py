@@ -109,7 +109,7 @@ def read_observation(folder: Path) -> ObservationRecord:
     try:
         data = files.read_bytes(path)
     except Avs3dError as error:
-        raise Avs3dError(f"{error}; delete {folder} to have it made again") from error
+        raise Avs3dError(f"{error}; delete {folder} to have it regenerated") from error
     return parse_record(data, ObservationRecord, path)
 
 

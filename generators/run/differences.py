@@ -27,7 +27,7 @@ def describe_mismatch(plan: ObservationPlan, record: ObservationRecord, read_ind
     plan.check_files()
     known = describe_differences(plan, record)
     how = f"with other options or versions: {known}" if known else _other_source(plan, read_index)
-    return f"was generated {how}; choose another folder with -o, or make it again with --remake {plan.key!r}"
+    return f"was generated {how}; choose another folder with -o, or regenerate it with --remake {plan.key!r}"
 
 
 def _other_source(plan: ObservationPlan, read_index: Callable[[], DatasetRecord]) -> str:

@@ -36,7 +36,7 @@ def find_damage(folder: Path, record: ObservationRecord) -> str:
 
 
 def discard(path: Path) -> None:
-    """Remove a damaged observation, so that it can be made again.
+    """Remove a damaged observation, so that it can be regenerated.
 
     It is renamed first: a folder that is half gone never has an observation's name.
 

@@ -2,7 +2,7 @@
 
 Observations are independent of one another and of the number of workers. A finished one is recognised by the digest
 of its plan and the sizes of its files (of a tar, its digest); whatever was interrupted has a temporary name and is
-made again.
+regenerated.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ class RunSettings:
         limit: seconds for an observation, of which a home has `HOME_FACTOR` times as many; None: no limit.
         max_failures: end the run when more than so many have failed; None: go on whatever fails.
         format: of what is written: a name of `FORMATS`.
-        remake: keys of observations that are made again even if they are there; each stays until the new one is whole.
+        remake: keys of observations that are regenerated even if they are there; each stays until the new one is whole.
     """
 
     cache: Path
@@ -315,7 +315,7 @@ def _named(event: Event) -> Event:
 def _of_other_plans(
     form: DatasetFormat, root: Path, plans: Sequence[ObservationPlan], remake: Collection[str]
 ) -> frozenset[str]:
-    """Keys of the observations to be made again that are there, but from another manifest or by other software."""
+    """Keys of the observations to be regenerated that are there, but from another manifest or by other software."""
     there = [plan for plan in plans if plan.key in remake and form.path(root, plan.key).exists()]
     return frozenset(plan.key for plan in there if not is_of_plan(form, root, plan))
 
@@ -361,13 +361,13 @@ def _finished(
         if spec.key not in remake
     )
     found = {plan.key: record for plan in every if (record := find_finished(form, root, plan)) is not None}
-    # Nothing is removed before everything has been found to be of one piece.
+    # Nothing is removed before everything has been found to come from the same manifest and software.
     there = [found[plan.key] for plan in plans if plan.key in found]
     with ThreadPoolExecutor(available_cores()) as pool:
         damages = pool.map(partial(form.find_damage, root), there)
         for record, damage in zip(there, damages, strict=True):
             if damage:
-                listen(Event("note", record.key, f"made again: {damage}"))
+                listen(Event("note", record.key, f"regenerated: {damage}"))
                 discard(form.path(root, record.key))
                 del found[record.key]
     return set(found)
