@@ -42,7 +42,7 @@ from baselines.echosegnet import activity, aisrm, clusters
 from baselines.echosegnet.activity import Activity, ActivityWeights
 from baselines.echosegnet.pipeline import clips_of
 from baselines.echosegnet.views import RegisteredView, load_points, load_views, train_views
-from baselines.oracle_scenes import paint
+from baselines.oracle import paint
 from benchmarks.instance_selection import visible_faces
 from evaluators import evaluate
 
