@@ -417,7 +417,9 @@ class Observation:
 
         A sealed test does not tell which of the siblings was first: there, the first by key with these pictures.
         """
-        if self.published is None or not self.is_sound_scene:
+        if not self.is_sound_scene:
+            return None
+        if self.published is None:
             return self.record.group if self.record else None
         pictures = _pictures(self.published)
         for path in sorted(
