@@ -1,7 +1,8 @@
 """The sources of observation.json against the record: where they are, when they sound, what is audible.
 
-In part_1 and part_2 one source always sounds, and frames have no audible entries. Nothing is decoded here: the level of a frame's clip is the recorded one, which `validation.sound` holds against the clip.
-`validation.stems` holds the same entries against the stems.
+In part_1 and part_2 one source always sounds, and frames have no audible entries. Nothing is decoded here: the level of
+a frame's clip is the recorded one, which `validation.sound` holds against the clip. `validation.stems` holds the same
+entries against the stems.
 """
 
 from __future__ import annotations
