@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from avs3d_bench import layout
 from avs3d_bench.dataset import Frame, Observation
-from avs3d_bench.errors import Avs3dError
+from avs3d_bench.deaf_oracles import instance_ids_of
 from avs3d_bench.scores import BLIND_REFERENCES, ObservationScores, Protocol
 from evaluators.deaf import DeafFrame, deaf_frame, deaf_references
 from evaluators.frames import FrameFigures, Truth, frame_figures, reference_figures
@@ -117,14 +117,8 @@ def _twin_ids(observation: Observation) -> tuple[int, ...] | None:
 
 def _truth(frame: Frame, twin_ids: tuple[int, ...] | None, strict: bool) -> Truth:
     mask = as_bytes(frame.mask())
-    ids = None
-    if twin_ids is not None:
-        ids = frame.instance_ids()
-        if ids.shape != mask.shape:
-            path = frame.path(layout.INSTANCE_MASKS)
-            raise Avs3dError(
-                f"{path}: shape {ids.shape}, expected that of the mask, {mask.shape}; regenerate the dataset"
-            )
+    height, width = mask.shape
+    ids = None if twin_ids is None else instance_ids_of(frame, (height, width))
     return Truth.of(mask, ids, twin_ids or (), outlines=strict)
 
 
