@@ -147,8 +147,12 @@ class Frame:
     def category_mask(self) -> NDArray[np.uint8]:
         """(H, W) uint8: 0 nothing, else the class id of the audible instance (`ObservationRecord.class_ids`).
 
-        Only in part_3; the same pixels as `mask`.
+        The same pixels as `mask`. In part_1 and part_2 it follows from the mask and the category, which the official
+        release does not have.
         """
+        record = self.observation.record
+        if record is not None and record.sources is None and record.category is not None:
+            return self.mask() * np.uint8(record.class_ids[record.category])
         return media.read_png_categories(self.path(layout.CATEGORY_MASKS))
 
     def instance_ids(self) -> NDArray[np.uint16]:
@@ -413,7 +417,9 @@ class Observation:
 
         A sealed test does not tell which of the siblings was first: there, the first by key with these pictures.
         """
-        if self.published is None or not self.is_sound_scene:
+        if not self.is_sound_scene:
+            return None
+        if self.published is None:
             return self.record.group if self.record else None
         pictures = _pictures(self.published)
         for path in sorted(
@@ -423,6 +429,11 @@ class Observation:
             if _pictures(other) == pictures:
                 return other.key
         return self.key
+
+    @property
+    def group_key(self) -> str:
+        """Key of the observation whose pictures this one has: `group`; its own where it has none."""
+        return self.group or self.key
 
     def channels(self, receiver: str | None = None) -> int:
         """Number of channels of the clips of a receiver: ``ambisonics`` or ``array``; None: 2, the two ears.

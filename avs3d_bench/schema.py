@@ -231,6 +231,8 @@ class AudibleRecord(Record):
 AUDIBLE_LEVEL_DB = -60.0
 #: … and at most this far below the rest of the clip (dB).
 AUDIBLE_SNR_DB = -20.0
+#: What is simulated begins this long before the first frame (s): no programme begins earlier.
+EARLIEST_START = -2.0
 
 
 class HrtfRecord(LicenceRecord):
@@ -500,25 +502,56 @@ class ObservationRecord(Record):
         """Category → its value in category_masks; see `avs3d_bench.taxonomy.class_ids`."""
         return class_ids(self.categories or ())
 
+    @property
+    def sound_sources(self) -> tuple[SourceRecord, ...]:
+        """The sources of an observation of any part; in part_1 and part_2 one that sounds all the time.
+
+        Its position is that at the first frame, if it moves (see `source_at`).
+        """
+        return (self._only_source,) if self.sources is None else self.sources
+
+    @property
+    def _only_source(self) -> SourceRecord:
+        """What part_1 and part_2 say of their source in other fields, as part_3 would say it."""
+        instance, sound = self.sounding, self.sound
+        return SourceRecord(
+            id="source_1",
+            instance=instance.id,
+            category=instance.category,
+            room=self.room,
+            position=instance.position if self.source_position is None else self.source_position,
+            programme=((EARLIEST_START, len(self.frames) / layout.FRAME_RATE),),
+            gain_db=0.0,
+            asset=sound.asset if sound else "not recorded",
+            licence=sound.licence if sound else instance.licence,
+        )
+
+    @property
+    def first_instance(self) -> InstanceRecord | None:
+        """The instance of the first source, whose direction the frames have; None if there is none in the room."""
+        numbers = {source.instance for source in self.sound_sources[:1]}
+        return next((instance for instance in self.instances if instance.id in numbers), None)
+
     def source(self, name: str) -> SourceRecord:
         """The source of that id.
 
         Raises:
             Avs3dError: if there is none.
         """
-        for source in self.sources or ():
+        for source in self.sound_sources:
             if source.id == name:
                 return source
-        raise Avs3dError(f"{self.key}: no source {name!r}; it has {len(self.sources or ())}")
+        raise Avs3dError(f"{self.key}: no source {name!r}; it has {len(self.sound_sources)}")
+
+    def audible_sources(self, frame: FrameRecord) -> tuple[SourceRecord, ...]:
+        """The sources that are audible in ``frame``; in part_1 and part_2 the one source, in every frame."""
+        if frame.audible is None:
+            return self.sound_sources
+        return tuple(self.source(entry.source) for entry in frame.audible)
 
     def audible_instances(self, frame: FrameRecord) -> tuple[int, ...]:
-        """Ids of the instances that are audible in ``frame``, sorted; the mask marks their visible pixels.
-
-        In part_1 and part_2 that is the sounding instance, in every frame.
-        """
-        if frame.audible is None:
-            return (self.sounding.id,)
-        heard = (self.source(entry.source).instance for entry in frame.audible)
+        """Ids of the instances that are audible in ``frame``, sorted; the mask marks their visible pixels."""
+        heard = (source.instance for source in self.audible_sources(frame))
         return tuple(sorted({number for number in heard if number is not None}))
 
     @property

@@ -25,7 +25,7 @@ from avs3d_bench.method import Method, write_submission
 from avs3d_bench.parallel import advance, process_each
 from avs3d_bench.schema import ObservationRecord
 from avs3d_bench.submission import Prediction, SubmissionWriter
-from baselines.oracle_scenes import paint
+from baselines.oracle import paint
 
 Which = Literal["all", "single"]
 #: `truth` of submission.json: leaderboards do not rank such submissions.
@@ -127,7 +127,7 @@ def _group(observation: Observation) -> str:
     record = observation.record
     if record is None or not (observation.path / layout.INSTANCE_MASKS).is_dir():
         raise UsageError(f"{observation.path}: --deaf needs {layout.OBSERVATION_JSON} and {layout.INSTANCE_MASKS}/")
-    return record.group or observation.key
+    return observation.group_key
 
 
 def _record(observation: Observation) -> ObservationRecord:

@@ -4,13 +4,15 @@ It looks at the truth of test frames by design, so its scores are bounds, not re
 ``category`` is the result of a perfect detector that finds every object of the right category and ignores which of
 them sounds.
 
-In part_3 (`baselines.oracle_scenes`) several instances may be audible in a frame, or none; there it writes class ids as
-well.
+Any number of instances may be audible in a frame: in part_1 and part_2 the one that sounds, in part_3 several or none
+(then nothing is marked). An error means the same for several: a swap takes a silent twin for each sounding instance
+that has one; a confused neighbour is marked while something of the room is audible, and named as the category that it
+is mistaken for. Class ids, which only submissions of part_3 have, follow the marked instances.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Literal
@@ -25,7 +27,6 @@ from avs3d_bench.method import Method, write_submission
 from avs3d_bench.schema import InstanceRecord, ObservationRecord
 from avs3d_bench.submission import Prediction, SubmissionWriter, frame_size
 from baselines.oracle_errors import CONFUSABLE, ErrorModel
-from baselines.oracle_scenes import scene_prediction
 
 Instance = Literal["category", "sounding"]
 Mask = NDArray[np.bool_]
@@ -37,46 +38,69 @@ TRUTH = "masks of test frames"
 #: Points of `--points` per cm² of the true mesh's surface: 100 in a face of a 5 cm voxel. What is missed are voxels of
 #: which the surface cuts off a mere tip (1 % of a washing machine's, 6 % of a telephone's).
 POINTS_PER_CM2 = 4.0
+#: Of an instance.
+_HIGHEST_ID = 65_535
 
 
 def oracle_mask(frame: Frame, *, instance: Instance, errors: ErrorModel = PERFECT) -> Mask:
-    """The prediction of the oracle for a frame, test or train.
-
-    The steps: the true mask (or the union over the category; or, after a swap, a twin's), the confusable neighbour
-    added, outlines moved, and nothing at all where the frame is dropped.
-
-    Args:
-        frame: of any split; its truth is read.
-        instance: ``category``: the visible pixels of every instance of the sounding category; ``sounding``: those of
-            the sounding instance alone. In part_3: of the categories, or instances, that are audible in the frame.
-        errors: what goes wrong.
-
-    Returns:
-        (H, W) bool.
+    """The mask of `oracle_prediction`, after a look at whether the data allow it.
 
     Raises:
         UsageError: if the data lacks what this needs (`check_truth`).
         Avs3dError: if a file of it is damaged.
     """
+    check_truth(frame.observation, instance=instance, errors=errors)
+    return np.asarray(oracle_prediction(frame, instance=instance, errors=errors).mask, np.bool_)
+
+
+def oracle_prediction(frame: Frame, *, instance: Instance, errors: ErrorModel = PERFECT) -> Prediction:
+    """The prediction of the oracle for a frame, test or train.
+
+    The steps: the audible instances (or all of their categories; or, after a swap, twins), the confusable neighbour
+    added, outlines moved, and nothing at all where the frame is dropped.
+
+    Args:
+        frame: of any split; its truth is read.
+        instance: ``category``: the visible pixels of every instance of the categories that are audible in the frame,
+            off-screen ones included; ``sounding``: those of the audible instances alone.
+        errors: what goes wrong.
+
+    Returns:
+        mask and, in part_3, class ids where the data has some.
+
+    Raises:
+        Avs3dError: if a file of the dataset is damaged.
+    """
     observation = frame.observation
-    check_truth(observation, instance=instance, errors=errors)
-    if observation.is_sound_scene:
-        return np.asarray(scene_prediction(frame, category=instance == "category", errors=errors).mask, np.bool_)
+    classes: NDArray[np.uint8] | None = None
     if errors.happens("drop", observation.key, frame.name):
-        return np.zeros(frame_size(frame), dtype=np.bool_)
-    twin, neighbour = _twin(observation, errors), _neighbour(observation, errors)
-    if instance == "category":
-        mask = _visible(frame, _category_ids(_record(observation)))
+        classes = np.zeros(frame_size(frame), np.uint8)
+        mask = classes > 0
+    elif instance == "category" or errors.swap or errors.confuse:
+        marked = paint(frame.instance_ids(), _marked(frame, instance=instance, errors=errors))
+        mask, classes = _outlined(marked > 0, marked, errors)
+    elif observation.is_sound_scene and (observation.path / layout.CATEGORY_MASKS).is_dir():
+        mask, classes = _outlined(frame.mask(), frame.category_mask(), errors)
     else:
-        mask = frame.mask() if twin is None else _visible(frame, (twin,))
-    if neighbour is not None:
-        mask = mask | _visible(frame, (neighbour,))
-    return errors.outline(mask)
+        mask = errors.outline(frame.mask())
+    return Prediction(mask, classes if observation.is_sound_scene else None)
 
 
-def _visible(frame: Frame, ids: Sequence[int]) -> Mask:
-    """(H, W) True where an instance with one of the ``ids`` is seen."""
-    return np.isin(frame.instance_ids(), ids)
+def paint(instances: NDArray[np.uint16], classes: Mapping[int, int]) -> NDArray[np.uint8]:
+    """(H, W) class ids of the instances that ``classes`` names (id → class id), 0 elsewhere."""
+    colours = np.zeros(_HIGHEST_ID + 1, np.uint8)
+    for number, value in classes.items():
+        colours[number] = value
+    return colours[instances]
+
+
+def _outlined(mask: Mask, ids: NDArray[np.uint8], errors: ErrorModel) -> tuple[Mask, NDArray[np.uint8]]:
+    """Mask and class ids with their outlines moved; where grown classes meet, the lower id has the new pixels."""
+    moved = errors.outline(mask)
+    grown = np.where(moved, ids, 0).astype(np.uint8)
+    for value in np.unique(ids[ids > 0]) if errors.dilate > 0 else ():
+        grown[errors.outline(ids == value) & (grown == 0)] = value
+    return moved, grown
 
 
 def check_truth(
@@ -112,71 +136,82 @@ def check_truth(
 
 
 def _is_silent(observation: Observation) -> bool:
-    """Whether it is an observation of part_3 in which no instance of the room sounds: then there is no mesh."""
-    record = observation.record
-    return observation.is_sound_scene and record is not None and not record.sounding_instances
+    """Whether no instance of the room sounds, as may be in part_3: then there is no mesh."""
+    return observation.record is not None and not observation.record.sounding_instances
 
 
-def _record(observation: Observation) -> ObservationRecord:
-    record = observation.record
-    if record is None:
+def _marked(frame: Frame, *, instance: Instance, errors: ErrorModel) -> dict[int, int]:
+    """Id → class id of the instances that the oracle marks in a frame."""
+    observation, record, entry = frame.observation, frame.observation.record, frame.record
+    if record is None or entry is None:
         raise UsageError(f"{observation.path}: no {layout.OBSERVATION_JSON}; only --instance sounding works there")
-    return record
+    ids = record.class_ids
+    heard = record.audible_instances(entry)
+    if instance == "category":
+        audible = {source.category for source in record.audible_sources(entry)}
+        chosen = [placed.id for placed in record.instances if placed.category in audible]
+    else:
+        swapped = _swaps(observation, record, errors)
+        chosen = [swapped.get(number, number) for number in heard]
+    categories = {placed.id: placed.category for placed in record.instances}
+    marked = {number: ids[categories[number]] for number in chosen}
+    if heard and (mistaken := _neighbour(observation, record, errors)):
+        neighbour, sounding = mistaken
+        marked.setdefault(neighbour.id, ids[sounding.category])
+    return marked
 
 
-def _category_ids(record: ObservationRecord) -> tuple[int, ...]:
-    return tuple(i.id for i in record.instances if i.category == record.category)
-
-
-def _twin(observation: Observation, errors: ErrorModel) -> int | None:
-    """The id of the twin that is mistaken for the sounding instance in this observation; None: no mistake.
+def _swaps(observation: Observation, record: ObservationRecord, errors: ErrorModel) -> dict[int, int]:
+    """Sounding instance → the silent twin that is taken for it, in all frames; no twin is taken twice.
 
     Drawn evenly from the silent twins that are in sight in some frame of the walk, train or test: nobody mistakes an
     object for another that was never seen. In a frame where that twin is out of sight the mask is black.
     """
-    if not errors.swap or observation.record is None or not errors.happens("swap", observation.key):
-        return None
-    candidates = _seen_twins(observation)
-    if not candidates:
-        return None
-    return candidates[int(errors.rng("twin", observation.key).integers(len(candidates)))]
+    if not errors.swap or not errors.happens("swap", observation.key):
+        return {}
+    seen = _seen(observation)
+    silent = [instance for instance in record.instances if not instance.sounding and instance.id in seen]
+    rng = errors.rng("twin", observation.key)
+    out: dict[int, int] = {}
+    for sounding in record.sounding_instances:
+        twins = [i.id for i in silent if i.category == sounding.category and i.id not in out.values()]
+        if twins:
+            out[sounding.id] = twins[int(rng.integers(len(twins)))]
+    return out
 
 
 @lru_cache(maxsize=4)
-def _seen_twins(observation: Observation) -> tuple[int, ...]:
-    """Ids of the silent twins with a visible pixel in some frame, in the order of the record."""
-    record = _record(observation)
-    twins = [i for i in _category_ids(record) if i != record.sounding.id]
-    seen: set[int] = set()
-    for frame in observation.frames:
-        if seen.issuperset(twins):
-            break
-        seen |= set(np.flatnonzero(np.bincount(frame.instance_ids().ravel())).tolist())
-    return tuple(i for i in twins if i in seen)
+def _seen(observation: Observation) -> frozenset[int]:
+    """Ids of the instances with a visible pixel in some frame, train or test."""
+    ids = (frame.instance_ids() for frame in observation.frames)
+    return frozenset(number for picture in ids for number in np.flatnonzero(np.bincount(picture.ravel())).tolist())
 
 
-def _neighbour(observation: Observation, errors: ErrorModel) -> int | None:
-    """The id of the object that is mistaken for one of the category in this observation; None: no mistake.
+def _neighbour(
+    observation: Observation, record: ObservationRecord, errors: ErrorModel
+) -> tuple[InstanceRecord, InstanceRecord] | None:
+    """(object, the sounding instance that it is mistaken for) in this observation; None: no mistake.
 
     The likeliest category of `CONFUSABLE` that is present, else any other; of several the nearest. Twins are no
     candidates: marking them is what `swap` and ``category`` are about.
     """
-    if not errors.confuse or observation.record is None or not errors.happens("confuse", observation.key):
+    if not errors.confuse or not errors.happens("confuse", observation.key):
         return None
-    record = observation.record
-    others = [i for i in record.instances if i.category != record.category]
-    likely = CONFUSABLE.get(record.category or "", ())  # of a category that the manifest adds nothing is known
+    sounding = record.sounding_instances
+    categories = {instance.category for instance in sounding}
+    pairs = [(other, one) for other in record.instances if other.category not in categories for one in sounding]
 
-    def rank(other: InstanceRecord) -> tuple[int, float, int]:
-        similarity = likely.index(other.category) if other.category in likely else len(likely)
-        return similarity, float(np.linalg.norm(_centre(other) - _centre(record.sounding))), other.id
+    def rank(pair: tuple[InstanceRecord, InstanceRecord]) -> tuple[int, float, int, int]:
+        other, one = pair
+        likely = CONFUSABLE.get(one.category, ())  # of a category that the manifest adds nothing is known
+        similarity = likely.index(other.category) if other.category in likely else len(CONFUSABLE)
+        return similarity, float(np.linalg.norm(_centre(other) - _centre(one))), other.id, one.id
 
-    return min(others, key=rank).id if others else None
+    return min(pairs, key=rank) if pairs else None
 
 
 def _centre(instance: InstanceRecord) -> NDArray[np.float64]:
-    low, high = np.asarray(instance.bounds, dtype=np.float64)
-    return np.asarray(0.5 * (low + high))
+    return np.asarray(np.mean(instance.bounds, axis=0))
 
 
 def oracle_points(observation: Observation) -> NDArray[np.float32]:
@@ -265,9 +300,5 @@ def write_oracle(
     return write_submission(dataset, path, method, only=only, overwrite=overwrite, workers=workers, progress=progress)
 
 
-def _masks(instance: Instance, errors: ErrorModel, frames: tuple[Frame, ...]) -> Iterator[Mask | Prediction]:
-    for frame in frames:
-        if frame.observation.is_sound_scene:
-            yield scene_prediction(frame, category=instance == "category", errors=errors)
-        else:
-            yield oracle_mask(frame, instance=instance, errors=errors)
+def _masks(instance: Instance, errors: ErrorModel, frames: tuple[Frame, ...]) -> Iterator[Prediction]:
+    return (oracle_prediction(frame, instance=instance, errors=errors) for frame in frames)

@@ -133,7 +133,7 @@ def main(root: Path, workers: int | None, report: Path | None) -> None:
     groups: dict[str, list[str]] = {}
     for observation in Dataset(root):
         if observation.is_sound_scene:
-            groups.setdefault(observation.group or observation.key, []).append(observation.key)
+            groups.setdefault(observation.group_key, []).append(observation.key)
     if not groups:
         raise click.UsageError(f"{root}: no observation of part_3")
     keys = [tuple(some) for some in groups.values()]

@@ -78,22 +78,50 @@ def frame_factors(frame: Frame) -> Factors:
     record, here = frame.observation.record, frame.record
     if record is None or here is None:
         return Factors(unavailable=dict.fromkeys(NAMES, NO_RECORD))
-    return _of_sound_scene(record, here) if record.is_sound_scene else _of_one_source(frame, record, here)
-
-
-def _of_one_source(frame: Frame, record: ObservationRecord, here: FrameRecord) -> Factors:
-    """Of a frame of part_1 or part_2."""
-    why = {"snr_db": ALONE}
-    if record.acoustics.t30 is None:
-        why["t30_s"] = NO_T30
-    drr = _response_drr(frame, here, why)
-    twins, nearest = _twins(record, here, record.category, record.source_at(here))
-    if nearest is None:
-        why["twin_distance_m"] = NO_TWIN
+    t30 = record.acoustics.t30
+    why = {} if t30 is not None else {"t30_s": NO_T30}
+    heard = _heard(frame, record, here, why)
+    if heard is None:
+        why |= {name: NOTHING_AUDIBLE for name in NAMES if name != "t30_s"}
+        return Factors(t30_s=t30, unavailable={name: why[name] for name in NAMES if name in why})
+    twins, nearest = _twins(record, here, heard.category, heard.position)
+    missing = {"drr_db": (heard.drr_db, NO_DIRECT_SOUND), "snr_db": (heard.snr_db, ALONE)}
+    missing |= {"twin_distance_m": (nearest, NO_TWIN)}
+    why = {name: reason for name, (value, reason) in missing.items() if value is None} | why
     return Factors(
-        record.category, here.distance, here.azimuth, here.elevation, record.acoustics.t30, drr, None, twins, nearest,
-        {name: why[name] for name in NAMES if name in why},
+        heard.category, heard.distance, heard.azimuth, heard.elevation, t30, heard.drr_db, heard.snr_db, twins,
+        nearest, {name: why[name] for name in NAMES if name in why},
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Heard:
+    """The source whose factors a frame has, at the frame's time; units as in `Factors`."""
+
+    category: str
+    position: tuple[float, float, float]
+    distance: float | None
+    azimuth: float | None
+    elevation: float | None
+    drr_db: float | None
+    snr_db: float | None = None
+
+
+def _heard(frame: Frame, record: ObservationRecord, here: FrameRecord, why: dict[str, str]) -> _Heard | None:
+    """The loudest audible source, None if there is none; in part_1 and part_2 the one that always sounds, alone."""
+    if here.audible is None:
+        (source,) = record.sound_sources
+        drr = _response_drr(frame, here, why)
+        place = record.source_at(here)
+        return _Heard(source.category, place, here.distance, here.azimuth, here.elevation, drr)
+    loudest = _loudest(here.audible)
+    if loudest is None:
+        return None
+    source = record.source(loudest.source)
+    to = direction_to(here.pose, source.position)
+    return _Heard(
+        source.category, source.position, to.distance, to.azimuth, to.elevation, loudest.drr_db, loudest.snr_db
+    )
 
 
 def _response_drr(frame: Frame, here: FrameRecord, why: dict[str, str]) -> float | None:
@@ -134,35 +162,13 @@ def direct_to_reverberant(response: ArrayLike, distance: float, rate: int = layo
     return math.inf if late <= _NO_PART * whole else 10 * math.log10(early / late)
 
 
-def _of_sound_scene(record: ObservationRecord, here: FrameRecord) -> Factors:
-    """Of a frame of part_3: its source is the loudest that is audible."""
-    why = {} if record.acoustics.t30 is not None else {"t30_s": NO_T30}
-    loudest = _loudest(here.audible or ())
-    if loudest is None:
-        why |= {name: NOTHING_AUDIBLE for name in NAMES if name != "t30_s"}
-        return Factors(t30_s=record.acoustics.t30, unavailable={name: why[name] for name in NAMES if name in why})
-    source = record.source(loudest.source)
-    where = direction_to(here.pose, source.position)
-    twins, nearest = _twins(record, here, source.category, source.position)
-    if loudest.drr_db is None:
-        why["drr_db"] = NO_DIRECT_SOUND
-    if loudest.snr_db is None:
-        why["snr_db"] = ALONE
-    if nearest is None:
-        why["twin_distance_m"] = NO_TWIN
-    return Factors(
-        source.category, where.distance, where.azimuth, where.elevation, record.acoustics.t30, loudest.drr_db,
-        loudest.snr_db, twins, nearest, {name: why[name] for name in NAMES if name in why},
-    )  # fmt: skip
-
-
 def _loudest(audible: Iterable[AudibleRecord]) -> AudibleRecord | None:
     """The source with the highest level, the first of equals; None if none is audible."""
     return max(audible, key=lambda one: one.level_db, default=None)
 
 
 def _twins(
-    record: ObservationRecord, here: FrameRecord, category: str | None, source: tuple[float, float, float]
+    record: ObservationRecord, here: FrameRecord, category: str, source: tuple[float, float, float]
 ) -> tuple[int, float | None]:
     """Number of objects of a category that are silent in a frame, and the distance of the nearest from the source."""
     audible = record.audible_instances(here)

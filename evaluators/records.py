@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from heapq import nsmallest
 from pathlib import Path
 from typing import Literal
 
 from avs3d_bench import layout
+from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.report import Problem, Report
 from avs3d_bench.schema import SubmissionRecord
-from avs3d_bench.scores import ObservationScores, Scores
+from avs3d_bench.scores import ObservationScores, Scores, SiblingScores
 from evaluators.metrics import FrameCounts
 
 Layout = Literal["avs3d", "official"]
@@ -170,6 +171,70 @@ class ScoredObservation:
     warnings: tuple[Problem, ...] = ()
     files: int = 0
     frames: tuple[FrameTally, ...] = ()
+
+
+@dataclass(frozen=True)
+class ObservationFigures:
+    """What the counts of one observation come to.
+
+    Attributes:
+        scores: of the submission.
+        references: name of the reference → its scores.
+        frames: the test frames, for the pictures of a report.
+        tallies: their counts.
+    """
+
+    scores: ObservationScores
+    references: Mapping[str, ObservationScores]
+    frames: Sequence[FrameScore]
+    tallies: tuple[FrameTally, ...]
+
+
+@dataclass(frozen=True)
+class GroupFigures:
+    """What the counts of observations that were scored together come to.
+
+    Attributes:
+        observations: one for each, in their order.
+        siblings: the pairs; None but in part_3.
+        references: name of the reference → its pairs.
+        shown: a frame for the report; None if the truths of no pair differ.
+    """
+
+    observations: Sequence[ObservationFigures]
+    siblings: SiblingScores | None = None
+    references: Mapping[str, SiblingScores] = field(default_factory=dict)
+    shown: SiblingFrame | None = None
+
+
+@dataclass(frozen=True)
+class GroupOutcome:
+    """The scores of observations that were scored together: the siblings of a group of part_3, else one alone.
+
+    Attributes:
+        outcomes: of each observation, by key.
+        siblings: the pairs; None but in part_3, and if a file of the submission is bad.
+        references: name of the reference → its pairs.
+        shown: a frame for the report; None if the truths of no pair differ.
+    """
+
+    outcomes: Mapping[str, ScoredObservation]
+    siblings: SiblingScores | None = None
+    references: Mapping[str, SiblingScores] = field(default_factory=dict)
+    shown: SiblingFrame | None = None
+
+
+def observation_scores(observation: Observation, frames: int, **protocols: object) -> ObservationScores:
+    """The record of scores of an observation.
+
+    Args:
+        observation: that was scored.
+        frames: number of its test frames.
+        protocols: fields of `ObservationScores` that depend on the protocol.
+    """
+    place = observation.place
+    about = {"key": observation.key, "part": place.part, "scan": place.scan, "room": place.room}
+    return ObservationScores.model_validate(about | {"category": observation.category, "frames": frames} | protocols)
 
 
 @dataclass(frozen=True, repr=False)

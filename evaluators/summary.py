@@ -27,8 +27,7 @@ from avs3d_bench.taxonomy import PARTS, ROOMS, class_ids
 from evaluators import bootstrap
 from evaluators.origin import this_machine, totals
 from evaluators.protocols import NO_INSTANCE_MASKS, summarise
-from evaluators.records import ScoredObservation, Submission
-from evaluators.sound_scenes import GroupOutcome
+from evaluators.records import GroupOutcome, ScoredObservation, Submission
 from evaluators.volume import VOXEL_SIZE
 
 
@@ -49,7 +48,7 @@ def score_record(
         wanted: the protocols.
         points: whether the submission has 3D predictions.
         outcomes: of the observations, in their order; none of them bad.
-        groups: of the groups of part_3, in their order.
+        groups: of the observations that were scored together, in their order.
         software: that computed the figures.
     """
     scored = [outcome.scores for outcome in outcomes if outcome.scores is not None]

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tiny
+import tiny_scenes
 
 from avs3d_bench import layout, media
 from avs3d_bench.colmap import write_model
@@ -53,6 +54,44 @@ def test_a_frame_gives_all_it_has(ours: Path):
     assert frame.impulse_response().shape == (2, 8)
     assert frame.pose.position == pytest.approx(pose.position)
     assert frame.record.visible_pixels == frame.mask().sum()
+
+
+@pytest.mark.parametrize("key", [tiny.SINGLE, tiny.MULTI])
+def test_one_source_that_always_sounds_reads_as_those_of_part_3_do(ours: Path, key: str):
+    observation = Dataset(ours)[key]
+    record = observation.record
+    assert record is not None
+    assert record.sources is None, "the file is as it was"
+    (source,) = record.sound_sources
+    assert (source.id, source.instance, source.category) == ("source_1", record.sounding.id, record.category)
+    assert (source.position, source.room) == (record.source_position, record.room)
+    assert record.first_instance == record.sounding
+    assert record.source("source_1") == source
+    assert observation.group_key == key
+    ((start, end),) = source.programme
+    for frame, entry in zip(observation.frames, record.frames, strict=True):
+        assert start <= entry.time < entry.time + 1 <= end
+        assert record.audible_sources(entry) == (source,)
+        assert record.audible_instances(entry) == (source.instance,)
+        value = record.class_ids[source.category]
+        kinds = frame.category_mask()
+        assert kinds.dtype == np.uint8
+        np.testing.assert_array_equal(kinds, np.where(frame.instance_ids() == source.instance, value, 0))
+
+
+def test_the_sources_of_part_3_are_those_of_the_file(tmp_path: Path):
+    data = Dataset(tiny_scenes.write_sound_scenes(tmp_path / "data", frames=9))
+    for key in tiny_scenes.GROUP:
+        record = data[key].record
+        assert record is not None
+        assert record.sound_sources == record.sources
+        for entry in record.frames:
+            assert [source.id for source in record.audible_sources(entry)] == [
+                one.source for one in entry.audible or ()
+            ]
+        assert data[key].group_key == tiny_scenes.FIRST
+    assert data[tiny_scenes.SILENT].record.first_instance is None  # no source
+    assert data[tiny_scenes.AWAY].record.first_instance is None  # its source is in another room
 
 
 def test_the_split_is_seven_to_one(ours: Path):

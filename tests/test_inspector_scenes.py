@@ -32,13 +32,13 @@ from avs3d_bench.inspector.contact_sheet import draw_contact_sheet
 from avs3d_bench.inspector.facts import read_facts
 from avs3d_bench.inspector.live import LiveSite
 from avs3d_bench.inspector.site import NotThereError, ObservationSite
-from avs3d_bench.inspector.sound_scenes import (
+from avs3d_bench.inspector.sources import (
     SOURCE_COLOURS,
     find_siblings,
     instance_colours,
-    read_sound_scene,
-    scene_kinds,
-    scene_title,
+    read_sound,
+    sound_kinds,
+    sound_title,
     source_colours,
     stem_levels,
 )
@@ -87,8 +87,8 @@ def copied(root: Path, target: Path) -> Path:
 
 def test_titles_say_what_sounds(root: Path) -> None:
     records = {observation.key: observation.record for observation in Dataset(root)}
-    assert {key: scene_title(record) for key, record in records.items() if record} == TITLES
-    kinds = {key: scene_kinds(record) for key, record in records.items() if record}
+    assert {key: sound_title(record) for key, record in records.items() if record} == TITLES
+    kinds = {key: sound_kinds(record) for key, record in records.items() if record}
     assert kinds[FIRST] == ("one",)
     assert kinds[BOTH] == ("several", "background")
     assert kinds[SILENT] == ("silence",)
@@ -100,7 +100,7 @@ def test_room_tone_is_silence_and_noise_is_not(root: Path) -> None:
     assert record is not None
     for kind, title in (("room_tone", "silence, room tone"), ("noise", "noise alone")):
         background = BackgroundRecord(kind=kind, snr_db=20.0, level_db=-50.0)
-        assert scene_title(record.model_copy(update={"background": background})) == title
+        assert sound_title(record.model_copy(update={"background": background})) == title
 
 
 def test_an_instance_has_one_colour_in_all_siblings_and_no_two_sources_share_one(root: Path) -> None:
@@ -120,7 +120,7 @@ def test_an_instance_has_one_colour_in_all_siblings_and_no_two_sources_share_one
 
 def test_lanes_are_those_of_the_record(root: Path) -> None:
     observation = Dataset(root)[BOTH]
-    scene, record = read_sound_scene(observation), observation.record
+    scene, record = read_sound(observation), observation.record
     assert scene is not None
     assert record is not None
     first, second, third = scene.sources
@@ -137,7 +137,7 @@ def test_lanes_are_those_of_the_record(root: Path) -> None:
 
 def test_levels_of_stems_are_those_of_the_record_and_silence_has_none(root: Path) -> None:
     observation = Dataset(root)[BOTH]
-    scene = read_sound_scene(observation)
+    scene = read_sound(observation)
     assert scene is not None
     levels, problems = stem_levels(observation, scene)
     assert list(levels) == ["source_1", "source_2", "source_3", "background"]
@@ -157,7 +157,7 @@ def test_tracks_of_the_stems_add_up_to_the_track(root: Path) -> None:
         samples, _ = soundfile.read(io.BytesIO(track.data), dtype="float64", always_2d=True)
         return samples / 10 ** (track.gain / 20)
 
-    scene = read_sound_scene(observation)
+    scene = read_sound(observation)
     assert scene is not None
     total = sum(heard(sound.read_stem_track(observation, name)) for name in scene.stem_names)
     np.testing.assert_allclose(total, heard(sound.read_track(observation)), atol=5 * 0.51 / 2**15)
@@ -353,13 +353,13 @@ def test_a_film_marks_each_audible_source_in_its_colour(root: Path) -> None:
     dataset = Dataset(root)
     observation = dataset[BOTH]
     facts = read_facts(dataset, observation)
-    assert facts.scene is not None
+    assert facts.lanes is not None
     for number in (0, 3):
         frame = observation.frames[number]
         audible = _audible(frame, facts, number, marked=True)
         assert audible is not None
         names = [source.name for source in audible]
-        assert names == [source.name for source in facts.scene.audible(number)]
+        assert names == [source.name for source in facts.lanes.audible(number)]
         union = np.any([source.mask for source in audible if source.mask is not None], axis=0)
         assert (union == frame.mask()).all()
         canvas = Canvas.of(frame.rgb().shape, 960)
@@ -369,10 +369,10 @@ def test_a_film_marks_each_audible_source_in_its_colour(root: Path) -> None:
         )  # fmt: skip
         picture = canvas.draw(shown, "outline")[: canvas.picture]
         picture[:170, :400] = 0  # the legend
-        for source in facts.scene.sources:
+        for source in facts.lanes.sources:
             visible = source.record.instance in np.unique(frame.instance_ids()[frame.mask()])
             assert near(picture, source.colour).any() == visible
-        assert near(canvas.draw(shown, "none")[:170, :400], facts.scene.sources[2].colour).any(), "the legend"
+        assert near(canvas.draw(shown, "none")[:170, :400], facts.lanes.sources[2].colour).any(), "the legend"
     silent = canvas.draw(Shown(**{**shown.__dict__, "audible": ()}), "tint")
     assert not any(near(silent, colour).any() for colour in (*SOURCE_COLOURS, TRUTH))
 
@@ -393,8 +393,8 @@ def test_the_map_of_a_film_shows_a_source_of_another_room_at_its_border(root: Pa
     facts = read_facts(dataset, dataset[AWAY])
     inset = MapInset.of(dataset[AWAY], facts, 720)
     assert inset is not None
-    assert facts.scene is not None
-    marked = np.argwhere(near(inset.draw(0), facts.scene.sources[0].colour))
+    assert facts.lanes is not None
+    marked = np.argwhere(near(inset.draw(0), facts.lanes.sources[0].colour))
     assert len(marked)
     assert marked[:, 1].mean() < 0.2 * inset.draw(0).shape[1], "it is to the left of the room"
     both = read_facts(dataset, dataset[BOTH])
@@ -699,7 +699,7 @@ def test_the_map_shows_all_sources_and_those_of_other_rooms_at_its_border(site: 
 
 def test_the_truth_has_the_colours_of_the_sources(root: Path, browser: Any) -> None:
     observation = Dataset(root)[BOTH]
-    scene = read_sound_scene(observation)
+    scene = read_sound(observation)
     assert scene is not None
     read = """(at) => {
       const copy = document.createElement('canvas').getContext('2d', { willReadFrequently: true });

@@ -540,7 +540,7 @@ def letters(frame: Picture, name: str) -> np.ndarray:
 
 
 def evaluated_scenes(example: Example) -> dict[str, Values]:
-    """Prefix → name → value, by the evaluator: the counts of `evaluators.sound_scenes` from arrays."""
+    """Prefix → name → value, by the evaluator: the counts of `evaluators.sibling_counts` from arrays."""
     numbers, frames = siblings_in(example), list(example.frames.values())
     keys = [f"part_3/drawn/kitchen/{number}" for number in numbers]
     truths = [[letters(frame, f"truth_{n}") for n in numbers] for frame in frames]

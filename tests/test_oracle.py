@@ -232,7 +232,7 @@ def test_which_neighbour_is_taken(dataset: Dataset, tmp_path: Path, others: tupl
     observation = _with_instances(dataset, tmp_path / "data", *others)
     frame = observation.frames[0]
     ids = np.zeros((tiny.SIZE, tiny.SIZE), np.uint8)
-    ids[:4, :9] = np.arange(9)
+    ids[:4, 2:9] = np.arange(2, 9)
     frame.path("instance_masks").unlink()
     media.write_png_ids(frame.path("instance_masks"), ids)
     added = oracle_mask(frame, instance="sounding", errors=ErrorModel(confuse=1)) & ~frame.mask()

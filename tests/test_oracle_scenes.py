@@ -16,9 +16,8 @@ from avs3d_bench.cli import main
 from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.errors import Avs3dError, UsageError
 from baselines.deaf import choose_single, write_deaf
-from baselines.oracle import oracle_mask, oracle_points, write_oracle
+from baselines.oracle import oracle_mask, oracle_points, oracle_prediction, write_oracle
 from baselines.oracle_errors import ErrorModel
-from baselines.oracle_scenes import scene_prediction
 from baselines.trivial import TRIVIAL, write_trivial
 from evaluators.score import evaluate
 
@@ -53,7 +52,7 @@ def test_the_category_oracle_marks_all_of_the_audible_categories(data: Path):
         one = frame(data, key)
         expected = np.isin(one.instance_ids(), kinds)
         np.testing.assert_array_equal(oracle_mask(one, instance="category"), expected)
-        found = scene_prediction(one, category=True, errors=ErrorModel())
+        found = oracle_prediction(one, instance="category", errors=ErrorModel())
         ids = one.instance_ids()
         classes = np.where(np.isin(ids, (1, 3)), MICROWAVE, np.where(ids == 2, TELEPHONE, 0)) * expected
         np.testing.assert_array_equal(found.categories, classes)
@@ -68,7 +67,7 @@ def test_the_category_oracle_cannot_tell_twins_apart(data: Path, tmp_path: Path)
 
 def test_a_swap_takes_a_silent_twin_and_names_its_class(data: Path):
     one = frame(data, FIRST)
-    found = scene_prediction(one, category=False, errors=ErrorModel(swap=1))
+    found = oracle_prediction(one, instance="sounding", errors=ErrorModel(swap=1))
     np.testing.assert_array_equal(found.mask, one.instance_ids() == 3)
     np.testing.assert_array_equal(found.categories, (one.instance_ids() == 3) * MICROWAVE)
     # In BOTH the two microwaves sound by turns: there is no silent twin. Under silence there is nothing to swap.
@@ -81,7 +80,7 @@ def test_a_swap_takes_a_silent_twin_and_names_its_class(data: Path):
 def test_a_confused_neighbour_is_marked_while_something_sounds_and_named_as_what_it_is_taken_for(data: Path):
     errors = ErrorModel(confuse=1)
     one = frame(data, FIRST)
-    found = scene_prediction(one, category=False, errors=errors)
+    found = oracle_prediction(one, instance="sounding", errors=errors)
     ids = one.instance_ids()
     np.testing.assert_array_equal(found.mask, np.isin(ids, (1, 2)))
     np.testing.assert_array_equal(found.categories, np.isin(ids, (1, 2)) * MICROWAVE)
@@ -90,7 +89,7 @@ def test_a_confused_neighbour_is_marked_while_something_sounds_and_named_as_what
 
 
 def test_a_dropped_frame_is_empty_in_both(data: Path):
-    found = scene_prediction(frame(data, BOTH), category=False, errors=ErrorModel(drop=1))
+    found = oracle_prediction(frame(data, BOTH), instance="sounding", errors=ErrorModel(drop=1))
     assert not np.any(found.mask)
     assert found.categories is not None
     assert not np.any(found.categories)
@@ -100,7 +99,7 @@ def test_a_dropped_frame_is_empty_in_both(data: Path):
 def test_outlines_of_classes_move_with_the_mask(data: Path, pixels: int):
     one = frame(data, BOTH, 3)
     true, kinds = one.mask(), one.category_mask()
-    found = scene_prediction(one, category=False, errors=ErrorModel(dilate=pixels))
+    found = oracle_prediction(one, instance="sounding", errors=ErrorModel(dilate=pixels))
     mask, classes = np.asarray(found.mask), np.asarray(found.categories)
     assert mask.sum() > true.sum() if pixels > 0 else mask.sum() < true.sum()
     np.testing.assert_array_equal(mask, classes > 0)

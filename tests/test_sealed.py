@@ -160,7 +160,7 @@ def test_siblings_are_found_by_their_pictures(scenes: Path) -> None:
     public, whole = Dataset(scenes / "public"), Dataset(scenes / "public", truth=scenes / "private")
     groups: dict[str, set[str]] = {}
     for observation in whole:
-        groups.setdefault(observation.group or observation.key, set()).add(observation.key)
+        groups.setdefault(observation.group_key, set()).add(observation.key)
     assert any(len(keys) > 1 for keys in groups.values())
     for keys in groups.values():
         assert {public[key].group for key in keys} == {min(keys)}

@@ -19,7 +19,7 @@ from avs3d_bench import layout, media
 from avs3d_bench.dataset import Observation
 from avs3d_bench.schema import AudibleRecord, FrameRecord, ObservationRecord
 from avs3d_bench.validate import check_observation, validate
-from avs3d_bench.validation import background, scenes
+from avs3d_bench.validation import background, sources
 from avs3d_bench.validation.catalogue import read_facts
 from avs3d_bench.validation.interaural import hearings
 from avs3d_bench.validation.sound import BinauralClip
@@ -82,12 +82,12 @@ def test_the_level_of_a_clip_lies_between_difference_and_sum(stem: float, rest: 
     a, b = 10 ** (stem / 20), 10 ** (rest / 20)
     clip = math.sqrt(max(a * a + b * b + 2 * angle * a * b, 0.0))
     assume(clip > 1e-9)
-    low, high = scenes._range(AudibleRecord(source="source_1", level_db=stem, drr_db=None, snr_db=stem - rest))
-    assert low - 1e-6 <= scenes.decibels(clip) <= high + 1e-6
+    low, high = sources._range(AudibleRecord(source="source_1", level_db=stem, drr_db=None, snr_db=stem - rest))
+    assert low - 1e-6 <= sources.decibels(clip) <= high + 1e-6
 
 
 def test_a_source_alone_is_the_clip():
-    low, high = scenes._range(AudibleRecord(source="source_1", level_db=-20.0, drr_db=None, snr_db=None))
+    low, high = sources._range(AudibleRecord(source="source_1", level_db=-20.0, drr_db=None, snr_db=None))
     assert low == pytest.approx(-20.0)
     assert high == pytest.approx(-20.0)
 
@@ -101,7 +101,7 @@ def test_when_a_source_can_be_heard(root: Path, start: float, end: float, tail: 
     """Of the programme [0, 2), [4.5, 6)."""
     source = record_of(root, BOTH).source("source_1")
     assert source.programme[:2] == ((0.0, 2.0), (4.5, 6.0))
-    assert scenes.sounds_during(source, start, end, tail) is expected
+    assert sources.sounds_during(source, start, end, tail) is expected
 
 
 def test_the_tail_follows_the_reverberation_time(root: Path):
@@ -112,11 +112,11 @@ def test_the_tail_follows_the_reverberation_time(root: Path):
     def with_t30(t30: float | None) -> ObservationRecord:
         return record.model_copy(update={"acoustics": record.acoustics.model_copy(update={"t30": t30})})
 
-    assert scenes.tail_of(with_t30(None), source) == 2.0
-    assert scenes.tail_of(with_t30(0.5), source) == pytest.approx(1.5)
-    assert scenes.tail_of(with_t30(0.1), source) == 1.0
-    assert scenes.tail_of(with_t30(5.0), source) == 2.0
-    assert scenes.tail_of(with_t30(0.1), away) == 2.0  # of another room nothing is known
+    assert sources.tail_of(with_t30(None), source) == 2.0
+    assert sources.tail_of(with_t30(0.5), source) == pytest.approx(1.5)
+    assert sources.tail_of(with_t30(0.1), source) == 1.0
+    assert sources.tail_of(with_t30(5.0), source) == 2.0
+    assert sources.tail_of(with_t30(0.1), away) == 2.0  # of another room nothing is known
 
 
 # --- by which source a clip is judged -------------------------------------------------------------------------------

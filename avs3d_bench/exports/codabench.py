@@ -210,7 +210,7 @@ def _phases(public: Dataset, private: Dataset, settings: CompetitionSettings) ->
             f"--development: {' '.join(settings.development)} matches {matched} observation; expected some of "
             f"{', '.join(public.keys[:3])}"
         )
-    groups = {key: Observation(private.root, key).group or key for key in public.keys}
+    groups = {key: Observation(private.root, key).group_key for key in public.keys}
     split = {groups[key] for key in first} & {groups[key] for key in rest}
     if split:
         raise UsageError(

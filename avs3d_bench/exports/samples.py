@@ -359,7 +359,7 @@ def frame_facts(frame: Frame) -> dict[str, Any]:
     if record is None or mine is None:
         empty = ("source_position", "source_moves", "sounding_instance", "sounding_position", "sounding_rotation")
         return facts | dict.fromkeys((*empty, "instances", "t30", "variant_of"))
-    there, sounding = mine.instance_pose, _first_sounding(record)
+    there, sounding = mine.instance_pose, record.first_instance
     facts |= {
         "source_position": list(record.source_at(mine)) if record.source_position else None,
         "source_moves": record.moves,
@@ -378,11 +378,3 @@ def frame_facts(frame: Frame) -> dict[str, Any]:
 def receiver_facts(record: ObservationRecord) -> dict[str, Any]:
     """The receivers beside the two ears: name → channels, as plain data."""
     return {name: found.model_dump(mode="json") for name, found in record.acoustics.receivers.items()}
-
-
-def _first_sounding(record: ObservationRecord) -> InstanceRecord | None:
-    """The instance that sounds; in part_3 that of the first source, None if it is off-screen or there is none."""
-    if record.sources is None:
-        return record.sounding
-    number = record.sources[0].instance if record.sources else None
-    return next((instance for instance in record.instances if instance.id == number), None)

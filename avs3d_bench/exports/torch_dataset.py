@@ -57,37 +57,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from avs3d_bench import media
-from avs3d_bench.dataset import Frame, Observation
+from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.exports.samples import (
-    ALL_KINDS,
-    FileKind,
-    check_split,
-    file_kinds,
-    frame_facts,
-    frames_of,
-    has_sound_scenes,
-    select,
-)
-from avs3d_bench.exports.torch_scenes import (
-    CATEGORIES,
-    NO_CATEGORY,
-    NO_SOURCE,
-    STEMS,
-    SceneFiles,
-    Scenes,
-    audible_classes,
-    read_binaural,
-    read_second,
-)
-from avs3d_bench.exports.webdataset import planes
+from avs3d_bench.exports.samples import ALL_KINDS, check_split, file_kinds, frames_of, has_sound_scenes, select
+from avs3d_bench.exports.torch_items import ClassKeys, ItemFacts
 from avs3d_bench.imports import import_by_name, needing
-from avs3d_bench.taxonomy import class_ids
 
 if TYPE_CHECKING:
     from torch.utils.data import Dataset as _TorchDataset
@@ -96,19 +72,6 @@ else:
         _TorchDataset = import_by_name("torch.utils.data:Dataset")
 
 Item = dict[str, Any]
-#: Facts of a frame that become tensors, with their types; the rest of `frame_facts` is for files.
-_NUMBERS = {
-    "intrinsics": np.float32,
-    "camera_to_world": np.float32,
-    "source_position": np.float32,
-    "azimuth": np.float32,
-    "elevation": np.float32,
-    "distance": np.float32,
-    "visible_pixels": np.int64,
-    "sounding_instance": np.int64,
-}
-_NO_POSE = [[float("nan")] * 4] * 4
-_TEXTS = ("category", "key", "frame", "split")
 
 
 @dataclass(frozen=True)
@@ -118,47 +81,6 @@ class _Place:
     observation: int
     name: str
     index: int
-
-
-@dataclass(frozen=True, eq=False)
-class _Facts:
-    """An observation in small arrays: (n, …) per number, by frame name; and the folders of its files."""
-
-    rows: dict[str, int]
-    numbers: dict[str, NDArray[Any]]
-    texts: dict[str, tuple[str, ...]]
-    kinds: dict[str, FileKind]
-    scene: SceneFiles
-
-
-def read_planes(path: str | Path) -> NDArray[np.uint8]:
-    """A picture as (3, H, W) uint8 RGB: one pass from OpenCV's BGR, no copy in between.
-
-    Raises:
-        Avs3dError: if the file is missing, truncated, damaged or no 8-bit RGB picture.
-    """
-
-    def check(header: media.PngHeader) -> None:
-        if header.bits != 8 or header.colour_type not in (2, 6):
-            raise Avs3dError(f"{path}: {header.mode}, expected RGB, 8 bit")
-
-    return planes(media.decode_png(path, cv2.IMREAD_COLOR, check))
-
-
-def _read_ids(path: str | Path) -> NDArray[np.int32]:
-    return media.read_png_ids(path).astype(np.int32)
-
-
-#: Flag of the constructor → (kind of file, key of the item, reader).
-_READERS: dict[str, tuple[str, Callable[[Path], NDArray[Any]]]] = {
-    "rgb": ("rgb", read_planes),
-    "binaural": ("binaural", read_binaural),
-    "ambisonics": ("ambisonics", read_second),
-    "array": ("array", read_second),
-    "mask": ("mask", media.read_png_mask),
-    "instances": ("instance_ids", _read_ids),
-    "depth": ("depth", media.read_png_depth),
-}
 
 
 class AVS3DDataset(_TorchDataset[Item]):
@@ -219,15 +141,15 @@ class AVS3DDataset(_TorchDataset[Item]):
         asked = {"rgb": frames, "binaural": audio, "mask": mask, "instances": instances, "depth": depth}
         asked |= {"ambisonics": ambisonics, "array": array}
         self._read = tuple(name for name, wanted in asked.items() if wanted)
-        self._scenes: Scenes | None = None
+        self._class_keys: ClassKeys | None = None
         if has_sound_scenes(self.keys):
-            self._scenes = Scenes.among(dataset, self.keys, categories=categories, stems=stems)
-        self._facts: dict[int, _Facts] = {}
+            self._class_keys = ClassKeys.among(dataset, self.keys, categories=categories, stems=stems)
+        self._facts: dict[int, ItemFacts] = {}
         self._places: list[tuple[_Place, ...]] = []
         self._windows: list[tuple[_Place, ...]] = []
         for number, key in enumerate(self.keys):
             observation = Observation(self.root, key)
-            names = (*self._read, *(self._scenes.kinds(observation) if self._scenes else ()))
+            names = (*self._read, *(self._class_keys.kinds(observation) if self._class_keys else ()))
             found = file_kinds(observation, names)
             for name in names:
                 if name not in found:
@@ -274,22 +196,19 @@ class AVS3DDataset(_TorchDataset[Item]):
     def _frame(self, place: _Place) -> Item:
         import torch
 
+        base = self.root / self.keys[place.observation]
         facts = self._facts.get(place.observation)
         if facts is None:
             observation = Observation(self.root, self.keys[place.observation])
-            facts = self._facts[place.observation] = _facts(observation, self._places[place.observation], self._scenes)
-        base, row = self.root / self.keys[place.observation], facts.rows[place.name]
-        out: Item = {}
-        for name in self._read:
-            key, read = _READERS[name]
-            out[key] = torch.from_numpy(read(facts.kinds[name].file(base, place.name, place.index)))
+            frames = [(each.name, each.index) for each in self._places[place.observation]]
+            facts = self._facts[place.observation] = ItemFacts.of(observation, frames, self._class_keys)
+        row = facts.rows[place.name]
+        arrays = facts.read(self._read, self._class_keys, base, (place.name, place.index))
+        out: Item = {name: torch.from_numpy(value) for name, value in arrays.items()}
         # A copy of a few numbers: transforms may write into what they get.
         out |= {name: torch.from_numpy(np.array(values[row])) for name, values in facts.numbers.items()}
         out |= {name: values[row] for name, values in facts.texts.items()}
         out["frame_index"] = place.index
-        if self._scenes is not None:
-            scene = facts.scene.read(self._scenes, base, place.name, place.index)
-            out |= {name: torch.from_numpy(value) for name, value in scene.items()}
         return out
 
 
@@ -303,37 +222,3 @@ def _together(name: str, values: list[Any], torch_: Any) -> Any:
     if isinstance(values[0], str):
         return values
     return torch_.stack([torch_.as_tensor(value) for value in values])
-
-
-def _facts(observation: Observation, places: Sequence[_Place], scenes: Scenes | None) -> _Facts:
-    """Read what is known of some frames, from the observation's record (or its `sparse/0`), into small arrays."""
-    # Not the frames that lie there now: a file that has vanished since is named when it is read.
-    frames = [Frame(observation, place.name, place.index) for place in places]
-    table = [frame_facts(frame) for frame in frames]
-    record = observation.record
-    for facts in table:
-        # An observation with a frame that COLMAP did not register has the same keys as the others in its batch.
-        facts["camera_to_world"] = facts["camera_to_world"] or _NO_POSE
-        if record is not None and record.is_sound_scene:
-            facts |= {name: value for name, value in NO_SOURCE.items() if facts[name] is None}
-    numbers = {
-        name: np.array([facts[name] for facts in table], dtype=kind)
-        for name, kind in _NUMBERS.items()
-        if all(facts[name] is not None for facts in table)
-    }
-    classes = class_ids((record.categories if record else None) or (scenes.own if scenes else ()))
-    class_id = 0 if observation.category is None else classes[observation.category]
-    if record is not None:
-        numbers["category_index"] = np.full(len(frames), class_id - 1 if class_id else NO_CATEGORY, dtype=np.int64)
-    texts = {
-        name: tuple(str(facts[name]) for facts in table)
-        for name in _TEXTS
-        if all(facts[name] is not None for facts in table)
-    }
-    if scenes is not None:
-        texts["group"] = (observation.group or observation.key,) * len(frames)
-        numbers["audible"] = np.array([audible_classes(record, frame, classes, class_id) for frame in frames])
-    sounding = tuple(classes[source.category] for source in (record.sources if record else None) or ())
-    rows = {frame.name: row for row, frame in enumerate(frames)}
-    kinds = file_kinds(observation, (*_READERS, CATEGORIES, STEMS))
-    return _Facts(rows, numbers, texts, kinds, SceneFiles(kinds, class_id, sounding))

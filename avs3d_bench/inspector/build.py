@@ -146,7 +146,7 @@ def _build_observation(
             with site.reading():
                 shown = PageOf(site, task.before, task.after, linked=False, problems=tuple(problems))
                 page = observation_page(shown)
-                if site.facts.scene is not None:
+                if site.facts.lanes is not None:
                     write_bytes(task.folder / task.key / SCENE, sibling_script(shown))
                 problems = few(site.observation, [*problems, *site.mask_problems, *site.stem_problems])
         except DamagedError as error:
@@ -193,7 +193,7 @@ def _write_files(
 
 def _shared_picture(site: ObservationSite, name: str) -> Path | None:
     """The picture of which the file ``name`` is made, where siblings may share it."""
-    if site.facts.scene is None or not name.startswith("frames/"):
+    if site.facts.lanes is None or not name.startswith("frames/"):
         return None
     picture = site.observation.path / layout.INPUT / f"{Path(name).stem}.png"
     return picture if picture.is_file() else None

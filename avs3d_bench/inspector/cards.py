@@ -9,7 +9,7 @@ from avs3d_bench import layout
 from avs3d_bench.dataset import Frame, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.inspector import pictures
-from avs3d_bench.inspector.sound_scenes import scene_kinds, scene_title
+from avs3d_bench.inspector.sources import sound_kinds, sound_title
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class GalleryCard:
         outline: SVG path of the object in the thumbnail, in a square of 1000 × 1000.
         problem: why the observation cannot be shown; None where it can.
         scene: what sounds, in part_3; None in the other parts.
-        kinds: of the scene, see `sound_scenes.SCENE_KINDS`.
+        kinds: of the scene, see `sources.SOUND_KINDS`.
         categories: of everything that sounds.
         group: key of the observation of part_3 whose pictures this one has.
     """
@@ -73,8 +73,8 @@ def read_card(observation: Observation, poster: Frame) -> GalleryCard:
             seen=seen,
             t30=record.acoustics.t30,
             outline=outline,
-            scene=scene_title(record),
-            kinds=scene_kinds(record),
+            scene=sound_title(record),
+            kinds=sound_kinds(record),
             categories=tuple(sorted({source.category for source in record.sources or ()})),
             group=record.group,
         )

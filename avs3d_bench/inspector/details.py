@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.inspector.moments import Moment
-from avs3d_bench.inspector.sound_scenes import ShownScene
+from avs3d_bench.inspector.sources import ShownSound
 from avs3d_bench.schema import AttributionRecord, LicenceRecord, unique_attributions
 
 
@@ -13,7 +13,7 @@ def list_details(
     observation: Observation,
     moments: tuple[Moment, ...],
     hfov: float | None,
-    scene: ShownScene | None,
+    sound: ShownSound | None,
 ) -> tuple[tuple[str, str], ...]:
     """(term, text) pairs of an observation: its frames, camera, backends, dataset, as far as they are known."""
     record = observation.record
@@ -25,9 +25,9 @@ def list_details(
     sight = [moment.line_of_sight for moment in moments if moment.line_of_sight is not None]
     if sight:
         rows.append(("Line of sight", f"in {sum(sight)} of {len(sight)} frames"))
-    if scene is not None and scene.background is not None:
-        background = scene.background
-        over = f", {background.snr_db:g} dB below the sources" if scene.sources else ""
+    if sound is not None and sound.background is not None:
+        background = sound.background
+        over = f", {background.snr_db:g} dB below the sources" if sound.sources else ""
         level = f"{background.level_db:.0f} dB".replace("-", "−")
         rows.append(("Background", f"{background.kind.replace('_', ' ')}, {level}{over}"))
     away = [moment.distance for moment in moments if moment.distance is not None]

@@ -21,7 +21,7 @@ from avs3d_bench.errors import Avs3dError
 from avs3d_bench.inspector.details import list_details, list_licences
 from avs3d_bench.inspector.moments import Moment
 from avs3d_bench.inspector.sound import read_clip
-from avs3d_bench.inspector.sound_scenes import ShownScene, read_sound_scene
+from avs3d_bench.inspector.sources import ShownSound, read_sound
 from avs3d_bench.levels import ild_db, level_db
 from avs3d_bench.schema import AttributionRecord, InstanceRecord
 
@@ -56,7 +56,7 @@ class PageFacts:
         has_sound: there are binaural clips.
         has_map: there is a sparse model or a path to draw.
         has_ambisonics: there are ambisonic clips.
-        scene: the sources of an observation of part_3; None in the other parts.
+        sound: its sources; None in the official release.
     """
 
     key: str
@@ -76,8 +76,13 @@ class PageFacts:
     has_instances: bool
     has_sound: bool
     has_map: bool
-    scene: ShownScene | None = None
+    sound: ShownSound | None = None
     has_ambisonics: bool = False
+
+    @property
+    def lanes(self) -> ShownSound | None:
+        """The sound where each source is shown for itself; None where one always sounds, or nothing is known."""
+        return None if self.sound is None or self.sound.always else self.sound
 
     def is_twin(self, instance: InstanceRecord) -> bool:
         """Whether an instance is silent and has the category of one that sounds."""
@@ -103,7 +108,7 @@ def read_facts(dataset: Dataset, observation: Observation) -> PageFacts:
     has_sound = _has(folder / layout.BINAURAL, "*.wav", "No audio_clips_binaural/: the player is silent.", missing)
     hfov = _field_of_view(observation, missing, problems)
     moments = tuple(_measured(observation, hfov is not None, has_sound, has_masks, problems))
-    scene = read_sound_scene(observation)
+    sound = read_sound(observation)
     return PageFacts(
         key=observation.key,
         place=observation.place,
@@ -112,7 +117,7 @@ def read_facts(dataset: Dataset, observation: Observation) -> PageFacts:
         instances=tuple(sorted(record.instances, key=lambda i: i.id)) if record else (),
         moves=bool(record and record.moves),
         t30=record.acoustics.t30 if record else None,
-        details=list_details(dataset, observation, moments, hfov, scene),
+        details=list_details(dataset, observation, moments, hfov, sound),
         notes=tuple(n for n in (*record.notes, record.acoustics.notes) if n) if record else (),
         licences=list_licences(dataset, observation),
         missing=tuple(missing),
@@ -123,7 +128,7 @@ def read_facts(dataset: Dataset, observation: Observation) -> PageFacts:
         has_sound=has_sound,
         has_ambisonics=record is not None and record.acoustics.ambisonics is not None,
         has_map=any(moment.position for moment in moments),
-        scene=scene,
+        sound=sound,
     )
 
 
@@ -164,16 +169,16 @@ def _measured(
     observation: Observation, poses: bool, has_sound: bool, has_masks: bool, problems: list[str]
 ) -> Iterable[Moment]:
     whole = observation.record
-    scene = whole is not None and whole.is_sound_scene
+    always = whole is not None and whole.sources is None
     # Direction and distance are those of the first source, which says little where there are several.
-    alone = whole is not None and (whole.sources is None or len(whole.sources) == 1)
+    alone = whole is not None and len(whole.sound_sources) == 1
     for frame in observation.frames:
         record = frame.record
         first = record if alone else None
         sound, visible = None, None
         if record is not None:
             sound, visible = (record.rms_left, record.rms_right), record.visible_pixels
-            if scene and not any(sound):
+            if not always and not any(sound):
                 sound = None  # silence has no level
         else:
             try:
@@ -191,7 +196,7 @@ def _measured(
             split=frame.split,
             position=pose.position if pose else None,
             heading=_flat(ahead) if ahead is not None else None,
-            source=whole.source_at(record) if whole and record and not scene else None,
+            source=whole.source_at(record) if whole and record and always else None,
             azimuth=first.azimuth if first else None,
             distance=first.distance if first else None,
             line_of_sight=first.line_of_sight if first else None,

@@ -117,7 +117,7 @@ class LiveSite:
             raise self._damaged(key, name, site.without_paths(str(error))) from error
 
     def _read(self, key: str, site: ObservationSite, name: str) -> bytes:
-        if name == PAGE or (name == SCENE and site.facts.scene is not None):
+        if name == PAGE or (name == SCENE and site.facts.lanes is not None):
             with self._one_at_a_time(key):
                 shown = self._page_of(key, site)
                 return observation_page(shown) if name == PAGE else sibling_script(shown)

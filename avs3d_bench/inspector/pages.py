@@ -19,7 +19,7 @@ from avs3d_bench.inspector.facts import few
 from avs3d_bench.inspector.floorplan import map_bounds
 from avs3d_bench.inspector.moments import Moment
 from avs3d_bench.inspector.site import ObservationSite
-from avs3d_bench.inspector.sound_scenes import SCENE_KINDS, ShownSource
+from avs3d_bench.inspector.sources import SOUND_KINDS, ShownSource
 from avs3d_bench.layout import BACKGROUND
 from avs3d_bench.taxonomy import PARTS, ROOMS
 from avs3d_bench.templates import MISSING, keep_units, template_environment, words
@@ -87,7 +87,7 @@ def gallery_page(dataset: Dataset, cards: Sequence[GalleryCard], submissions: Se
         ("room", "Room", _facet((card.place.room for card in shown), ROOMS, {})),
         ("category", "Sounding object", _facet((c for card in shown for c in _categories(card)), (), titles)),
     ]
-    kinds = _facet((kind for card in shown for kind in card.kinds), tuple(SCENE_KINDS), SCENE_KINDS)
+    kinds = _facet((kind for card in shown for kind in card.kinds), tuple(SOUND_KINDS), SOUND_KINDS)
     if kinds:
         facets.append(("scene", "Sound scene", kinds))
     record = dataset.record
@@ -149,7 +149,6 @@ def _common(page: PageOf) -> dict[str, Any]:
     site, facts = page.site, page.site.facts
     lines = [*page.problems, *site.mask_problems, *site.stem_problems]
     hidden = [site.without_paths(line) for line in few(site.observation, lines)]
-    scene = facts.scene.title if facts.scene else None
     return {
         "root": "../../../../",
         "facts": facts,
@@ -160,7 +159,7 @@ def _common(page: PageOf) -> dict[str, Any]:
         "swatches": {number: hexadecimal(colour) for number, colour in site.colours.items()},
         "colour_of": hexadecimal,
         "track": site.track if facts.has_sound else None,
-        "heading": title(scene or facts.category) if scene or facts.category else facts.key,
+        "heading": title(facts.sound.title) if facts.sound else facts.key,
     }
 
 
@@ -183,7 +182,7 @@ def _player_data(site: ObservationSite, linked: bool) -> dict[str, Any]:
     """Data for the scripts; the names are short because every frame has them."""
     facts, bounds = site.facts, map_bounds(site.facts)
     width, height = site.size
-    more: dict[str, Any] = {} if facts.scene is None else {"scene": _scene_data(site)}
+    more: dict[str, Any] = {} if facts.lanes is None else {"scene": _scene_data(site)}
     if facts.has_ambisonics:
         more["head"] = {"gain": _round(site.track.gain, 3) if facts.has_sound else 0.0}
     return more | {
@@ -193,7 +192,7 @@ def _player_data(site: ObservationSite, linked: bool) -> dict[str, Any]:
         "instances": [
             {
                 "id": i.id,
-                "name": facts.scene.names[i.id] if facts.scene else words(i.category),
+                "name": facts.sound.names[i.id] if facts.sound else words(i.category),
                 "sounding": i.sounding,
                 "twin": facts.is_twin(i),
                 "colour": hexadecimal(site.colours[i.id]),
@@ -223,22 +222,22 @@ def _player_data(site: ObservationSite, linked: bool) -> dict[str, Any]:
 
 def _scene_data(site: ObservationSite) -> dict[str, Any]:
     """Data for the lanes, the map and the plots in part_3; every list has one value for each frame."""
-    scene = site.facts.scene
-    assert scene is not None
+    sound = site.facts.lanes
+    assert sound is not None
     background = None
-    if scene.background is not None:
+    if sound.background is not None:
         background = {
             "id": BACKGROUND,
-            "name": words(scene.background.kind),
-            "snr": _round(scene.background.snr_db, 1),
-            "level": _round(scene.background.level_db, 1),
+            "name": words(sound.background.kind),
+            "snr": _round(sound.background.snr_db, 1),
+            "level": _round(sound.background.level_db, 1),
             "levels": _rounded(site.stem_levels.get(BACKGROUND, ()), 1),
         }
     return {
-        "sources": [_source_data(source, site.stem_levels.get(source.record.id)) for source in scene.sources],
+        "sources": [_source_data(source, site.stem_levels.get(source.record.id)) for source in sound.sources],
         "background": background,
-        "nothing": scene.nothing,
-        "stems": scene.stems,
+        "nothing": sound.nothing,
+        "stems": sound.stems,
         "gain": _round(site.track.gain, 3) if site.facts.has_sound else 0.0,
         "siblings": [{"key": sibling.key, "folder": f"../{sibling.index}/"} for sibling in site.siblings],
     }

@@ -43,7 +43,7 @@ from avs3d_bench.inspector.sound import (
     read_track,
     stem_script,
 )
-from avs3d_bench.inspector.sound_scenes import SiblingLink, find_siblings, stem_levels
+from avs3d_bench.inspector.sources import SiblingLink, find_siblings, stem_levels
 from avs3d_bench.inspector.submissions import Agreement, ShownSubmission
 
 THUMBNAIL, FLOOR, SOUND, PAGE = "thumbnail.webp", "floor.png", "sound.flac", "index.html"
@@ -197,12 +197,8 @@ class ObservationSite:
     @cached_property
     def colours(self) -> dict[int, tuple[int, int, int]]:
         """Instance id → RGB."""
-        record = self.observation.record
-        if record is None:
-            return pictures.instance_colours([], None)
-        if self.facts.scene is not None:
-            return self.facts.scene.colours
-        return pictures.instance_colours([i.id for i in record.instances], record.sounding.id)
+        sound = self.facts.sound
+        return {} if sound is None else sound.colours
 
     @cached_property
     def siblings(self) -> tuple[SiblingLink, ...]:
@@ -212,8 +208,8 @@ class ObservationSite:
     @property
     def stem_files(self) -> tuple[str, ...]:
         """The tracks of the stems, relative to the observation."""
-        scene = self.facts.scene
-        return tuple(f"stems/{name}.js" for name in scene.stem_names) if scene is not None else ()
+        sound = self.facts.sound
+        return tuple(f"stems/{name}.js" for name in sound.stem_names) if sound is not None else ()
 
     @property
     def stem_levels(self) -> dict[str, list[float | None]]:
@@ -227,8 +223,8 @@ class ObservationSite:
 
     @cached_property
     def _stems(self) -> tuple[dict[str, list[float | None]], list[str]]:
-        scene = self.facts.scene
-        return stem_levels(self.observation, scene) if scene is not None else ({}, [])
+        sound = self.facts.sound
+        return stem_levels(self.observation, sound) if sound is not None else ({}, [])
 
     def names(self) -> Iterator[str]:
         """Every file of a site on disk, relative to the observation, but its page."""
@@ -269,7 +265,7 @@ class ObservationSite:
         if name == AMBISONICS and self.facts.has_ambisonics:
             return stem_script(self.observation.key, layout.AMBISONICS, read_ambisonics_track(self.observation))
         stem = _STEM_FILE.fullmatch(name)
-        if stem and self.facts.scene is not None and stem.group(1) in self.facts.scene.stem_names:
+        if stem and f"stems/{stem.group(1)}.js" in self.stem_files:
             return stem_script(self.observation.key, stem.group(1), read_stem_track(self.observation, stem.group(1)))
         match = _FRAME_FILE.fullmatch(name)
         frame = self._frames.get(match.group(2)) if match else None
@@ -283,7 +279,7 @@ class ObservationSite:
                 media.png_header(self._picture(frame))
                 return read_bytes(self._picture(frame))
             if kind == "masks":
-                if self.facts.scene is not None and self.facts.has_instances:
+                if self.facts.lanes is not None and self.facts.has_instances:
                     return pictures.audible_png(frame.mask(), frame.instance_ids(), self.colours)
                 return pictures.mask_png(frame.mask())
             if kind == "instances" and self.colours:

@@ -124,7 +124,7 @@ def write_video(
             yield canvas.draw(
                 Shown(
                     rgb=frame.rgb(),
-                    truth=frame.mask() if overlay != "none" and facts.has_masks and not facts.scene else None,
+                    truth=frame.mask() if overlay != "none" and facts.has_masks and not facts.lanes else None,
                     predicted=predicted.mask(frame) if predicted else None,
                     moment=moment,
                     title=key,
@@ -132,7 +132,7 @@ def write_video(
                     loudness=_loudness(sound, number, gain),
                     method=predicted.name if predicted else None,
                     inset=inset.draw(number) if inset else None,
-                    nothing=facts.scene.nothing if facts.scene else "",
+                    nothing=facts.lanes.nothing if facts.lanes else "",
                     audible=_audible(frame, facts, number, marked=overlay != "none"),
                 ),
                 overlay,
@@ -152,9 +152,9 @@ def write_video(
 
 def _audible(frame: Frame, facts: PageFacts, number: int, *, marked: bool) -> tuple[AudibleNow, ...] | None:
     """The audible sources of a sound scene in one frame, with their visible pixels if they are ``marked``."""
-    if facts.scene is None:
+    if facts.lanes is None:
         return None
-    sources = facts.scene.audible(number)
+    sources = facts.lanes.audible(number)
     inside = marked and facts.has_masks and facts.has_instances and any(not source.off_screen for source in sources)
     mask, ids = (frame.mask(), frame.instance_ids()) if inside else (None, None)
     return tuple(

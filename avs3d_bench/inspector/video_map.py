@@ -13,7 +13,7 @@ from avs3d_bench.dataset import Observation
 from avs3d_bench.inspector.facts import PageFacts
 from avs3d_bench.inspector.floorplan import Bounds, map_bounds, paint_plan, read_plan
 from avs3d_bench.inspector.labels import LabelBox, place_labels
-from avs3d_bench.inspector.sound_scenes import ShownSource
+from avs3d_bench.inspector.sources import ShownSource
 from avs3d_bench.inspector.video_drawing import GROUND, TRUTH
 from avs3d_bench.inspector.video_text import U8, Colour, at_pixel, halved, text_width, write_text
 
@@ -66,8 +66,8 @@ class MapInset:
                 continue
             corners = [inset._pixel(corner) for corner in instance.bounds]
             colour = TRUTH if instance.sounding else _SILENT
-            if facts.scene is not None and instance.sounding:
-                colour = facts.scene.colours[instance.id]
+            if facts.lanes is not None and instance.sounding:
+                colour = facts.lanes.colours[instance.id]
             cv2.rectangle(ground, corners[0], corners[1], colour, max(1, round(scale * 0.03)), cv2.LINE_AA)
         whole = [inset._pixel(m.position) for m in facts.moments if m.position]
         cv2.polylines(ground, [np.array(whole)], False, _WAY, inset._thick(0.03), cv2.LINE_AA)
@@ -91,7 +91,7 @@ class MapInset:
             cv2.circle(big, spot, self._thick(0.14), (255, 255, 255), -1, cv2.LINE_AA)
             cv2.circle(big, spot, self._thick(0.11), TRUTH, -1, cv2.LINE_AA)
             cv2.circle(big, spot, self._thick(0.24), TRUTH, self._thick(0.03), cv2.LINE_AA)
-        sources = self.facts.scene.sources if self.facts.scene else ()
+        sources = self.facts.lanes.sources if self.facts.lanes else ()
         spots = [self._source(big, source, audible=source.heard[number] is not None) for source in sources]
         self._names(big, sources, spots)
         cv2.rectangle(big, (0, 0), (big.shape[1] - 1, big.shape[0] - 1), GROUND, 4)

@@ -177,7 +177,7 @@ def room_note(scene: Scene3D, *, recorded: bool = False) -> str:
 
 def scene_title(scene: Scene3D) -> str:
     """The sounding sources in words, and the observation's key."""
-    what = scene.scene.title if scene.scene is not None else words(scene.category) if scene.category else ""
+    what = scene.lanes.title if scene.lanes is not None else words(scene.category) if scene.category else ""
     return f"{what[:1].upper()}{what[1:]} · {scene.key}" if what else scene.key
 
 

@@ -20,7 +20,7 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.files import read_record
 from avs3d_bench.geometry import Intrinsics, Pose
 from avs3d_bench.inspector.floorplan import HEAD
-from avs3d_bench.inspector.sound_scenes import ShownScene, read_sound_scene
+from avs3d_bench.inspector.sources import ShownSound, read_sound
 from avs3d_bench.inspector.view3d_surfaces import VisibleSurface, room_surfaces
 from avs3d_bench.ply import Ply
 from avs3d_bench.predictions import read_points
@@ -103,7 +103,7 @@ class Scene3D:
         instances: placed objects.
         moves: whether the source moves.
         predictions: in the order of the submissions.
-        scene: the sources of an observation of part_3; None in the other parts.
+        lanes: the sound, where each source is shown for itself; None where one always sounds, or nothing is known.
     """
 
     key: str
@@ -118,7 +118,7 @@ class Scene3D:
     instances: tuple[InstanceRecord, ...]
     moves: bool
     predictions: tuple[PredictedPoints, ...]
-    scene: ShownScene | None = None
+    lanes: ShownSound | None = None
 
     @property
     def vertical_fov(self) -> float:
@@ -136,9 +136,10 @@ def read_scene(observation: Observation, submissions: Sequence[str | Path] = ())
     # Submissions first: a wrong name is reported before anything large is read.
     predictions = tuple(read_prediction(folder, observation.key) for folder in submissions)
     record = observation.record
-    scene = read_sound_scene(observation)
+    sound = read_sound(observation)
+    lanes = None if sound is None or sound.always else sound
     frames = tuple(
-        _moment(frame, record, scene, number) for number, frame in enumerate(observation.frames) if frame.has_pose
+        _moment(frame, record, lanes, number) for number, frame in enumerate(observation.frames) if frame.has_pose
     )
     if not frames:
         raise Avs3dError(f"{observation.path / layout.COLMAP}: no frame has a pose; expected a sparse model of them")
@@ -160,14 +161,14 @@ def read_scene(observation: Observation, submissions: Sequence[str | Path] = ())
         instances=record.instances if record else (),
         moves=bool(record and record.moves),
         predictions=predictions,
-        scene=scene,
+        lanes=lanes,
     )
 
 
-def _moment(frame: Frame, record: ObservationRecord | None, scene: ShownScene | None, number: int) -> Moment3D:
-    if scene is not None:
-        audible = {source.record.id: source.name for source in scene.audible(number)}
-        return Moment3D(frame, frame.pose, None, _NOT_MOVED, audible, scene.nothing)
+def _moment(frame: Frame, record: ObservationRecord | None, lanes: ShownSound | None, number: int) -> Moment3D:
+    if lanes is not None:
+        audible = {source.record.id: source.name for source in lanes.audible(number)}
+        return Moment3D(frame, frame.pose, None, _NOT_MOVED, audible, lanes.nothing)
     source, moved = None, _NOT_MOVED
     if record is not None and frame.record is not None:
         source = record.source_at(frame.record)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from avs3d_bench.geometry import Pose
 from avs3d_bench.inspector.pictures import shrunk
-from avs3d_bench.inspector.sound_scenes import ShownScene
+from avs3d_bench.inspector.sources import ShownSound
 from avs3d_bench.inspector.view3d_data import Cloud, Scene3D
 from avs3d_bench.inspector.view3d_surfaces import VisibleSurface
 from avs3d_bench.ply import Ply
@@ -36,8 +36,8 @@ Colour = tuple[int, int, int]
 def legend(scene: Scene3D) -> list[tuple[Colour, str]]:
     """Meanings of the colours in the scene: (RGB, text), the objects first."""
     rows: list[tuple[Colour, str]] = []
-    if scene.scene is not None:
-        rows += [(s.colour, f"{s.name} (off-screen)" if s.off_screen else s.name) for s in scene.scene.sources]
+    if scene.lanes is not None:
+        rows += [(s.colour, f"{s.name} (off-screen)" if s.off_screen else s.name) for s in scene.lanes.sources]
     elif scene.category is not None or scene.mesh is not None:
         rows.append((_TRUTH, f"{words(scene.category)} (sounding)" if scene.category else "sounding object"))
     if any(not instance.sounding for instance in scene.instances):
@@ -113,7 +113,7 @@ class ViserScene:
         path = np.array([moment.pose.position for moment in self.scene.frames])
         middle = path.mean(axis=0)
         source = self.scene.frames[0].source
-        inside = [s.record.position for s in self.scene.scene.sources if not s.off_screen] if self.scene.scene else []
+        inside = [s.record.position for s in self.scene.lanes.sources if not s.off_screen] if self.scene.lanes else []
         source = inside[0] if inside else source
         away = (middle - np.array(source)) * (1, 0, 1) if source is not None else np.array([1.0, 0.0, 1.0])
         length = float(np.linalg.norm(away))
@@ -154,8 +154,8 @@ class ViserScene:
 
     def _objects(self) -> None:
         add = self.server.scene
-        if self.scene.scene is not None:
-            self._sources(self.scene.scene)
+        if self.scene.lanes is not None:
+            self._sources(self.scene.lanes)
         elif self.scene.mesh is not None:
             mesh = self.scene.mesh
             handle = add.add_mesh_simple(
@@ -178,7 +178,7 @@ class ViserScene:
             self._add("source", add.add_label("/source/name", what, anchor="bottom-center", position=(0.0, 0.1, 0.0)))
             self._add("source", self._polyline("/source_path", spots, _TRUTH))
 
-    def _sources(self, scene: ShownScene) -> None:
+    def _sources(self, scene: ShownSound) -> None:
         """The sources of a sound scene, and the meshes of its sounding instances, each in its colour."""
         add = self.server.scene
         for source in scene.sources:
@@ -204,9 +204,9 @@ class ViserScene:
     def _box(self, instance: InstanceRecord) -> None:
         low, high = (np.array(corner, dtype=np.float32) for corner in instance.bounds)
         colour, name = _TRUTH if instance.sounding else _SILENT, words(instance.category)
-        if self.scene.scene is not None:
-            name = self.scene.scene.names[instance.id]
-            colour = self.scene.scene.colours[instance.id] if instance.sounding else _SILENT
+        if self.scene.lanes is not None:
+            name = self.scene.lanes.names[instance.id]
+            colour = self.scene.lanes.colours[instance.id] if instance.sounding else _SILENT
         node = f"/instances/{instance.id}"
         lines = self.server.scene.add_line_segments(
             f"{node}/box", box_edges(low, high), np.full((12, 2, 3), colour, np.uint8), thickness=0.012

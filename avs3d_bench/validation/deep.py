@@ -24,7 +24,6 @@ from avs3d_bench.validation.model import check_model
 from avs3d_bench.validation.off_screen import check_off_screen
 from avs3d_bench.validation.pictures import check_twin
 from avs3d_bench.validation.receivers import check_receivers
-from avs3d_bench.validation.scenes import has_stems
 from avs3d_bench.validation.siblings import same_files
 from avs3d_bench.validation.sightings import (
     Labels,
@@ -36,6 +35,7 @@ from avs3d_bench.validation.sightings import (
 )
 from avs3d_bench.validation.solid import Boxes, Tally, check_solid
 from avs3d_bench.validation.sound import BinauralClip, check_clip, check_mono, check_response
+from avs3d_bench.validation.sources import has_stems
 from avs3d_bench.validation.stems import Stems, check_source_response
 
 

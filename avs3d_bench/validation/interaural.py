@@ -23,8 +23,8 @@ from avs3d_bench.dataset import Frame
 from avs3d_bench.geometry import direction_to
 from avs3d_bench.schema import FrameRecord, ObservationRecord
 from avs3d_bench.validation.findings import Findings
-from avs3d_bench.validation.scenes import sounds_throughout
 from avs3d_bench.validation.sound import BinauralClip
+from avs3d_bench.validation.sources import sounds_throughout
 
 #: Windows in which levels are measured, and the step between them (samples): 11.6 and 2.9 ms.
 _WINDOW, _HOP = 512, 128

@@ -204,7 +204,7 @@ def _check_line_of_sight(
 
     The opposite may be: an object close before the source hides its pixel but does not count.
     """
-    shown = _first_instance(record)
+    shown = record.first_instance
     if entry.line_of_sight or shown is None:
         return
     camera = frame.observation.intrinsics
@@ -212,26 +212,21 @@ def _check_line_of_sight(
     if not (z > 0 and 1 <= pixel[0] < camera.width - 1 and 1 <= pixel[1] < camera.height - 1):
         return
     column, row = np.floor(pixel).astype(int)
-    if (ids[row - 1 : row + 2, column - 1 : column + 2] == shown).all():
+    if (ids[row - 1 : row + 2, column - 1 : column + 2] == shown.id).all():
         text = f"line_of_sight of {frame.name} is false, but the pixel of the source shows the sounding object"
         findings.add(layout.OBSERVATION_JSON, text)
-
-
-def _first_instance(record: ObservationRecord) -> int | None:
-    """Id of the instance whose direction the frames record; None if there is none, or it is in another room."""
-    return record.sounding.id if record.sources is None else record.sources[0].instance if record.sources else None
 
 
 def check_visibility(
     observation: Observation, record: ObservationRecord | None, files: set[str], findings: Findings
 ) -> None:
     """Where the line to the source is free and ends well inside the picture, something of the object should show."""
-    shown = _first_instance(record) if record else None
+    shown = record.first_instance if record else None
     if record is None or shown is None:
         return
     camera, cases, empty = observation.intrinsics, 0, list[str]()
     for frame in record.frames:
-        if shown not in record.audible_instances(frame):
+        if shown.id not in record.audible_instances(frame):
             continue  # its pixels are not marked
         (pixel,), (depth,) = camera.project(frame.pose, np.asarray([record.source_at(frame)]))
         border = 0.02 * camera.width

@@ -12,14 +12,12 @@ from avs3d_bench.geometry import direction_to
 from avs3d_bench.schema import FrameRecord, ObservationRecord
 from avs3d_bench.validation.findings import Findings
 from avs3d_bench.validation.motion import motion_problems
-from avs3d_bench.validation.scenes import check_scene
+from avs3d_bench.validation.sources import check_sources
 
 #: Tolerances of numbers in observation.json against each other: degrees, metres.
 ANGLE_TOLERANCE = 0.1
 DISTANCE_TOLERANCE = 2e-3
-#: The sound may come from a little outside the instance's box (a horn, a speaker grille): metres.
-SOURCE_MARGIN = 0.1
-#: So may a model's origin (m).
+#: A model's origin may lie a little outside its box (m).
 ORIGIN_MARGIN = 0.1
 #: Frames are one second apart (s).
 TIME_TOLERANCE = 1e-6
@@ -41,7 +39,7 @@ def check_record(
     for path, expected in sorted((record.sizes or {}).items()):
         if path in on_disk - irregular and (found := (observation.path / path).stat().st_size) != expected:
             findings.add(path, f"{found:,} bytes, expected {expected:,} ({where})")
-    _check_sources(record, findings)
+    check_sources(record, findings)
     for instance in record.instances:
         origin, box = np.asarray(instance.position), np.asarray(instance.bounds)
         if (origin < box[0] - ORIGIN_MARGIN).any() or (origin > box[1] + ORIGIN_MARGIN).any():
@@ -49,8 +47,6 @@ def check_record(
     if record.acoustics.sample_rate != layout.SAMPLE_RATE:
         text = f"acoustics.sample_rate is {record.acoustics.sample_rate}, expected {layout.SAMPLE_RATE}"
         findings.add(where, text)
-    if record.is_sound_scene:
-        check_scene(record, findings)
     if record.moves:
         for path, text in motion_problems(record):
             findings.add(path, text)
@@ -63,26 +59,6 @@ def check_record(
             findings.add(where, f"{field}.{text}")
         if frame.visible_pixels > pixels:
             findings.add(where, f"{field}.visible_pixels is {frame.visible_pixels} of {pixels}")
-
-
-def _check_sources(record: ObservationRecord, findings: Findings) -> None:
-    """A source is at the instance that sounds; in part_3 each source of the room is."""
-    if record.sources is None:
-        pairs = [("source_position", record.source_position, "the sounding instance", record.sounding)]
-    else:
-        instances = {instance.id: instance for instance in record.instances}
-        pairs = [
-            (f"the position of {source.id}", source.position, f"instance {source.instance}", instances[source.instance])
-            for source in record.sources
-            if source.instance is not None
-        ]
-    for name, position, what, instance in pairs:
-        source = np.asarray(position)
-        low, high = (np.asarray(corner) for corner in instance.bounds)
-        outside = float(np.linalg.norm(np.maximum(np.maximum(low - source, source - high), 0.0)))
-        if outside > SOURCE_MARGIN:
-            text = f"{name} lies {outside:.2f} m outside the bounds of {what}"
-            findings.add(layout.OBSERVATION_JSON, text)
 
 
 def _direction_problems(record: ObservationRecord, frame: FrameRecord) -> Iterator[str]:

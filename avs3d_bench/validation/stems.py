@@ -21,8 +21,8 @@ from avs3d_bench.schema import (
 )
 from avs3d_bench.validation.background import Coherence
 from avs3d_bench.validation.findings import Findings, read
-from avs3d_bench.validation.scenes import decibels, sounds_throughout, tail_of
 from avs3d_bench.validation.sound import SILENCE, BinauralClip, check_response
+from avs3d_bench.validation.sources import decibels, sounds_throughout, tail_of
 
 #: The sum of the stems is the clip, to this difference of samples.
 SUM_TOLERANCE = 1e-6

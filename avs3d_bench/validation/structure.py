@@ -19,7 +19,7 @@ from avs3d_bench.layout import SoundScene
 from avs3d_bench.schema import CameraSplits, ObservationRecord, describe
 from avs3d_bench.validation.findings import Findings
 from avs3d_bench.validation.records import check_record
-from avs3d_bench.validation.scenes import has_stems
+from avs3d_bench.validation.sources import has_stems
 
 _OFFICIAL_FOLDERS = (layout.INPUT, layout.BINAURAL, layout.MONO, layout.SEMANTIC_MASKS)
 

@@ -26,7 +26,7 @@ Categories = NDArray[np.uint8]
 
 def work_folder(work: Path, observation: Observation) -> Path:
     """Where an observation's intermediate results lie: siblings, which share their pictures, share them, too."""
-    return work / (observation.group or observation.key)
+    return work / (observation.group_key)
 
 
 def cluster_activity(

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from avs3d_bench.dataset import Frame
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.media import read_png_mask
-from baselines.oracle import PERFECT, Instance, oracle_mask
+from baselines.oracle import PERFECT, Instance, oracle_mask, oracle_prediction
 from baselines.oracle_errors import ErrorModel
-from baselines.oracle_scenes import scene_prediction
 
 Mask = NDArray[np.bool_]
 
@@ -61,7 +60,7 @@ class OracleMasks:
         """The oracle's class ids of a train frame of part_3."""
         if frame.split != "train":
             raise UsageError(f"{frame.observation.key}/{frame.name}: the truth of test frames is not for this baseline")
-        ids = scene_prediction(frame, category=self.instance == "category", errors=self.errors).categories
+        ids = oracle_prediction(frame, instance=self.instance, errors=self.errors).categories
         return None if ids is None else np.asarray(ids, np.uint8)
 
 

@@ -220,11 +220,7 @@ def foreign_frame(frame: Frame) -> Frame:
     for step in range(1, len(dataset)):
         other = dataset[(start + step) % len(dataset)]
         # Siblings and twins of the room would be right by chance.
-        if (
-            other.category not in (None, mine.category)
-            and (other.group or other.key) != (mine.group or mine.key)
-            and len(other)
-        ):
+        if other.category not in (None, mine.category) and other.group_key != mine.group_key and len(other):
             return other.frames[min(frame.index, len(other) - 1)]
     raise UsageError(f"{dataset.root}: no observation of another category than {mine.key}; --sound other needs one")
 

@@ -76,6 +76,21 @@ class Triple:
     sounds: str = ""
 
 
+def read_masks(frame: Frame, submission: Submission, rgb: U8) -> tuple[Mask, Mask]:
+    """Truth and prediction of a frame, each (H, W) bool like its picture (H, W, 3).
+
+    Raises:
+        Avs3dError: if one cannot be read, or has another size than the frame.
+    """
+    path = submission.mask_path(frame.observation.key, frame.name)
+    truth, prediction = frame.mask(), media.read_png_mask(path)
+    for where, mask in ((frame.path(layout.SEMANTIC_MASKS), truth), (path, prediction)):
+        if mask.shape != rgb.shape[:2]:
+            size, expected = "{1}×{0}".format(*mask.shape), "{1}×{0}".format(*rgb.shape)
+            raise Avs3dError(f"{where}: {size} pixels, expected the frame's {expected}")
+    return truth, prediction
+
+
 def draw_triple(score: FrameScore, dataset: Dataset, submission: Submission) -> Triple:
     """Draw the three pictures of a scored frame.
 
@@ -83,13 +98,8 @@ def draw_triple(score: FrameScore, dataset: Dataset, submission: Submission) -> 
         Avs3dError: if a picture cannot be read, or a mask has another size than the frame.
     """
     frame = frame_of(dataset, score.key, score.name)
-    rgb, truth = frame.rgb(), frame.mask()
-    path = submission.mask_path(score.key, score.name)
-    prediction = media.read_png_mask(path)
-    for where, mask in ((frame.path(layout.SEMANTIC_MASKS), truth), (path, prediction)):
-        if mask.shape != rgb.shape[:2]:
-            size, expected = "{1}×{0}".format(*mask.shape), "{1}×{0}".format(*rgb.shape)
-            raise Avs3dError(f"{where}: {size} pixels, expected the frame's {expected}")
+    rgb = frame.rgb()
+    truth, prediction = read_masks(frame, submission, rgb)
     twins = _twins(frame)
     label = f"{score.name} of {score.key}"
     sounds = sounds_in(frame) if frame.observation.is_sound_scene else ""

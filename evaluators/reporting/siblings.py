@@ -6,14 +6,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset
-from avs3d_bench.errors import Avs3dError
-from avs3d_bench.media import read_png_mask
 from evaluators.metrics import frame_counts
 from evaluators.pairs import is_right
 from evaluators.records import SiblingFrame, Submission
-from evaluators.reporting.pictures import SMALL, Picture, error_picture, error_words, frame_of, picture, resized
+from evaluators.reporting.pictures import (
+    SMALL,
+    Picture,
+    error_picture,
+    error_words,
+    frame_of,
+    picture,
+    read_masks,
+    resized,
+)
 from evaluators.reporting.sounds import sounds_in
 
 
@@ -62,12 +68,7 @@ def draw_siblings(shown: SiblingFrame, dataset: Dataset, submission: Submission)
     siblings = []
     for frame in frames:
         key = frame.observation.key
-        truth, path = frame.mask(), submission.mask_path(key, frame.name)
-        prediction = read_png_mask(path)
-        for where, mask in ((frame.path(layout.SEMANTIC_MASKS), truth), (path, prediction)):
-            if mask.shape != rgb.shape[:2]:
-                size, expected = "{1}×{0}".format(*mask.shape), "{1}×{0}".format(*rgb.shape)
-                raise Avs3dError(f"{where}: {size} pixels, expected the frame's {expected}")
+        truth, prediction = read_masks(frame, submission, rgb)
         counts = frame_counts(truth.view(np.uint8), prediction.view(np.uint8))
         sounds = sounds_in(frame)
         alt = f"{key}, {frame.name}: {sounds}; {error_words(truth, prediction)}"

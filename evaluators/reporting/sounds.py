@@ -29,16 +29,11 @@ def sounds_in(frame: Frame) -> str:
 def silent_twins(frame: Frame) -> tuple[int, ...]:
     """Ids of the instances of the categories that sound, without those that sound themselves.
 
-    In part_3 what is audible in the frame counts, sources in other rooms included; in the other parts the category of
-    the observation. Nothing where the data do not say what sounds.
+    What is audible in the frame counts, sources in other rooms included. Nothing where the data do not say what sounds.
     """
     record, entry = frame.observation.record, frame.record
-    if record is None:
+    if record is None or entry is None:
         return ()
-    if not record.is_sound_scene:
-        return tuple(one.id for one in record.instances if one.category == record.category and not one.sounding)
-    if entry is None or entry.audible is None:
-        return ()
-    categories = {record.source(one.source).category for one in entry.audible}
+    categories = {source.category for source in record.audible_sources(entry)}
     heard = record.audible_instances(entry)
     return tuple(one.id for one in record.instances if one.category in categories and one.id not in heard)

@@ -1,7 +1,7 @@
-"""Part_3 in the viewer: the sources of an observation, its background, and the siblings of its group.
+"""The sound of an observation in the viewer: its sources, its background, and the siblings of its group.
 
-Colours belong to instances: an instance that sounds in one sibling and is silent in the next keeps its colour, so that
-siblings can be compared.
+In part_1 and part_2 that is one source that always sounds. In part_3 colours belong to instances: an instance that
+sounds in one sibling and is silent in the next keeps its colour, so that siblings can be compared.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from avs3d_bench import layout
 from avs3d_bench.dataset import Dataset, Observation
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.geometry import direction_to
+from avs3d_bench.inspector import pictures
 from avs3d_bench.inspector.links import check_link
 from avs3d_bench.inspector.pictures import SOUNDING
 from avs3d_bench.schema import AudibleRecord, BackgroundRecord, ObservationRecord, SourceRecord
@@ -32,9 +33,9 @@ SOURCE_COLOURS: tuple[Colour, ...] = (
 #: RGB of objects that never sound.
 SILENT_COLOUR: Colour = (120, 126, 134)
 SILENCE = "silence"
-#: What a scene is made of; a scene can be several of these.
+#: What the sound of an observation is made of; it can be several of these.
 SEVERAL, ONE, OFF_SCREEN, NO_SOURCE, BACKGROUND = "several", "one", "off-screen", "silence", "background"
-SCENE_KINDS = {
+SOUND_KINDS = {
     ONE: "one source",
     SEVERAL: "several sources",
     OFF_SCREEN: "off-screen",
@@ -52,7 +53,7 @@ class ShownSource:
         name: ``microwave``, with its instance's id where the room has several, or its room where it is off-screen.
         colour: RGB in lanes, masks and maps.
         spans: [start, end) in seconds in which it sounds, within the observation's time.
-        heard: for each frame its entry in `audible`; None where it is not audible.
+        heard: for each frame its entry in `audible`; None where it has none: not audible, or in part_1 and part_2.
         azimuth: of the source in each frame, degrees, 0 ahead, positive right; None without a pose.
         distance: to the source in each frame, metres; None without a pose.
     """
@@ -92,13 +93,14 @@ class ShownSource:
 
 
 @dataclass(frozen=True)
-class ShownScene:
-    """The sound of an observation of part_3.
+class ShownSound:
+    """The sound of an observation.
 
     Attributes:
-        group: key of the first sibling.
-        title: what sounds, see `scene_title`.
-        kinds: those of `SCENE_KINDS` that the scene is.
+        always: whether it is one source that always sounds, as in part_1 and part_2: then it is shown by its place and
+            its mask; else each source has a lane, a colour and a name of its own.
+        title: what sounds, see `sound_title`.
+        kinds: those of `SOUND_KINDS` that it is.
         sources: in the order of their ids.
         background: diffuse sound without a source, or None.
         stems: whether the clips of the sources are in the dataset.
@@ -106,7 +108,7 @@ class ShownScene:
         names: instance id → name.
     """
 
-    group: str
+    always: bool
     title: str
     kinds: tuple[str, ...]
     sources: tuple[ShownSource, ...]
@@ -140,7 +142,7 @@ class SiblingLink:
         key: of it.
         index: last part of the key.
         title: what sounds.
-        kinds: those of `SCENE_KINDS` that it is.
+        kinds: those of `SOUND_KINDS` that it is.
     """
 
     key: str
@@ -150,7 +152,9 @@ class SiblingLink:
 
 
 def instance_colours(record: ObservationRecord) -> dict[int, Colour]:
-    """Instance id → RGB in a sound scene; the same in all siblings of a group."""
+    """Instance id → RGB; the same in all siblings of a group."""
+    if record.sources is None:
+        return pictures.instance_colours([instance.id for instance in record.instances], record.sounding.id)
     could_sound = sorted(i.id for i in record.instances if i.category not in DISTRACTORS)
     ranked = {number: SOURCE_COLOURS[rank % len(SOURCE_COLOURS)] for rank, number in enumerate(could_sound)}
     return {instance.id: ranked.get(instance.id, SILENT_COLOUR) for instance in record.instances}
@@ -160,11 +164,11 @@ def source_colours(record: ObservationRecord) -> dict[str, Colour]:
     """Source id → RGB: that of its instance; sources of other rooms take what is left, from the end of the palette."""
     of_instances = instance_colours(record)
     found: dict[str, Colour] = {}
-    for source in record.sources or ():
+    for source in record.sound_sources:
         if source.instance is not None:
             found[source.id] = of_instances[source.instance]
     free = [colour for colour in reversed(SOURCE_COLOURS) if colour not in found.values()] or [*SOURCE_COLOURS]
-    away = [source.id for source in record.sources or () if source.instance is None]
+    away = [source.id for source in record.sound_sources if source.instance is None]
     return found | {name: free[number % len(free)] for number, name in enumerate(away)}
 
 
@@ -178,21 +182,23 @@ def source_names(record: ObservationRecord) -> dict[str, str]:
         source.id: f"{words(source.category)}, {words(source.room)}"
         if source.instance is None
         else of_instances[source.instance]
-        for source in record.sources or ()
+        for source in record.sound_sources
     }
 
 
 def instance_names(record: ObservationRecord) -> dict[int, str]:
-    """Instance id → its category, with the id where the room has several of that category."""
+    """Instance id → its category; in part_3 with the id where the room has several of that category."""
+    if record.sources is None:
+        return {instance.id: words(instance.category) for instance in record.instances}
     count = Counter(instance.category for instance in record.instances)
     return {
         i.id: f"{words(i.category)} #{i.id}" if count[i.category] > 1 else words(i.category) for i in record.instances
     }
 
 
-def scene_title(record: ObservationRecord) -> str:
+def sound_title(record: ObservationRecord) -> str:
     """The sounding sources in a few words: ``microwave #3``, ``telephone, off-screen``, ``2 sources``, ``silence``."""
-    sources = record.sources or ()
+    sources = record.sound_sources
     if len(sources) > 1:
         return f"{len(sources)} sources"
     if sources:
@@ -207,30 +213,47 @@ def without_source(background: BackgroundRecord | None) -> str:
     return "noise alone" if background is not None and background.kind == "noise" else SILENCE
 
 
-def scene_kinds(record: ObservationRecord) -> tuple[str, ...]:
-    """Those of `SCENE_KINDS` that an observation of part_3 is."""
-    sources = record.sources or ()
+def sound_kinds(record: ObservationRecord) -> tuple[str, ...]:
+    """Those of `SOUND_KINDS` that the sound of an observation is."""
+    sources = record.sound_sources
     found = [NO_SOURCE if not sources else ONE if len(sources) == 1 else SEVERAL]
     found += [OFF_SCREEN] if any(source.instance is None for source in sources) else []
     return (*found, *((BACKGROUND,) if record.background else ()))
 
 
-def read_sound_scene(observation: Observation) -> ShownScene | None:
-    """Read the sources of a part_3 observation; None in the other parts and in the official release.
+def read_sound(observation: Observation) -> ShownSound | None:
+    """Read the sources of an observation; None in the official release, which does not tell them.
 
     Raises:
         Avs3dError: if observation.json is damaged.
     """
     record = observation.record
-    if record is None or not record.is_sound_scene:
+    if record is None:
         return None
+    return ShownSound(
+        always=record.sources is None,
+        title=sound_title(record),
+        kinds=sound_kinds(record),
+        sources=_shown_sources(observation, record),
+        background=record.background,
+        stems=record.sources is not None and (observation.path / layout.STEMS).is_dir(),
+        colours=instance_colours(record),
+        names=instance_names(record),
+    )
+
+
+def _shown_sources(observation: Observation, record: ObservationRecord) -> tuple[ShownSource, ...]:
     colours, names = source_colours(record), source_names(record)
     length = float(len(observation.frames))
     records = [frame.record for frame in observation.frames]
     entries = [{entry.source: entry for entry in r.audible or ()} if r else {} for r in records]
     sources = []
-    for source in record.sources or ():
-        directions = [direction_to(f.pose, source.position) if f.has_pose else None for f in observation.frames]
+    for source in record.sound_sources:
+        places = [record.source_at(r) if record.moves and r else source.position for r in records]
+        directions = [
+            direction_to(frame.pose, place) if frame.has_pose else None
+            for frame, place in zip(observation.frames, places, strict=True)
+        ]
         spans = ((max(0.0, start), min(length, end)) for start, end in source.programme)
         sources.append(
             ShownSource(
@@ -243,19 +266,10 @@ def read_sound_scene(observation: Observation) -> ShownScene | None:
                 distance=tuple(d.distance if d else None for d in directions),
             )
         )
-    return ShownScene(
-        group=record.group or record.key,
-        title=scene_title(record),
-        kinds=scene_kinds(record),
-        sources=tuple(sources),
-        background=record.background,
-        stems=(observation.path / layout.STEMS).is_dir(),
-        colours=instance_colours(record),
-        names=instance_names(record),
-    )
+    return tuple(sources)
 
 
-def stem_levels(observation: Observation, scene: ShownScene) -> tuple[dict[str, list[float | None]], list[str]]:
+def stem_levels(observation: Observation, sound: ShownSound) -> tuple[dict[str, list[float | None]], list[str]]:
     """The level of every stem in every frame, dB re full scale, as `audible` defines it.
 
     Returns:
@@ -264,7 +278,7 @@ def stem_levels(observation: Observation, scene: ShownScene) -> tuple[dict[str, 
     """
     levels: dict[str, list[float | None]] = {}
     problems: list[str] = []
-    for name in scene.stem_names:
+    for name in sound.stem_names:
         levels[name] = []
         for frame in observation.frames:
             power = 0.0
@@ -293,5 +307,5 @@ def find_siblings(dataset: Dataset, keys: Sequence[str], observation: Observatio
             check_link(dataset.root / key / layout.OBSERVATION_JSON, dataset.root)
             other = observation if key == observation.key else dataset[key]
             if other.record is not None and other.record.group == record.group:
-                found.append(SiblingLink(key, other.record.index, scene_title(other.record), scene_kinds(other.record)))
+                found.append(SiblingLink(key, other.record.index, sound_title(other.record), sound_kinds(other.record)))
     return tuple(sorted(found, key=lambda sibling: sibling.index)) if len(found) > 1 else ()

@@ -1,7 +1,8 @@
-"""The sound scene of observation.json (part_3) against itself: programmes, off-screen sources, what is audible.
+"""The sources of observation.json against the record: where they are, when they sound, what is audible.
 
-Nothing is decoded here: the level of a frame's clip is the recorded one, which `validation.sound` holds against the
-clip. `validation.stems` holds the same entries against the stems.
+In part_1 and part_2 one source always sounds, and frames have no audible entries. Nothing is decoded here: the level of
+a frame's clip is the recorded one, which `validation.sound` holds against the clip. `validation.stems` holds the same
+entries against the stems.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from avs3d_bench import layout
 from avs3d_bench.schema import (
     AUDIBLE_LEVEL_DB,
     AUDIBLE_SNR_DB,
+    EARLIEST_START,
     AudibleRecord,
     FrameRecord,
     ObservationRecord,
@@ -22,8 +24,8 @@ from avs3d_bench.schema import (
 )
 from avs3d_bench.validation.findings import Findings
 
-#: What is simulated begins this long before the first frame (s): no programme begins earlier.
-EARLIEST_START = -2.0
+#: The sound may come from a little outside the instance's box (a horn, a speaker grille): metres.
+SOURCE_MARGIN = 0.1
 #: Times of programmes against each other (s).
 TIME_TOLERANCE = 1e-6
 #: Levels against each other (dB): rounding of clips and numbers.
@@ -62,18 +64,31 @@ def amplitude(level_db: float) -> float:
     return float(10.0 ** (level_db / 20.0))
 
 
-def check_scene(record: ObservationRecord, findings: Findings) -> None:
-    """Check the sources and the audible entries of an observation of part_3."""
-    for text in (*_programmes(record), *_off_screen(record)):
+def check_sources(record: ObservationRecord, findings: Findings) -> None:
+    """Check the sources of an observation and, in part_3, the audible entries of its frames."""
+    for text in (*_positions(record), *_programmes(record), *_off_screen(record)):
         findings.add(layout.OBSERVATION_JSON, text)
     for number, frame in enumerate(record.frames):
         for text in (*_audible(record, frame), *_clip(record, frame)):
             findings.add(layout.OBSERVATION_JSON, f"frames[{number}]: {text}")
 
 
+def _positions(record: ObservationRecord) -> Iterator[str]:
+    """A source in the room is at its instance."""
+    instances = {instance.id: instance for instance in record.instances}
+    for source in record.sound_sources:
+        if source.instance is None:
+            continue
+        place, box = np.asarray(source.position), np.asarray(instances[source.instance].bounds)
+        outside = float(np.linalg.norm(np.maximum(np.maximum(box[0] - place, place - box[1]), 0.0)))
+        if outside > SOURCE_MARGIN:
+            name = "source_position" if record.sources is None else f"the position of {source.id}"
+            yield f"{name} lies {outside:.2f} m outside the bounds of instance {source.instance}"
+
+
 def _programmes(record: ObservationRecord) -> Iterator[str]:
     end_of_all = len(record.frames) / layout.FRAME_RATE
-    for source in record.sources or ():
+    for source in record.sound_sources:
         if not source.programme:
             continue  # the frames end before it sounds
         start, end = source.programme[0][0], source.programme[-1][1]
@@ -85,7 +100,7 @@ def _programmes(record: ObservationRecord) -> Iterator[str]:
 
 def _off_screen(record: ObservationRecord) -> Iterator[str]:
     """An off-screen source is no instance, and is where none is (`validation.off_screen` asks whether it is seen)."""
-    for source in record.sources or ():
+    for source in record.sound_sources:
         if source.instance is not None:
             continue
         place = np.asarray(source.position)
@@ -119,13 +134,15 @@ def _audible(record: ObservationRecord, frame: FrameRecord) -> Iterator[str]:
 
 
 def _clip(record: ObservationRecord, frame: FrameRecord) -> Iterator[str]:
-    """The level of the clip (rms_left, rms_right) against what is audible.
+    """The level of the clip (rms_left, rms_right) against what is audible, where the record says what that is.
 
     A clip is the sum of a stem and of the rest, so that its RMS lies between the difference and the sum of theirs.
     """
+    if frame.audible is None:
+        return
     clip = math.hypot(frame.rms_left, frame.rms_right) / math.sqrt(2.0)
     level = decibels(clip)
-    for heard in frame.audible or ():
+    for heard in frame.audible:
         low, high = _range(heard)
         if not low - LEVEL_TOLERANCE_DB <= level <= high + LEVEL_TOLERANCE_DB:
             alone = heard.snr_db is None
@@ -137,7 +154,7 @@ def _clip(record: ObservationRecord, frame: FrameRecord) -> Iterator[str]:
             )
     if frame.audible:
         return
-    count, background = len(record.sources or ()), record.background
+    count, background = len(record.sound_sources), record.background
     if not count and background is None:
         if level > SILENT_DB:
             yield f"nothing sounds (no source, no background), but the clip has {level:.1f} dB"
