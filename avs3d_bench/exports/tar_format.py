@@ -19,6 +19,11 @@ def padding(size: int) -> bytes:
     return bytes(-size % _BLOCK)
 
 
+def pieces(name: str, data: bytes) -> tuple[bytes, bytes, bytes]:
+    """The bytes of a file in an archive."""
+    return header(name, len(data)), data, padding(len(data))
+
+
 def closing(written: int) -> bytes:
     """The end of an archive of which ``written`` bytes have been written: zeros up to a whole record."""
     end = 2 * _BLOCK

@@ -65,8 +65,8 @@ def generate(
         ambisonics: order of ambisonic clips, 1 to 3, beside the binaural ones; None: there are none.
         array: file that lists the microphones of an array; None: there is none.
         device: what draws the pictures, bakes the light and, with the tracer, traces the sound; cuda needs ``[cuda]``.
-        format: ``folders``, a dataset as `avs3d_bench.Dataset` reads it; or ``webdataset``, a tar file of samples for
-            each observation and ``shards.json``: see `avs3d_bench.exports.observation_tar`.
+        format: ``folders``, a dataset as `avs3d_bench.Dataset` reads it; or ``webdataset``, tar files of samples
+            and ``shards.json``: see `avs3d_bench.exports.observation_tar`.
         remake: shell patterns of the keys of observations that are made again even if they are there, from whatever
             manifest or version. Each stays until the new one is whole.
 

@@ -16,8 +16,8 @@ Vision = Literal["embree", "cuda", "habitat"]
 Audio = Literal["soundspaces", "tracer", "analytic"]
 Device = Literal["cpu", "cuda"]
 Extra = Literal["depth", "rirs", "stems"]
-#: Forms of a dataset: a folder of files for each observation, or a tar file of samples.
-Form = Literal["folders", "tar"]
+#: Forms of a dataset: a folder of files for each observation, or shards of samples.
+Form = Literal["folders", "webdataset"]
 #: Least and greatest order of ambisonic clips.
 ORDERS = (1, 3)
 
