@@ -285,7 +285,6 @@ LONG_SIGNATURES = {
     "generators.plan.make_plans": "the options of a run by keyword",
     "generators.run.generation.generate": "public: the options of `avs3d generate` by keyword",
     "generators.assets.furniture.common.Kit.add": "a primitive: its form, and by keyword place and finish",
-    "generators.assets.objects.forms.slab": "as Kit.add",
     "generators.assets.shapes.MeshBuilder.add": "as Kit.add",
     "generators.assets.shapes.MeshBuilder.cylinder": "as Kit.add",
 }

@@ -20,8 +20,7 @@ import hashlib
 import io
 import os
 import tarfile
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -29,12 +28,10 @@ from typing import BinaryIO
 from avs3d_bench import layout
 from avs3d_bench.dataset import Observation
 from avs3d_bench.errors import Avs3dError
-from avs3d_bench.exports.samples import ALL_KINDS, described, frame_facts, kinds_among
-from avs3d_bench.exports.shards import ShardIndex, ShardRecord, sum_splits
-from avs3d_bench.exports.tar_format import closing, header, padding, pieces
-from avs3d_bench.exports.webdataset import shard_name
+from avs3d_bench.exports.samples import ALL_KINDS, frame_facts, kinds_among
+from avs3d_bench.exports.tar_format import closing, header, padding, pieces, shard_name
 from avs3d_bench.files import dump_json, open_regular, read_bytes
-from avs3d_bench.schema import DatasetRecord, ObservationRecord, parse_record
+from avs3d_bench.schema import ObservationRecord, parse_record
 
 #: Splits in the order in which the shards get their names. The first frame is a test frame: the last shard is the one
 #: that every observation has, and an observation is there when it is.
@@ -209,53 +206,3 @@ def read_tar(path: Path) -> ObservationTar:
             if member is not None:
                 found[named[info.name]] = member.read()
     return ObservationTar(record, found)
-
-
-def describe_shard(split: str, path: Path, record: ObservationRecord, sha256: str) -> ShardRecord:
-    """The entry of a shard in the index.
-
-    Args:
-        split: ``train`` or ``test``.
-        path: of the shard.
-        record: of the observation; the digest of its plan is that of the shard.
-        sha256: of the file.
-    """
-    train, test = layout.split_names(frame.name for frame in record.frames)
-    names = train if split == "train" else test
-    return ShardRecord(
-        file=path.name,
-        split=split,
-        samples=len(names),
-        bytes=path.stat().st_size,
-        sha256=sha256,
-        plan=str(record.plan_sha256),
-        first=f"{record.key}/{names[0]}",
-        last=f"{record.key}/{names[-1]}",
-    )
-
-
-def describe_shards(
-    dataset: DatasetRecord, records: Sequence[ObservationRecord], shards: Iterable[ShardRecord]
-) -> ShardIndex:
-    """The index of a folder.
-
-    Args:
-        dataset: its record.
-        records: of its observations.
-        shards: in order of their names.
-    """
-    folders = {name.partition("/")[0] for record in records for name in record.files}
-    kinds = {name: kind for name, kind in KINDS.items() if kind.folder in folders}
-    found, counts = tuple(shards), Counter(split for record in records for split in count_frames(record))
-    return ShardIndex(
-        format="webdataset",
-        toolkit_version=dataset.toolkit_version,
-        dataset=dataset.name,
-        dataset_version=dataset.version,
-        licence=dataset.licence,
-        attributions=dataset.attributions,
-        members=described(kinds) | {"json": "pose, camera, source, instances"},
-        splits=sum_splits(found, counts),
-        shards=found,
-        generated=dataset,
-    )

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports import observation_tar
+from avs3d_bench.exports.observation_index import describe_shard
 from avs3d_bench.exports.shard_files import read_samples
 from avs3d_bench.exports.shards import SHARDS_JSON, ShardIndex, ShardRecord
 from avs3d_bench.exports.webdataset import decode_sample
@@ -101,7 +102,7 @@ def _faults(path: Path, deep: bool, shard: ShardRecord, entries: dict[str, str] 
 def _record_faults(path: Path, shard: ShardRecord, entries: dict[str, str]) -> Iterator[str]:
     """Yield the faults of the record of a shard that was generated; ``entries`` are digests by observation's key."""
     record, found = observation_tar.read_head(path)
-    expected = observation_tar.describe_shard(shard.split, path, record, shard.sha256)
+    expected = describe_shard(shard.split, path, record, shard.sha256)
     if expected != shard:
         yield f"its record is not that of {shard.first.rpartition('/')[0]} as {SHARDS_JSON} lists it"
     if record.key not in entries:

@@ -31,7 +31,7 @@ from avs3d_bench import layout
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.samples import ALL_KINDS, Sample, check_extras, check_split, described, select
 from avs3d_bench.exports.shards import ShardFormat, ShardIndex, export_shards
-from avs3d_bench.exports.tar_format import closing, header, padding, pieces
+from avs3d_bench.exports.tar_format import closing, header, padding, pieces, shard_name
 
 #: Megabytes of a shard: large enough to stream, small enough to shuffle and to resume.
 SHARD_MB = 256.0
@@ -54,11 +54,6 @@ def write_tar(stream: BinaryIO, samples: Iterator[Sample]) -> None:
                 stream.write(piece)
                 written += len(piece)
     stream.write(closing(written))
-
-
-def shard_name(split: str, number: int, _count: int = 0) -> str:
-    """``train-000000.tar``: brace expansion (``train-{000000..000011}.tar``) finds them."""
-    return f"{split}-{number:06d}.tar"
 
 
 _LAYOUT = ShardFormat("webdataset", "webdataset 1", room, write_tar, shard_name)

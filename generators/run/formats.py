@@ -16,7 +16,7 @@ from typing import Any, Protocol
 from avs3d_bench import files, layout
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports import observation_tar
-from avs3d_bench.exports.observation_tar import describe_shard, describe_shards
+from avs3d_bench.exports.observation_index import describe_shard, describe_shards
 from avs3d_bench.exports.shards import SHARDS_JSON, ShardIndex
 from avs3d_bench.outputs import Signature
 from avs3d_bench.parallel import available_cores
