@@ -151,16 +151,15 @@ def validate(
     """Check the dataset at ROOT and name every problem by file.
 
     Exit status: 0 valid, 1 problems found, 2 usage (also: made by other versions than --regenerate finds here). The
-    official release is checked as what it is. Of `avs3d generate --format tar`, the index and the tars are
-    checked.
+    official release is checked as what it is. Of WebDataset shards, the index and the tars are checked.
     """
-    from avs3d_bench.exports.observation_check import check_tars, holds_tars
+    from avs3d_bench.exports.shard_check import check_shards, holds_shards
     from avs3d_bench.files import write_json
     from avs3d_bench.report import print_report
     from avs3d_bench.validate import validate as check
 
     again = _regenerate(root, regenerate, seed, manifest, hrtf) if regenerate else ()
-    look = check_tars if holds_tars(root) else check
+    look = check_shards if holds_shards(root) else check
     report = look(root, deep=deep, workers=workers, progress=sys.stderr.isatty())
     if again:
         from dataclasses import replace

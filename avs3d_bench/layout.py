@@ -23,7 +23,7 @@ SPLITS_JSON = "camera_splits.json"
 SUBMISSION_JSON = "submission.json"
 SCORES_JSON = "scores.json"
 COMPARISON_JSON = "comparison.json"
-#: Beside the shards of an export, and of `avs3d generate --format tar`.
+#: Beside the shards of an export, and of `avs3d generate --format webdataset`.
 SHARDS_JSON = "shards.json"
 #: Of a sealed test: the commitments at the root, and in each observation what observation.json may tell of it.
 SEAL_JSON = "seal.json"

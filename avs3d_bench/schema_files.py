@@ -8,7 +8,7 @@ from typing import Any
 
 from avs3d_bench import layout
 from avs3d_bench.comparisons import Comparison
-from avs3d_bench.exports.observation_index import ObservationShardIndex
+from avs3d_bench.exports.shards import ShardIndex
 from avs3d_bench.frame_rows import FrameRow
 from avs3d_bench.outputs import Signature, write_outputs
 from avs3d_bench.schema import CameraSplits, DatasetRecord, ObservationRecord, PosesRecord, Record, SubmissionRecord
@@ -26,7 +26,7 @@ RECORDS: dict[str, type[Record]] = {
     layout.COMPARISON_JSON: Comparison,
     "verification.json": VerificationRecord,  # `avs3d verify --json`
     "frame_row.json": FrameRow,  # a row of the table that `avs3d-eval --frames` writes
-    layout.SHARDS_JSON: ObservationShardIndex,
+    layout.SHARDS_JSON: ShardIndex,
     layout.POSES_JSON: PosesRecord,
     layout.SEAL_JSON: SealRecord,
 }

@@ -1,4 +1,4 @@
-"""How fast frames are loaded: from a dataset's folders, and from the tars of `avs3d generate --format tar`.
+"""How fast frames are loaded: from a dataset's folders, and from WebDataset shards.
 
 python -m benchmarks.run --only loading            two workers, compared with decoding the same files alone
 python -m benchmarks.bench_loading DIR --workers 16     tars, or a dataset: frames per second, and where the time goes
@@ -6,10 +6,8 @@ python -m benchmarks.bench_loading DIR --workers 16     tars, or a dataset: fram
 
 from __future__ import annotations
 
-import io
 import multiprocessing
 import os
-import tarfile
 import tempfile
 import time
 from collections.abc import Callable, Iterable
@@ -24,6 +22,7 @@ import numpy as np
 
 from avs3d_bench.exports import AVS3DDataset, decode_sample
 from avs3d_bench.exports.samples import KINDS
+from avs3d_bench.exports.shard_files import read_samples
 
 WORKERS = 2
 BATCH = 8
@@ -90,20 +89,6 @@ def loader_rate(loader: Iterable[dict[str, Any]], items: int) -> float:
     return items / (time.perf_counter() - start)
 
 
-def samples_of_tar(path: Path) -> list[Sample]:
-    """The samples of a tar, undecoded, as the `webdataset` package yields them."""
-    found: dict[str, Sample] = {}
-    with tarfile.open(fileobj=io.BytesIO(path.read_bytes())) as archive:
-        for info in archive:
-            stream = archive.extractfile(info)
-            if stream is not None and not info.name.startswith("__"):
-                folder, _, name = info.name.rpartition("/")
-                stem, _, member = name.partition(".")
-                key = f"{folder}/{stem}"
-                found.setdefault(key, {"__key__": key})[member] = stream.read()
-    return list(found.values())
-
-
 def milliseconds(work: Callable[[], object], frames: int, repeats: int) -> float:
     """CPU time of one core per frame, the best of some repeats."""
     taken = []
@@ -119,7 +104,7 @@ def where_time_goes(tars: list[Path], repeats: int) -> dict[str, float]:
     import webdataset
 
     cv2.setNumThreads(1)
-    samples = [sample for path in tars for sample in samples_of_tar(path)]
+    samples = [sample for path in tars for sample in read_samples(path)]
 
     def decode(*members: str) -> None:
         for sample in samples:
@@ -174,7 +159,7 @@ def measure_stream(root: Path, workers: int, repeats: int) -> dict[str, float]:
     import torch
 
     torch.set_num_threads(1)  # as in a worker
-    tars = sorted(root.glob("part_*/*/*/*.tar"))
+    tars = sorted(root.glob("*.tar"))
     out: dict[str, float] = {}
     if tars:
         parts = where_time_goes(tars[:4], repeats)
@@ -201,7 +186,7 @@ def measure_stream(root: Path, workers: int, repeats: int) -> dict[str, float]:
 @click.option("--workers", type=int, default=WORKERS, show_default=True, help="Worker processes of the DataLoader.")
 @click.option("--repeats", type=int, default=5, show_default=True, help="Of the times per frame; the best counts.")
 def main(root: Path, workers: int, repeats: int) -> None:
-    """Measure how fast the frames at ROOT are loaded: tars of `avs3d generate --format tar`, or a dataset."""
+    """Measure how fast the frames at ROOT are loaded: WebDataset shards, or a dataset."""
     for name, value in measure_stream(root, workers, repeats).items():
         click.echo(f"{name}: {value:,.3g}" if value < 100 else f"{name}: {value:,.0f}")
 

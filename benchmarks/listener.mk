@@ -46,7 +46,7 @@ all: $(LISTENER)/page.done
 
 # Status 1 with a list of shards: a few sampled observations found no place.
 $(LISTENER)/train-data.done:
-	$(call timed,train-data,$(AVS3D) generate $(TRAIN) -o $(SHARDS) --format tar --audio tracer --device $(DEVICE) \
+	$(call timed,train-data,$(AVS3D) generate $(TRAIN) -o $(SHARDS) --format webdataset --audio tracer --device $(DEVICE) \
 	  --workers $(WORKERS) $(TRAIN_OPTIONS) || { [ $$? -eq 1 ] && [ -f $(SHARDS)/shards.json ]; })
 	@touch $@
 

@@ -157,16 +157,16 @@ def choose_tools(habitat_python: Path | None) -> None:
 
 
 class _FormChoice(click.Choice[str]):
-    """The forms of a dataset; ``tar`` was called ``webdataset`` once, as the shards of `avs3d export` still are."""
+    """The forms of a dataset; ``webdataset`` was called ``tar`` for a time, with one file per observation."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        if value == "webdataset":
+        if value == "tar":
             click.echo(
-                "avs3d generate: note: --format webdataset is called --format tar now: a tar per observation, train "
-                "and test frames together; shards by split are those of avs3d export webdataset",
+                "avs3d generate: note: --format tar is called --format webdataset: shards by split, as those of avs3d "
+                "export webdataset",
                 err=True,
             )
-            value = "tar"
+            value = "webdataset"
         return super().convert(value, param, ctx)
 
 
@@ -181,7 +181,7 @@ class _FormChoice(click.Choice[str]):
     type=_FormChoice(get_args(Form)),
     default="folders",
     show_default=True,
-    help="A folder of files for each observation, or a tar file of samples for training.",
+    help="A folder of files for each observation, or tar shards of samples for training.",
 )
 @click.option(
     "--remake",

@@ -18,8 +18,8 @@ Vision = Literal["embree", "cuda", "habitat"]
 Audio = Literal["soundspaces", "tracer", "analytic"]
 Device = Literal["cpu", "cuda"]
 Extra = Literal["depth", "rirs", "stems"]
-#: Forms of a dataset: a folder of files for each observation, or a tar file of samples.
-Form = Literal["folders", "tar"]
+#: Forms of a dataset: a folder of files for each observation, or shards of samples.
+Form = Literal["folders", "webdataset"]
 #: Acoustic engine of a manifest that names none.
 DEFAULT_AUDIO: Audio = "tracer"
 #: The renderer of each device, where none is named.
@@ -96,8 +96,8 @@ class GenerateOptions(EngineOptions):
             engine's own head.
         ambisonics: order of ambisonic clips, 1 to 3, beside the binaural ones; None: there are none.
         array: file that lists the microphones of an array; None: there is none.
-        format: ``folders``, a dataset as `avs3d_bench.Dataset` reads it; or ``tar``, a tar file of samples for
-            each observation and ``shards.json``: see `avs3d_bench.exports.observation_tar`.
+        format: ``folders``, a dataset as `avs3d_bench.Dataset` reads it; or ``webdataset``, tar files of
+            samples and ``shards.json``: see `avs3d_bench.exports.observation_tar`.
         remake: shell patterns of the keys of observations that are regenerated even if they are there, from whatever
             manifest or version. Each stays until the new one is whole.
     """

@@ -277,7 +277,6 @@ LONG_SIGNATURES = {
     "baselines.oracle.write_oracle": "public: options by keyword",
     "generators.acoustics.tracer.session.TracerSession.__init__": "internal: the arguments of its backend, by keyword",
     "generators.assets.furniture.common.Kit.add": "a primitive: its form, and by keyword place and finish",
-    "generators.assets.objects.forms.slab": "as Kit.add",
     "generators.assets.shapes.MeshBuilder.add": "as Kit.add",
     "generators.assets.shapes.MeshBuilder.cylinder": "as Kit.add",
 }

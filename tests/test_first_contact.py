@@ -120,8 +120,8 @@ def test_doctor_says_which_option_takes_which_checkpoint(monkeypatch: pytest.Mon
 
 
 def test_the_older_name_of_the_tars_is_taken_with_a_note(tmp_path: Path) -> None:
-    words = ["generate", str(tmp_path / "none.yaml"), "-o", str(tmp_path / "out"), "--format", "webdataset"]
+    words = ["generate", str(tmp_path / "none.yaml"), "-o", str(tmp_path / "out"), "--format", "tar"]
     done = CliRunner().invoke(avs3d, words)
-    assert "--format webdataset is called --format tar now" in done.output
+    assert "--format tar is called --format webdataset" in done.output
     assert isinstance(done.exception, Avs3dError), "the option is no error, the missing manifest is"
     assert "none.yaml" in str(done.exception)

@@ -11,13 +11,14 @@ import soundfile
 import yaml
 
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.exports.observation_check import check_tars
+from avs3d_bench.exports.shard_check import check_shards
+from avs3d_bench.files import sha256_file
 from avs3d_bench.validate import validate
 from generators.manifest import read_manifest
 from generators.observation.output import FolderOutput, sweep
 from generators.options import GenerateOptions
 from generators.plan import make_plans
-from generators.run.formats import FORMATS, is_of_plan
+from generators.run.formats import FOLDERS, DatasetFormat, WebdatasetFormat, is_of_plan
 from generators.run.generation import generate
 from tests.homes import tree_digest, write_manifest
 
@@ -46,12 +47,25 @@ def inodes(folder: Path) -> dict[str, int]:
     return {path.relative_to(folder).as_posix(): path.stat().st_ino for path in folder.rglob("*")}
 
 
+def form_of(name: str) -> DatasetFormat:
+    """The form of a dataset of two observations."""
+    return FOLDERS if name == "folders" else WebdatasetFormat({ONE: 0, TWO: 1})
+
+
+def own_files(root: Path, form: str, key: str) -> dict[str, tuple[int, str]]:
+    """Inode and sha256 of each file of an observation."""
+    paths = (root / key).rglob("*") if form == "folders" else root.glob(f"*-{[ONE, TWO].index(key):06d}.tar")
+    found = {path.name: (path.stat().st_ino, sha256_file(path)) for path in paths if path.is_file()}
+    assert found
+    return found
+
+
 def listed(root: Path, form: str) -> list[str]:
-    return [entry.key for entry in FORMATS[form].read_index(root).observations]
+    return [entry.key for entry in form_of(form).read_index(root).observations]
 
 
 def errors_of(root: Path, form: str) -> list[str]:
-    report = validate(root) if form == "folders" else check_tars(root)
+    report = validate(root) if form == "folders" else check_shards(root)
     return [str(problem) for problem in report.problems if problem.severity == "error"]
 
 
@@ -92,21 +106,21 @@ def test_a_wrong_file_name_of_one_category_does_not_block_the_others(tmp_path: P
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("form", ["folders", "tar"])
+@pytest.mark.parametrize("form", ["folders", "webdataset"])
 def test_remake_replaces_the_named_observations_and_touches_no_other(tmp_path: Path, form: Any) -> None:
-    root, form_of = tmp_path / "data", FORMATS[form]
+    root = tmp_path / "data"
     chosen = SMALL | {"format": form}
     generate(write(tmp_path), root, **chosen)
-    before, kept = tree_digest(root), inodes(form_of.path(root, ONE).parent)
+    before, kept = tree_digest(root), own_files(root, form, ONE)
     changed = write(tmp_path, sounds={"clock": ["tock.wav"]})
     with pytest.raises(UsageError, match=rf"from another manifest.* --remake '{TWO}'") as caught:
         generate(changed, root, **chosen)
-    assert str(form_of.path(root, TWO)) in str(caught.value)
+    assert str(form_of(form).path(root, TWO)) in str(caught.value)
     assert tree_digest(root) == before
     outcome = generate(changed, root, **chosen, remake=["*2/*"])
     assert (outcome.made, outcome.kept, outcome.failed) == ((TWO,), (ONE,), ())
-    assert inodes(form_of.path(root, ONE).parent) == kept
-    assert not list(root.glob("part_*/*/*/.*")), "nothing temporary is left"
+    assert own_files(root, form, ONE) == kept
+    assert not [*root.glob("part_*/*/*/.*"), *root.glob(".*")], "nothing temporary is left"
     assert errors_of(root, form) == []
     fresh = tmp_path / "fresh"
     generate(changed, fresh, **chosen)
@@ -115,12 +129,12 @@ def test_remake_replaces_the_named_observations_and_touches_no_other(tmp_path: P
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("form", ["folders", "tar"])
+@pytest.mark.parametrize("form", ["folders", "webdataset"])
 def test_an_observation_stays_as_it_was_if_it_cannot_be_made_again(tmp_path: Path, form: Any) -> None:
-    root, form_of = tmp_path / "data", FORMATS[form]
+    root = tmp_path / "data"
     chosen = SMALL | {"format": form}
     generate(write(tmp_path), root, **chosen)
-    before, whole = tree_digest(form_of.path(root, TWO).parent), tree_digest(root)
+    before, whole = own_files(root, form, TWO), tree_digest(root)
     (tmp_path / "slab.obj").write_text("v 0 0 0\nv 3 0 0\nv 0 9 0\nv 0 0 3\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
     slab = {"file": "slab.obj", "licence": LICENCE, "height": 4.5}  # taller than the room
     outcome = generate(write(tmp_path, objects={"clock": [slab]}), root, **chosen, remake=[TWO])
@@ -128,7 +142,7 @@ def test_an_observation_stays_as_it_was_if_it_cannot_be_made_again(tmp_path: Pat
     ((key, message),) = outcome.failed
     assert key == TWO
     assert "the earlier observation is left as it was" in message
-    assert tree_digest(form_of.path(root, TWO).parent) == before
+    assert own_files(root, form, TWO) == before
     assert listed(root, form) == [ONE], "the index is whole"
     generate(write(tmp_path), root, **chosen)  # with the manifest that it is from, it is listed again
     assert tree_digest(root) == whole
@@ -221,9 +235,7 @@ def test_a_dataset_of_other_software_is_refused_with_the_cure(tmp_path: Path, mo
     monkeypatch.setattr("generators.plan.json.dumps", lambda *_, **__: "as another version computes it")
     monkeypatch.setattr("generators.run.differences.__version__", "9.0.0")
     monkeypatch.setattr("generators.run.differences.observation_provenance", other_software)
-    assert not is_of_plan(
-        FORMATS["folders"], root, make_plans(source, GenerateOptions(audio="analytic", frames=2, size=32))[0]
-    )
+    assert not is_of_plan(FOLDERS, root, make_plans(source, GenerateOptions(audio="analytic", frames=2, size=32))[0])
     with pytest.raises(UsageError, match=r"by other software \(version .*, not 9\.0\.0\); .* --remake"):
         generate(manifest, root, **SMALL)
     assert tree_digest(root) == before

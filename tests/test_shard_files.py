@@ -1,4 +1,4 @@
-"""Folders of shards as readers meet them: both layouts, empty ones, damaged ones; each a clear line."""
+"""Folders of shards as readers meet them: whole, empty ones, damaged ones; each a clear line."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import tiny_scenes
 
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports import shard_paths, write_webdataset
-from avs3d_bench.exports.shard_files import list_shards
+from avs3d_bench.exports.shard_files import list_shards, read_samples
 from baselines.listener import shards as listener
 
 
@@ -40,15 +40,31 @@ def test_shards_are_found_by_split(folder: Path) -> None:
     assert [Path(path).name for path in shard_paths(folder, "train")] == ["train-000000.tar"], "by its name alone"
 
 
-def test_tars_of_observations_do_not_pretend_to_have_splits(tmp_path: Path, folder: Path) -> None:
-    """The layout of `avs3d generate --format tar`; test_generate_shards.py has the real one, with its index."""
+def test_tars_whose_names_do_not_tell_the_split_are_not_guessed(tmp_path: Path, folder: Path) -> None:
     tar = tmp_path / "tars" / "part_3" / "flat" / "kitchen" / "1.tar"
     tar.parent.mkdir(parents=True)
     shutil.copy(folder / "train-000000.tar", tar)
     assert shard_paths(tmp_path / "tars") == [str(tar)]
-    with pytest.raises(UsageError, match="hold train and test frames together") as caught:
+    with pytest.raises(UsageError, match=r"names do not tell the split; expected train-000000\.tar"):
         shard_paths(tmp_path / "tars", "train")
-    assert "avs3d export webdataset" in str(caught.value)
+
+
+def test_samples_are_those_of_an_independent_reader(folder: Path) -> None:
+    """Grouped as the `webdataset` package does: the key is the path up to the first point of its last part."""
+    for path in sorted(folder.glob("*.tar")):
+        expected: dict[str, dict[str, bytes]] = {}
+        with tarfile.open(path) as archive:
+            for info in archive:
+                match = re.fullmatch(r"((?:.*/)?[^/.]+)\.([^/]*)", info.name)
+                stream = archive.extractfile(info)
+                assert match is not None
+                assert stream is not None
+                expected.setdefault(match[1], {"__key__": match[1]})[match[2]] = stream.read()  # type: ignore[dict-item]
+        assert list(read_samples(path)) == list(expected.values())
+        whole = path.read_bytes()
+        path.write_bytes(whole[: len(whole) // 2])
+        with pytest.raises(Avs3dError, match=r"cannot be read as a shard|cut short"):
+            list(read_samples(path))
 
 
 @pytest.mark.parametrize(

@@ -1,23 +1,23 @@
 """The tar files of a folder of shards, held against its `shards.json`: where a reader starts.
 
-Two commands write such folders. `avs3d export webdataset` writes ``train-000000.tar``, …: one split in each.
-`avs3d generate --format tar` writes ``part_1/<scan>/<room>/<index>.tar``: one observation in each, its train and test
-frames together.
+`avs3d export webdataset` and `avs3d generate --format webdataset` write ``train-000000.tar``, …: one split in each.
 """
 
 from __future__ import annotations
 
+import tarfile
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 from avs3d_bench import layout
 from avs3d_bench.errors import Avs3dError, UsageError
-from avs3d_bench.exports.observation_index import FORMAT, ObservationShardIndex
 from avs3d_bench.exports.samples import check_split
 from avs3d_bench.exports.shards import PARTIAL, SHARDS_JSON, ShardIndex
-from avs3d_bench.files import read_json, read_record
+from avs3d_bench.files import open_regular, read_record
 
 _SPLITS = ("train", "test", "unlisted")
 
@@ -28,7 +28,7 @@ class ShardFile:
 
     Attributes:
         path: of the file.
-        split: of its frames; None if it holds train and test frames.
+        split: of its frames; None if neither the index nor its name tells.
         sha256: as `shards.json` says; None where there is no such file.
     """
 
@@ -41,18 +41,17 @@ def shard_paths(root: str | Path, split: str = "all") -> list[str]:
     """The paths of the tars below a folder, as `webdataset.WebDataset` takes them.
 
     Args:
-        root: a folder of `avs3d export webdataset` or of `avs3d generate --format tar`.
+        root: a folder of `avs3d export webdataset` or of `avs3d generate --format webdataset`.
         split: ``train``, ``test`` or ``all``.
 
     Raises:
-        UsageError: if there are none, or tars do not keep the splits apart.
+        UsageError: if there are none, or the names of tars without an index do not tell the split.
         Avs3dError: if the folder is not what its `shards.json` says.
     """
     wanted, found = check_split(split), list_shards(root)
     if wanted != "all" and any(shard.split is None for shard in found):
         raise UsageError(
-            f"{root}: its tars hold train and test frames together, as avs3d generate --format tar writes them; take "
-            f'all and the samples with facts["split"] == "{wanted}", or export shards by split: avs3d export webdataset'
+            f"{root}: has no {SHARDS_JSON}, and tars whose names do not tell the split; expected {wanted}-000000.tar, …"
         )
     chosen = [str(shard.path) for shard in found if wanted in ("all", shard.split)]
     if not chosen:
@@ -91,31 +90,55 @@ def _split_of(name: str) -> str | None:
 
 
 def _listed(folder: Path, names: list[str]) -> tuple[ShardFile, ...]:
-    index = folder / SHARDS_JSON
-    found = read_json(index)
-    kind = found.get("format") if isinstance(found, dict) else None
-    if kind == "huggingface":
+    path = folder / SHARDS_JSON
+    index = read_record(path, ShardIndex)
+    if index.format == "huggingface":
         raise UsageError(
             f"{folder}: Parquet files of avs3d export huggingface, expected tars of avs3d export webdataset"
         )
-    shards: list[Any] = (
-        list(read_record(index, ObservationShardIndex).shards)
-        if kind == FORMAT
-        else list(read_record(index, ShardIndex).shards)
-    )
-    counts = Counter(shard.file for shard in shards)
+    counts = Counter(shard.file for shard in index.shards)
     for name in sorted({*counts, *names}):
         if counts[name] > 1:
-            raise Avs3dError(f"{index}: lists {name} twice; write the shards again")
+            raise Avs3dError(f"{path}: lists {name} twice; write the shards again")
         if not counts[name]:
             raise Avs3dError(f"{folder / name}: not listed in {SHARDS_JSON}; move it away, or write the shards again")
         if name not in names:
             raise Avs3dError(f"{folder / name}: missing, though {SHARDS_JSON} lists it; copy it, or write it again")
-    for shard in shards:
+    for shard in index.shards:
         size = (folder / shard.file).stat().st_size
         if size != shard.bytes:
             raise Avs3dError(
                 f"{folder / shard.file}: {size:,} bytes, expected {shard.bytes:,}; copy it again, or write it again"
             )
-    ordered = sorted(shards, key=lambda shard: str(shard.file))
-    return tuple(ShardFile(folder / one.file, getattr(one, "split", None), one.sha256) for one in ordered)
+    ordered = sorted(index.shards, key=lambda shard: shard.file)
+    return tuple(ShardFile(folder / shard.file, shard.split, shard.sha256) for shard in ordered)
+
+
+def read_samples(path: Path) -> Iterator[dict[str, Any]]:
+    """The samples of a shard, undecoded, as the `webdataset` package yields them: ``__key__`` and bytes by member name.
+
+    Raises:
+        Avs3dError: if the file is missing or no tar, or a member is cut short or there twice.
+    """
+    with open_regular(path) as stream:
+        try:
+            with tarfile.open(fileobj=stream, mode="r:") as archive:
+                files = ((info.name, archive.extractfile(info)) for info in archive if not info.name.startswith("__"))
+                members = ((name, data.read()) for name, data in files if data is not None)
+                for key, group in groupby(members, key=lambda member: _key_and_name(member[0])[0]):
+                    sample: dict[str, Any] = {"__key__": key}
+                    for full, data in group:
+                        name = _key_and_name(full)[1]
+                        if name in sample:
+                            raise Avs3dError(f"{path}: {full} is in the shard twice; write it again")
+                        sample[name] = data
+                    yield sample
+        except (OSError, tarfile.TarError) as error:
+            raise Avs3dError(f"{path}: cannot be read as a shard ({error}); it may be cut short") from None
+
+
+def _key_and_name(full: str) -> tuple[str, str]:
+    """The sample's key and the member's name: everything before and after the first point of the last part."""
+    folder, _, last = full.rpartition("/")
+    stem, _, name = last.partition(".")
+    return f"{folder}/{stem}", name

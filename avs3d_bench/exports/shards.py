@@ -14,12 +14,12 @@ import os
 import re
 import shutil
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, BinaryIO, Literal
+from typing import Annotated, Any, BinaryIO, ClassVar, Literal
 
 from pydantic import Field
 
@@ -29,7 +29,7 @@ from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.samples import UNLISTED, Sample, SplitChoice, samples_of
 from avs3d_bench.files import os_error_line
 from avs3d_bench.parallel import advance, process_each
-from avs3d_bench.schema import AttributionRecord, Record, Sha256, Text
+from avs3d_bench.schema import AttributionRecord, DatasetRecord, Record, Sha256, Text
 from avs3d_bench.staging import hold
 
 SHARDS_JSON = layout.SHARDS_JSON
@@ -64,7 +64,9 @@ class SplitRecord(Record):
 
 
 class ShardIndex(Record):
-    """`shards.json`."""
+    """`shards.json`; it is written last."""
+
+    left_out: ClassVar[frozenset[str]] = frozenset({"generated"})
 
     format: Format
     toolkit_version: Text
@@ -75,6 +77,9 @@ class ShardIndex(Record):
     members: dict[str, str] = Field(description="possible members of a sample: name → description")
     splits: dict[str, SplitRecord]
     shards: tuple[ShardRecord, ...]
+    generated: DatasetRecord | None = Field(
+        default=None, description="only of `avs3d generate`: the record that a dataset of folders has in dataset.json"
+    )
 
 
 class Subject(Record):
@@ -291,6 +296,8 @@ def _known(folder: Path, subject: Subject) -> dict[str, ShardRecord]:
     found: dict[str, ShardRecord] = {}
     if (folder / SHARDS_JSON).exists():
         index = media.read_record(folder / SHARDS_JSON, ShardIndex)
+        if index.generated is not None:
+            raise UsageError(f"{folder}: holds the shards of `avs3d generate`; choose another folder")
         earlier = Subject(format=index.format, dataset=index.dataset, dataset_version=index.dataset_version)
         _refuse_other(folder, earlier, subject)
         found = {shard.file: shard for shard in index.shards}
@@ -417,13 +424,9 @@ def _index(
     planned: Sequence[Planned],
     members: dict[str, str],
 ) -> ShardIndex:
-    splits = {}
-    for split in dict.fromkeys(record.split for record in records):
-        mine = [record for record in records if record.split == split]
-        splits[split] = SplitRecord(
-            shards=len(mine), samples=sum(r.samples for r in mine), bytes=sum(r.bytes for r in mine),
-            observations=len({key for shard in shards if shard.split == split for key, _ in shard.runs}),
-        )  # fmt: skip
+    keys: dict[str, set[str]] = {}
+    for shard in shards:
+        keys.setdefault(shard.split, set()).update(key for key, _ in shard.runs)
     # Members of one source are described together, e.g. source_*.stem.wav.
     held = Counter(_SOURCE.sub("source_*.", name) for sample in planned for name in sample.members)
     record = dataset.record
@@ -432,5 +435,26 @@ def _index(
         dataset_version=record.version if record else None, licence=record.licence if record else None,
         attributions=record.attributions if record else (),
         members={name: what for name, what in members.items() if held[name] or name == "json"},
-        splits=splits, shards=tuple(records),
+        splits=sum_splits(records, {split: len(mine) for split, mine in keys.items()}), shards=tuple(records),
     )  # fmt: skip
+
+
+def sum_splits(records: Sequence[ShardRecord], observations: Mapping[str, int]) -> dict[str, SplitRecord]:
+    """The sums of each split, in the order of the records.
+
+    Args:
+        records: the shards.
+        observations: their number by split.
+    """
+    splits: dict[str, list[ShardRecord]] = {}
+    for record in records:
+        splits.setdefault(record.split, []).append(record)
+    return {
+        split: SplitRecord(
+            shards=len(mine),
+            samples=sum(record.samples for record in mine),
+            bytes=sum(record.bytes for record in mine),
+            observations=observations[split],
+        )
+        for split, mine in splits.items()
+    }

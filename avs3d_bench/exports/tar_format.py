@@ -1,4 +1,7 @@
-"""The bytes around the files of a tar archive: owner, group and times are 0, so that equal files give equal bytes."""
+"""Names of shards, and the bytes around the files of a tar archive.
+
+Owner, group and times are 0, so that equal files give equal bytes.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,17 @@ def padding(size: int) -> bytes:
     return bytes(-size % _BLOCK)
 
 
+def pieces(name: str, data: bytes) -> tuple[bytes, bytes, bytes]:
+    """The bytes of a file in an archive."""
+    return header(name, len(data)), data, padding(len(data))
+
+
 def closing(written: int) -> bytes:
     """The end of an archive of which ``written`` bytes have been written: zeros up to a whole record."""
     end = 2 * _BLOCK
     return bytes(end + -(written + end) % tarfile.RECORDSIZE)
+
+
+def shard_name(split: str, number: int, _count: int = 0) -> str:
+    """``train-000000.tar``: brace expansion (``train-{000000..000011}.tar``) finds them."""
+    return f"{split}-{number:06d}.tar"

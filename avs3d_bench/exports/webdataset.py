@@ -31,7 +31,7 @@ from avs3d_bench import layout
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports.samples import ALL_KINDS, Sample, check_extras, check_split, described, select
 from avs3d_bench.exports.shards import ShardFormat, ShardIndex, export_shards
-from avs3d_bench.exports.tar_format import closing, header, padding
+from avs3d_bench.exports.tar_format import closing, header, padding, pieces, shard_name
 
 #: Megabytes of a shard: large enough to stream, small enough to shuffle and to resume.
 SHARD_MB = 256.0
@@ -50,15 +50,10 @@ def write_tar(stream: BinaryIO, samples: Iterator[Sample]) -> None:
     written = 0
     for sample in samples:
         for name, data in [*((m.name, m.read()) for m in sample.members), ("json", sample.json)]:
-            for piece in (header(f"{sample.key}.{name}", len(data)), data, padding(len(data))):
+            for piece in pieces(f"{sample.key}.{name}", data):
                 stream.write(piece)
                 written += len(piece)
     stream.write(closing(written))
-
-
-def shard_name(split: str, number: int, _count: int) -> str:
-    """``train-000000.tar``: brace expansion (``train-{000000..000011}.tar``) finds them."""
-    return f"{split}-{number:06d}.tar"
 
 
 _LAYOUT = ShardFormat("webdataset", "webdataset 1", room, write_tar, shard_name)

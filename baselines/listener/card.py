@@ -121,8 +121,7 @@ def _origin(data: Path | None, manifest: Path | None) -> dict[str, str | None]:
         index: Any = media.read_json(data / SHARDS_JSON) if data else {}
     except Avs3dError:
         index = {}
-    record = index.get("dataset")
-    known: dict[str, Any] = record if isinstance(record, dict) else {"name": record}
+    known: dict[str, Any] = index.get("generated") or {"name": index.get("dataset")}
     return {
         "dataset": known.get("name"),
         "manifest": manifest.name if manifest else known.get("name") and f"of {known['name']}",

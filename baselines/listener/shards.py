@@ -1,6 +1,6 @@
 """Reading WebDataset shards once, into arrays that stay on disk and are mapped into memory.
 
-The shards are those of `avs3d export webdataset` or of `avs3d generate --format tar`. Siblings of a group share
+The shards are those of `avs3d export webdataset` or of `avs3d generate --format webdataset`. Siblings of a group share
 their pictures, so one copy is stored. What is stored lies in a folder beside the checkpoints; several processes (one
 per GPU) and a run that goes on after an interruption map the same files.
 
@@ -150,7 +150,7 @@ def index_shard(shard: ShardFile) -> tuple[str, list[FrameEntry]]:
     try:
         data = path.read_bytes()
         with tarfile.open(fileobj=io.BytesIO(data)) as archive:
-            # Names that begin with __ are not samples: the record and the digest in tars of `avs3d generate`.
+            # Names that begin with __ are not samples: the record and the digest in shards of `avs3d generate`.
             members = list(archive)
             infos = [info for info in members if info.isfile() and not info.name.startswith("__")]
     except (OSError, tarfile.TarError) as error:

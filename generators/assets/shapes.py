@@ -7,6 +7,7 @@ Every primitive is added to a `MeshBuilder`, in metres, Y up. Texture coordinate
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Literal, Self
 
 import numpy as np
 import trimesh
@@ -14,11 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 from shapely.geometry import Polygon
 
+from generators.assets.forms import cap_faces, outward, skin_faces, slab_loops
 from generators.core.arrays import cross, distinct_rows
 from generators.core.scene import F32, Material, Mesh
 
 Array = NDArray[np.float64]
 
+#: Which ends of a loft are closed.
+Caps = Literal["both", "first", "none"]
 #: Details smaller than this in every direction are left out of the acoustic twin (340 m/s / 0.1 m = 3.4 kHz).
 ACOUSTIC_DETAIL = 0.1
 _CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
@@ -116,7 +120,7 @@ class MeshBuilder:
         normals: Array | None = None,
         crease: float = 40.0,
         acoustic: bool | str = True,
-    ) -> MeshBuilder:
+    ) -> Self:
         """Add any triangle mesh.
 
         Args:
@@ -168,7 +172,7 @@ class MeshBuilder:
         segments: int = 2,
         rotate: Array | None = None,
         acoustic: bool | str = True,
-    ) -> MeshBuilder:
+    ) -> Self:
         """An axis-aligned box (``size`` = x, y, z extents) about ``centre``, its edges rounded by ``bevel`` metres."""
         extents = np.asarray(size, dtype=np.float64)
         radius = min(bevel, 0.49 * float(extents.min()))
@@ -228,7 +232,7 @@ class MeshBuilder:
         scale: Sequence[float] = (1.0, 1.0, 1.0),
         crease: float = 40.0,
         acoustic: bool | str = True,
-    ) -> MeshBuilder:
+    ) -> Self:
         """Revolve ``profile`` (N, 2: radius, height; from bottom to top seen from outside) about Y.
 
         ``scale`` stretches the result, so that an ellipse is a lathe with scale (a, 1, b).
@@ -239,10 +243,8 @@ class MeshBuilder:
         z = line[:, 0, None] * np.cos(angle)
         y = np.repeat(line[:, 1, None], segments, axis=1)
         vertices = np.stack([x, y, z], axis=2).reshape(-1, 3) * np.asarray(scale)
+        faces = skin_faces(len(line), segments)
         i, j = np.meshgrid(np.arange(len(line) - 1), np.arange(segments), indexing="ij")
-        a, b = i * segments + j, i * segments + (j + 1) % segments
-        c, d = (i + 1) * segments + (j + 1) % segments, (i + 1) * segments + j
-        faces = np.concatenate([np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)]).reshape(-1, 3)
         around = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
         tile = self.tiles.get(material.name, 1.0)
         width = 2 * np.pi * max(float(line[:, 0].max()), 1e-3) / tile
@@ -266,7 +268,7 @@ class MeshBuilder:
         bevel: float = 0.0,
         top_radius: float | None = None,
         acoustic: bool | str = True,
-    ) -> MeshBuilder:
+    ) -> Self:
         """A closed cylinder (a cone frustum with ``top_radius``) about ``centre`` along ``axis``."""
         top = radius if top_radius is None else top_radius
         b = min(bevel, 0.45 * height, 0.9 * max(radius, 1e-6), 0.9 * max(top, 1e-6))
@@ -291,7 +293,7 @@ class MeshBuilder:
         segments: int = 32,
         rotate: Array | None = None,
         acoustic: bool | str = True,
-    ) -> MeshBuilder:
+    ) -> Self:
         """A sphere, or an ellipsoid with three radii."""
         radii = np.broadcast_to(np.asarray(radius, dtype=np.float64), 3)
         t = np.linspace(-np.pi / 2, np.pi / 2, rings + 1)
@@ -310,7 +312,7 @@ class MeshBuilder:
         segments: int = 12,
         closed: bool = False,
         acoustic: bool | str = False,
-    ) -> MeshBuilder:
+    ) -> Self:
         """A round tube along ``path`` (N, 3), with one radius or one per point; its ends are capped unless closed."""
         line = np.asarray(path, dtype=np.float64)
         count = len(line)
@@ -334,24 +336,10 @@ class MeshBuilder:
         angle = np.linspace(0, 2 * np.pi, segments, endpoint=False)
         ring = u[:, None] * np.cos(angle)[None, :, None] + v[:, None] * np.sin(angle)[None, :, None]
         vertices = (line[:, None] + radii[:, None, None] * ring).reshape(-1, 3)
-        spans = count if closed else count - 1
-        i, j = np.meshgrid(np.arange(spans), np.arange(segments), indexing="ij")
-        n = (i + 1) % count
-        a, b = i * segments + j, i * segments + (j + 1) % segments
-        c, d = n * segments + (j + 1) % segments, n * segments + j
-        faces = np.concatenate([np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)]).reshape(-1, 3)
+        faces = skin_faces(count, segments, closed=closed)
         if not closed:
             vertices = np.concatenate([vertices, line[[0]], line[[-1]]])
-            start, end = count * segments, count * segments + 1
-            ring0 = np.arange(segments)
-            last = (count - 1) * segments + ring0
-            caps = np.concatenate(
-                [
-                    np.stack([np.full(segments, start), (ring0 + 1) % segments, ring0], axis=1),
-                    np.stack([np.full(segments, end), last, (count - 1) * segments + (ring0 + 1) % segments], axis=1),
-                ]
-            )
-            faces = np.concatenate([faces, caps])
+            faces = np.concatenate([faces, *cap_faces(count, segments)])
         return self.add(vertices, faces, material, acoustic=acoustic, crease=50.0)
 
     def torus(
@@ -365,13 +353,63 @@ class MeshBuilder:
         segments: int = 40,
         minor_segments: int = 12,
         acoustic: bool | str = False,
-    ) -> MeshBuilder:
+    ) -> Self:
         """A torus about ``centre``, with its hole along ``axis``."""
         t = np.linspace(0, 2 * np.pi, segments, endpoint=False)
         flat = np.stack([major * np.cos(t), np.zeros_like(t), major * np.sin(t)], axis=1)
         turn = {"y": np.eye(3), "x": rotation("z", 90), "z": rotation("x", 90)}[axis]
         path = flat @ turn.T + np.asarray(centre)
         return self.tube(path, minor, material, segments=minor_segments, closed=True, acoustic=acoustic)
+
+    def loft(
+        self,
+        loops: ArrayLike,
+        material: Material,
+        *,
+        caps: Caps = "both",
+        centre: Sequence[float] | Array = (0.0, 0.0, 0.0),
+        rotate: Array | None = None,
+        crease: float = 40.0,
+        acoustic: bool | str = True,
+    ) -> Self:
+        """Add the skin over a stack of closed loops. A hollow vessel goes up its outside, over the rim and down inside.
+
+        Args:
+            loops: (L, N, 3); loop k's point j is joined to loop k+1's point j. Unless both ends are closed, the loops
+                run counter-clockwise seen from the end of the stack, so that the skin faces outwards.
+            material: of all faces.
+            caps: ends to close, with a fan around the mean of the loop (the loop must be star-shaped about it).
+            centre: added after the rotation.
+            rotate: (3, 3).
+            crease: smoothing angle, degrees.
+            acoustic: see `add`.
+        """
+        stack = np.asarray(loops, dtype=np.float64)
+        count, points, _ = stack.shape
+        first, last = cap_faces(count, points)
+        faces = np.concatenate(
+            [skin_faces(count, points), *([] if caps == "none" else [first]), *([last] if caps == "both" else [])]
+        )
+        vertices = np.concatenate([stack.reshape(-1, 3), stack[0].mean(axis=0)[None], stack[-1].mean(axis=0)[None]])
+        if caps == "both":
+            faces = outward(vertices, faces)
+        return self.add(vertices, faces, material, centre=centre, rotate=rotate, crease=crease, acoustic=acoustic)
+
+    def slab(
+        self,
+        size: Sequence[float],
+        centre: Sequence[float] | Array,
+        material: Material,
+        *,
+        corner: float = 0.02,
+        bevel: float = 0.004,
+        steps: int = 5,
+        rotate: Array | None = None,
+        acoustic: bool | str = False,
+    ) -> Self:
+        """A plate of ``size`` (x, y, z) about ``centre``: corners rounded in x–y, the edge of its +Z face bevelled."""
+        loops = slab_loops(size, corner=corner, bevel=bevel, steps=steps)
+        return self.loft(loops, material, centre=centre, rotate=rotate, acoustic=acoustic)
 
     def extrude(
         self,
@@ -383,7 +421,7 @@ class MeshBuilder:
         centre: Sequence[float] | Array = (0.0, 0.0, 0.0),
         rotate: Array | None = None,
         acoustic: bool | str = True,
-    ) -> MeshBuilder:
+    ) -> Self:
         """Extrude a polygon (N, 2: x, y) by ``depth`` along +Z from z = 0; ``holes`` are polygons cut out of it."""
         solid = trimesh.creation.extrude_polygon(Polygon(np.asarray(outline), [np.asarray(h) for h in holes]), depth)
         return self.add(
@@ -398,7 +436,7 @@ class MeshBuilder:
         fit: bool = False,
         subdivide: float | None = None,
         acoustic: bool | str = "exact",
-    ) -> MeshBuilder:
+    ) -> Self:
         """A rectangle: ``corners`` (4, 3) counter-clockwise from its lower left, seen from its front.
 
         ``fit`` stretches the texture over it once (a dial, a display, a picture); else it repeats every ``tile``
@@ -429,7 +467,7 @@ class MeshBuilder:
         *,
         segments: int = 48,
         fit: bool = True,
-    ) -> MeshBuilder:
+    ) -> Self:
         """A flat disc facing ``normal`` ("x", "y" or "z"); it is inscribed in the texture's unit square."""
         angle = np.linspace(0, 2 * np.pi, segments, endpoint=False)
         flat = np.concatenate([[[0.0, 0.0]], np.stack([np.cos(angle), np.sin(angle)], axis=1)])
@@ -443,7 +481,7 @@ class MeshBuilder:
 
     def merge(
         self, mesh: Mesh, *, centre: Sequence[float] | Array = (0.0, 0.0, 0.0), rotate: Array | None = None
-    ) -> MeshBuilder:
+    ) -> Self:
         """Add a finished mesh, rotated and moved."""
         moved = mesh.transformed(np.eye(3) if rotate is None else rotate, np.asarray(centre, dtype=np.float64))
         remap = np.array([self._index(m) for m in mesh.materials], dtype=np.int32)

@@ -57,7 +57,7 @@ class ObservationOutput(Protocol):
         """Take over the files that siblings share from a finished one: name → sha256.
 
         Args:
-            sibling: its folder's name; where observations are tar files, the name without the suffix.
+            sibling: the folder that it has, or would have.
         """
 
     def size(self, name: str) -> int:
@@ -95,7 +95,7 @@ def sweep(root: Path) -> None:
         place = earlier.with_name(earlier.name.removeprefix(".").removesuffix(_EARLIER))
         with suppress(OSError):
             earlier.rename(hidden_name(place, "replaced") if place.exists() else place)
-    for partial in root.glob("part_*/*/*/.*.partial"):
+    for partial in (*root.glob("part_*/*/*/.*.partial"), *root.glob(".*-*.partial")):
         doomed = hidden_name(partial, "swept")
         with suppress(OSError):
             partial.rename(doomed)

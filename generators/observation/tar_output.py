@@ -1,8 +1,9 @@
-"""An observation as one tar file of samples: the output of `avs3d generate --format tar`."""
+"""An observation as two tar files of samples: the output of `avs3d generate --format webdataset`."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 from avs3d_bench import files
@@ -14,7 +15,7 @@ from generators.observation.output import hidden_name, remove, shared_files
 
 
 def tar_plan_digest(plan: str) -> str:
-    """sha256 of all that the bytes of a tar depend on: the plan of the observation, and what writes the tar.
+    """sha256 of all that the bytes of shards depend on: the plan of the observation, and what writes the shards.
 
     Args:
         plan: digest of the plan.
@@ -23,17 +24,20 @@ def tar_plan_digest(plan: str) -> str:
 
 
 class TarOutput:
-    """An observation as one tar file of samples: its files are in memory until it is whole.
+    """An observation as a shard of train and one of test frames: its files are in memory until it is whole.
 
-    The tar holds what training needs: see `avs3d_bench.exports.observation_tar`. An observation costs a
-    shared file system two entries of a folder (a file is made and renamed), and one for each folder that is missing.
+    The shards hold what training needs: see `avs3d_bench.exports.observation_tar`. An observation costs a shared file
+    system four entries of a folder (two files are made and renamed).
 
     Args:
-        place: the tar's path without its suffix.
+        root: the dataset's folder.
+        numbers: by key, that of the observation and of its sibling.
+        key: of the observation.
     """
 
-    def __init__(self, place: Path) -> None:
-        self._final = observation_tar.tar_path(place)
+    def __init__(self, root: Path, numbers: Mapping[str, int], key: str) -> None:
+        self._root, self._numbers = root, numbers
+        self._final = observation_tar.observation_shards(root, numbers[key])
         self._files: dict[str, bytes] = {}
 
     def open(self) -> None:
@@ -48,8 +52,8 @@ class TarOutput:
         return observation_tar.is_member(name)
 
     def where(self, name: str) -> Path:
-        """A path below the tar, for messages."""
-        return self._final / name
+        """A path below the test shard, for messages."""
+        return self._final["test"] / name
 
     def put(self, name: str, data: bytes) -> None:
         """Keep the bytes."""
@@ -64,11 +68,14 @@ class TarOutput:
         self._files[copy] = self._files[name]
 
     def share(self, sibling: Path) -> dict[str, str]:
-        """Read the members that siblings share from the finished tar."""
-        found = observation_tar.read_tar(observation_tar.tar_path(sibling))
-        shared = shared_files(found.record.files)
-        for name in shared:
-            self._files[name] = found.files[name]
+        """Read the members that siblings share from the finished shards."""
+        number = self._numbers[sibling.relative_to(self._root).as_posix()]
+        paths = observation_tar.observation_shards(self._root, number)
+        record, _ = observation_tar.read_head(paths["test"])
+        shared = shared_files(record.files)
+        for split in observation_tar.count_frames(record):
+            found = observation_tar.read_tar(paths[split]).files
+            self._files |= {name: found[name] for name in shared.keys() & found.keys()}
         return shared
 
     def size(self, name: str) -> int:
@@ -80,18 +87,22 @@ class TarOutput:
         return files.sha256_bytes(self._files[name])
 
     def finish(self, record: ObservationRecord) -> None:
-        """Write the tar under a temporary name and rename it."""
+        """Write the shards under temporary names and rename them, the test shard last: see `observation_tar.SPLITS`."""
         assert record.plan_sha256 is not None
         own = record.model_copy(update={"plan_sha256": tar_plan_digest(record.plan_sha256)})
-        partial = hidden_name(self._final, "new")
+        chosen = {split: self._final[split] for split in observation_tar.count_frames(own)}
+        partial = {split: hidden_name(final, "new") for split, final in chosen.items()}
         try:
-            if not self._final.parent.is_dir():
-                self._final.parent.mkdir(parents=True, exist_ok=True)
-            with open(partial, "wb", buffering=0) as stream:
-                observation_tar.write_tar(stream, own, self._files)
-            os.replace(partial, self._final)
+            for split, path in partial.items():
+                with open(path, "wb", buffering=0) as stream:
+                    observation_tar.write_tar(stream, own, split, self._files)
+            for split, path in partial.items():
+                os.replace(path, chosen[split])
+            for split in self._final.keys() - chosen.keys():
+                self._final[split].unlink(missing_ok=True)
         except OSError as error:
-            raise Avs3dError(files.os_error_line(error, self._final, "write")) from error
+            raise Avs3dError(files.os_error_line(error, self._final["test"], "write")) from error
         finally:
-            if partial.exists():
-                remove(partial)
+            for path in partial.values():
+                if path.exists():
+                    remove(path)

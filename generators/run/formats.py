@@ -1,12 +1,14 @@
-"""The forms of a dataset that a run writes: a folder of files for each observation, or a tar file of samples.
+"""The forms of a dataset that a run writes: a folder of files for each observation, or tar files of samples.
 
 A form says where an observation lies, whether an earlier run has made it, and what is written over all of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
@@ -14,19 +16,23 @@ from typing import Any, Protocol
 from avs3d_bench import files, layout
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.exports import observation_tar
-from avs3d_bench.exports.observation_index import FORMAT, ObservationShardIndex, describe_shards
-from avs3d_bench.exports.shards import SHARDS_JSON
+from avs3d_bench.exports.observation_index import describe_shard, describe_shards
+from avs3d_bench.exports.shards import SHARDS_JSON, ShardIndex
 from avs3d_bench.outputs import Signature
 from avs3d_bench.parallel import available_cores
 from avs3d_bench.provenance import Provenance
 from avs3d_bench.schema import DatasetRecord, ObservationRecord
-from generators.manifest import ManifestFile
+from avs3d_bench.taxonomy import PARTS
+from generators.manifest import Manifest, ManifestFile
 from generators.observation.output import FolderOutput, ObservationOutput
 from generators.observation.tar_output import TarOutput, tar_plan_digest
 from generators.plan import ObservationPlan
 from generators.run.dataset_record import describe_dataset, read_observation
 from generators.run.differences import describe_mismatch
-from generators.run.finished import find_damage
+from generators.run.finished import discard, find_damage
+
+#: The name of a shard.
+_SHARD = re.compile(r"(train|test)-[0-9]{6,}\.tar")
 
 
 class DatasetFormat(Protocol):
@@ -43,16 +49,30 @@ class DatasetFormat(Protocol):
     def name_of(self, index: Any) -> Any:
         """The name of the dataset in an index with the signature (JSON)."""
 
-    def output(self, place: Path, *, replaces: bool = False) -> ObservationOutput:
+    def owns(self, name: str) -> bool:
+        """Whether a file or folder of this name in the dataset's folder belongs to a dataset of this form."""
+
+    def limited_to(self, keys: Collection[str]) -> DatasetFormat:
+        """The form as far as observations of these keys need it: it is sent to workers."""
+
+    def output(self, root: Path, place: Path, *, replaces: bool = False) -> ObservationOutput:
         """The output of the files of an observation whose folder is, or would be, ``place``.
 
         Args:
+            root: the dataset's folder.
             place: the folder.
             replaces: whether it takes the place of a finished observation, which stays until the new one is whole.
         """
 
     def path(self, root: Path, key: str) -> Path:
-        """The folder or file of an observation."""
+        """The folder or file that is there when an observation is."""
+
+    def discard(self, root: Path, key: str) -> None:
+        """Remove a damaged observation, so that it can be made again, or the rest of one that is not there.
+
+        Raises:
+            Avs3dError: if the system refuses, or a file is that of something else.
+        """
 
     def plan_digest(self, plan: ObservationPlan) -> str:
         """sha256 of all that the bytes of an observation in this form depend on."""
@@ -106,13 +126,26 @@ class FolderFormat:
         """As the index has it."""
         return index["name"]
 
-    def output(self, place: Path, *, replaces: bool = False) -> ObservationOutput:
+    def owns(self, name: str) -> bool:
+        """dataset.json, and the parts."""
+        return name == self.index or name in PARTS
+
+    def limited_to(self, keys: Collection[str]) -> FolderFormat:
+        """Itself."""
+        return self
+
+    def output(self, root: Path, place: Path, *, replaces: bool = False) -> ObservationOutput:
         """A folder."""
         return FolderOutput(place, replaces=replaces)
 
     def path(self, root: Path, key: str) -> Path:
         """The folder."""
         return root / key
+
+    def discard(self, root: Path, key: str) -> None:
+        """Remove the folder."""
+        if (root / key).exists():
+            discard(root / key)
 
     def plan_digest(self, plan: ObservationPlan) -> str:
         """That of the plan: writers of files belong to it."""
@@ -147,35 +180,84 @@ class FolderFormat:
         return files.read_record(root / self.index, DatasetRecord)
 
 
-class TarFormat:
-    """A tar file of samples for each observation, and shards.json over all: see `observation_tar`."""
+FOLDERS = FolderFormat()
 
+
+@dataclass(frozen=True)
+class WebdatasetFormat:
+    """Two shards for each observation, and shards.json over all: see `observation_tar`.
+
+    Attributes:
+        numbers: key of an observation → its place in the manifest, from 0.
+    """
+
+    numbers: Mapping[str, int]
     index = SHARDS_JSON
-    signature = Signature(values=(("format", FORMAT),), keys=("dataset",), exactly=False)
+    signature = Signature(values=(("format", "webdataset"),), keys=("generated",), exactly=False)
 
     def name_of(self, index: Any) -> Any:
-        """As the dataset's record in the index has it."""
-        return index["dataset"]["name"]
+        """As the index has it."""
+        return index["dataset"]
 
-    def output(self, place: Path, *, replaces: bool = False) -> ObservationOutput:
-        """A tar."""
-        return TarOutput(place)  # a rename replaces a file
+    def owns(self, name: str) -> bool:
+        """shards.json, and the shards."""
+        return name == self.index or _SHARD.fullmatch(name) is not None
+
+    def limited_to(self, keys: Collection[str]) -> WebdatasetFormat:
+        """Without the numbers of other observations."""
+        return WebdatasetFormat({key: self.numbers[key] for key in keys})
+
+    def output(self, root: Path, place: Path, *, replaces: bool = False) -> ObservationOutput:
+        """The shards."""
+        return TarOutput(root, self.numbers, place.relative_to(root).as_posix())  # a rename replaces a file
 
     def path(self, root: Path, key: str) -> Path:
-        """The tar."""
-        return observation_tar.tar_path(root / key)
+        """The test shard, which gets its name last."""
+        return self._shards(root, key)["test"]
+
+    def _shards(self, root: Path, key: str) -> dict[str, Path]:
+        return observation_tar.observation_shards(root, self.numbers[key])
+
+    def discard(self, root: Path, key: str) -> None:
+        """Remove the shards, the test shard first: without it, the other one is the rest of an attempt."""
+        shards = self._shards(root, key)
+        if shards["train"].exists() and not shards["test"].exists():
+            observation_tar.read_head(shards["train"])  # a file of something else is an error
+        for path in reversed(shards.values()):
+            if path.exists():
+                discard(path)
 
     def plan_digest(self, plan: ObservationPlan) -> str:
-        """That of the plan with what writes tars."""
+        """That of the plan with what writes shards."""
         return tar_plan_digest(plan.digest)
 
     def read(self, root: Path, key: str) -> tuple[ObservationRecord, str]:
-        """From the first member."""
-        return observation_tar.read_head(self.path(root, key))
+        """From the first member of the test shard.
+
+        Raises:
+            UsageError: if the shard is that of another observation.
+        """
+        path = self.path(root, key)
+        record, digest = observation_tar.read_head(path)
+        if record.key != key:
+            raise UsageError(
+                f"{path}: holds {record.key}, but {key} has this number in the manifest, which may grow at its end "
+                "alone; choose another folder with -o"
+            )
+        return record, digest
 
     def find_damage(self, root: Path, record: ObservationRecord) -> str:
-        """Whether the tar's bytes are those of its digest."""
-        return observation_tar.find_fault(self.path(root, record.key))
+        """Whether the bytes of both shards are those of their digests, and both are of one attempt."""
+        shards = self._shards(root, record.key)
+        for split in observation_tar.count_frames(record):
+            path = shards[split]
+            if not path.is_file():
+                return f"{path.name} is missing"
+            if fault := observation_tar.find_fault(path):
+                return f"{path.name} is {fault}" if fault.startswith("cut") else f"{path.name}: {fault}"
+            if observation_tar.read_head(path)[0] != record:
+                return f"{path.name} is of another attempt than {shards['test'].name}"
+        return ""
 
     def seal(
         self,
@@ -188,21 +270,35 @@ class TarFormat:
         """Write shards.json."""
         found = list(_found(self, source, root, without, see))
         dataset = describe_dataset(source, found, software)
-        if dataset is not None:
-            records = [record for record, _ in found]
-            with ThreadPoolExecutor(available_cores()) as pool:
-                digests = pool.map(files.sha256_file, [self.path(root, record.key) for record in records])
-                files.write_json(root / self.index, describe_shards(root, dataset, zip(records, digests, strict=True)))
-        else:
+        if dataset is None:
             (root / self.index).unlink(missing_ok=True)
+            return
+        shards = [
+            (split, self._shards(root, record.key)[split], record)
+            for split in observation_tar.SPLITS
+            for record, _ in sorted(found, key=lambda pair: self.numbers[pair[0].key])
+            if split in observation_tar.count_frames(record)
+        ]
+        with ThreadPoolExecutor(available_cores()) as pool:
+            digests = pool.map(files.sha256_file, [path for _, path, _ in shards])
+            described = (describe_shard(*one, digest) for one, digest in zip(shards, digests, strict=True))
+            files.write_json(root / self.index, describe_shards(dataset, [record for record, _ in found], described))
 
     def read_index(self, root: Path) -> DatasetRecord:
         """That in shards.json."""
-        return files.read_record(root / self.index, ObservationShardIndex).dataset
+        found = files.read_record(root / self.index, ShardIndex).generated
+        if found is None:
+            raise Avs3dError(f"{root / self.index}: the index of an export, not of `avs3d generate`")
+        return found
 
 
-#: Name on the command line → form.
-FORMATS: dict[str, DatasetFormat] = {"folders": FolderFormat(), "tar": TarFormat()}
+#: Names on the command line → forms of the dataset of a manifest.
+FORMATS: dict[str, Callable[[Manifest], DatasetFormat]] = {
+    "folders": lambda _: FOLDERS,
+    "webdataset": lambda manifest: WebdatasetFormat(
+        {spec.key: number for number, spec in enumerate(manifest.observations)}
+    ),
+}
 
 
 def _found(
@@ -220,28 +316,14 @@ def _found(
             yield record, digest
 
 
-def refuse_other_form(form: DatasetFormat, root: Path, key: str) -> None:
-    """Refuse an observation that was made in another form.
-
-    Raises:
-        UsageError: naming its folder or tar.
-    """
-    for other in FORMATS.values():
-        if other is not form and other.path(root, key).exists():
-            raise UsageError(
-                f"{other.path(root, key)}: was generated with another --format; choose another folder with -o"
-            )
-
-
 def find_finished(form: DatasetFormat, root: Path, plan: ObservationPlan) -> ObservationRecord | None:
     """The record of the plan's observation below ``root``; None where it has not been made.
 
     Raises:
-        UsageError: if it was made from another plan or by other software, or in another form.
+        UsageError: if it was made from another plan or by other software.
         Avs3dError: if its record is missing or damaged.
     """
     path = form.path(root, plan.key)
-    refuse_other_form(form, root, plan.key)
     if not path.exists():
         return None
     record, _ = form.read(root, plan.key)

@@ -1,7 +1,7 @@
 """Runs a manifest: what is to be made goes to a scheduler, what is made is kept, and the dataset is sealed.
 
 Observations are independent of one another and of the number of workers. A finished one is recognised by the digest
-of its plan and the sizes of its files (of a tar, its digest); whatever was interrupted has a temporary name and is
+of its plan and the sizes of its files (of shards, their digests); whatever was interrupted has a temporary name and is
 regenerated.
 """
 
@@ -27,7 +27,6 @@ from avs3d_bench.scheduling.local import LocalScheduler
 from avs3d_bench.scheduling.lock import folder_lock
 from avs3d_bench.scheduling.tasks import Event, Failure, Listener, Policy, Scheduler, Task
 from avs3d_bench.schema import CameraSplits, ObservationRecord
-from avs3d_bench.taxonomy import PARTS
 from generators.backends import observation_provenance
 from generators.core.limits import MOST_CORES
 from generators.homes.cache import check_writable, is_stored
@@ -35,8 +34,14 @@ from generators.manifest import CameraSpec, ManifestFile
 from generators.observation.output import sweep
 from generators.plan import ObservationPlan, check_scans
 from generators.run.dataset_record import check
-from generators.run.finished import discard
-from generators.run.formats import FORMATS, DatasetFormat, find_finished, is_of_plan, refuse_other_form
+from generators.run.formats import (
+    FOLDERS,
+    FORMATS,
+    DatasetFormat,
+    WebdatasetFormat,
+    find_finished,
+    is_of_plan,
+)
 from generators.run.preflight import check_files
 from generators.run.worker import RunTarget, make_observation, prepare, warm_up_worker
 
@@ -142,7 +147,7 @@ def run(
     """
     check(source)
     check_scans(plans)
-    root, form = root.absolute(), FORMATS[settings.format]
+    root, form = root.absolute(), FORMATS[settings.format](source.manifest)
     settings = replace(settings, cache=settings.cache.absolute())
     refuse_foreign(root, form, source.manifest.name)
     new = [plan for plan in plans if plan.key in settings.remake or not form.path(root, plan.key).exists()]
@@ -162,7 +167,7 @@ def run(
             listen(Event("kept", key, ""))
         outcome = Outcome((), kept, ())
         if todo:
-            place = RunTarget(root, settings.cache, me.token if settings.shared else None, settings.format)
+            place = RunTarget(root, settings.cache, me.token if settings.shared else None, form)
             try:
                 outcome = _make(todo, place, settings, listen, log, kept)
             finally:
@@ -209,7 +214,7 @@ def _make(
                     continue  # a home; the observations that waited for it tell the rest
                 if isinstance(result, Failure):
                     message = result.message
-                    if key in settings.remake and FORMATS[settings.format].path(place.root, key).exists():
+                    if key in settings.remake and place.form.path(place.root, key).exists():
                         message += " (the earlier observation is left as it was)"
                     failed.append((key, message))
                     log.add(key, result.attempts)
@@ -235,11 +240,11 @@ def never_in_a_test_frame(record: ObservationRecord) -> bool:
 _FAILURES = Signature(start=b'{"key": ')
 
 
-def refuse_foreign(root: Path, form: DatasetFormat = FORMATS["folders"], name: str | None = None) -> None:
+def refuse_foreign(root: Path, form: DatasetFormat = FOLDERS, name: str | None = None) -> None:
     """Refuse a folder that holds something and is no dataset, finished or not: nothing is mixed into it.
 
-    A dataset shows in its index (dataset.json or shards.json), its parts, or the lock and the failures of an earlier
-    run.
+    A dataset shows in its index (dataset.json or shards.json), its parts or shards, or the lock and the failures of an
+    earlier run.
 
     Args:
         root: the folder.
@@ -253,11 +258,12 @@ def refuse_foreign(root: Path, form: DatasetFormat = FORMATS["folders"], name: s
     check_replaceable(root / layout.FAILURES_JSONL, (_FAILURES,))
     with suppress(OSError):  # whoever makes the folder says what is wrong with it
         there = sorted(path.name for path in root.iterdir()) if root.is_dir() else []
-        own = {form.index, layout.LOCK, layout.FAILURES_JSONL, *PARTS}
-        other = sorted({one.index for one in FORMATS.values()} - {form.index})
-        if not own.isdisjoint(there) and (mixed := [name for name in other if name in there]):
-            raise UsageError(f"{root}: holds {mixed[0]}, the index of another --format; choose another folder with -o")
-        if there and own.isdisjoint(there):
+        own = [name for name in there if form.owns(name) or name in (layout.LOCK, layout.FAILURES_JSONL)]
+        others = (FOLDERS, WebdatasetFormat({}))
+        mixed = [name for name in there if not form.owns(name) and any(other.owns(name) for other in others)]
+        if mixed:
+            raise UsageError(f"{root}: holds {mixed[0]}, which is of another --format; choose another folder with -o")
+        if there and not own:
             raise UsageError(
                 f"{root}: not empty and no dataset (holds {excerpt(there[0])}); choose another folder with -o"
             )
@@ -294,11 +300,13 @@ def _tasks(
     each = math.ceil(threads / len(homes))
     home_limit = None if limit is None else min(HOME_FACTOR * limit, HOME_LIMIT)
     tasks = []
+    bare = replace(place, form=place.form.limited_to(()))
     for digest, group in homes.items():
-        home = Task(f"home {digest[:16]}", prepare, (group[0], place, each), limit=home_limit)
+        home = Task(f"home {digest[:16]}", prepare, (group[0], bare, each), limit=home_limit)
         tasks.append(home)
         for plan in group:
-            own = replace(place, replaces=plan.key in remake)
+            named = (plan.key,) if plan.first is None else (plan.key, plan.first.key)
+            own = replace(place, form=place.form.limited_to(named), replaces=plan.key in remake)
             task = Task(plan.key, make_observation, (plan, own), after=home.name, limit=limit, most_cores=MOST_CORES)
             if plan.first is not None and plan.first.key in keys:
                 # It links the pictures of the first of its group, or renders them if that one has failed.
@@ -337,8 +345,8 @@ def _await(form: DatasetFormat, root: Path, made: Sequence[ObservationPlan], rem
                 )
             time.sleep(0.5)
             # Reading the folder has a network file system look again for what was not there before.
-            if (root / key).parent.is_dir():
-                os.listdir((root / key).parent)
+            if (parent := form.path(root, key).parent).is_dir():
+                os.listdir(parent)
 
 
 def _finished(
@@ -353,21 +361,22 @@ def _finished(
 
     Those of ``remake`` count as not there, whatever they are.
     """
-    for key in remake:
-        refuse_other_form(form, root, key)
     every = (
         replace(plans[0], spec=spec, scan=source.manifest.scans[spec.scan])
         for spec in source.manifest.observations
         if spec.key not in remake
     )
-    found = {plan.key: record for plan in every if (record := find_finished(form, root, plan)) is not None}
+    looked = {plan.key: find_finished(form, root, plan) for plan in every}
+    found = {key: record for key, record in looked.items() if record is not None}
     # Nothing is removed before everything has been found to come from the same manifest and software.
     there = [found[plan.key] for plan in plans if plan.key in found]
+    for key in looked.keys() - found.keys():
+        form.discard(root, key)
     with ThreadPoolExecutor(available_cores()) as pool:
         damages = pool.map(partial(form.find_damage, root), there)
         for record, damage in zip(there, damages, strict=True):
             if damage:
                 listen(Event("note", record.key, f"regenerated: {damage}"))
-                discard(form.path(root, record.key))
+                form.discard(root, record.key)
                 del found[record.key]
     return set(found)

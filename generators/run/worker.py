@@ -22,7 +22,7 @@ from generators.homes.store import prepare_home
 from generators.observation.generate import generate_observation
 from generators.options import EngineOptions
 from generators.plan import ObservationPlan
-from generators.run.formats import FORMATS, find_finished
+from generators.run.formats import FOLDERS, DatasetFormat, find_finished
 
 #: How often a worker looks for the run's folder before it says that it cannot see it, and seconds in between.
 _LOOKS, _PAUSE = 5, 1.0
@@ -36,14 +36,14 @@ class RunTarget:
         root: the dataset's folder.
         cache: folder of baked homes.
         token: of the run that holds ``root``, where workers may be on other machines; None: this machine.
-        format: of what is written: a name of `FORMATS`.
+        form: of what is written.
         replaces: whether the observation takes the place of a finished one.
     """
 
     root: Path
     cache: Path
     token: str | None = None
-    format: str = "folders"
+    form: DatasetFormat = FOLDERS
     replaces: bool = False
 
 
@@ -81,7 +81,7 @@ def make_observation(context: Context, plan: ObservationPlan, place: RunTarget) 
             on_frame,
             cores=context.cores,
             pictures=_pictures(plan, place),
-            output=partial(FORMATS[place.format].output, replaces=place.replaces),
+            output=partial(place.form.output, place.root, replaces=place.replaces),
         )
     what = describe_sound(record) or record.category
     t30 = f"T30 {record.acoustics.t30:.2f} s, " if record.acoustics.t30 else ""
@@ -96,10 +96,9 @@ def _pictures(plan: ObservationPlan, place: RunTarget) -> Path | None:
     """The sibling or original whose pictures ``plan`` can have; None if it is not there, or not whole."""
     if plan.first is None:
         return None
-    form = FORMATS[place.format]
     try:
-        record = find_finished(form, place.root, plan.first)
-        whole = record is not None and not form.find_damage(place.root, record)
+        record = find_finished(place.form, place.root, plan.first)
+        whole = record is not None and not place.form.find_damage(place.root, record)
     except Avs3dError:
         return None
     return place.root / plan.first.key if whole else None

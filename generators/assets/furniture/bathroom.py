@@ -95,7 +95,7 @@ def _inset_basin(kit: Kit, w: float, d: float, under: float, top: float, metal: 
         ],
         centre=(0.0, d / 2 + 0.035),
     )
-    kit.loft(np.concatenate([outer, hole]), kit.m("ceramic"))
+    kit.loft(np.concatenate([outer, hole]), kit.m("ceramic"), crease=45.0)
     tap(kit, (0.0, top, 0.055), metal, style="block", height=0.12, reach=0.13)
     kit.cylinder(0.02, 0.004, (0.0, top - 0.109, d / 2 + 0.035), kit.m("chrome"), segments=12)
 
@@ -221,6 +221,7 @@ def laundry_basket(kit: Kit) -> None:
                 per_corner=4,
             ),
             cloth,
+            crease=45.0,
         )
         kit.soft(
             (0.3, 0.16, 0.24), (0.0, h - 0.06, 0.0), kit.m("towel_1"), radius=0.07, puff=(0.02, 0.03, 0.02), cells=5

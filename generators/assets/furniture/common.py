@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from generators.assets.furniture.forms import (
+from generators.assets.forms import (
     CHAMFER_FACES,
     CHAMFER_NORMALS,
     INSET,
@@ -108,7 +108,7 @@ class Kit(MeshBuilder):
         normals: Array | None = None,
         crease: float = 40.0,
         acoustic: bool | str = True,
-    ) -> Kit:
+    ) -> Self:
         """As `MeshBuilder.add`, without an acoustic twin; default texture coordinates follow the grain."""
         points = np.asarray(vertices, dtype=np.float64)
         if uv is None and material.texture is not None:
@@ -143,7 +143,7 @@ class Kit(MeshBuilder):
 
     def panel(
         self, low: Point, high: Point, material: Material, *, bevel: float = 0.003, rotate: Array | None = None
-    ) -> Kit:
+    ) -> Self:
         """A board between two corners with softened edges (44 triangles; 12 with ``bevel`` 0).
 
         ``rotate`` turns it about its own centre.
@@ -174,7 +174,7 @@ class Kit(MeshBuilder):
         puff: Point = (0.0, 0.0, 0.0),
         cells: int = 6,
         rotate: Array | None = None,
-    ) -> Kit:
+    ) -> Self:
         """An upholstered block: rounded edges of ``radius``, faces bulging outwards by ``puff`` metres per axis."""
         half = np.asarray(size, dtype=np.float64) / 2
         r = min(radius, 0.49 * 2 * float(half.min()))
@@ -206,7 +206,7 @@ class Kit(MeshBuilder):
 
     def pillow(
         self, size: Point, centre: Point, material: Material, *, rotate: Array | None = None, cells: int = 7
-    ) -> Kit:
+    ) -> Self:
         """A stuffed cushion lying in its local x–y plane, ``size`` = (width, height, thickness): thin pinched rim."""
         w, h, d = (float(k) / 2 for k in size)
         cut = np.sin(np.linspace(-np.pi / 2, np.pi / 2, cells + 1))
@@ -222,35 +222,7 @@ class Kit(MeshBuilder):
         vertices = np.concatenate([front, back])
         return self.add(vertices, outward(vertices, faces), material, centre=tuple(centre), rotate=rotate, crease=60.0)
 
-    def loft(self, rings: ArrayLike, material: Material, *, caps: bool = True, crease: float = 45.0) -> Kit:
-        """Skin a closed solid over ``rings`` (R, N, 3), from one end to the other; flat caps close the ends.
-
-        A hollow vessel is a loft that goes up its outside, over the rim and down its inside.
-        """
-        points = np.asarray(rings, dtype=np.float64)
-        count, around = points.shape[:2]
-        i, j = (k.reshape(-1) for k in np.meshgrid(np.arange(count - 1), np.arange(around), indexing="ij"))
-        n = (j + 1) % around
-        a, b, c, d = i * around + j, i * around + n, (i + 1) * around + n, (i + 1) * around + j
-        faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
-        vertices = points.reshape(-1, 3)
-        if caps:
-            ends = np.stack([points[0].mean(axis=0), points[-1].mean(axis=0)])
-            first, last = len(vertices), len(vertices) + 1
-            k = np.arange(around)
-            ring = (k + 1) % around
-            tail = (count - 1) * around
-            faces = np.concatenate(
-                [
-                    faces,
-                    np.stack([np.full(around, first), ring, k], axis=1),
-                    np.stack([np.full(around, last), tail + k, tail + ring], axis=1),
-                ]
-            )
-            vertices = np.concatenate([vertices, ends])
-        return self.add(vertices, outward(vertices, faces), material, crease=crease)
-
-    def round_top(self, radius: float, low: float, high: float, material: Material) -> Kit:
+    def round_top(self, radius: float, low: float, high: float, material: Material) -> Self:
         """A round table top or seat about the Y axis with softened edges, its grain straight across."""
         angle = np.linspace(0, 2 * np.pi, 44, endpoint=False)
         soft = min(0.008, 0.4 * (high - low))
@@ -268,7 +240,7 @@ class Kit(MeshBuilder):
         with self.grained("x"):
             return self.loft(rings, material, crease=60.0)
 
-    def shell(self, surface: ArrayLike, thickness: float, material: Material, *, fit: bool = False) -> Kit:
+    def shell(self, surface: ArrayLike, thickness: float, material: Material, *, fit: bool = False) -> Self:
         """Cloth: a grid of points (R, C, 3) given a thickness (half to each side) and closed round its rim.
 
         The texture runs along the grid at the material's scale; ``fit`` stretches it once over the front.
@@ -305,18 +277,18 @@ class Kit(MeshBuilder):
         *,
         end_radius: float | None = None,
         sides: int = 8,
-    ) -> Kit:
+    ) -> Self:
         """A round bar or tapered leg between two points."""
         radii = [radius, radius if end_radius is None else end_radius]
         self.tube(np.array([start, end]), radii, material, segments=sides)
         return self
 
-    def cloth_quad(self, corners: ArrayLike, material: Material, *, fit: bool = True) -> Kit:
+    def cloth_quad(self, corners: ArrayLike, material: Material, *, fit: bool = True) -> Self:
         """A flat printed face (picture, screen, hob) without an acoustic twin."""
         self.quad(corners, material, fit=fit, acoustic=False)
         return self
 
-    def sound(self, low: Point, high: Point, material: Material) -> Kit:
+    def sound(self, low: Point, high: Point, material: Material) -> Self:
         """Add a box between two corners to the acoustic twin, with the material's acoustic label."""
         lower, upper = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
         corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * (upper - lower) + lower
@@ -325,7 +297,7 @@ class Kit(MeshBuilder):
 
     def support(
         self, kind: SupportKind, x: tuple[float, float], z: tuple[float, float], y: float, clearance: float = 0.6
-    ) -> Kit:
+    ) -> Self:
         """Declare a free horizontal rectangle at height ``y``, in modelling coordinates."""
         self._supports.append(
             Support(

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from avs3d_bench.errors import UsageError
+from generators.assets.forms import rounded_rectangle
 from generators.assets.furniture.common import LIE_DOWN, Kit
-from generators.assets.furniture.forms import rounded_rectangle
 from generators.assets.furniture.parts import (
     front,
     fruit_bowl,
@@ -59,7 +59,7 @@ def kitchen_counter(
         else:
             (x0, x1), (z0, z1) = sink
             outline = [(left, 0.0), (-left, 0.0), (-left, -edge), (left, -edge)]
-            hole = rounded_rectangle(x1 - x0, z1 - z0, 0.02, per_corner=4) + np.array([(x0 + x1) / 2, -(z0 + z1) / 2])
+            hole = rounded_rectangle(x1 - x0, z1 - z0, 0.02, steps=3) + np.array([(x0 + x1) / 2, -(z0 + z1) / 2])
             kit.extrude(outline, 0.04, top, holes=[hole], centre=(0.0, TOP - 0.04, 0.0), rotate=LIE_DOWN)
     if run.hob >= 0:
         _hob(kit, run.middle(run.hob), min(0.29, run.step / 2 - 0.01), decor)
@@ -201,6 +201,7 @@ def _sink(kit: Kit, x: float, step: float) -> tuple[tuple[float, float], tuple[f
             centre=(x, z),
         ),
         material,
+        crease=45.0,
     )
     kit.cylinder(0.04, 0.004, (x, TOP - 0.173, z), kit.m("chrome"), segments=16)
     tap(kit, (x, TOP, 0.075), kit.m("tap"), style="arc", height=0.34, reach=0.2)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from generators.assets.forms import rounded_rectangle
 from generators.assets.furniture.common import Kit
-from generators.assets.furniture.forms import rounded_rectangle
 from generators.assets.shapes import rotation
 from generators.assets.textures.pictures import SPINES
 from generators.core.scene import Material
@@ -257,7 +257,7 @@ def ring_stack(
     """(R, N, 3) rounded-rectangle rings of (width, depth, corner radius, height) for `Kit.loft`."""
     rings = []
     for width, depth, radius, height in sizes:
-        flat = rounded_rectangle(width, depth, radius, per_corner=per_corner)
+        flat = rounded_rectangle(width, depth, radius, steps=per_corner - 1)
         rings.append(np.stack([flat[:, 0] + centre[0], np.full(len(flat), height), flat[:, 1] + centre[1]], axis=1))
     return np.array(rings)
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from generators.assets.forms import Array
 from generators.assets.furniture.common import Kit
-from generators.assets.furniture.forms import Array
 from generators.core.scene import Material
 
 

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from generators.assets.objects import decals
 from generators.assets.objects.design import Build, Design
 from generators.assets.objects.finishes import choose, chrome, enamel, plastic, printed, rubber, wood
-from generators.assets.objects.forms import slab
 from generators.assets.shapes import MeshBuilder, rotation
 from generators.core.scene import Material
 
@@ -94,7 +93,7 @@ def _square(rng: Generator) -> Design:
     side = 0.30
     tone = choose(rng, "#202124", "#e8e6e0", "#37586b")
     frame = plastic("frame", tone, gloss=0.4)
-    slab(b, (side, side, 0.045), (0, side / 2, 0.0225), frame, corner=0.03, bevel=0.010, acoustic=True)
+    b.slab((side, side, 0.045), (0, side / 2, 0.0225), frame, corner=0.03, bevel=0.010, acoustic=True)
     dark = tone != "#e8e6e0"
     pixels = decals.clock_face(
         512, paper="#f5f3ed" if dark else "#2c2e30", ink="#1a1a1a" if dark else "#f2f2ee", numerals="quarters"

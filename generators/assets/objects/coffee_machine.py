@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.random import Generator
 
+from generators.assets.forms import rounded_rectangle, smooth_path
 from generators.assets.objects import decals
 from generators.assets.objects.design import Build, Design
 from generators.assets.objects.finishes import (
@@ -20,7 +21,6 @@ from generators.assets.objects.finishes import (
     printed,
     rubber,
 )
-from generators.assets.objects.forms import loft, rounded_rectangle, slab, smooth_path
 from generators.assets.shapes import MeshBuilder, rotation
 from generators.core.scene import Material
 
@@ -162,7 +162,7 @@ def _filter(rng: Generator) -> Design:
         levels: list[tuple[float, float]], material: Material, shape: np.ndarray = outline, z: float = 0.0
     ) -> None:
         loops = [np.stack([shape[:, 0] * s, np.full(len(shape), y), z - shape[:, 1] * s], axis=1) for s, y in levels]
-        loft(b, np.array(loops), material)
+        b.loft(np.array(loops), material)
 
     stack([(0.97, 0.0), (1.0, 0.006), (1.0, 0.036), (0.975, 0.044)], body)
     tower = rounded_rectangle(0.205, 0.105, 0.045)
@@ -182,7 +182,7 @@ def _filter(rng: Generator) -> Design:
     front = 0.135
     at = [(sx * 0.045, 0.300 + sy * 0.0135, front + 0.0006) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     b.quad(at, printed("name", name.pixels()), fit=True, acoustic=False)
-    slab(b, (0.030, 0.016, 0.006), (0.0, 0.020, front + 0.002), plastic("switch", "#141517"), corner=0.004, bevel=0.002)
+    b.slab((0.030, 0.016, 0.006), (0.0, 0.020, front + 0.002), plastic("switch", "#141517"), corner=0.004, bevel=0.002)
     b.cylinder(
         0.003,
         0.003,
@@ -261,7 +261,7 @@ def _capsule(rng: Generator) -> Design:
             rotate=rotation("y", 90),
             acoustic=False,
         )
-    slab(b, (0.13, 0.145, 0.026), (0, 0.013, 0.080), dark, corner=0.035, bevel=0.005, rotate=rotation("x", -90))
+    b.slab((0.13, 0.145, 0.026), (0, 0.013, 0.080), dark, corner=0.035, bevel=0.005, rotate=rotation("x", -90))
     _tray(b, 0.088, 0.088, 0.030, 0.080, metal)
     b.cylinder(0.022, 0.030, (0, 0.176, 0.075), dark, top_radius=0.026, segments=28, acoustic=False)
     b.cylinder(0.008, 0.018, (0, 0.153, 0.075), metal, segments=16, acoustic=False)

@@ -17,7 +17,6 @@ from generators.assets.objects.finishes import (
     printed,
     rubber,
 )
-from generators.assets.objects.forms import slab
 from generators.assets.shapes import MeshBuilder, rotation
 from generators.core.scene import Material
 
@@ -48,7 +47,7 @@ def _window(b: MeshBuilder, frame: Material, z: float, *, rim: float = 0.022) ->
     left, right = -W / 2 + 0.004, W / 2 - PANEL - 0.003
     width, height = right - left, H - 0.022
     x, y = (left + right) / 2, 0.012 + (H - 0.012) / 2
-    slab(b, (width, height, 0.024), (x, y, z + 0.012), frame, corner=0.010, bevel=0.005)
+    b.slab((width, height, 0.024), (x, y, z + 0.012), frame, corner=0.010, bevel=0.005)
     texture = decals.dotted_window(640, 448, pitch=11)
     w, h = width / 2 - rim, height / 2 - rim
     corners = [
@@ -65,7 +64,7 @@ def _panel(b: MeshBuilder, pixels: Pixels, frame: Material, z: float) -> tuple[f
     """The control panel and its print; returns its centre."""
     x, y = W / 2 - PANEL / 2 - 0.002, 0.012 + (H - 0.012) / 2
     width, height = PANEL - 0.006, H - 0.022
-    slab(b, (width, height, 0.022), (x, y, z + 0.011), frame, corner=0.008, bevel=0.004)
+    b.slab((width, height, 0.022), (x, y, z + 0.011), frame, corner=0.008, bevel=0.004)
     w, h = width / 2 - 0.005, height / 2 - 0.005
     corners = [
         (x - w, y - h, z + 0.0226),
@@ -139,7 +138,7 @@ def _white(rng: Generator) -> Design:
         b.box(
             (0.006, 0.040, 0.007), (middle, at, z + 0.045), plastic("dial_grip", "#8e9296"), rotate=turn, acoustic=False
         )
-    slab(b, (0.09, 0.030, 0.010), (middle, 0.042, z + 0.026), plastic("opener", "#dcdddb"), corner=0.006, bevel=0.003)
+    b.slab((0.09, 0.030, 0.010), (middle, 0.042, z + 0.026), plastic("opener", "#dcdddb"), corner=0.006, bevel=0.003)
     return Design(b.build(), "surface", (-0.06, H / 2, z + 0.055))
 
 

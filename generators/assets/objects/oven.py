@@ -8,7 +8,6 @@ from numpy.random import Generator
 from generators.assets.objects import decals
 from generators.assets.objects.design import Build, Design
 from generators.assets.objects.finishes import Pixels, brushed_steel, chrome, enamel, plastic, printed, rubber
-from generators.assets.objects.forms import slab
 from generators.assets.shapes import MeshBuilder, rotation
 from generators.core.scene import Material
 
@@ -58,7 +57,7 @@ def _mini_oven(rng: Generator, case: Material, front: Material, background: str,
     left, right = -W / 2 + 0.006, W / 2 - PANEL - 0.002
     x, y = (left + right) / 2, 0.018 + (H - 0.018) / 2
     width, height = right - left, H - 0.034
-    slab(b, (width, height, 0.020), (x, y, z + 0.010), front, corner=0.008, bevel=0.004)
+    b.slab((width, height, 0.020), (x, y, z + 0.010), front, corner=0.008, bevel=0.004)
     w, low, high = width / 2 - 0.020, y - height / 2 + 0.022, y + height / 2 - 0.052
     corners = [(x - w, low, z + 0.0208), (x + w, low, z + 0.0208), (x + w, high, z + 0.0208), (x - w, high, z + 0.0208)]
     b.quad(corners, printed("oven_window", _window(), acoustic="glass", gloss=0.8), fit=True, acoustic=False)
@@ -67,7 +66,7 @@ def _mini_oven(rng: Generator, case: Material, front: Material, background: str,
     bar += [(-p[0] + 2 * x, p[1], p[2]) for p in reversed(bar)]
     b.tube(bar, 0.008, chrome("handle"), segments=14)
     px = W / 2 - PANEL / 2 - 0.002
-    slab(b, (PANEL - 0.006, height, 0.016), (px, y, z + 0.008), front, corner=0.006, bevel=0.003)
+    b.slab((PANEL - 0.006, height, 0.016), (px, y, z + 0.008), front, corner=0.006, bevel=0.003)
     pw, ph = PANEL / 2 - 0.008, height / 2 - 0.006
     corners = [
         (px - pw, y - ph, z + 0.0166),

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from generators.assets.forms import coil, grip_loops, rounded_rectangle
 from generators.assets.objects import decals
 from generators.assets.objects.design import Build, Design
 from generators.assets.objects.finishes import choose, chrome, plastic, printed, rubber
-from generators.assets.objects.forms import coil, grip, loft, rounded_rectangle, slab
 from generators.assets.shapes import MeshBuilder, rotation
 from generators.core.scene import Material
 
@@ -30,7 +30,8 @@ def _handset(b: MeshBuilder, length: float, material: Material, centre: Array, t
     width = 0.017 + 0.010 * np.abs(s) ** 3
     thick = 0.012 + 0.004 * np.abs(s) ** 3
     outline = rounded_rectangle(2.0, 2.0, 0.85, steps=4)
-    grip(b, np.stack([x, y], 1), np.stack([width, thick], 1), outline, material, centre=centre, rotate=turn)
+    loops = grip_loops(np.stack([x, y], 1), np.stack([width, thick], 1), outline)
+    b.loft(loops, material, centre=centre, rotate=turn, crease=50, acoustic=False)
     for side in (-1, 1):
         cup = np.array([side * (half - 0.030), -0.014, 0.0])
         b.lathe(
@@ -73,7 +74,7 @@ def _add_keys(b: MeshBuilder, keys: _Keys, at: Array, turn: Array) -> None:
         dx = (k % columns - (columns - 1) / 2) * pitch[0]
         dy = ((rows - 1) / 2 - k // columns) * pitch[1]
         centre = at + turn @ np.array([dx, dy, size[2] / 2])
-        slab(b, size, centre, material, corner=0.003, bevel=0.0015, steps=2, rotate=turn)
+        b.slab(size, centre, material, corner=0.003, bevel=0.0015, steps=2, rotate=turn)
         canvas = decals.DecalCanvas(64, 48, keys.key)
         canvas.text((32, 24), label, 38, keys.ink, bold=0.5)
         w, h = size[0] / 2 - 0.002, size[1] / 2 - 0.002
@@ -96,7 +97,7 @@ def _wedge(b: MeshBuilder, width: float, depth: float, front: float, back: float
 
     loops = [loop(0.006, 0, base=True), loop(0.0, 0, base=True) + np.array([0, 0.006, 0])]
     loops += [loop(bevel * (1 - np.cos(t)), bevel * (1 - np.sin(t))) for t in np.linspace(0, np.pi / 2, 4)]
-    loft(b, np.array(loops), material, crease=50)
+    b.loft(np.array(loops), material, crease=50)
     return float(np.degrees(np.arctan2(back - front, depth)))
 
 
@@ -119,7 +120,7 @@ def _desk(rng: Generator) -> Design:
     _add_keys(b, digits, on_top(0.042, -0.032, 0.0), turn)
     others = _Keys("RM", 2, (0.031, 0.026), (0.024, 0.010, 0.005), "#8d9093", ink)
     _add_keys(b, others, on_top(0.042, 0.030, 0.0), turn)
-    slab(b, (0.108, 0.046, 0.010), on_top(0.042, 0.070, 0.005), plastic("bezel", "#17181a"), corner=0.006, rotate=turn)
+    b.slab((0.108, 0.046, 0.010), on_top(0.042, 0.070, 0.005), plastic("bezel", "#17181a"), corner=0.006, rotate=turn)
     canvas = decals.DecalCanvas(320, 128, "#9fb59a")
     canvas.digits((160, 74), f"{int(rng.integers(24)):02d}:{int(rng.integers(60)):02d}", 62, "#20281f", "#93a98f")
     canvas.text((64, 20), "LINE 1", 24, "#20281f")
@@ -127,7 +128,7 @@ def _desk(rng: Generator) -> Design:
     b.quad(top, printed("lcd", canvas.pixels()), fit=True, acoustic=False)
     # Cradle and handset along the left side.
     well = plastic("well", "#1c1d1f" if not pale else "#bdb9ae")
-    slab(b, (0.062, 0.200, 0.003), on_top(-0.066, 0.0, 0.0015), well, corner=0.014, bevel=0.001, rotate=turn)
+    b.slab((0.062, 0.200, 0.003), on_top(-0.066, 0.0, 0.0015), well, corner=0.014, bevel=0.001, rotate=turn)
     along = turn @ rotation("x", 90) @ rotation("y", 90)
     _handset(b, 0.235, body, on_top(-0.066, 0.0, 0.036), along)
     cord = [
@@ -151,7 +152,7 @@ def _rotary(rng: Generator) -> Design:
     body = plastic("bakelite", tone, gloss=0.6)
     _flared_case(b, body)
     for x in (-0.052, 0.052):
-        slab(b, (0.020, 0.050, 0.034), (x, 0.128, -0.044), body, corner=0.008, bevel=0.004, rotate=rotation("x", -90))
+        b.slab((0.020, 0.050, 0.034), (x, 0.128, -0.044), body, corner=0.008, bevel=0.004, rotate=rotation("x", -90))
         b.box((0.018, 0.026, 0.012), (x, 0.146, -0.068), body, bevel=0.004, acoustic=False)
         b.box((0.018, 0.026, 0.012), (x, 0.146, -0.020), body, bevel=0.004, acoustic=False)
     _handset(b, 0.245, body, np.array([0.0, 0.158, -0.044]), np.eye(3))
@@ -238,7 +239,7 @@ def _flared_case(b: MeshBuilder, body: Material) -> None:
     ):
         p = rounded_rectangle(w, d, r)
         loops.append(np.stack([p[:, 0], np.full(len(p), y), z - p[:, 1]], axis=1))
-    loft(b, np.array(loops), body, crease=55)
+    b.loft(np.array(loops), body, crease=55)
 
 
 def _cordless(rng: Generator) -> Design:
@@ -254,9 +255,9 @@ def _cordless(rng: Generator) -> Design:
     def on_set(x: float, y: float, z: float) -> Array:
         return np.asarray(foot + lean @ np.array([x, y, z]))
 
-    slab(b, (0.072, 0.032, 0.046), on_set(0, -0.002, 0.002), body, corner=0.010, bevel=0.005, rotate=lean)
-    slab(b, (0.056, 0.185, 0.020), on_set(0, 0.090, 0.0), body, corner=0.018, bevel=0.008, rotate=lean, acoustic=True)
-    slab(b, (0.056, 0.185, 0.008), on_set(0, 0.090, -0.013), trim, corner=0.018, bevel=0.003, rotate=lean)
+    b.slab((0.072, 0.032, 0.046), on_set(0, -0.002, 0.002), body, corner=0.010, bevel=0.005, rotate=lean)
+    b.slab((0.056, 0.185, 0.020), on_set(0, 0.090, 0.0), body, corner=0.018, bevel=0.008, rotate=lean, acoustic=True)
+    b.slab((0.056, 0.185, 0.008), on_set(0, 0.090, -0.013), trim, corner=0.018, bevel=0.003, rotate=lean)
     b.tube([on_set(0.018, 0.178, -0.004), on_set(0.018, 0.205, -0.004)], 0.006, body, segments=12)
     canvas = decals.DecalCanvas(256, 256, "#bfe0ec")
     canvas.text((70, 30), "12 Nov", 34, "#163642")
@@ -267,8 +268,7 @@ def _cordless(rng: Generator) -> Design:
     w, h = 0.0205, 0.0225
     lcd = [on_set(sx * w, 0.136 + sy * h, 0.0106) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     b.quad(lcd, printed("lcd", canvas.pixels(), gloss=0.5), fit=True, acoustic=False)
-    slab(
-        b,
+    b.slab(
         (0.022, 0.003, 0.002),
         on_set(0, 0.172, 0.0105),
         rubber("earpiece", "#0a0a0a"),
@@ -280,8 +280,7 @@ def _cordless(rng: Generator) -> Design:
     digits = _Keys("123456789*0#", 3, (0.0155, 0.0135), (0.0125, 0.0095, 0.0025), *colours)
     _add_keys(b, digits, on_set(0, 0.055, 0.010), lean)
     for x, colour in ((-0.015, "#2f9a4c"), (0.015, "#c2362e")):
-        slab(
-            b,
+        b.slab(
             (0.014, 0.010, 0.003),
             on_set(x, 0.098, 0.0112),
             plastic("call_key", colour),

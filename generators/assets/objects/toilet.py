@@ -6,9 +6,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from generators.assets.forms import egg, level
 from generators.assets.objects.design import Build, Design
 from generators.assets.objects.finishes import ceramic, chrome, paint, plastic
-from generators.assets.objects.forms import egg, level, loft, slab
 from generators.assets.shapes import MeshBuilder, rotation
 from generators.core.scene import Material
 
@@ -30,10 +30,10 @@ def _bowl(b: MeshBuilder, outer: list[Array], rim: tuple[float, float, float], z
     for part, y in ((0.93, RIM - 0.03), (0.86, RIM - 0.08), (0.70, RIM - 0.14), (0.50, RIM - 0.185)):
         inside = egg((half - 0.04) * part, (front - 0.04) * part, (back - 0.04) * part)
         loops.append(level(_shifted(inside, z), y))
-    loft(b, np.array(loops), material, acoustic=True)
+    b.loft(np.array(loops), material, acoustic=True)
     water = paint("water", "water", "#9fb4bd", gloss=0.9)
     loop = level(_shifted(egg((half - 0.04) * 0.56, (front - 0.04) * 0.56, (back - 0.04) * 0.56), z), RIM - 0.168)
-    loft(b, np.array([loop, loop + np.array([0, 0.001, 0])]), water, acoustic=False)
+    b.loft(np.array([loop, loop + np.array([0, 0.001, 0])]), water, acoustic=False)
 
 
 def _seat(b: MeshBuilder, rim: tuple[float, float, float], z: float, material: Material) -> None:
@@ -42,7 +42,7 @@ def _seat(b: MeshBuilder, rim: tuple[float, float, float], z: float, material: M
     loops = []
     for inset, dy in ((0.0, 0.0), (-0.002, 0.008), (0.006, 0.017), (0.03, 0.020), (0.056, 0.016), (0.062, 0.0)):
         loops.append(level(_shifted(egg(half - inset, front - inset, back - inset, squareness=3.0), z), y + dy))
-    loft(b, np.array([*loops, loops[0]]), material, caps="none", crease=60, acoustic=False)
+    b.loft(np.array([*loops, loops[0]]), material, caps="none", crease=60, acoustic=False)
 
 
 def _lid(b: MeshBuilder, rim: tuple[float, float, float], z: float, material: Material, degrees: float) -> None:
@@ -54,7 +54,7 @@ def _lid(b: MeshBuilder, rim: tuple[float, float, float], z: float, material: Ma
         outline = _shifted(egg(half - inset, front - inset, back - inset, squareness=3.0), back - 0.012)
         loops.append(level(outline, dy))
     turn = rotation("x", -degrees)
-    loft(b, np.array(loops), material, centre=hinge, rotate=turn, acoustic=False)
+    b.loft(np.array(loops), material, centre=hinge, rotate=turn, acoustic=False)
     for x in (-0.075, 0.075):
         b.cylinder(
             0.011, 0.04, (x, RIM + 0.02, hinge[2] - 0.004), chrome("hinge"), axis="x", segments=16, acoustic=False
@@ -143,9 +143,9 @@ def _wall_hung(rng: Generator) -> Design:
     _bowl(b, outer, rim, z, white)
     _seat(b, rim, z, seat)
     _lid(b, rim, z, seat, 92.0)
-    slab(b, (0.246, 0.164, 0.012), (0, 1.00, -0.229), plastic("plate", "#f4f4f2", gloss=0.5), corner=0.012)
+    b.slab((0.246, 0.164, 0.012), (0, 1.00, -0.229), plastic("plate", "#f4f4f2", gloss=0.5), corner=0.012)
     for x, size in ((-0.052, 0.115), (0.066, 0.075)):
-        slab(b, (size, 0.12, 0.008), (x, 1.00, -0.2205), chrome("flush_key"), corner=0.006, bevel=0.003)
+        b.slab((size, 0.12, 0.008), (x, 1.00, -0.2205), chrome("flush_key"), corner=0.006, bevel=0.003)
     return Design(b.build(), "floor", (0.0, RIM + 0.045, z + rim[1] - 0.03))
 
 

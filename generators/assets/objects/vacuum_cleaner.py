@@ -6,10 +6,10 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from generators.assets.forms import egg, level, ribbed, smooth_path
 from generators.assets.objects import decals
 from generators.assets.objects.design import Build, Design
 from generators.assets.objects.finishes import choose, chrome, glass, plastic, printed, rubber
-from generators.assets.objects.forms import egg, level, loft, ribbed, slab, smooth_path
 from generators.assets.shapes import MeshBuilder, rotation
 from generators.core.scene import Material
 
@@ -42,9 +42,8 @@ def _head(b: MeshBuilder, centre: tuple[float, float, float], width: float, mate
         level(outline * s, h)
         for s, h in ((0.97, 0.0), (1.0, 0.006), (1.0, 0.022), (0.95, 0.034), (0.80, 0.042), (0.35, 0.055))
     ]
-    loft(b, np.array(loops), material, centre=(x, y, z), rotate=turn, acoustic=False)
-    loft(
-        b,
+    b.loft(np.array(loops), material, centre=(x, y, z), rotate=turn, acoustic=False)
+    b.loft(
         np.array([level(outline * 1.015, h) for h in (0.004, 0.014)]),
         rubber("bumper", "#1d1e20"),
         centre=(x, y, z),
@@ -138,11 +137,11 @@ def _boat(b: MeshBuilder, body: Material, dark: Material) -> None:
         (0.130, 0.212, 0.185, 0.120),
     ):
         loops.append(level(egg(half, front, back, squareness=2.6), y))
-    loft(b, np.array(loops), dark, acoustic=True)
+    b.loft(np.array(loops), dark, acoustic=True)
     loops = []
     for s, y in ((1.0, 0.118), (0.99, 0.150), (0.94, 0.185), (0.82, 0.215), (0.60, 0.235), (0.30, 0.243)):
         loops.append(level(egg(0.130 * s, 0.205 * s, 0.180 * s, squareness=2.6), y))
-    loft(b, np.array(loops), body, acoustic=True)
+    b.loft(np.array(loops), body, acoustic=True)
 
 
 #: An upright's body leans back by 12 degrees about the axle of its wheels (m).
@@ -240,7 +239,7 @@ def _leaning_body(b: MeshBuilder, body: Material, dark: Material) -> None:
         (0.105, 0.050, 0.080, 0.26),
     ):
         loops.append(level(egg(half, front, back, squareness=2.8), y))
-    loft(b, np.array(loops), body, centre=PIVOT, rotate=LEAN)
+    b.loft(np.array(loops), body, centre=PIVOT, rotate=LEAN)
     loops = []
     for half, front, back, y in (
         (0.105, -0.005, 0.080, 0.24),
@@ -250,7 +249,7 @@ def _leaning_body(b: MeshBuilder, body: Material, dark: Material) -> None:
         (0.030, 0.012, 0.040, 0.70),
     ):
         loops.append(level(egg(half, max(front, 0.004), back, squareness=2.8), y))
-    loft(b, np.array(loops), dark, centre=PIVOT, rotate=LEAN)
+    b.loft(np.array(loops), dark, centre=PIVOT, rotate=LEAN)
 
 
 def _motor_head(b: MeshBuilder, body: Material, dark: Material) -> None:
@@ -260,9 +259,8 @@ def _motor_head(b: MeshBuilder, body: Material, dark: Material) -> None:
     outline[:, 1] = np.clip(outline[:, 1] * 1.35, -0.13, 0.15)
     for s, y in ((0.96, 0.006), (1.0, 0.016), (1.0, 0.050), (0.95, 0.075), (0.82, 0.098), (0.60, 0.112)):
         loops.append(level(outline * s + [0, 0.06], y))
-    loft(b, np.array(loops), dark)
-    slab(
-        b,
+    b.loft(np.array(loops), dark)
+    b.slab(
         (0.22, 0.05, 0.004),
         (0, 0.080, 0.190),
         glass("brush_window", "#4b555c"),
@@ -270,7 +268,7 @@ def _motor_head(b: MeshBuilder, body: Material, dark: Material) -> None:
         bevel=0.001,
         rotate=rotation("x", -55),
     )
-    slab(b, (0.20, 0.018, 0.008), (0, 0.035, 0.209), body, corner=0.008, bevel=0.002)
+    b.slab((0.20, 0.018, 0.008), (0, 0.035, 0.209), body, corner=0.008, bevel=0.002)
     for side in (-1, 1):
         _wheel(b, side * 0.135, 0.060, 0.036, -0.055, body)
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
+from generators.assets.forms import housing_loops
 from generators.assets.objects import decals
 from generators.assets.objects.design import Build, Design
 from generators.assets.objects.finishes import chrome, enamel, plastic, printed, rubber
-from generators.assets.objects.forms import housing_with_port, slab
 from generators.assets.shapes import MeshBuilder, rotation
 from generators.core.scene import Material, Texture
 
@@ -107,13 +107,10 @@ def _front_loader(style: _Style, rng: Generator) -> Design:
     shell = HEIGHT - 0.028
     port = (0.0, style.port_height - (0.02 + shell) / 2)
     radius = style.port_radius
-    housing_with_port(
-        b,
-        (WIDTH, shell - 0.02, style.depth),
+    b.loft(
+        housing_loops((WIDTH, shell - 0.02, style.depth), port, radius, 0.02),
         body,
-        port=port,
-        radius=radius,
-        depth=0.02,
+        caps="first",
         centre=(0, (0.02 + shell) / 2, 0),
     )
     _frame(b, style, body, shell)
@@ -121,7 +118,7 @@ def _front_loader(style: _Style, rng: Generator) -> Design:
     panel_y = shell - PANEL / 2 - 0.004
     b.box((WIDTH - 0.012, 0.003, 0.002), (0, panel_y - PANEL / 2, face), gap, acoustic=False)
     b.box((WIDTH - 0.012, 0.003, 0.002), (0, 0.115, face), gap, acoustic=False)
-    slab(b, (0.085, 0.07, 0.006), (0.21, 0.066, face + 0.002), body, corner=0.012, bevel=0.003)
+    b.slab((0.085, 0.07, 0.006), (0.21, 0.066, face + 0.002), body, corner=0.012, bevel=0.003)
     b.box((0.05, 0.008, 0.004), (0.21, 0.092, face + 0.004), gap, acoustic=False)
 
     _controls(b, style, rng, panel_y)
@@ -176,7 +173,7 @@ def _door(b: MeshBuilder, style: _Style, rng: Generator) -> None:
     # Hinge on the left, grip on the right.
     b.box((0.03, 0.11, 0.02), (-outer + 0.004, style.port_height, face + 0.009), ring, bevel=0.005, acoustic=False)
     grip = plastic("grip", "#1f2022", gloss=0.5)
-    slab(b, (0.028, 0.13, 0.012), (radius + 0.026, style.port_height, face + 0.034), grip, corner=0.013, bevel=0.004)
+    b.slab((0.028, 0.13, 0.012), (radius + 0.026, style.port_height, face + 0.034), grip, corner=0.013, bevel=0.004)
 
 
 def _detergent_drawer(b: MeshBuilder, style: _Style, x: float, panel_y: float, gap: Material) -> None:
@@ -184,11 +181,11 @@ def _detergent_drawer(b: MeshBuilder, style: _Style, x: float, panel_y: float, g
     face = style.depth / 2
     drawer = plastic("drawer", style.panel)
     size = (0.165, PANEL - 0.022)
-    slab(b, (*size, 0.012), (x, panel_y, face + 0.004), drawer, corner=0.008, bevel=0.004)
+    b.slab((*size, 0.012), (x, panel_y, face + 0.004), drawer, corner=0.008, bevel=0.004)
     dx, dy = size[0] / 2 - 0.006, size[1] / 2 - 0.006
     at = [(x + sx * dx, panel_y + sy * dy, face + 0.0112) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     b.quad(at, printed("drawer_print", _drawer(style)), fit=True, acoustic=False)
-    slab(b, (0.11, 0.020, 0.004), (x, panel_y - 0.012, face + 0.0105), gap, corner=0.009, bevel=0.001)
+    b.slab((0.11, 0.020, 0.004), (x, panel_y - 0.012, face + 0.0105), gap, corner=0.009, bevel=0.001)
 
 
 def _controls(b: MeshBuilder, style: _Style, rng: Generator, panel_y: float) -> None:

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from generators.assets.forms import rounded_rectangle
 from generators.assets.objects import decals
 from generators.assets.objects.design import Build, Design
 from generators.assets.objects.finishes import enamel, plastic, rubber
-from generators.assets.objects.forms import rounded_rectangle, slab
 from generators.assets.objects.training.dials import add_bezel, add_dial, add_hands, draw_face
 from generators.assets.objects.training.draw import (
     GLOWS,
@@ -186,8 +186,7 @@ def _digital(rng: Generator) -> Design:
     )
     width, height, depth = between(rng, 0.26, 0.36), between(rng, 0.09, 0.17), between(rng, 0.045, 0.11)
     wall = chance(rng, 0.3)
-    slab(
-        b,
+    b.slab(
         (width, height, depth),
         (0, height / 2, 0),
         case,
@@ -246,11 +245,10 @@ def _chalet(rng: Generator) -> Design:
     add_bezel(b, rng, (0, y, depth), radius, 0.008, metal(rng, "bezel") if chance(rng, 0.4) else roof)
     add_dial(b, rng, (0, y, depth + 0.0015), radius)
     door = plastic("door", tone(rng, "#5d351d", "#2f5d3a", "#9d2323", "#e9dfc4"))
-    slab(b, (0.045, 0.05, 0.006), (0, wall + 0.2 * rise, depth + 0.003), door, corner=0.012, bevel=0.002)
+    b.slab((0.045, 0.05, 0.006), (0, wall + 0.2 * rise, depth + 0.003), door, corner=0.012, bevel=0.002)
     for side in (-1, 1):
         x = side * between(rng, 0.3, 0.36) * width
-        slab(
-            b,
+        b.slab(
             (0.026, between(rng, 0.03, 0.06), 0.006),
             (x, between(rng, 0.7, 0.8) * wall, depth + 0.003),
             door,

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from generators.assets.forms import rounded_rectangle, smooth_path
 from generators.assets.objects.design import Build, Design
 from generators.assets.objects.finishes import glass, paint, plastic
-from generators.assets.objects.forms import rounded_rectangle, slab, smooth_path
 from generators.assets.objects.training.coffee_parts import (
     add_cup,
     add_jug,
@@ -151,8 +151,7 @@ def _on_top(b: MeshBuilder, rng: Generator, size: tuple[float, float, float], sh
             acoustic=False,
         )
     elif kind < 0.8:
-        slab(
-            b,
+        b.slab(
             (0.7 * width, 0.5 * depth, 0.012),
             (0, height + 0.004, -0.12 * depth),
             plastic("tank_lid", tone(rng, "#1d1e20", "#8d9195", "#e9eaec")),
@@ -258,8 +257,7 @@ def _pod(rng: Generator) -> Design:
     outline = np.array([(-z, y) for z, y in side])[::-1]
     b.extrude(outline, width, body, centre=(-width / 2, 0, 0), rotate=rotation("y", 90))
     stand = min(reach - 0.005, 0.12)
-    slab(
-        b,
+    b.slab(
         (width, 0.13, 0.024),
         (0, 0.012, stand - 0.05),
         dark,
@@ -337,7 +335,7 @@ def _automatic(rng: Generator) -> Design:
     )
     z = depth / 2 - recess
     back = height - top - base
-    slab(b, (0.86 * width, back, 0.004), (0, base + back / 2, z + 0.002), dark, corner=0.01, bevel=0.001)
+    b.slab((0.86 * width, back, 0.004), (0, base + back / 2, z + 0.002), dark, corner=0.01, bevel=0.001)
     add_tray(b, 0.84 * width, recess - 0.016, 0.012 + base, z + recess / 2, shiny)
     drop = between(rng, 0.3, 0.7) * back
     spout = dark if chance(rng, 0.5) else shiny
@@ -366,8 +364,7 @@ def _automatic(rng: Generator) -> Design:
     panel.text(-0.3 * w, 0.42 * h, word(rng), 0.009)
     panel.close()
     clear = glass("hopper", tone(rng, "#4a3a2e", "#3a3c3f", "#6b7a80"))
-    slab(
-        b,
+    b.slab(
         (0.7 * width, 0.4 * depth, between(rng, 0.012, 0.05)),
         (0, height + 0.006, -0.15 * depth),
         clear,
@@ -421,7 +418,7 @@ def _stove_pot(rng: Generator) -> Design:
     panel.lamp(0.011, 0, 0.002)
     panel.close()
     at = (0, plate / 2, 1.25 * radius - 0.0098)
-    slab(b, (0.03, 0.7 * plate, 0.02), at, plastic("socket", "#26282b"), corner=0.004, bevel=0.001)
+    b.slab((0.03, 0.7 * plate, 0.02), at, plastic("socket", "#26282b"), corner=0.004, bevel=0.001)
     return finished(b, "surface", 0.55)
 
 

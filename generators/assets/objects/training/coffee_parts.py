@@ -6,8 +6,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from generators.assets.forms import smooth_path
 from generators.assets.objects.finishes import ceramic, glass, paint, plastic, rubber
-from generators.assets.objects.forms import loft, smooth_path
 from generators.assets.objects.training.draw import (
     VIVID,
     between,
@@ -103,7 +103,7 @@ def add_portafilter(
 def add_stack(b: MeshBuilder, outline: Array, levels: list[tuple[float, float]], z: float, material: Material) -> None:
     """A loft of ``outline`` (N, 2: x, z) about depth ``z`` through (scale, height) ``levels``."""
     loops = [np.stack([outline[:, 0] * s, np.full(len(outline), y), z - outline[:, 1] * s], axis=1) for s, y in levels]
-    loft(b, np.array(loops), material)
+    b.loft(np.array(loops), material)
 
 
 def add_jug(b: MeshBuilder, rng: Generator, y: float, z: float, size: tuple[float, float]) -> None:

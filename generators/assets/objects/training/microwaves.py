@@ -8,7 +8,6 @@ from numpy.random import Generator
 from generators.assets.objects import decals
 from generators.assets.objects.design import Build, Design
 from generators.assets.objects.finishes import Pixels, glass, plastic, rubber
-from generators.assets.objects.forms import slab
 from generators.assets.objects.training.draw import (
     VIVID,
     between,
@@ -88,7 +87,7 @@ def _door(b: MeshBuilder, rng: Generator, box: Box, z: float, frame: Material) -
     left, bottom, right, top = box
     width, height, thick = right - left, top - bottom, between(rng, 0.014, 0.03)
     x, y = (left + right) / 2, (bottom + top) / 2
-    slab(b, (width, height, thick), (x, y, z + thick / 2), frame, corner=pick(rng, 0.004, 0.012, 0.03), bevel=0.004)
+    b.slab((width, height, thick), (x, y, z + thick / 2), frame, corner=pick(rng, 0.004, 0.012, 0.03), bevel=0.004)
     rim = between(rng, 0.018, 0.055)
     shift = between(rng, -0.4, 0.4) * (rim - 0.014)
     size = (width - 2 * rim, height - 2 * rim)
@@ -119,7 +118,7 @@ def _opener(b: MeshBuilder, rng: Generator, box: Box, z: float, hinge: int) -> N
             material,
         )
     elif kind < 0.6:
-        slab(b, (between(rng, 0.014, 0.028), 2 * reach, 0.02), (x, y, z + 0.008), material, corner=0.008, bevel=0.004)
+        b.slab((between(rng, 0.014, 0.028), 2 * reach, 0.02), (x, y, z + 0.008), material, corner=0.008, bevel=0.004)
     elif kind < 0.75:
         span = 0.35 * (right - left)
         middle = (left + right) / 2
@@ -161,7 +160,7 @@ def _side_controls(panel: Panel) -> None:
             panel.keys(0, y, (columns, 3), (0.85 * width / columns, high / 3), raised=raised)
         else:
             button = plastic("opener", shade(rng, panel.colour, 0.1))
-            slab(panel.b, (0.8 * width, 0.8 * high, 0.012), panel.at(0, y, 0.004), button, corner=0.005, bevel=0.003)
+            panel.b.slab((0.8 * width, 0.8 * high, 0.012), panel.at(0, y, 0.004), button, corner=0.005, bevel=0.003)
         y -= high / 2
     panel.text(0, 0.47 * height, word(rng), 0.008)
     panel.close()
@@ -189,8 +188,7 @@ def _side_panel(rng: Generator) -> Design:
     x = side * (width / 2 - column / 2 - 0.001)
     ground = tone(rng, "#17191b", "#efefec", colour, colour, "#c3c6c8", "#2b2d30")
     thick = front - z - 0.002
-    slab(
-        b,
+    b.slab(
         (column - 0.006, high - low, thick),
         (x, (low + high) / 2, z + thick / 2),
         plastic("fascia", ground, gloss=0.4),
@@ -219,8 +217,7 @@ def _strip_panel(rng: Generator) -> Design:
     _opener(b, rng, box, front, -1 if chance(rng, 0.7) else 1)
     y = low + strip / 2 if below else high - strip / 2
     ground = tone(rng, "#17191b", "#efefec", colour, colour, "#c3c6c8")
-    slab(
-        b,
+    b.slab(
         (width - 0.012, strip - 0.004, 0.014),
         (0, y, z + 0.007),
         plastic("fascia", ground, gloss=0.4),
@@ -258,12 +255,10 @@ def _retro(rng: Generator) -> Design:
     middle = ((box[0] + box[2]) / 2, (box[1] + box[3]) / 2)
     size2 = (box[2] - box[0], box[3] - box[1])
     corner = between(rng, 0.02, 0.06)
-    slab(
-        b, (size2[0] + 0.014, size2[1] + 0.014, 0.008), (*middle, z + 0.004), shiny, corner=corner + 0.007, bevel=0.003
-    )
-    slab(b, (*size2, 0.014), (*middle, z + 0.008), body, corner=corner, bevel=0.004)
+    b.slab((size2[0] + 0.014, size2[1] + 0.014, 0.008), (*middle, z + 0.004), shiny, corner=corner + 0.007, bevel=0.003)
+    b.slab((*size2, 0.014), (*middle, z + 0.008), body, corner=corner, bevel=0.004)
     inner = (size2[0] - 0.06, size2[1] - 0.06)
-    slab(b, (inner[0] + 0.012, inner[1] + 0.012, 0.004), (*middle, z + 0.0165), shiny, corner=0.02, bevel=0.001)
+    b.slab((inner[0] + 0.012, inner[1] + 0.012, 0.004), (*middle, z + 0.0165), shiny, corner=0.02, bevel=0.001)
     paste(b, window_print(rng, inner), (*middle, z + 0.0195), inner, name="window", acoustic="glass")
     x, reach = box[2] - 0.014, 0.3 * size2[1]
     grip(

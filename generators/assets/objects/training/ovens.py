@@ -8,7 +8,6 @@ from numpy.random import Generator
 from generators.assets.objects import decals
 from generators.assets.objects.design import Build, Design
 from generators.assets.objects.finishes import Pixels, plastic, rubber
-from generators.assets.objects.forms import slab
 from generators.assets.objects.training.draw import between, chance, pick, shell, tone, trim, word
 from generators.assets.objects.training.panel import Panel, feet, finished, grip, paste
 from generators.assets.shapes import MeshBuilder
@@ -55,7 +54,7 @@ def _door(b: MeshBuilder, rng: Generator, box: Box, z: float, frame: Material) -
     left, bottom, right, top = box
     width, height, thick = right - left, top - bottom, between(rng, 0.014, 0.024)
     x, y = (left + right) / 2, (bottom + top) / 2
-    slab(b, (width, height, thick), (x, y, z + thick / 2), frame, corner=pick(rng, 0.004, 0.012), bevel=0.004)
+    b.slab((width, height, thick), (x, y, z + thick / 2), frame, corner=pick(rng, 0.004, 0.012), bevel=0.004)
     rim, head = between(rng, 0.012, 0.03), between(rng, 0.036, 0.055)
     size = (width - 2 * rim, height - rim - head)
     paste(
@@ -95,8 +94,7 @@ def _dial_side(rng: Generator) -> Design:
         frame,
     )
     x, ground = side * (width / 2 - column / 2 - 0.001), tone(rng, colour, "#26282a", "#b4b6b8", "#efefec")
-    slab(
-        b,
+    b.slab(
         (column - 0.006, high - low, 0.014),
         (x, (low + high) / 2, z + 0.007),
         plastic("fascia", ground),
@@ -138,8 +136,7 @@ def _dial_row(rng: Generator) -> Design:
         frame,
     )
     y, ground = low + strip / 2 if below else high - strip / 2, tone(rng, colour, "#26282a", "#b4b6b8", "#efefec")
-    slab(
-        b,
+    b.slab(
         (width - 0.012, strip - 0.004, 0.014),
         (0, y, z + 0.007),
         plastic("fascia", ground),

@@ -10,7 +10,6 @@ from generators.assets.modelframe import before_front, clear_of_twin
 from generators.assets.objects import decals
 from generators.assets.objects.design import Design, Mount, Point
 from generators.assets.objects.finishes import Pixels, plastic, printed, rubber
-from generators.assets.objects.forms import slab
 from generators.assets.objects.training.draw import (
     GLOWS,
     between,
@@ -180,8 +179,7 @@ class Panel:
             label = labels[k] if k < len(labels) else ""
             if raised:
                 corner = 0.45 * min(w, h) if self.knob_kind % 2 else 0.2 * min(w, h)
-                slab(
-                    self.b,
+                self.b.slab(
                     (w, h, 2 * high),
                     self.at(kx, ky),
                     key,

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from generators.assets.forms import coil, grip_loops, rounded_rectangle
 from generators.assets.objects import decals
 from generators.assets.objects.finishes import Pixels, plastic, printed, rubber
-from generators.assets.objects.forms import coil, grip, loft, rounded_rectangle, slab
 from generators.assets.objects.training.draw import (
     between,
     chance,
@@ -39,7 +39,8 @@ def add_handset(b: MeshBuilder, rng: Generator, length: float, material: Materia
     width = slim * 0.017 * (1 + grow * np.abs(s) ** 3)
     thick = slim * 0.012 * (1 + 0.5 * grow * np.abs(s) ** 3)
     outline = rounded_rectangle(2.0, 2.0, between(rng, 0.3, 0.95), steps=4)
-    grip(b, np.stack([x, y], 1), np.stack([width, thick], 1), outline, material, centre=centre, rotate=turn)
+    loops = grip_loops(np.stack([x, y], 1), np.stack([width, thick], 1), outline)
+    b.loft(loops, material, centre=centre, rotate=turn, crease=50, acoustic=False)
     big, deep = between(rng, 0.023, 0.031), between(rng, 0.010, 0.018)
     cups = material if chance(rng, 0.75) else trim(rng, "cups")
     for side in (-1, 1):
@@ -81,7 +82,7 @@ def add_wedge(
 
     loops = [loop(0.004 - flare, 0, base=True), loop(-flare, 0, base=True) + [0, 0.006, 0]]
     loops += [loop(bevel * (1 - np.cos(t)), bevel * (1 - np.sin(t))) for t in np.linspace(0, np.pi / 2, 4)]
-    loft(b, np.array(loops), material, crease=50)
+    b.loft(np.array(loops), material, crease=50)
     return float(np.degrees(np.arctan2(back - front, depth))), np.array([0.0, (front + back) / 2, 0.0])
 
 
@@ -97,7 +98,7 @@ def fill_desk_panel(panel: Panel) -> None:
         size = (0.9 * width, 0.5 * rest)
         bezel = plastic("bezel", tone(rng, "#17181a", "#3a3d40", panel.colour))
         at = 0.5 * high - 0.3 * rest
-        slab(panel.b, (size[0], size[1], 0.008), panel.at(0, at, 0.002), bezel, corner=0.005, rotate=panel.turn)
+        panel.b.slab((size[0], size[1], 0.008), panel.at(0, at, 0.002), bezel, corner=0.005, rotate=panel.turn)
         ground = tone(rng, "#9fb59a", "#b9cfd8", "#c8ccb8", "#10161a")
         lcd = decals.DecalCanvas(240, max(40, round(240 * size[1] / size[0])), ground)
         lcd.digits((120, lcd.height / 2), clock_time(rng), min(0.5 * lcd.height, 60), ink_on(ground))
@@ -206,8 +207,7 @@ def fill_phone_face(panel: Panel) -> None:
     if calls:
         y = -0.48 * h + keys + 0.1 * rest
         for x, colour in ((-0.28, "#2f9a4c"), (0.28, "#c2362e")):
-            slab(
-                panel.b,
+            panel.b.slab(
                 (0.26 * w, 0.14 * rest, 0.004),
                 panel.at(x * w, y, 0.0),
                 plastic("call_key", colour),

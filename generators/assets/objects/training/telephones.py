@@ -6,9 +6,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from generators.assets.forms import rounded_rectangle, smooth_path
 from generators.assets.objects.design import Build, Design
 from generators.assets.objects.finishes import plastic, rubber
-from generators.assets.objects.forms import loft, rounded_rectangle, slab, smooth_path
 from generators.assets.objects.training.draw import (
     between,
     chance,
@@ -70,16 +70,14 @@ def _keypad_desk(rng: Generator) -> Design:
     well = plastic("well", shade(rng, colour, 0.12))
     if across:
         z = between(rng, 0.3, 0.36) * depth
-        slab(
-            b, (0.9 * width, 0.055, 0.003), middle + turn @ [0, z, 0.0015], well, corner=0.012, bevel=0.001, rotate=turn
+        b.slab(
+            (0.9 * width, 0.055, 0.003), middle + turn @ [0, z, 0.0015], well, corner=0.012, bevel=0.001, rotate=turn
         )
         add_handset(b, rng, length, grip, middle + turn @ [0, z, 0.034], turn @ rotation("x", 90))
         panel_at, size = middle + turn @ [0, -0.16 * depth, 0.0], (0.8 * width, 0.56 * depth)
     else:
         x = side * (width / 2 - 0.042)
-        slab(
-            b, (0.06, 0.9 * depth, 0.003), middle + turn @ [x, 0, 0.0015], well, corner=0.012, bevel=0.001, rotate=turn
-        )
+        b.slab((0.06, 0.9 * depth, 0.003), middle + turn @ [x, 0, 0.0015], well, corner=0.012, bevel=0.001, rotate=turn)
         add_handset(
             b,
             rng,
@@ -122,7 +120,7 @@ def _dial_desk(rng: Generator) -> Design:
         w, d = width * (1 - (1 - step) * share), depth * (1 - 0.62 * share)
         p = rounded_rectangle(w - (0.008 if t == 1.0 else 0.0), d - (0.008 if t == 1.0 else 0.0), round_)
         loops.append(np.stack([p[:, 0], np.full(len(p), t * high), back * share - p[:, 1]], axis=1))
-    loft(b, np.array(loops), body, crease=50)
+    b.loft(np.array(loops), body, crease=50)
     for side in (-1, 1):
         x = side * 0.42 * step * width
         b.box((0.02, between(rng, 0.02, 0.035), 0.05), (x, high + 0.008, back), body, bevel=0.004, acoustic=False)
@@ -143,7 +141,7 @@ def _dial_desk(rng: Generator) -> Design:
         add_dial(b, rng, middle, face, radius)
     else:
         plate = plastic("plate", tone(rng, "#1d1e20", "#d8dadb", "#e9dfc4"))
-        slab(b, (2 * radius, 2 * radius, 0.01), middle, plate, corner=0.01, rotate=face)
+        b.slab((2 * radius, 2 * radius, 0.01), middle, plate, corner=0.01, rotate=face)
         panel = Panel(
             b,
             rng,
@@ -201,8 +199,7 @@ def _phone(b: MeshBuilder, rng: Generator, foot: Array, lean: Array, finish: tup
     colour, body, second = finish
     length, broad, thick = between(rng, 0.14, 0.19), between(rng, 0.042, 0.056), between(rng, 0.016, 0.026)
     corner = between(rng, 0.006, 0.5 * broad)
-    slab(
-        b,
+    b.slab(
         (broad + 0.018, 0.035, thick + 0.026),
         foot + lean @ [0, 0.004, 0],
         second if chance(rng, 0.5) else body,
@@ -211,8 +208,7 @@ def _phone(b: MeshBuilder, rng: Generator, foot: Array, lean: Array, finish: tup
         rotate=lean,
     )
     phone = body if chance(rng, 0.7) else plastic("phone", tone(rng, "#232427", "#c3c6c8", "#efefec"), gloss=0.5)
-    slab(
-        b,
+    b.slab(
         (broad, length, thick),
         foot + lean @ [0, length / 2 + 0.004, 0],
         phone,
@@ -222,8 +218,7 @@ def _phone(b: MeshBuilder, rng: Generator, foot: Array, lean: Array, finish: tup
         acoustic=True,
     )
     back = plastic("phone_back", shade(rng, colour, 0.1), gloss=0.4)
-    slab(
-        b,
+    b.slab(
         (0.98 * broad, 0.98 * length, 0.008),
         foot + lean @ [0, length / 2 + 0.004, -thick / 2 - 0.0035],
         back,
@@ -257,8 +252,8 @@ def _wall_set(rng: Generator) -> Design:
     colour = tone(rng, *_COLOURS)
     body = timber(rng, "body") if chance(rng, 0.15) else plastic("body", colour, gloss=0.5)
     width, height, depth = between(rng, 0.11, 0.19), between(rng, 0.2, 0.26), between(rng, 0.035, 0.07)
-    slab(
-        b, (width, height, depth), (0, 0, depth / 2), body, corner=between(rng, 0.006, 0.03), bevel=0.008, acoustic=True
+    b.slab(
+        (width, height, depth), (0, 0, depth / 2), body, corner=between(rng, 0.006, 0.03), bevel=0.008, acoustic=True
     )
     side = 0 if width < 0.14 and chance(rng, 0.4) else (-1 if chance(rng, 0.8) else 1)
     grip = body if chance(rng, 0.7) else plastic("grip", tone(rng, "#232427", "#e6e3da"), gloss=0.5)

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from generators.assets.forms import level, smooth_path
 from generators.assets.objects.design import Build, Design
 from generators.assets.objects.finishes import chrome, paint, plastic
-from generators.assets.objects.forms import level, loft, slab, smooth_path
 from generators.assets.objects.training.draw import (
     between,
     chance,
@@ -81,10 +81,9 @@ def _bowl(b: MeshBuilder, pan: _Pan, outer: list[Array], material: Material) -> 
         loops.append(pan.loop(inset, y))
     for part, dy in ((0.93, 0.03), (0.86, 0.08), (0.70, 0.14), (0.50, 0.185)):
         loops.append(pan.loop(0.042, pan.rim - dy, part))
-    loft(b, np.array(loops), material)
+    b.loft(np.array(loops), material)
     loop = pan.loop(0.042, pan.rim - 0.168, 0.56)
-    loft(
-        b,
+    b.loft(
         np.array([loop, loop + np.array([0, 0.001, 0])]),
         paint("water", "water", "#9fb4bd", gloss=0.9),
         acoustic=False,
@@ -139,7 +138,7 @@ def _seat_and_lid(b: MeshBuilder, rng: Generator, pan: _Pan) -> None:
         (width, 0.0),
     ]
     loops = [pan.loop(inset, y + dy) for inset, dy in rings]
-    loft(b, np.array([*loops, loops[0]]), seat, caps="none", crease=60, acoustic=False)
+    b.loft(np.array([*loops, loops[0]]), seat, caps="none", crease=60, acoustic=False)
     hinge = np.array([0.0, y + thick + 0.006, -pan.back + 0.012])
     for x in (-0.075, 0.075):
         at = (x, y + 0.6 * thick, hinge[2] - 0.004)
@@ -150,7 +149,7 @@ def _seat_and_lid(b: MeshBuilder, rng: Generator, pan: _Pan) -> None:
     dome = between(rng, 0.016, 0.034)
     rings = [(0.004, 0.0), (-wide, 0.3 * dome), (0.004, 0.65 * dome), (0.02, 0.85 * dome), (0.07, dome)]
     loops = [pan.loop(inset, dy) + np.array([0.0, 0.0, pan.back - 0.012]) for inset, dy in rings]
-    loft(b, np.array(loops), seat, centre=hinge, rotate=rotation("x", -degrees), acoustic=False)
+    b.loft(np.array(loops), seat, centre=hinge, rotate=rotation("x", -degrees), acoustic=False)
 
 
 def _tank(b: MeshBuilder, rng: Generator, bottom: float, span: tuple[float, float], material: Material) -> None:
@@ -163,7 +162,7 @@ def _tank(b: MeshBuilder, rng: Generator, bottom: float, span: tuple[float, floa
         outline = _oval(width / 2 * grow, deep * 0.62 * grow, deep * 0.38, (round_, 12.0))
         loops.append(level(outline, bottom + t * height))
     z = span[0] + deep * 0.38
-    loft(b, np.array(loops), material, centre=(0, 0, z))
+    b.loft(np.array(loops), material, centre=(0, 0, z))
     over = between(rng, 0.004, 0.016)
     thick = between(rng, 0.016, 0.045)
     top = bottom + height
@@ -172,7 +171,7 @@ def _tank(b: MeshBuilder, rng: Generator, bottom: float, span: tuple[float, floa
         level(_oval(width / 2 + out, deep * 0.62 + out, deep * 0.38 + 0.3 * out, (round_, 12.0)), top + dy)
         for out, dy in rings
     ]
-    loft(b, np.array(cover), material, centre=(0, 0, z), acoustic=False)
+    b.loft(np.array(cover), material, centre=(0, 0, z), acoustic=False)
     _flush(b, rng, (0.0, top + thick, z + 0.1 * deep), (width / 2 * 0.96, deep * 0.62))
 
 
@@ -185,14 +184,13 @@ def _flush(b: MeshBuilder, rng: Generator, top: tuple[float, float, float], reac
         b.cylinder(0.034, 0.006, (x, y + 0.002, z), shiny, bevel=0.002, segments=28, acoustic=False)
         b.cylinder(0.027, 0.006, (x, y + 0.006, z), chrome("button"), bevel=0.002, segments=28, acoustic=False)
     elif kind < 0.6:
-        slab(b, (0.07, 0.045, 0.008), (x, y + 0.003, z), shiny, corner=0.008, bevel=0.002, rotate=rotation("x", -90))
+        b.slab((0.07, 0.045, 0.008), (x, y + 0.003, z), shiny, corner=0.008, bevel=0.002, rotate=rotation("x", -90))
     elif kind < 0.9:
         side = 1 if chance(rng, 0.3) else -1
         front = z - 0.01 + reach[1] * 0.84
         at = (side * reach[0] * 0.68, y - 0.09, front)
         b.cylinder(0.016, 0.03, at, shiny, axis="z", segments=18, bevel=0.003, acoustic=False)
-        slab(
-            b,
+        b.slab(
             (0.085, 0.018, 0.010),
             (at[0] - side * 0.03, at[1] - 0.004, front + 0.016),
             shiny,
@@ -266,11 +264,11 @@ def _plate(b: MeshBuilder, rng: Generator, y: float, z: float) -> None:
     )
     width, height = between(rng, 0.19, 0.27), between(rng, 0.12, 0.18)
     corner = pick(rng, 0.004, 0.012, 0.03, 0.08)
-    slab(b, (width, height, 0.012), (0, y, z + 0.005), frame, corner=corner, bevel=0.003)
+    b.slab((width, height, 0.012), (0, y, z + 0.005), frame, corner=corner, bevel=0.003)
     key = trim(rng, "flush_key")
     if chance(rng, 0.5):
         for x, share in ((-0.2, 0.46), (0.24, 0.32)):
-            slab(b, (share * width, 0.62 * height, 0.008), (x * width, y, z + 0.0125), key, corner=0.005, bevel=0.002)
+            b.slab((share * width, 0.62 * height, 0.008), (x * width, y, z + 0.0125), key, corner=0.005, bevel=0.002)
     else:
         for x, radius in ((-0.2, 0.27), (0.24, 0.2)):
             b.cylinder(

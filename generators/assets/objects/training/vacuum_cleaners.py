@@ -6,9 +6,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from generators.assets.forms import egg, level, smooth_path
 from generators.assets.objects.design import Build, Design
 from generators.assets.objects.finishes import enamel, glass, plastic, rubber
-from generators.assets.objects.forms import egg, level, loft, slab, smooth_path
 from generators.assets.objects.training.draw import between, chance, metal, pick, tone, word
 from generators.assets.objects.training.panel import Panel, finished, finished_at
 from generators.assets.objects.training.vacuum_parts import (
@@ -36,7 +36,7 @@ def _sledge(rng: Generator) -> Design:
         level(egg(half * s, front * s, back * s, squareness=square), y)
         for s, y in ((0.72, lift), (0.92, 0.7 * lift + 0.3 * low), (1.0, low))
     ]
-    loft(b, np.array(lower), dark)
+    b.loft(np.array(lower), dark)
     dome = between(rng, 1.6, 3.5)
     upper = []
     for t in (0.0, 0.3, 0.6, 0.8, 0.93, 1.0):
@@ -47,7 +47,7 @@ def _sledge(rng: Generator) -> Design:
                 low - 0.003 + t * (high - low),
             )
         )
-    loft(b, np.array(upper), body)
+    b.loft(np.array(upper), body)
     wheel = between(rng, 0.04, 0.1)
     for side in (-1, 1):
         add_wheel(
@@ -94,8 +94,7 @@ def _sledge_top(
         b.cylinder(radius + 0.004, 0.02, (0, high - 0.036 + tall, z), body, bevel=0.007, segments=32, acoustic=False)
     else:
         outline = egg(0.55 * half, 0.4 * front, 0.3 * back, squareness=3.0)
-        loft(
-            b,
+        b.loft(
             np.array([level(outline * s, high + dy) for s, dy in ((1.0, -0.03), (1.0, 0.004), (0.9, 0.01))]),
             dark,
             centre=(0, 0, 0.15 * front),
@@ -123,11 +122,11 @@ def _tilted(rng: Generator, b: MeshBuilder, body: Material, dark: Material) -> t
     outline = egg(half, front, back, squareness=between(rng, 3, 7))
     outline[:, 1] = np.clip(outline[:, 1] * 1.3, -back, front)
     rings = [(0.96, 0.05), (1.0, 0.15), (1.0, 0.45), (0.94, 0.7), (0.8, 0.88), (0.55, 1.0)]
-    loft(b, np.array([level(outline * s + [0, 0.06], t * high) for s, t in rings]), body if chance(rng, 0.4) else dark)
-    slab(b, (1.2 * half, 0.018, 0.008), (0, 0.35 * high, 0.06 + front), body, corner=0.008, bevel=0.002)
+    b.loft(np.array([level(outline * s + [0, 0.06], t * high) for s, t in rings]), body if chance(rng, 0.4) else dark)
+    b.slab((1.2 * half, 0.018, 0.008), (0, 0.35 * high, 0.06 + front), body, corner=0.008, bevel=0.002)
     if chance(rng, 0.4):
         lamp = enamel("headlamp", tone(rng, "#e6ecef", "#d8e6ea", spread=0.01))
-        slab(b, (0.06, 0.018, 0.006), (0, 0.62 * high, 0.055 + front), lamp, corner=0.008, bevel=0.002)
+        b.slab((0.06, 0.018, 0.006), (0, 0.62 * high, 0.055 + front), lamp, corner=0.008, bevel=0.002)
     wheel = between(rng, 0.04, 0.07)
     for side in (-1, 1):
         add_wheel(b, (side * 0.8 * half, 0.0, -0.055), wheel, between(rng, 0.025, 0.04), body)
@@ -151,12 +150,11 @@ def _stand_up(rng: Generator) -> Design:
     for s, t in rings:
         front = deep * s * (1.0 if bag or t < 0.3 else 0.5)
         loops.append(level(egg(half * s, front, deep * s, squareness=2.8) + [0, shift], t * tall))
-    loft(b, np.array(loops), body if bag else dark, centre=pivot, rotate=lean)
+    b.loft(np.array(loops), body if bag else dark, centre=pivot, rotate=lean)
     if bag:
         puff = [(0.5, 0.3), (0.86, 0.36), (0.92, 0.6), (0.84, 0.85), (0.4, 0.92)]
         cloth = plastic("bag", tone(rng, "#55585c", "#8c2f2c", "#2b3f5c", "#b9ab8e", "#232427"), gloss=0.05)
-        loft(
-            b,
+        b.loft(
             np.array(
                 [level(egg(half * s, deep * 0.6 * s, deep * 0.3 * s) + [0, 0.75 * deep], t * tall) for s, t in puff]
             ),
@@ -363,9 +361,9 @@ def _robot(rng: Generator) -> Design:
     if chance(rng, 0.3):
         outline[:, 1] = np.minimum(outline[:, 1], 0.72 * radius)
     rings = [(0.94, 0.012), (1.0, 0.022), (1.0, 0.8 * high), (0.985, 0.93 * high), (0.95, high)]
-    loft(b, np.array([level(outline * s, y) for s, y in rings]), dark)
+    b.loft(np.array([level(outline * s, y) for s, y in rings]), dark)
     lid = [(0.94, high - 0.002), (0.94, high + 0.002), (0.9, high + 0.004)]
-    loft(b, np.array([level(outline * s, y) for s, y in lid]), body, acoustic=False)
+    b.loft(np.array([level(outline * s, y) for s, y in lid]), body, acoustic=False)
     if chance(rng, 0.65):
         x, z = between(rng, -0.1, 0.1) * radius, -between(rng, 0.1, 0.5) * radius
         b.cylinder(

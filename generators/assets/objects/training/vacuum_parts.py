@@ -6,8 +6,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from generators.assets.forms import egg, level, ribbed, smooth_path
 from generators.assets.objects.finishes import plastic, rubber
-from generators.assets.objects.forms import egg, level, loft, ribbed, smooth_path
 from generators.assets.objects.training.draw import VIVID, between, chance, metal, tone
 from generators.assets.shapes import MeshBuilder, rotation
 from generators.core.scene import Material
@@ -55,7 +55,7 @@ def add_floor_head(b: MeshBuilder, rng: Generator, centre: Spot, material: Mater
     outline[:, 1] = np.clip(outline[:, 1] * 1.3, -1.1 * deep, deep)
     rings = [(0.97, 0.0), (1.0, 0.1), (1.0, 0.4), (0.94, 0.65), (between(rng, 0.5, 0.85), 0.85), (0.3, 1.0)]
     loops = np.array([level(outline * s, h * high) for s, h in rings])
-    loft(b, loops, material, centre=centre, rotate=turn, acoustic=False)
+    b.loft(loops, material, centre=centre, rotate=turn, acoustic=False)
     joint = np.asarray(centre) + [0, 0.85 * high, 0] + turn @ [0, 0, -0.015]
     b.cylinder(0.021, 0.055, joint, rubber("joint", "#2a2b2e"), axis="x", segments=20, acoustic=False)
 

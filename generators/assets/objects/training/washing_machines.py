@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.random import Generator
 
+from generators.assets.forms import housing_loops
 from generators.assets.objects import decals
 from generators.assets.objects.design import Build, Design
 from generators.assets.objects.finishes import chrome, glass, plastic, printed
-from generators.assets.objects.forms import housing_with_port, slab
 from generators.assets.objects.training.draw import (
     between,
     brightness,
@@ -43,13 +43,10 @@ def _front_door(rng: Generator) -> Design:
     slack = 0.5 * room - radius - ring
     port = DoorPort(between(rng, -0.02, 0.02), 0.10 + room / 2 + between(rng, -1, 1) * slack, face, radius, ring)
     middle = (0.0, (0.018 + shelf) / 2, 0.0)
-    housing_with_port(
-        b,
-        (width, shelf - 0.018, depth),
+    b.loft(
+        housing_loops((width, shelf - 0.018, depth), (port.x, port.y - middle[1]), radius, 0.03),
         body,
-        port=(port.x, port.y - middle[1]),
-        radius=radius,
-        depth=0.03,
+        caps="first",
         centre=middle,
     )
     if top:
@@ -67,8 +64,7 @@ def _front_door(rng: Generator) -> Design:
     same = chance(rng, 0.5)
     ground = colour if same else tone(rng, "#232427", "#efefec", "#c3c6c8", "#4b4e52")
     if chance(rng, 0.5):
-        slab(
-            b,
+        b.slab(
             (width - 0.016, band - 0.012, 0.012),
             (0, panel_y, face),
             plastic("fascia", ground),
@@ -101,8 +97,7 @@ def _top_lid(rng: Generator) -> Design:
     behind = chance(rng, 0.6)
     span = depth - console - 0.05
     z = (console / 2 if behind else -console / 2) + (0.0 if behind else 0.01)
-    slab(
-        b,
+    b.slab(
         (width - between(rng, 0.03, 0.09), span, 0.022),
         (0, height + 0.008, z),
         lid,
@@ -112,8 +107,7 @@ def _top_lid(rng: Generator) -> Design:
     )
     if chance(rng, 0.45):
         window = glass("lid_glass", tone(rng, "#15181b", "#2b3338", "#4b555c"))
-        slab(
-            b,
+        b.slab(
             (0.6 * width, 0.6 * span, 0.004),
             (0, height + 0.0205, z),
             window,
@@ -122,8 +116,7 @@ def _top_lid(rng: Generator) -> Design:
             rotate=flat,
         )
     handle = trim(rng, "lid_grip")
-    slab(
-        b,
+    b.slab(
         (between(rng, 0.1, 0.24), 0.022, 0.012),
         (0, height + 0.018, z + span / 2 - 0.02),
         handle,
@@ -249,20 +242,16 @@ def _built_in(rng: Generator) -> Design:
         0.0, kick + between(rng, 0.45, 0.55) * (height - kick - 0.08), face, radius, between(rng, 0.02, 0.05)
     )
     middle = (0.0, (kick + height) / 2, 0.0)
-    housing_with_port(
-        b,
-        (width - 0.004, height - kick, depth),
+    b.loft(
+        housing_loops((width - 0.004, height - kick, depth), (0, port.y - middle[1]), radius, 0.03),
         body,
-        port=(0, port.y - middle[1]),
-        radius=radius,
-        depth=0.03,
+        caps="first",
         centre=middle,
     )
     band = between(rng, 0.05, 0.085)
     dark = brightness(colour) < 0.5
     ground = tone(rng, "#232427", "#3a3d40") if not dark or chance(rng, 0.5) else tone(rng, "#efefec", "#c3c6c8")
-    slab(
-        b,
+    b.slab(
         (width - 0.02, band, 0.010),
         (0, height - band / 2 - 0.008, face),
         plastic("strip", ground),

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
+from generators.assets.forms import rounded_rectangle
 from generators.assets.objects.finishes import Pixels, plastic, printed, rubber
-from generators.assets.objects.forms import rounded_rectangle, slab
 from generators.assets.objects.training.draw import (
     between,
     chance,
@@ -106,7 +106,7 @@ def add_door(b: MeshBuilder, rng: Generator, port: DoorPort, body: Material, col
     at = (port.x + side * (port.radius + 0.45 * port.ring), port.y, port.z + out)
     if kind < 0.5:
         size = (min(0.03, 0.7 * port.ring), between(rng, 0.08, 0.15), 0.012)
-        slab(b, size, at, trim(rng, "grip"), corner=0.012, bevel=0.003)
+        b.slab(size, at, trim(rng, "grip"), corner=0.012, bevel=0.003)
     elif kind < 0.75:
         high = between(rng, 0.05, 0.09)
         grip(
@@ -156,10 +156,9 @@ def add_front_panel(
         width = parts[name]
         if name == "drawer":
             drawer = plastic("drawer", shade(rng, colour, 0.03), gloss=0.4)
-            slab(b, (width, 0.85 * high, 0.012), panel.at(x, 0, 0.004), drawer, corner=0.008, bevel=0.004)
+            b.slab((width, 0.85 * high, 0.012), panel.at(x, 0, 0.004), drawer, corner=0.008, bevel=0.004)
             gap = rubber("drawer_grip", "#303336")
-            slab(
-                b,
+            b.slab(
                 (0.6 * width, 0.16 * high, 0.004),
                 panel.at(x, between(rng, -0.3, 0.25) * high, 0.0095),
                 gap,
@@ -202,8 +201,7 @@ def add_plinth(
     kind = rng.random()
     x = (1 if chance(rng, 0.6) else -1) * between(rng, 0.28, 0.38) * width
     if kind < 0.55:
-        slab(
-            b,
+        b.slab(
             (between(rng, 0.07, 0.12), 0.06, 0.006),
             (x, bottom + 0.038, face + 0.002),
             material,

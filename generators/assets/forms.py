@@ -1,70 +1,96 @@
-"""Shapes of moulded goods other than boxes and lathes: lofts, rounded slabs, housings with a port, coils."""
+"""Plain geometry of models: faces of grids and skins, outlines, loops for lofts, paths. Lengths in metres."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from generators.assets.shapes import MeshBuilder
-from generators.core.scene import Material
-
 Array = NDArray[np.float64]
 
-#: Which ends of a loft are closed.
-Caps = Literal["both", "first", "none"]
 #: Housing of enamelled sheet steel: radius of its edges along z, and of the edges of its front (m).
 EDGE, BEVEL = 0.012, 0.008
 
 
-def loft(
-    builder: MeshBuilder,
-    loops: ArrayLike,
-    material: Material,
-    *,
-    caps: Caps = "both",
-    centre: Sequence[float] | Array = (0.0, 0.0, 0.0),
-    rotate: Array | None = None,
-    crease: float = 40.0,
-    acoustic: bool | str = True,
-) -> None:
-    """Add the skin over a stack of closed loops.
+def _chamfered_cube() -> tuple[Array, Array, NDArray[np.int64], Array]:
+    """Topology of a box with chamfered edges: signs (24, 3), in-face mask (24, 3), faces (44, 3), normals (24, 3).
+
+    Each corner has one vertex per adjacent face, and that face's normal; the chamfers between them so shade as
+    rounded edges at 44 triangles a box.
+    """
+    corners = [(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]
+    signs = np.array([c for c in corners for _ in range(3)])
+    axes = np.tile(np.arange(3), 8)
+    inset = np.ones((24, 3))
+    inset[np.arange(24), axes] = 0.0
+    normals = np.zeros((24, 3))
+    normals[np.arange(24), axes] = signs[np.arange(24), axes]
+    at = {(c, a): 3 * k + a for k, c in enumerate(corners) for a in range(3)}
+    polygons: list[list[int]] = []
+    for a in range(3):
+        b, c = (a + 1) % 3, (a + 2) % 3
+        for s in (-1.0, 1.0):
+            loop = []
+            for p, q in ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)):
+                corner = [0.0, 0.0, 0.0]
+                corner[a], corner[b], corner[c] = s, p, q
+                loop.append(at[(corner[0], corner[1], corner[2]), a])
+            polygons.append(loop)
+            for t in (-1.0, 1.0):
+                lo, hi = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
+                lo[a], lo[b], lo[c] = s, t, -1.0
+                hi[a], hi[b], hi[c] = s, t, 1.0
+                low, high = (lo[0], lo[1], lo[2]), (hi[0], hi[1], hi[2])
+                polygons.append([at[low, a], at[low, b], at[high, b], at[high, a]])
+    polygons += [[at[c, 0], at[c, 1], at[c, 2]] for c in corners]
+    place = signs - 0.3 * signs * inset
+    faces = []
+    for polygon in polygons:
+        corner3 = place[polygon]
+        turned = np.cross(corner3[1] - corner3[0], corner3[2] - corner3[0]) @ corner3.mean(axis=0) < 0
+        loop = polygon[::-1] if turned else polygon
+        faces += [[loop[0], loop[k], loop[k + 1]] for k in range(1, len(loop) - 1)]
+    return signs, inset, np.array(faces), normals
+
+
+#: The parts of `_chamfered_cube`.
+SIGNS, INSET, CHAMFER_FACES, CHAMFER_NORMALS = _chamfered_cube()
+
+
+def grid_faces(rows: int, columns: int) -> NDArray[np.int64]:
+    """(F, 3) triangles of a grid of rows × columns vertices in row-major order."""
+    i, j = (k.reshape(-1) for k in np.meshgrid(np.arange(rows - 1), np.arange(columns - 1), indexing="ij"))
+    a, b, c, d = i * columns + j, i * columns + j + 1, (i + 1) * columns + j + 1, (i + 1) * columns + j
+    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+
+
+def skin_faces(loops: int, points: int, *, closed: bool = False) -> NDArray[np.int64]:
+    """(F, 3) triangles between each of ``loops`` closed loops of ``points`` vertices and the next one.
 
     Args:
-        builder: receives the faces.
-        loops: (L, N, 3); loop k's point j is joined to loop k+1's point j. Seen from the end of the stack, the loops
-            run counter-clockwise, so that the skin faces outwards.
-        material: of all faces.
-        caps: ends to close, with a fan around the mean of the loop (the loop must be star-shaped about it).
-        centre: added after the rotation.
-        rotate: (3, 3).
-        crease: smoothing angle, degrees.
-        acoustic: see `MeshBuilder.add`.
+        loops: their number.
+        points: of each loop; point j of a loop is joined to point j of the next.
+        closed: whether the last loop is joined to the first.
     """
-    stack = np.asarray(loops, dtype=np.float64)
-    count, points, _ = stack.shape
-    i, j = np.meshgrid(np.arange(count - 1), np.arange(points), indexing="ij")
-    n = (j + 1) % points
-    a, b, c, d = i * points + j, i * points + n, (i + 1) * points + n, (i + 1) * points + j
-    faces = [np.stack([a, b, c], axis=2).reshape(-1, 3), np.stack([a, c, d], axis=2).reshape(-1, 3)]
-    vertices = [stack.reshape(-1, 3), stack[0].mean(axis=0)[None], stack[-1].mean(axis=0)[None]]
+    i, j = np.meshgrid(np.arange(loops if closed else loops - 1), np.arange(points), indexing="ij")
+    n, ahead = (i + 1) % loops, (j + 1) % points
+    a, b, c, d = i * points + j, i * points + ahead, n * points + ahead, n * points + j
+    return np.concatenate([np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)]).reshape(-1, 3)
+
+
+def cap_faces(loops: int, points: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(points, 3) fans that close the first and the last loop of a skin about the two vertices after the loops."""
     ring, ahead = np.arange(points), (np.arange(points) + 1) % points
-    if caps != "none":
-        faces.append(np.stack([np.full(points, count * points), ahead, ring], axis=1))
-    if caps == "both":
-        last = (count - 1) * points
-        faces.append(np.stack([np.full(points, count * points + 1), last + ring, last + ahead], axis=1))
-    builder.add(
-        np.concatenate(vertices),
-        np.concatenate(faces),
-        material,
-        centre=centre,
-        rotate=rotate,
-        crease=crease,
-        acoustic=acoustic,
-    )
+    tip, last = np.full(points, loops * points), (loops - 1) * points
+    return np.stack([tip, ahead, ring], axis=1), np.stack([tip + 1, last + ring, last + ahead], axis=1)
+
+
+def outward(vertices: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The faces of a closed solid, turned so that its signed volume is positive."""
+    p = vertices[faces] - vertices.mean(axis=0)
+    volume = np.einsum("ij,ij->i", p[:, 0], np.cross(p[:, 1], p[:, 2])).sum()
+    return faces if volume > 0 else faces[:, ::-1]
 
 
 def rounded_rectangle(width: float, height: float, radius: float, *, steps: int = 5) -> Array:
@@ -79,19 +105,8 @@ def rounded_rectangle(width: float, height: float, radius: float, *, steps: int 
     return np.concatenate(corners)
 
 
-def slab(
-    builder: MeshBuilder,
-    size: Sequence[float],
-    centre: Sequence[float] | Array,
-    material: Material,
-    *,
-    corner: float = 0.02,
-    bevel: float = 0.004,
-    steps: int = 5,
-    rotate: Array | None = None,
-    acoustic: bool | str = False,
-) -> None:
-    """A plate of ``size`` (x, y, z) about ``centre``: corners rounded in x–y, the edge of its +Z face bevelled."""
+def slab_loops(size: Sequence[float], *, corner: float, bevel: float, steps: int) -> Array:
+    """(L, N, 3) loops of a plate about the origin: see `MeshBuilder.slab`."""
     width, height, depth = size
     edge = min(bevel, 0.9 * depth, 0.45 * min(width, height))
     loops = [_flat(rounded_rectangle(width, height, corner, steps=steps), -depth / 2)]
@@ -99,29 +114,16 @@ def slab(
         inset, z = edge * (1 - np.cos(t)), depth / 2 - edge * (1 - np.sin(t))
         outline = rounded_rectangle(width - 2 * inset, height - 2 * inset, max(corner - inset, 1e-3), steps=steps)
         loops.append(_flat(outline, z))
-    loft(builder, np.array(loops), material, centre=centre, rotate=rotate, acoustic=acoustic)
+    return np.array(loops)
 
 
-def grip(
-    builder: MeshBuilder,
-    line: Array,
-    section: Array,
-    outline: Array,
-    material: Material,
-    *,
-    centre: Sequence[float] | Array,
-    rotate: Array | None,
-) -> None:
-    """A bar along x with tapered ends: the grip of a handset.
+def grip_loops(line: Array, section: Array, outline: Array) -> Array:
+    """(K, N, 3) loops of a bar along x with tapered ends: the grip of a handset.
 
     Args:
-        builder: receives the faces.
         line: (K, 2) x and y of its middle, in the order of x.
         section: (K, 2) half its width (along z) and half its thickness (along y).
         outline: (N, 2) of a section, between −1 and 1.
-        material: of all faces.
-        centre: added after the rotation.
-        rotate: (3, 3).
     """
     ends = np.ones(len(line))
     ends[[0, -1]], ends[[1, -2]] = 0.55, 0.92
@@ -137,33 +139,21 @@ def grip(
         )
         for (x, y), (width, thick), end in zip(line, section, ends, strict=True)
     ]
-    loft(builder, np.array(loops), material, centre=centre, rotate=rotate, crease=50, acoustic=False)
+    return np.array(loops)
 
 
 def _flat(outline: Array, z: float) -> Array:
     return np.concatenate([outline, np.full((len(outline), 1), z)], axis=1)
 
 
-def housing_with_port(
-    builder: MeshBuilder,
-    size: Sequence[float],
-    material: Material,
-    *,
-    port: Sequence[float],
-    radius: float,
-    depth: float,
-    centre: Sequence[float] | Array = (0.0, 0.0, 0.0),
-) -> None:
-    """A box of ``size`` about ``centre`` whose front (+Z) has a round hole: the case of a washing machine.
+def housing_loops(size: Sequence[float], port: Sequence[float], radius: float, depth: float) -> Array:
+    """(L, N, 3) loops of a box about the origin whose front (+Z) has a round hole: the case of a washing machine.
 
     Args:
-        builder: receives the faces.
         size: x, y, z extents.
-        material: of the case.
-        port: (x, y) of the hole's centre, relative to ``centre``.
+        port: (x, y) of the hole's centre.
         radius: of the hole.
         depth: of the hole's wall.
-        centre: of the box.
     """
     width, height, length = size
     outline = rounded_rectangle(width, height, EDGE)
@@ -184,7 +174,7 @@ def housing_with_port(
         loops.append(_flat(outline * shrink, length / 2 - BEVEL * (1 - np.sin(t))))
     loops.append(_flat(circle, length / 2))
     loops.append(_flat(circle, length / 2 - depth))
-    loft(builder, np.array(loops), material, caps="first", centre=centre, acoustic=True)
+    return np.array(loops)
 
 
 def egg(half_width: float, front: float, back: float, *, points: int = 36, squareness: float = 2.0) -> Array:
