@@ -162,7 +162,7 @@ def test_what_is_left_out_exists() -> None:
 def test_only_the_backends_that_are_chosen_count() -> None:
     for vision in VISION:
         for audio in ACOUSTIC:
-            found = set(observation_provenance(vision, audio).sources)
+            found = set(observation_provenance(EngineOptions(vision=vision, audio=audio)).sources)
             for name, entry in (VISION | ACOUSTIC).items():
                 path = entry.partition(":")[0].replace(".", "/") + ".py"
                 assert (path in found) == (name in (vision, audio)), (vision, audio, path)
