@@ -90,6 +90,8 @@ MONO_SAMPLES = 2 * SAMPLE_RATE
 FRAME_RATE = 1.0
 #: Most channels of a clip, which are those of a large array of microphones.
 MOST_CHANNELS = 256
+#: Most points of a predicted cloud: a larger one is no object any more.
+MAX_POINTS = 2_000_000
 #: Every eighth frame of the sorted names is a test frame.
 TEST_EVERY = 8
 #: Three digits keep the order of names and of time the same.

@@ -11,12 +11,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from avs3d_bench import layout
 from avs3d_bench.errors import Avs3dError
 from avs3d_bench.files import read_bytes
 from avs3d_bench.media import PngHeader, decode_png, is_binary
 from avs3d_bench.ply import read_ply
 from avs3d_bench.ply_reader import read_header
-from avs3d_bench.submission import MAX_POINTS
 
 #: Size of the largest submission.json (bytes); it holds a few lines.
 MAX_JSON_BYTES = 2**20
@@ -147,7 +147,7 @@ def read_points(path: Path) -> NDArray[np.float32]:
         Avs3dError: if the file is missing, no plain file, no PLY, damaged, too large, or holds NaN.
     """
     check_file(path, MAX_POINTS_BYTES)
-    header = read_header(path, most=MAX_POINTS)
+    header = read_header(path, most=layout.MAX_POINTS)
     if header.form == "ascii" and header.size > MAX_ASCII_BYTES:
         raise Avs3dError(
             f"{path}: {header.size:,} bytes of ASCII PLY, expected at most {MAX_ASCII_BYTES:,}: write it as binary"

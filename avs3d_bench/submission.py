@@ -39,8 +39,6 @@ from avs3d_bench.taxonomy import SOUND_SCENES, class_ids
 
 #: `dataset_version` of a submission for data without dataset.json (the official release).
 UNVERSIONED = "unversioned"
-#: A cloud larger than this is no object any more.
-MAX_POINTS = 2_000_000
 #: Names in a message before it only counts.
 _NAMED = 5
 _OWN_FILE = re.compile(
@@ -188,8 +186,8 @@ class SubmissionFolder:
 
         Raises:
             UsageError: if the observation is not covered.
-            Avs3dError: if the array has another form, a number is not finite, there are more than `MAX_POINTS`, or
-                the system refuses.
+            Avs3dError: if the array has another form, a number is not finite, there are more than
+                `layout.MAX_POINTS`, or the system refuses.
         """
         key = self._known(observation)
         try:
@@ -199,8 +197,8 @@ class SubmissionFolder:
             raise Avs3dError(f"{key}: the points are no numbers ({error}); expected (N, 3) metres") from None
         if cloud.ndim != 2 or cloud.shape[1] != 3:
             raise Avs3dError(f"{key}: the points have shape {cloud.shape}, expected (N, 3) metres")
-        if len(cloud) > MAX_POINTS:
-            raise Avs3dError(f"{key}: {len(cloud):,} points, expected at most {MAX_POINTS:,}; thin them out")
+        if len(cloud) > layout.MAX_POINTS:
+            raise Avs3dError(f"{key}: {len(cloud):,} points, expected at most {layout.MAX_POINTS:,}; thin them out")
         if not np.isfinite(cloud).all():
             raise Avs3dError(f"{key}: the points hold NaN or infinite numbers, expected metres; drop those points")
         write_ply_points(self.points_path(key), cloud)

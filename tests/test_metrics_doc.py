@@ -27,6 +27,7 @@ from score_examples import example_scores
 from test_compare import scores_of
 
 from avs3d_bench.geometry import flip_world
+from avs3d_bench.layout import MAX_POINTS
 from avs3d_bench.scores import (
     ALL_REFERENCES,
     BLIND_REFERENCES,
@@ -38,7 +39,6 @@ from avs3d_bench.scores import (
     Scores,
     metrics_of,
 )
-from avs3d_bench.submission import MAX_POINTS
 from evaluators import bootstrap, comparison, listen, protocols, sign_flips
 from evaluators.classes import confusion
 from evaluators.contour import contour, found, tolerance

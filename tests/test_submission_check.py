@@ -211,7 +211,7 @@ def test_clouds_in_all_or_in_none(data: Path, tmp_path: Path):
 def test_clouds_have_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     path = tmp_path / "points.ply"
     media.write_ply_points(path, np.zeros((11, 3)))
-    monkeypatch.setattr(predictions, "MAX_POINTS", 10)
+    monkeypatch.setattr(layout, "MAX_POINTS", 10)
     with pytest.raises(Avs3dError, match="11 points, expected at most 10"):
         read_points(path)
     media.write_ply_points(path, [[0, 1, 2], [0, 3400, 0]])

@@ -20,11 +20,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from avs3d_bench import media
+from avs3d_bench import layout, media
 from avs3d_bench.dataset import Dataset, Frame
 from avs3d_bench.errors import Avs3dError, UsageError
 from avs3d_bench.schema import SubmissionRecord
-from avs3d_bench.submission import MAX_POINTS, SubmissionWriter, as_mask, frame_size
+from avs3d_bench.submission import SubmissionWriter, as_mask, frame_size
 
 SHAPE = (tiny.SIZE, tiny.SIZE)
 
@@ -190,7 +190,7 @@ def test_only_test_frames_of_the_observations_covered(dataset: Dataset, tmp_path
         ([[0.0, np.nan, 0.0]], ("NaN",)),
         ([[0.0, 1e300, 0.0]], ("infinite",)),
         ([["a", "b", "c"]], ("no numbers",)),
-        (np.broadcast_to(np.float32(0), (MAX_POINTS + 1, 3)), ("2,000,001", "2,000,000")),
+        (np.broadcast_to(np.float32(0), (layout.MAX_POINTS + 1, 3)), ("2,000,001", "2,000,000")),
     ],
 )
 def test_what_is_no_cloud_is_refused(dataset: Dataset, tmp_path: Path, points: object, words: tuple):
